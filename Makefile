@@ -1,0 +1,74 @@
+# One virtual environment for everything; it needs nothing but Python 3.11 (or 3.12, 3.13) and make.
+#   make PYTHON=/path/to/python    another interpreter
+#   make VENV=/path                another place for the environment
+#   make test ARGS="-k rotate"     more arguments for pytest
+VENV ?= .venv
+PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13; do \
+	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' >/dev/null 2>&1 && echo $$p && break; done)
+ARGS ?=
+
+BIN := $(VENV)/bin
+PY := $(BIN)/python
+PIP := $(PY) -m pip --disable-pip-version-check install --quiet -c constraints.txt
+DEV := $(VENV)/.installed-dev
+REPORT := $(VENV)/.installed-report
+LEARN := $(VENV)/.installed-learn
+POLICIES := transport align rotate
+
+.NOTPARALLEL:
+.PHONY: help venv test report benchmark train format clean
+
+help:
+	@echo "make test        lint, import contracts, types, tests"
+	@echo "make report      evaluate the shipped policies: runs/report/report.html"
+	@echo "make benchmark   accuracy and speed, as the README quotes them"
+	@echo "make train       train the shipped policies: $(POLICIES)"
+	@echo "make venv        $(VENV) with everything for development"
+	@echo "make format      sort imports, format"
+	@echo "make clean       remove the environment and all caches; runs/ stays"
+
+venv: $(DEV)
+
+$(VENV)/pyvenv.cfg:
+	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 found; name one with make PYTHON=..." >&2; exit 1; }
+	$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
+
+# The development extras hold all others, so they satisfy every stamp.
+$(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+	$(PIP) -e '.[dev]'
+	@touch $(DEV) $(REPORT) $(LEARN)
+
+$(REPORT): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+	$(PIP) -e '.[render,report]'
+	@touch $(REPORT)
+
+$(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+	$(PIP) -e '.[learn,render,report]'
+	@touch $(LEARN) $(REPORT)
+
+# numba's cache does not notice edits in imported files, so the tests start from an empty one.
+test: $(DEV)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/lint-imports
+	$(BIN)/pyright --pythonpath $(PY)
+	@cache=$$(mktemp -d) && trap 'rm -rf "$$cache"' EXIT INT TERM && \
+		NUMBA_CACHE_DIR="$$cache" $(PY) -m pytest -n 2 $(ARGS)
+
+report: $(REPORT)
+	$(PY) -m agents evaluate configs/evaluations/report.yaml
+
+benchmark: $(LEARN)
+	$(PY) -m benchmarks.accuracy
+	$(PY) -m benchmarks.speed
+
+train: $(LEARN)
+	@for policy in $(POLICIES); do $(PY) -m agents train configs/agents/$$policy.yaml || exit; done
+
+format: $(DEV)
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+clean:
+	rm -rf .venv build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
+	find vibgym agents benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -1,0 +1,1 @@
+"""Controllers and learners for vibgym, their training and their comparison. Runs from the checkout, not installed."""

@@ -1,0 +1,135 @@
+"""Intervals, quartiles and paired comparisons.
+
+Intervals of means come from the bootstrap (bias-corrected and accelerated, ``scipy.stats.bootstrap``). Where all values are
+equal, as when every episode succeeds, resampling them says nothing and would show an interval of zero width: success
+rates then get the exact (Clopper-Pearson) interval of a binomial proportion, other means none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from agents.evaluation.rollout import Rollout
+
+RNG_SEED = 20021
+"""Of the resampling, so that a report can be repeated to the digit."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A confidence interval and how it was found: "BCa bootstrap", "percentile bootstrap" or "Clopper-Pearson"."""
+
+    low: float
+    high: float
+    method: str
+
+
+@dataclass(frozen=True)
+class Quartiles:
+    """25, 50 and 75 % of a sample; nan of an empty one."""
+
+    lower: float
+    median: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two policies on the same seeds of a task; differences are first minus second."""
+
+    task: str
+    first: str
+    second: str
+    episodes: int
+    success_difference: float
+    success_interval: Interval
+    both: int  # seeds on which both succeed
+    time_difference: float  # s, mean over those; nan if there are none
+    time_interval: Interval | None  # None if there are fewer than two, or all differences are equal
+
+
+def bootstrap(values: np.ndarray, level: float, resamples: int) -> Interval:
+    """Interval of the mean of ``values`` (n,), which must not all be equal.
+
+    The corrected method has no answer for some very uneven samples; the plain percentiles are then used, and named.
+    """
+    for method in ("BCa", "percentile"):
+        result = stats.bootstrap(
+            (values,),
+            np.mean,
+            confidence_level=level,
+            n_resamples=resamples,
+            batch=1000,
+            method=method,
+            random_state=np.random.default_rng(RNG_SEED),
+        )
+        low, high = (float(each) for each in result.confidence_interval)
+        if np.isfinite([low, high]).all():
+            return Interval(low, high, f"{method} bootstrap")
+    raise ArithmeticError(f"the bootstrap of {len(values)} values has no finite interval")
+
+
+def exact(successes: int, episodes: int, level: float) -> Interval:
+    """Clopper-Pearson interval of a proportion."""
+    found = stats.binomtest(successes, episodes).proportion_ci(level, method="exact")
+    return Interval(float(found.low), float(found.high), "Clopper-Pearson")
+
+
+def success_interval(success: np.ndarray, level: float, resamples: int) -> Interval:
+    """Interval of a success rate from ``success`` (n,) bool, n >= 1."""
+    if success.all() or not success.any():
+        return exact(int(success.sum()), len(success), level)
+    return bootstrap(success.astype(np.float64), level, resamples)
+
+
+def difference_interval(first: np.ndarray, second: np.ndarray, level: float, resamples: int) -> Interval:
+    """Interval of the difference of two success rates from paired outcomes, each (n,) bool.
+
+    Pairs are resampled whole. If all differences are equal the exact interval stands in: without any seed on which the
+    outcomes differ, the rate of such seeds in either direction is below its upper bound.
+    """
+    difference = first.astype(np.float64) - second.astype(np.float64)
+    if np.ptp(difference) > 0.0:
+        return bootstrap(difference, level, resamples)
+    n, sign = len(difference), float(difference[0])
+    if sign == 0.0:
+        bound = exact(0, n, level).high
+        return Interval(-bound, bound, "Clopper-Pearson")
+    bound = exact(n, n, level).low
+    return Interval(min(sign * bound, sign), max(sign * bound, sign), "Clopper-Pearson")
+
+
+def quartiles(values: np.ndarray) -> Quartiles:
+    """Quartiles of the finite ``values``."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return Quartiles(np.nan, np.nan, np.nan)
+    return Quartiles(*(float(each) for each in np.percentile(finite, [25.0, 50.0, 75.0])))
+
+
+def compare(names: tuple[str, str], first: Rollout, second: Rollout, level: float, resamples: int) -> Comparison:
+    """Compare two policies seed by seed.
+
+    Raises:
+        ValueError: the rollouts are not of the same task and seeds.
+    """
+    if (first.task, first.seeds) != (second.task, second.seeds):
+        raise ValueError(f"{names[0]} and {names[1]}: a paired comparison needs the same task and the same seeds")
+    both = first.success & second.success
+    times = (first.time_to_goal - second.time_to_goal)[both]
+    # Times are whole steps: equal ones differ by rounding at most.
+    spread = len(times) > 1 and np.ptp(times) > 1e-9
+    return Comparison(
+        task=first.task,
+        first=names[0],
+        second=names[1],
+        episodes=len(first.seeds),
+        success_difference=float(first.success.mean() - second.success.mean()),
+        success_interval=difference_interval(first.success, second.success, level, resamples),
+        both=int(both.sum()),
+        time_difference=float(times.mean()) if len(times) else float("nan"),
+        time_interval=bootstrap(times, level, resamples) if spread else None,
+    )

@@ -1,0 +1,1 @@
+"""Learned policies: training with Stable-Baselines3, storage, and inference without torch."""

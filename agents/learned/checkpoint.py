@@ -1,0 +1,84 @@
+"""State of a training run and the policy that comes out of it, as tensors and settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+
+from agents.learned.settings import TrainSettings
+from agents.learned.storage import load_set, save_set
+from agents.learned.trained import KIND as POLICY_KIND
+from vibgym import checks
+
+KIND = "vibgym-checkpoint"
+FILE = "checkpoint.json"
+ADAM = ("step", "exp_avg", "exp_avg_sq")
+
+
+def _numpy(tensor: torch.Tensor) -> np.ndarray:
+    return tensor.detach().cpu().numpy()
+
+
+def save(directory: Path, model: PPO, settings: TrainSettings, seconds: float) -> None:
+    """Write weights, optimizer state and counters."""
+    tensors = {f"policy.{name}": _numpy(value) for name, value in model.policy.state_dict().items()}
+    for index, state in model.policy.optimizer.state_dict()["state"].items():
+        tensors.update({f"adam.{index}.{name}": _numpy(state[name]) for name in ADAM})
+    record = {"settings": settings.model_dump(mode="json"), "steps": model.num_timesteps, "seconds": seconds}
+    save_set(directory / FILE, KIND, tensors, record)
+
+
+def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
+    """Take ``model`` to the last checkpoint in ``directory``, if there is one.
+
+    Returns:
+        Seconds trained before.
+
+    Raises:
+        ValueError: the checkpoint is damaged, or belongs to other settings; ``model`` is unchanged.
+    """
+    path = directory / FILE
+    if not path.exists():
+        return 0.0
+    tensors, record = load_set(path, KIND)
+    mine = settings.model_dump(mode="json")
+    theirs = record.get("settings")
+    if not isinstance(theirs, dict) or {**theirs, "steps": 0} != {**mine, "steps": 0}:
+        names = [key for key in mine if not isinstance(theirs, dict) or theirs.get(key) != mine[key]]
+        raise checks.refuse(
+            str(path),
+            f"other {', '.join(names)}",
+            "a checkpoint of the same settings; remove it or choose another output",
+        )
+    wanted = {f"policy.{name}": value for name, value in model.policy.state_dict().items()}
+    shapes = {name: tuple(value.shape) for name, value in wanted.items()}
+    if any(name not in tensors or tensors[name].shape != shape for name, shape in shapes.items()):
+        raise checks.refuse(str(path), "tensors of another network", "a checkpoint of the same settings")
+    steps = checks.count(f"{path}: steps", record.get("steps"), least=0)
+    seconds = checks.number(f"{path}: seconds", record.get("seconds"), least=0.0)
+    optimizer = model.policy.optimizer.state_dict()
+    indices = [index for group in optimizer["param_groups"] for index in group["params"]]
+    optimizer["state"] = {
+        index: {name: torch.from_numpy(tensors[f"adam.{index}.{name}"].copy()) for name in ADAM}
+        for index in indices
+        if f"adam.{index}.step" in tensors
+    }
+    model.policy.load_state_dict({name[7:]: torch.from_numpy(tensors[name].copy()) for name in wanted})
+    model.policy.optimizer.load_state_dict(optimizer)
+    model.num_timesteps = steps
+    return seconds
+
+
+def save_policy(path: Path, model: PPO, settings: TrainSettings, training: dict[str, Any]) -> None:
+    """Write the acting part of the model for :func:`agents.learned.trained.load_trained`."""
+    tensors = {"log_std": _numpy(model.policy.log_std)}
+    linear = [each for each in model.policy.mlp_extractor.policy_net if isinstance(each, torch.nn.Linear)]
+    for k, layer in enumerate([*linear, model.policy.action_net]):
+        assert isinstance(layer, torch.nn.Linear)
+        tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"] = _numpy(layer.weight), _numpy(layer.bias)
+    record = {"task": settings.task, "action": settings.environment.get("action", "element"), "training": training}
+    save_set(path, POLICY_KIND, tensors, record)

@@ -1,0 +1,84 @@
+"""Tensors and settings on disk: safetensors and JSON, so that loading runs no code, written so that a kill leaves files
+that load.
+
+A saved set is a JSON file that names its tensor file and that file's SHA-256. The tensor file's name carries its hash: a
+new one is written beside the old, then the JSON is replaced in one step, then the old tensors go. Whenever the process
+dies, the JSON on disk names tensors that are whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from vibgym import checks
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Put ``data`` at ``path`` in one step; until then the old file stands."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any]) -> None:
+    """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``."""
+    data = save({name: np.ascontiguousarray(value) for name, value in tensors.items()})
+    digest = hashlib.sha256(data).hexdigest()
+    tensor_path = path.with_name(f"{path.stem}-{digest[:12]}.safetensors")
+    if not tensor_path.exists():
+        write_atomically(tensor_path, data)
+    record = {"format": kind, "version": 1, "tensors": tensor_path.name, "sha256": digest, **settings}
+    write_atomically(path, (json.dumps(record, indent=2, sort_keys=True) + "\n").encode())
+    for old in path.parent.glob(f"{path.stem}-{'[0-9a-f]' * 12}.safetensors"):
+        if old != tensor_path:
+            old.unlink(missing_ok=True)
+
+
+def load_set(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Read a set back.
+
+    Raises:
+        ValueError: the file is missing, not JSON, of another kind or version, or its tensors are missing or not those
+            that were saved.
+    """
+    name = str(path)
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise checks.refuse("path", name, f"a readable {kind} file ({error.strerror})") from None
+    except ValueError as error:
+        raise checks.refuse(name, f"not JSON ({error})", f"a {kind} file") from None
+    if not isinstance(record, dict) or record.get("format") != kind or record.get("version") != 1:
+        got = {key: record.get(key) for key in ("format", "version")} if isinstance(record, dict) else type(record)
+        raise checks.refuse(name, got, f"format {kind!r}, version 1")
+    file = record.get("tensors")
+    if not isinstance(file, str) or Path(file).name != file or not file.endswith(".safetensors"):
+        raise checks.refuse(f"{name}: tensors", file, "the name of a safetensors file beside it")
+    try:
+        data = path.with_name(file).read_bytes()
+    except OSError as error:
+        raise checks.refuse(f"{name}: tensors", file, f"a readable file beside it ({error.strerror})") from None
+    if hashlib.sha256(data).hexdigest() != record.get("sha256"):
+        raise checks.refuse(f"{name}: tensors", file, "the file that was saved with it (SHA-256 differs)")
+    try:
+        return load(data), record
+    except SafetensorError as error:
+        raise checks.refuse(f"{name}: tensors", f"{file} ({error})", "a whole safetensors file") from None

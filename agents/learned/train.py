@@ -1,0 +1,156 @@
+"""Training: PPO on one task from one file, with logs, checkpoints, and going on after an interruption."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+from tqdm import tqdm
+
+import vibgym
+from agents.learned import checkpoint
+from agents.learned.adapter import StableBaselinesAdapter
+from agents.learned.settings import TrainSettings, load_settings
+from vibgym.envs import VibgymVectorEnv
+
+
+def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
+    """The batch of worlds that a run trains on."""
+    env = gym.make_vec(
+        f"vibgym/{settings.task}-v0",
+        num_envs=settings.worlds,
+        autoreset_mode="SameStep",
+        **settings.environment,
+    )
+    assert isinstance(env, VibgymVectorEnv)
+    return StableBaselinesAdapter(env)
+
+
+def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PPO:
+    """An untrained PPO model."""
+    ppo = settings.ppo
+
+    def learning_rate(remaining: float) -> float:
+        return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
+
+    return PPO(
+        "MlpPolicy",
+        env,
+        n_steps=ppo.n_steps,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.n_epochs,
+        learning_rate=learning_rate,
+        gamma=ppo.gamma,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_range,
+        ent_coef=ppo.ent_coef,
+        policy_kwargs={
+            "net_arch": list(ppo.net),
+            "activation_fn": torch.nn.Tanh,
+            "log_std_init": ppo.log_std_init,
+        },
+        seed=settings.seed,
+        device="cpu",
+    )
+
+
+class Progress(BaseCallback):
+    """Progress bar, and a checkpoint at a rollout's end when one is due."""
+
+    def __init__(self, settings: TrainSettings, directory: Path, seconds_before: float, quiet: bool) -> None:
+        super().__init__()
+        self.settings, self.directory = settings, directory
+        self.seconds_before, self.began = seconds_before, time.perf_counter()
+        self.bar: Any = tqdm(total=settings.steps, unit="step", unit_scale=True, disable=quiet)
+        self.saved_at = 0
+
+    @property
+    def seconds(self) -> float:
+        """Training time so far, over all sittings."""
+        return self.seconds_before + time.perf_counter() - self.began
+
+    def _on_training_start(self) -> None:
+        self.saved_at = self.num_timesteps
+        self.bar.update(self.num_timesteps - self.bar.n)
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_end(self) -> None:
+        self.bar.update(self.num_timesteps - self.bar.n)
+        episodes = self.model.ep_info_buffer or []
+        if episodes:
+            success = float(np.mean(self.model.ep_success_buffer or [0.0]))
+            length = float(np.mean([each["l"] for each in episodes]))
+            self.bar.set_postfix_str(f"success {100 * success:.1f} %, {length:.0f} steps an episode", refresh=False)
+
+    def _on_rollout_start(self) -> None:
+        # Here the last update is complete, so weights and optimizer belong together.
+        if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
+            self.save()
+
+    def save(self) -> None:
+        """Write a checkpoint of the present state."""
+        assert isinstance(self.model, PPO)
+        checkpoint.save(self.directory, self.model, self.settings, self.seconds)
+        self.saved_at = self.num_timesteps
+
+
+def train(config: Path, output: Path | None = None, quiet: bool = False) -> Path:
+    """Train as the file ``config`` says, from its last checkpoint if there is one.
+
+    Writes ``checkpoint.json`` with its tensors, ``progress.csv`` and TensorBoard events, and at the end
+    ``policy.json`` with its tensors.
+
+    Returns:
+        Path of ``policy.json``.
+
+    Raises:
+        ValueError: bad settings, or a checkpoint of other settings.
+    """
+    settings = load_settings(config)
+    directory = output or Path(settings.output or Path("runs") / config.stem)
+    env = make_env(settings)
+    model = make_model(settings, env)
+    seconds = checkpoint.restore(directory, model, settings)
+    directory.mkdir(parents=True, exist_ok=True)
+    sitting = directory / f"log-from-{model.num_timesteps}"
+    model.set_logger(configure(str(sitting), ["csv", "tensorboard"]))
+    # A sitting that goes on draws other episodes than the ones already seen.
+    env.seed(settings.seed + model.num_timesteps)
+    progress = Progress(settings, directory, seconds, quiet)
+    try:
+        if model.num_timesteps < settings.steps:
+            model.learn(
+                settings.steps - model.num_timesteps, callback=progress, log_interval=8, reset_num_timesteps=False
+            )
+    except KeyboardInterrupt:
+        print(f"\ninterrupted: {progress.saved_at} steps are saved in {directory}; the same command goes on from there")
+        raise
+    finally:
+        progress.bar.close()
+        model.logger.close()
+        env.close()
+    progress.save()
+    training = {
+        "algorithm": "PPO (Stable-Baselines3)",
+        "settings": settings.model_dump(mode="json"),
+        "steps": model.num_timesteps,
+        "minutes": round(progress.seconds / 60.0, 2),
+        "vibgym": vibgym.__version__,
+    }
+    path = directory / "policy.json"
+    checkpoint.save_policy(path, model, settings, training)
+    if not quiet:
+        rate = model.num_timesteps / progress.seconds
+        print(
+            f"{path}: {model.num_timesteps} steps in {progress.seconds:.0f} s, {rate:.0f} steps/s, everything included"
+        )
+    return path

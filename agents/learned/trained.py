@@ -1,0 +1,91 @@
+"""A trained policy: a small tanh network in NumPy, loaded from safetensors and JSON."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.learned.storage import load_set
+from agents.policy import Situation
+from vibgym import checks
+from vibgym.envs.actions import ACTIONS
+from vibgym.envs.observations import STATE_SIZE
+
+KIND = "vibgym-policy"
+
+
+class TrainedPolicy:
+    """Mean action of a Gaussian policy: tanh layers, then a linear one. float32 throughout.
+
+    Args:
+        layers: (weight (out, in), bias (out,)) of each layer.
+        shape: shape of one action.
+        log_std: (size,) logarithm of the exploration's standard deviation.
+        action: the environment's ``action=``.
+        seed: of the exploration.
+    """
+
+    observation = "state"
+
+    def __init__(
+        self,
+        layers: list[tuple[np.ndarray, np.ndarray]],
+        shape: tuple[int, ...],
+        log_std: np.ndarray,
+        action: str,
+        seed: int = 0,
+    ) -> None:
+        self.layers = [(weight.T.copy(), bias) for weight, bias in layers]
+        self.shape, self.action = shape, action
+        self.std = np.exp(log_std)
+        self.generator = np.random.default_rng(seed)
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Actions in [-1, 1] for one observation or a batch; no memory."""
+        x = np.asarray(observation, dtype=np.float32)
+        if x.ndim not in (1, 2) or x.shape[-1] != STATE_SIZE:
+            raise checks.refuse("observation", f"array of shape {x.shape}", f"shape (..., {STATE_SIZE})")
+        lead = x.shape[:-1]
+        for weight, bias in self.layers[:-1]:
+            x = np.tanh(x @ weight + bias)
+        weight, bias = self.layers[-1]
+        x = x @ weight + bias
+        if not deterministic:
+            x = x + self.std * self.generator.standard_normal(x.shape, dtype=np.float32)
+        return np.clip(x, -1.0, 1.0).reshape(*lead, *self.shape), state
+
+
+def load_trained(path: Path, situation: Situation) -> TrainedPolicy:
+    """Load a policy file and check that it fits.
+
+    Raises:
+        ValueError: not a policy file, corrupted, or made for another task, observation or size of action.
+    """
+    tensors, record = load_set(path, KIND)
+    name = str(path)
+    if record.get("task") != situation.task:
+        raise checks.refuse(f"{name}: task", record.get("task"), f"{situation.task!r}")
+    kind = checks.choice(f"{name}: action", record.get("action"), tuple(ACTIONS))
+    shape = ACTIONS[kind](situation.surface, situation.part).shape
+    size = int(np.prod(shape))
+    layers: list[tuple[np.ndarray, np.ndarray]] = []
+    width = STATE_SIZE
+    while f"layer{len(layers)}.weight" in tensors:
+        k = len(layers)
+        weight, bias = tensors[f"layer{k}.weight"], tensors.get(f"layer{k}.bias")
+        if weight.ndim != 2 or weight.shape[1] != width or bias is None or bias.shape != weight.shape[:1]:
+            raise checks.refuse(
+                f"{name}: layer{k}", f"weight of shape {weight.shape}", f"shape (n, {width}) and a bias"
+            )
+        layers.append((weight.astype(np.float32), bias.astype(np.float32)))
+        width = weight.shape[0]
+    log_std = tensors.get("log_std")
+    if not layers or width != size or log_std is None or log_std.shape != (size,):
+        raise checks.refuse(f"{name}: layers", f"{len(layers)} layers, {width} outputs", f"{size} outputs and log_std")
+    if not all(np.isfinite(values).all() for values in tensors.values()):
+        raise checks.refuse(f"{name}: tensors", "NaN or infinity", "finite numbers")
+    return TrainedPolicy(layers, shape, log_std.astype(np.float32), kind)

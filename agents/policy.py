@@ -1,0 +1,86 @@
+"""The protocol every policy follows, and how one is made from its name.
+
+A policy has the call that Stable-Baselines3 models have, for one environment or a batch. It sees observations only; of the
+scene it may know what an engineer would: the surface, the part and the task, never the goal behind the observation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.scene import Part, Surface
+
+
+class Policy(Protocol):
+    """What can act in an environment."""
+
+    action: str
+    """Value of the environment's ``action=`` that the policy speaks."""
+
+    observation: str
+    """Value of the environment's ``observation=`` that the policy reads."""
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """Actions for one observation or a batch, and the state to hand back at the next call.
+
+        Args:
+            observation: one observation or a batch of them.
+            state: what the last call returned; None at the very start.
+            episode_start: (batch,) bool, where an episode has just begun; None means state is None.
+            deterministic: False lets a stochastic policy explore.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What a policy may know beforehand."""
+
+    task: str  # "Transport", "Align", "Rotate"
+    surface: Surface
+    part: Part
+
+
+def make_policy(policy: Any, situation: Situation, seed: int = 0) -> Policy:
+    """A policy from ``"zero"``, ``"random"``, ``"open_loop"``, ``"local_field"``, the path of a trained one's JSON file,
+    a mapping ``{"kind": name, **arguments}``, or anything that has ``predict``.
+
+    ``{"kind": "trained", "path": "agents/learned/shipped/{task}.json"}``: ``{task}`` is replaced by the task's name in
+    lower case.
+
+    Raises:
+        ValueError: unknown name or arguments, or a file that is not a trained policy for this task.
+    """
+    from agents.classical import CLASSICAL
+    from agents.learned.trained import load_trained
+
+    if hasattr(policy, "predict"):
+        return policy
+    if isinstance(policy, str):
+        policy = {"kind": "trained", "path": policy} if policy.endswith(".json") else {"kind": policy}
+    if not isinstance(policy, Mapping):
+        raise checks.refuse("policy", policy, "a name, a path, a mapping with 'kind', or an object with predict()")
+    arguments = dict(policy)
+    kind = checks.choice("policy.kind", arguments.pop("kind", None), (*CLASSICAL, "trained"))
+    if kind == "trained":
+        if set(arguments) != {"path"} or not isinstance(arguments["path"], str):
+            raise checks.refuse("policy", dict(policy), "exactly 'kind' and 'path' for a trained policy")
+        return load_trained(Path(arguments["path"].replace("{task}", situation.task.lower())), situation)
+    if kind == "random":
+        arguments.setdefault("seed", seed)
+    try:
+        return CLASSICAL[kind](situation, **arguments)
+    except TypeError as error:
+        raise checks.refuse(f"policy {kind!r}", arguments, f"its own arguments ({error})") from None

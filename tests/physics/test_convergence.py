@@ -1,0 +1,123 @@
+"""Measured order of convergence, and agreement with dense point sampling."""
+
+import importlib.util
+import math
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vibgym import Part, Simulator, Surface
+
+spec = importlib.util.spec_from_file_location("reference", Path(__file__).with_name("reference.py"))
+reference = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(reference)
+
+L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
+PARTS = {
+    "rectangle": Part.rectangle(0.050, 0.035, friction=0.58),
+    "disc": Part.disc(0.022, friction=0.6),
+    "L-shape": Part.polygon(L_SHAPE, friction=0.6),
+    "triangle": Part.polygon([[0, 0], [0.06, 0.005], [0.02, 0.05]], friction=0.8),
+}
+
+
+def scene(surface, worlds, seed, spin, margin):
+    rng = np.random.default_rng(seed)
+    pose = rng.uniform(
+        [margin, margin, -math.pi], [surface.width - margin, surface.height - margin, math.pi], (worlds, 3)
+    )[:, None]
+    velocity = np.zeros((worlds, 1, 3))
+    velocity[..., 2] = spin
+    shape = (worlds, surface.rows, surface.columns)
+    return pose, velocity, rng.uniform(0, surface.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
+
+
+def run(surface, part, given, periods, **scheme):
+    pose, velocity, amplitude, phase = given
+    simulator = Simulator(surface, part, worlds=len(pose), **scheme)
+    simulator.reset(pose, velocity)
+    simulator.advance(amplitude, phase, periods)
+    assert not simulator.fallen.any()
+    return simulator
+
+
+def slope(resolution, error):
+    return -np.polyfit(np.log(resolution), np.log(error), 1)[0]
+
+
+def test_fourth_order_in_substeps_on_one_element():
+    surface = Surface(rows=1, columns=1, element_size=2.0)
+    given = scene(surface, 32, 1, 0.0, 0.9)
+    part = PARTS["rectangle"]
+    exact = run(surface, part, given, 10, steps=1, substeps=512).pose[:, 0, :2]
+    substeps = np.array([12, 16, 24, 32, 48, 64])
+    error = [
+        np.median(np.hypot(*(run(surface, part, given, 10, steps=1, substeps=n).pose[:, 0, :2] - exact).T))
+        for n in substeps
+    ]
+    assert 3.7 < slope(substeps, error) < 4.6, error
+    # cutting more often changes nothing on one element
+    cut = run(surface, part, given, 10, steps=8, substeps=6).pose[:, 0, :2]
+    once = run(surface, part, given, 10, steps=1, substeps=48).pose[:, 0, :2]
+    assert np.abs(cut - once).max() < 1e-11
+
+
+@pytest.mark.parametrize("name", ["rectangle", "L-shape"])
+def test_second_order_in_steps_across_edges(name):
+    surface = Surface()
+    given = scene(surface, 48, 2, 3.0, 0.08)
+    part = PARTS[name]
+    # 48 Runge-Kutta steps in all of them, so that what is left is the edges
+    exact = run(surface, part, given, 10, steps=192, substeps=1, pieces=2)
+    steps = np.array([6, 8, 12, 16, 24, 48])
+    position, heading = [], []
+    for n in steps:
+        got = run(surface, part, given, 10, steps=int(n), substeps=48 // int(n), pieces=2)
+        difference = (got.pose - exact.pose)[:, 0]
+        position.append(np.median(np.hypot(*difference[:, :2].T)))
+        heading.append(np.median(np.abs(difference[:, 2])))
+    assert 1.7 < slope(steps, position) < 2.5, position
+    assert 1.7 < slope(steps, heading) < 2.5, heading
+
+
+@pytest.mark.parametrize("spin", [0.0, 5.0, 30.0])
+@pytest.mark.parametrize("name", PARTS)
+def test_against_point_sampling(name, spin):
+    surface, part, worlds, periods, n = Surface(), PARTS[name], 4, 6, 128
+    given = scene(surface, worlds, 3, spin, 0.075)
+    pose, velocity, amplitude, phase = given
+    points = reference.strew_disc(part.radius, n) if name == "disc" else reference.strew(part.outline, n)
+
+    def sample(k):
+        return reference.simulate(
+            points, gyration=part.gyration, friction=part.friction, pose=pose[k, 0], velocity=velocity[k, 0],
+            amplitude=amplitude[k], phase=phase[k], periods=periods, steps=64,
+        )[-1, :3]  # fmt: skip
+
+    with ThreadPoolExecutor(2) as pool:
+        sampled = np.array(list(pool.map(sample, range(worlds))))
+
+    def errors(**scheme):
+        difference = run(surface, part, given, periods, **scheme).pose[:, 0] - sampled
+        return np.hypot(*difference[:, :2].T), np.degrees(np.abs(difference[:, 2]))
+
+    print(name, spin, *[f"{e.max():.2e}" for e in (*errors(), *errors(steps=32, substeps=2, pieces=6))])
+
+
+def test_the_sampler_itself():
+    """Its points have the moments of the shapes, and it slides to a stop as it should."""
+    for name, part in PARTS.items():
+        x, y, w = reference.strew_disc(0.022, 64) if name == "disc" else reference.strew(part.outline, 64)
+        assert w.sum() == pytest.approx(1.0, abs=1e-12)
+        # midpoint rule in strips of 1/64: (1/64)^2 = 2.4e-4 of the part's size, and of its second moment a few times that
+        assert abs(w @ x) < (part.radius / 64**2) * 2 and abs(w @ y) < (part.radius / 64**2) * 2
+        assert w @ (x * x + y * y) == pytest.approx(part.gyration, rel=8 / 64**2)
+    points = reference.strew(PARTS["rectangle"].outline, 8)
+    zeros = np.zeros((8, 32))
+    path = reference.simulate(
+        points, gyration=1e-3, friction=0.5, pose=[0.3, 0.1, 0.0], velocity=[1.0, 0.0, 0.0],
+        amplitude=zeros, phase=zeros, periods=3, steps=10, horizontal_amplitude=0.0,
+    )  # fmt: skip
+    assert path[-1] == pytest.approx([0.3 + 0.12 - 0.5 * 4.905 * 0.12**2, 0.1, 0, 1 - 4.905 * 0.12, 0, 0], abs=1e-12)

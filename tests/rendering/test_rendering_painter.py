@@ -1,0 +1,179 @@
+"""The picture shows what the view says: sampled pixels, not whole images."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pygame")
+
+from vibgym.rendering import SurfacePainter, View, colours
+
+ROWS, COLUMNS, ELEMENT = 8, 32, 0.026
+BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) * 1e-3
+MARGIN, PER_ELEMENT = 20, 30
+REST = np.zeros((ROWS, COLUMNS, 2))
+EMPTY = View(np.zeros((0, 3)), REST, None, None, np.zeros((0, 2)))
+
+
+@pytest.fixture(scope="module")
+def painter() -> SurfacePainter:
+    return SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK])
+
+
+@pytest.fixture(scope="module")
+def bare() -> SurfacePainter:
+    return SurfacePainter(ROWS, COLUMNS, ELEMENT, [])
+
+
+def pixel(x: float, y: float) -> tuple[int, int]:
+    """Row and column of a point of the table."""
+    scale = PER_ELEMENT / ELEMENT
+    return round(MARGIN + ROWS * PER_ELEMENT - y * scale - 0.5), round(MARGIN + x * scale - 0.5)
+
+
+def looks_like(picture: np.ndarray, at: tuple[float, float], colour: tuple[int, ...], tolerance: int = 14) -> bool:
+    return bool((np.abs(picture[pixel(*at)].astype(int) - colour) <= tolerance).all())
+
+
+def view_of(pose: tuple[float, float, float], **changes: object) -> View:
+    return dataclasses.replace(EMPTY, pose=np.array([pose]), **changes)
+
+
+def test_size_and_freshness(painter: SurfacePainter) -> None:
+    first = painter.paint(view_of((0.4, 0.1, 0.0)))
+    copy = first.copy()
+    second = painter.paint(view_of((0.2, 0.1, 0.0)))
+    assert first.shape == (painter.height, painter.width, 3)
+    assert first.dtype == np.uint8
+    assert first.flags.writeable and first.flags.c_contiguous
+    assert painter.width == 1000
+    np.testing.assert_array_equal(first, copy)
+    assert (first != second).any()
+    np.testing.assert_array_equal(first, painter.paint(view_of((0.4, 0.1, 0.0))))
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.6, np.pi / 2, -2.0])
+def test_part_is_where_its_pose_says(painter: SurfacePainter, heading: float) -> None:
+    x, y = 0.403, 0.107
+    picture = painter.paint(view_of((x, y, heading)))
+    ahead, aside = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+    for along in (-0.9, -0.5, 0.0, 0.9):
+        for across in (-0.8, 0.8):
+            point = np.array([x, y]) + along * 0.025 * ahead + across * 0.0175 * aside
+            assert looks_like(picture, tuple(point), colours.PARTS[0])
+    for along, across in ((1.15, 0.0), (-1.15, 0.0), (0.0, 1.2), (0.0, -1.25)):
+        point = np.array([x, y]) + along * 0.025 * ahead + across * 0.0175 * aside
+        assert not looks_like(picture, tuple(point), colours.PARTS[0], 60)
+    mark = np.array([x, y]) + 0.35 * 0.025 * ahead
+    assert looks_like(picture, tuple(mark), colours.PAPER)
+
+
+def test_colours_tell_parts_apart() -> None:
+    disc = 0.02 * np.stack([np.cos(np.arange(0, 6.2, 0.2)), np.sin(np.arange(0, 6.2, 0.2))], axis=1)
+    poses = np.array([[0.1, 0.1, 0.0], [0.3, 0.1, 0.0], [0.5, 0.1, 0.0]])
+    view = dataclasses.replace(EMPTY, pose=poses)
+    by_shape = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, disc, BLOCK]).paint(view)
+    chosen = [(200, 30, 30), (30, 200, 30), (30, 30, 200)]
+    by_hand = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, disc, BLOCK], colours=chosen).paint(view)
+    for k, kind in enumerate((0, 1, 0)):
+        point = (poses[k, 0] - 0.01, 0.1)
+        assert looks_like(by_shape, point, colours.PARTS[kind])
+        assert looks_like(by_hand, point, chosen[k])
+
+
+@pytest.mark.parametrize("phase", np.radians([0.0, 45.0, 90.0, 180.0, 225.0, 270.0]).tolist())
+def test_arrow_points_where_the_element_pushes(bare: SurfacePainter, phase: float) -> None:
+    phasors = REST.copy()
+    phasors[3, 10] = np.cos(phase), np.sin(phase)
+    picture = bare.paint(dataclasses.replace(EMPTY, phasors=phasors))
+    row, column = pixel(10.5 * ELEMENT, 3.5 * ELEMENT)
+    tile = picture[row - 14 : row + 15, column - 14 : column + 15].astype(float)
+    darkness = (0.6 * tile.max() - tile.mean(axis=-1)).clip(0.0)
+    down, right = np.meshgrid(np.arange(-14, 15), np.arange(-14, 15), indexing="ij")
+    found = np.array([(darkness * right).sum(), -(darkness * down).sum()]) / darkness.sum()
+    push = np.array([-np.sin(phase), -np.cos(phase)])
+    assert found @ push > 4.0
+    assert abs(found[0] * push[1] - found[1] * push[0]) < 1.0
+
+
+def test_only_elements_that_move_have_colour_and_arrow(bare: SurfacePainter) -> None:
+    picture = bare.paint(EMPTY)
+    assert looks_like(picture, (10.2 * ELEMENT, 3.2 * ELEMENT), colours.REST, 3)
+    assert looks_like(picture, (10.5 * ELEMENT, 3.5 * ELEMENT), colours.REST, 3)
+    phasors = REST.copy()
+    phasors[3, 10] = 0.02, 0.0
+    assert np.abs(picture.astype(int) - bare.paint(dataclasses.replace(EMPTY, phasors=phasors))).max() <= 4
+    phasors[3, 10] = 1.0, 0.0
+    full = bare.paint(dataclasses.replace(EMPTY, phasors=phasors))
+    assert looks_like(full, (10.2 * ELEMENT, 3.2 * ELEMENT), tuple(colours.element_colours(phasors[3, 10])), 3)
+    changed = np.argwhere((picture != full).any(axis=-1))
+    (top, left), (bottom, right) = pixel(10 * ELEMENT, 4 * ELEMENT), pixel(11 * ELEMENT, 3 * ELEMENT)
+    assert (changed >= (top - 1, left - 1)).all() and (changed <= (bottom + 1, right + 1)).all()
+
+
+def test_opposite_pushes_differ_for_red_green_blindness() -> None:
+    phases = np.radians(np.arange(0.0, 180.0, 5.0))
+    here = colours.element_colours(np.stack([np.cos(phases), np.sin(phases)], axis=-1)).astype(float)
+    there = colours.element_colours(-np.stack([np.cos(phases), np.sin(phases)], axis=-1)).astype(float)
+    # Without red against green, what is left is about red + green (weighted) and blue.
+    left = np.stack([0.3 * here[:, 0] + 0.7 * here[:, 1], here[:, 2]], axis=-1)
+    right = np.stack([0.3 * there[:, 0] + 0.7 * there[:, 1], there[:, 2]], axis=-1)
+    assert np.abs(left - right).max(axis=-1).min() > 25.0
+
+
+def dark_at(picture: np.ndarray, reference: np.ndarray, at: tuple[float, float]) -> bool:
+    """Whether something dark was drawn within a pixel of a point."""
+    row, column = pixel(*at)
+    window = slice(row - 1, row + 2), slice(column - 1, column + 2)
+    return bool((reference[window].astype(int) - picture[window]).max() > 60)
+
+
+def test_goal_ghost_crosshair_and_circle(painter: SurfacePainter) -> None:
+    nothing = painter.paint(view_of((0.1, 0.1, 0.0)))
+    point = painter.paint(view_of((0.1, 0.1, 0.0), goal_pose=np.array([0.5, 0.1]), goal_tolerance=0.03))
+    assert dark_at(point, nothing, (0.508, 0.1))
+    assert dark_at(point, nothing, (0.5, 0.13))
+    assert dark_at(point, nothing, (0.47, 0.1))
+    assert not dark_at(point, nothing, (0.514, 0.114))
+    ghost = painter.paint(view_of((0.1, 0.1, 0.0), goal_pose=np.array([0.5, 0.1, 0.0])))
+    edge = [dark_at(ghost, nothing, (0.5 + dx, 0.1175)) for dx in np.linspace(-0.02, 0.02, 81)]
+    assert 20 < sum(edge) < 75, "a dashed line has both dashes and gaps"
+    assert not dark_at(ghost, nothing, (0.5, 0.1 + 0.024))
+
+
+def test_trail_fades_with_age(painter: SurfacePainter) -> None:
+    trail = np.stack([np.linspace(0.1, 0.7, 100), np.full(100, 0.117)], axis=1)
+    plain = painter.paint(view_of((0.1, 0.04, 0.0))).astype(int)
+    drawn = painter.paint(view_of((0.1, 0.04, 0.0), trail=trail)).astype(int)
+    depth = [(plain - drawn)[pixel(x, 0.117)].mean() for x in (0.15, 0.4, 0.65)]
+    assert 0.0 < depth[0] < depth[1] < depth[2]
+
+
+def test_strange_states_do_no_harm(painter: SurfacePainter) -> None:
+    nothing = painter.paint(view_of((np.nan, 0.1, 0.0)))
+    for pose in ((np.inf, 0.0, 0.0), (1e12, 0.0, 0.0), (-3.0, 0.1, 0.0)):
+        np.testing.assert_array_equal(painter.paint(view_of(pose)), nothing)
+    trail = np.array([[0.1, 0.1], [np.nan, 0.1], [1e9, 0.1], [0.2, 0.1]])
+    far = painter.paint(view_of((0.83, 0.2, 1.0), trail=trail, goal_pose=np.full(3, np.nan), phasors=REST + np.nan))
+    assert far.shape == nothing.shape
+
+
+def test_caption_is_drawn_in_the_band(painter: SurfacePainter) -> None:
+    plain, titled = (painter.paint(view_of((0.1, 0.1, 0.0), caption=text)) for text in ("", "Sort, 3.2 s"))
+    rows, columns = np.nonzero((plain != titled).any(axis=-1))
+    assert rows.min() > MARGIN + ROWS * PER_ELEMENT
+    assert columns.max() < painter.width // 2
+    painter.paint(view_of((0.1, 0.1, 0.0), caption="long " * 500))
+
+
+@pytest.mark.parametrize(("rows", "columns", "scale"), [(1, 1, None), (3, 4, 700.0), (40, 8, None), (8, 32, 433.7)])
+def test_any_table_has_a_picture(rows: int, columns: int, scale: float | None) -> None:
+    painter = SurfacePainter(rows, columns, ELEMENT, [BLOCK], pixels_per_metre=scale)
+    phasors = np.full((rows, columns, 2), 0.6)
+    pose = np.array([[0.5 * columns * ELEMENT, 0.5 * rows * ELEMENT, 0.3]])
+    picture = painter.paint(View(pose, phasors, pose[0], 0.002, np.zeros((1, 2)), "caption"))
+    assert picture.shape == (painter.height, painter.width, 3)
+    assert painter.width % 2 == 0 and painter.height % 2 == 0

@@ -1,0 +1,115 @@
+"""Human mode without a screen, and what importing the package costs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+pygame = pytest.importorskip("pygame")
+
+from vibgym.rendering import SurfacePainter, Window  # noqa: E402
+
+BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) * 1e-3
+
+
+@pytest.fixture
+def window(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Window, np.ndarray]]:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    painter = SurfacePainter(4, 6, 0.026, [BLOCK])
+    shown = Window(painter, fps=500.0, title="test")
+    frame = np.zeros((painter.height, painter.width, 3), dtype=np.uint8)
+    frame[10, 20] = (10, 200, 30)
+    yield shown, frame
+    shown.close()
+
+
+def test_opens_on_the_first_frame_and_shows_it(window: tuple[Window, np.ndarray]) -> None:
+    shown, frame = window
+    assert not shown.is_open
+    shown.show(frame)
+    assert shown.is_open
+    assert pygame.display.get_caption()[0] == "test"
+    assert tuple(pygame.display.get_surface().get_at((20, 10)))[:3] == (10, 200, 30)
+    frame.flags.writeable = False
+    shown.show(frame)
+    shown.close()
+    shown.close()
+    assert not pygame.display.get_init()
+
+
+def test_user_may_close_it(window: tuple[Window, np.ndarray]) -> None:
+    shown, frame = window
+    shown.show(frame)
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    shown.show(frame)
+    assert not shown.is_open
+    shown.show(frame)
+    assert not pygame.display.get_init()
+
+
+def test_survives_a_display_that_someone_else_closed(window: tuple[Window, np.ndarray]) -> None:
+    shown, frame = window
+    shown.show(frame)
+    pygame.display.quit()
+    shown.show(frame)
+    assert not shown.is_open
+
+
+def test_close_before_show_keeps_it_closed(window: tuple[Window, np.ndarray]) -> None:
+    shown, frame = window
+    shown.close()
+    shown.show(frame)
+    assert not shown.is_open
+
+
+def test_keeps_to_its_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    painter = SurfacePainter(4, 6, 0.026, [])
+    shown = Window(painter, fps=50.0, title="test")
+    frame = np.zeros((painter.height, painter.width, 3), dtype=np.uint8)
+    shown.show(frame)
+    start = time.perf_counter()
+    for _ in range(5):
+        shown.show(frame)
+    shown.close()
+    assert time.perf_counter() - start > 0.08
+
+
+def run(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_import_costs_no_pygame() -> None:
+    assert run("import sys, vibgym.rendering as r; dir(r); print('pygame' in sys.modules)") == "False"
+    assert (
+        run("import sys; from vibgym.rendering import View, rasterise, Window; print('pygame' in sys.modules)")
+        == "False"
+    )
+
+
+def test_without_pygame_the_error_says_what_to_install() -> None:
+    code = """
+import sys
+sys.modules["pygame"] = None
+from vibgym.rendering import SurfacePainter, View, Window, rasterise
+try:
+    SurfacePainter(8, 32, 0.026, [])
+except ImportError as error:
+    print(error)
+"""
+    assert "pip install vibgym[render]" in run(code)
+
+
+def test_unknown_names_are_refused() -> None:
+    import vibgym.rendering
+
+    with pytest.raises(AttributeError, match="nothing_like_it"):
+        _ = vibgym.rendering.nothing_like_it
+    assert set(vibgym.rendering.__all__) == {"SurfacePainter", "View", "Window", "rasterise"}

@@ -1,0 +1,212 @@
+"""Parts: geometry of outlines against shapely and closed forms, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given
+from hypothesis import strategies as st
+from shapely.geometry import Polygon
+
+from vibgym import Part
+from vibgym.scene import outlines
+from vibgym.scene.parts import SHIPPED, STEEL_DENSITY, shipped_part
+
+L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
+C_SHAPE = [[0, 0], [80, 0], [80, 20], [20, 20], [20, 60], [80, 60], [80, 80], [0, 80]]
+
+
+def regular(n, radius=0.03):
+    angle = 2 * math.pi * np.arange(n) / n + 0.2
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def star(n, radius=0.03):
+    corners = regular(2 * n, radius)
+    corners[::2] *= 0.4
+    return corners
+
+
+@st.composite
+def polygons(draw):
+    """Star-shaped, mostly non-convex outlines; anywhere, in either sense."""
+    n = draw(st.integers(3, 12))
+    fractions = np.array([draw(st.floats(0.1, 1.0)) for _ in range(n)])
+    size = draw(st.sampled_from([1e-3, 0.05, 2.0]))
+    angle = draw(st.floats(0, 6)) + np.arange(n) * 2 * math.pi / n
+    origin = [draw(st.floats(-1, 1)), draw(st.floats(-1, 1))]
+    corners = origin + size * fractions[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return corners[::-1] if draw(st.booleans()) else corners
+
+
+def polar_moment(polygon):
+    """Second polar moment about the centroid over the area, by triangles of shapely's coordinates."""
+    corners = np.array(polygon.exterior.coords)[:-1] - polygon.centroid.coords[0]
+    total = 0.0
+    for b, c in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        area = 0.5 * (b[0] * c[1] - b[1] * c[0])
+        middles = np.array([b, b + c, c]) / 2  # of the triangle with the centroid: exact for quadratics
+        total += area * (middles**2).sum() / 3
+    return abs(total) / polygon.area
+
+
+@given(polygons())
+def test_polygon_against_shapely(corners):
+    part = Part.polygon(corners, friction=0.5)
+    expected = Polygon(corners)
+    assert part.area == pytest.approx(expected.area, rel=1e-9)
+    size = np.ptp(corners, axis=0).max()
+    shift = corners - expected.centroid.coords[0]
+    # the outline is the given one, moved so that its centroid is the origin; shapely's own centroid carries 1e-16 of the
+    # distance to its origin over the part's relative area
+    far = 1e-14 * (1 + np.abs(corners).max() / size) ** 2 * size**2 / expected.area
+    assert np.abs(np.sort(part.outline, axis=0) - np.sort(shift, axis=0)).max() < 100 * far * size
+    assert outlines.signed_area(part.outline) > 0  # counter-clockwise
+    assert np.abs(outlines.centroid(part.outline)).max() < 1e-12 * size
+    assert part.gyration == pytest.approx(polar_moment(expected), rel=1e-8)
+    assert part.radius == pytest.approx(np.hypot(*part.outline.T).max(), rel=1e-15)
+    assert outlines.is_convex(part.outline) == (expected.convex_hull.area - expected.area < 1e-10 * expected.area) or (
+        expected.convex_hull.area - expected.area < 1e-6 * expected.area  # so close that either answer will do
+    )
+
+
+def test_gyration_by_monte_carlo():
+    part = Part.polygon(L_SHAPE, friction=0.5)
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 0.06, (400_000, 2))
+    points = points[(points[:, 0] < 0.03) | (points[:, 1] < 0.03)]
+    squares = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
+    assert part.gyration == pytest.approx(squares.mean(), abs=5 * squares.std() / math.sqrt(len(squares)))  # 5 sigma
+
+
+def test_rectangle():
+    part = Part.rectangle(0.05, 0.03, friction=0.6)
+    assert part.area == pytest.approx(0.0015, rel=1e-14)
+    assert part.gyration == pytest.approx((0.05**2 + 0.03**2) / 12, rel=1e-14)
+    assert part.radius == pytest.approx(math.hypot(0.025, 0.015), rel=1e-14)
+    assert part.symmetry == 2 and part.static_friction == part.friction == 0.6
+    assert np.ptp(part.outline, axis=0) == pytest.approx([0.05, 0.03])  # length along its own x
+    assert part.mass == pytest.approx(STEEL_DENSITY * 0.0015 * 0.010)
+    assert not part.outline.flags.writeable
+
+
+def test_disc():
+    part = Part.disc(0.02, friction=0.6, static_friction=0.7, name="coin")
+    assert part.area == pytest.approx(math.pi * 0.02**2, rel=1e-15) and part.gyration == pytest.approx(0.02**2 / 2, rel=1e-15)
+    assert outlines.signed_area(part.outline) == pytest.approx(part.area, rel=1e-12)
+    assert np.abs(np.hypot(*part.outline.T) / 0.02 - 1).max() < 0.001
+    middles = (part.outline + np.roll(part.outline, 1, axis=0)) / 2
+    assert np.abs(np.hypot(*middles.T) / 0.02 - 1).max() < 0.001
+    assert part.symmetry == 0 and part.static_friction == 0.7 and part.name == "coin"
+
+
+def test_shipped_parts():
+    for name, values in SHIPPED.items():
+        part = shipped_part(name)
+        assert part.name == name and np.ptp(part.outline, axis=0) == pytest.approx([values["length"], values["width"]])
+    assert (shipped_part("steel_block").friction, shipped_part("aluminium_block").friction) == (0.64, 0.58)
+    with pytest.raises(ValueError, match="part: got 'brick'.*steel_block"):
+        shipped_part("brick")
+
+
+@pytest.mark.parametrize(
+    "corners, order",
+    [
+        ([[0, 0], [1, 0], [1, 1], [0, 1]], 4),
+        ([[0, 0], [2, 0], [2, 1], [0, 1]], 2),
+        ([[0, 0], [3, 0], [0, 1]], 1),
+        (L_SHAPE, 1),
+        (C_SHAPE, 1),
+        (regular(3), 3),
+        (regular(5), 5),
+        (regular(7), 7),
+        (star(5), 5),
+        (star(6), 6),
+        ([[0, 0], [1, 0], [2, 0], [2, 2], [0, 2]], 4),  # a square with one more corner on an edge is a square
+        ([[0, 0], [0.5, 0], [2, 0], [2, 1], [1, 1], [0.3, 1], [0, 1]], 2),
+        ([[0, 0], [3, 0], [4, 1], [1, 1]], 2),  # parallelogram
+        ([[0, 0], [1, 0], [1, 1.0001], [0, 1.0001]], 2),  # nearly a square
+    ],
+)
+def test_symmetry(corners, order):
+    part = Part.polygon(corners, friction=0.5)
+    assert part.symmetry == order
+    shape, angle = Polygon(part.outline), 2 * math.pi / order
+    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    assert shape.symmetric_difference(Polygon(part.outline @ turn)).area < 1e-9 * shape.area
+
+
+NOT_SIMPLE = {
+    "bow tie": [[0, 0], [1, 1], [1, 0], [0, 1]],
+    "figure of eight with a shared corner": [[0, 0], [1, 1], [2, 0], [2, 2], [1, 1], [0, 2]],
+    "spike that folds back": [[0, 0], [1, 0], [2, 0], [1.5, 0], [1, 1]],
+    "corner on another edge": [[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]],
+    "overlapping edges": [[0, 0], [3, 0], [3, 1], [2, 1], [2, 0], [1, 0], [1, 1], [0, 1]],
+    "pentagram": regular(5)[[0, 2, 4, 1, 3]],
+    "repeated corner": [[0, 0], [0, 0], [1, 0], [1, 1]],
+    "first corner repeated at the end": [[0, 0], [1, 0], [1, 1], [0, 0]],
+    "no area": [[0, 0], [1, 0], [2, 0]],
+    "one point": [[1, 1], [1, 1], [1, 1]],
+    "two corners": [[0, 0], [1, 1]],
+    "nothing": [],
+    "three columns": [[0, 0, 0], [1, 0, 0], [0, 1, 0]],
+    "nan": [[0, 0], [1, 0], [math.nan, 1]],
+    "infinity": [[0, 0], [1, 0], [math.inf, 1]],
+    "huge": [[0, 0], [1e200, 0], [0, 1e200]],
+    "tiny": [[0, 0], [1e-200, 0], [0, 1e-200]],
+    "text": "square",
+    "ragged": [[0, 0], [1], [1, 1]],
+    "none": None,
+    "complex": [[0, 1j], [1, 0], [1, 1]],
+}
+
+
+@pytest.mark.parametrize("name", NOT_SIMPLE)
+@pytest.mark.filterwarnings("error")
+def test_bad_outlines_are_refused(name):
+    with pytest.raises(ValueError, match="^vertices: got .*; allowed: "):
+        Part.polygon(NOT_SIMPLE[name], friction=0.5)
+
+
+@given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7)), min_size=3, max_size=8))
+@example([(0, 0), (4, 0), (4, 4), (2, 0), (0, 4)])
+def test_simple_or_refused_as_shapely_says(corners):
+    """Random closed walks on a small lattice: many cross, touch or fold. Coordinates are exact, so is the answer."""
+    closed = [*corners, corners[0]]
+    assume(all(a != b for a, b in zip(closed[:-1], closed[1:], strict=True)))
+    # multiples of n keep the centring exact
+    scaled = np.array(corners, dtype=float) * len(corners)
+    polygon = Polygon(scaled)
+    if polygon.is_valid and polygon.area > 0:
+        assert Part.polygon(scaled, friction=0.5).area == pytest.approx(polygon.area, rel=1e-12)
+    else:
+        with pytest.raises(ValueError, match="^vertices"):
+            Part.polygon(scaled, friction=0.5)
+
+
+BAD_NUMBERS = [math.nan, math.inf, -math.inf, "1", None, True, [1.0], 1j]
+BAD = (
+    [("length", v) for v in [0.0, -1.0, 1e300, 1e-300, *BAD_NUMBERS]]
+    + [("width", v) for v in [0.0, -1.0, 1e300, 1e-300, *BAD_NUMBERS]]
+    + [("radius", v) for v in [0.0, -1.0, 1e300, 1e-300, *BAD_NUMBERS]]
+    + [("friction", v) for v in [-0.1, *BAD_NUMBERS]]
+    + [("static_friction", v) for v in [-0.1, 0.59, *(v for v in BAD_NUMBERS if v is not None)]]
+    + [("height", v) for v in [0.0, -1.0, *BAD_NUMBERS]]
+    + [("mass", v) for v in [0.0, -1.0, *(v for v in BAD_NUMBERS if v is not None)]]
+    + [("name", v) for v in ["", 3, None]]
+    + [("restitution", v) for v in [-0.1, 1.1, *BAD_NUMBERS]]
+    + [("contact_friction", v) for v in [-0.1, *BAD_NUMBERS]]
+)
+
+
+@pytest.mark.parametrize("argument, value", BAD)
+@pytest.mark.filterwarnings("error")
+def test_bad_values_are_refused_by_name(argument, value):
+    good = {"friction": 0.6}
+    if argument == "radius":
+        with pytest.raises(ValueError, match="^radius: got .*; allowed: "):
+            Part.disc(value, friction=0.6)
+        return
+    good.update({"length": 0.05, "width": 0.03})
+    with pytest.raises(ValueError, match=f"^{argument}: got .*; allowed: "):
+        Part.rectangle(**{**good, argument: value})

@@ -1,0 +1,67 @@
+"""The surface's figures and what it refuses."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from vibgym import Surface
+
+OMEGA = 2 * math.pi * 25.0
+
+
+def test_prototype():
+    surface = Surface()
+    assert (surface.rows, surface.columns) == (8, 32)
+    assert (surface.width, surface.height) == pytest.approx((0.832, 0.208))
+    assert surface.period == pytest.approx(0.04)
+    assert surface.angular_frequency == pytest.approx(OMEGA)
+    assert surface.lift_off_amplitude == pytest.approx(9.81 / OMEGA**2) == surface.max_amplitude
+    assert surface.max_amplitude == pytest.approx(0.398e-3, abs=5e-7)
+    assert surface.table_speed == pytest.approx(2.7e-3 * OMEGA)
+    assert surface.full_scale == pytest.approx(9.81)
+    x, y = surface.element_centres()
+    assert x.shape == y.shape == (8, 32)
+    assert (x[0, 0], y[0, 0], x[7, 31], y[7, 31]) == pytest.approx((0.013, 0.013, 0.819, 0.195))
+
+
+def test_slides_permanently():
+    """a_h w^2 > mu (g + A): 66.6 m/s^2 on the prototype, so up to mu = 3.395 at full amplitude."""
+    limit = 2.7e-3 * OMEGA**2 / (2 * 9.81)
+    assert limit == pytest.approx(3.3956, abs=1e-4)
+    assert Surface().slides_permanently(limit * 0.999) and not Surface().slides_permanently(limit * 1.001)
+    half = Surface(max_amplitude=0.5 * 9.81 / OMEGA**2)
+    assert half.slides_permanently(limit / 0.75 * 0.999) and not half.slides_permanently(limit / 0.75 * 1.001)
+    assert not Surface(horizontal_amplitude=0.0).slides_permanently(0.1)
+
+
+@pytest.mark.parametrize("friction", [-1.0, math.nan, "0.6", None])
+def test_friction_is_checked(friction):
+    for method in (Surface().slides_permanently, Surface().idle_velocity):
+        with pytest.raises(ValueError, match="^friction: "):
+            method(friction)
+
+
+BAD_NUMBERS = [math.nan, math.inf, -math.inf, -1.0, "1", None, True, [1.0], np.ones(2)]
+
+
+@pytest.mark.parametrize(
+    "argument, value",
+    [(name, v) for name in ("rows", "columns") for v in [0, -1, 2.0, 1.5, math.nan, "8", None, True, [8]]]
+    + [(name, v) for name in ("element_size", "frequency", "gravity") for v in [0.0, 1e-170, 1e200, *BAD_NUMBERS]]
+    + [("horizontal_amplitude", v) for v in [1e200, *BAD_NUMBERS]]
+    + [("max_amplitude", v) for v in [3.98e-4, 1.0, *(v for v in BAD_NUMBERS if v is not None)]],
+)
+def test_bad_values_are_refused_by_name(argument, value):
+    with pytest.raises(ValueError, match=f"^{argument}: got [^;]*; allowed: "):
+        Surface(**{argument: value})
+
+
+def test_what_is_allowed():
+    assert Surface(horizontal_amplitude=0.0).table_speed == 0.0
+    assert Surface(max_amplitude=0.0).full_scale == 0.0
+    assert Surface(max_amplitude=2e-4).max_amplitude == 2e-4
+    assert Surface(rows=np.int64(3), frequency=np.float32(20.0)).rows == 3
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Surface().rows = 3

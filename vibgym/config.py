@@ -1,0 +1,160 @@
+"""Settings from mappings and files: unknown keys refused, units allowed in key names, one clear error.
+
+A key may carry a unit: ``element_size_mm: 26`` is ``element_size: 0.026``. Everything inside is SI and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from vibgym import checks
+from vibgym.scene.parts import SHIPPED, Part, shipped_part
+from vibgym.scene.surface import Surface
+
+UNITS = {"_mm": 1e-3, "_deg": math.pi / 180.0, "_g": 1e-3}
+"""Suffixes of keys and the factors to SI."""
+
+
+class Settings(BaseModel):
+    """Base of all settings: no unknown keys, no silent conversions, frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class SurfaceSettings(Settings):
+    """Fields of :class:`vibgym.Surface`."""
+
+    rows: int = 8
+    columns: int = 32
+    element_size: float = 0.026
+    horizontal_amplitude: float = 2.7e-3
+    frequency: float = 25.0
+    gravity: float = 9.81
+    max_amplitude: float | None = None
+
+
+class PartSettings(Settings):
+    """A part by shape; lengths in m. ``rectangle`` needs length and width, ``disc`` radius, ``polygon`` vertices."""
+
+    shape: Literal["rectangle", "disc", "polygon"]
+    friction: float
+    length: float | None = None
+    width: float | None = None
+    radius: float | None = None
+    vertices: list[tuple[float, float]] | None = None
+    static_friction: float | None = None
+    height: float | None = None
+    mass: float | None = None
+    name: str | None = None
+    restitution: float | None = None
+    contact_friction: float | None = None
+
+
+SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon": ("vertices",)}
+
+
+def to_si(data: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Copy with unit suffixes resolved; numbers and nested lists of numbers are scaled."""
+    result: dict[str, Any] = {}
+    for key, value in data.items():
+        if not isinstance(key, str):
+            raise checks.refuse(where, key, "keys that are strings")
+        name = key
+        for suffix, factor in UNITS.items():
+            if key.endswith(suffix):
+                name = key.removesuffix(suffix)
+                value = _scaled(value, factor, f"{where}.{key}")
+                break
+        if name in result:
+            raise checks.refuse(f"{where}.{key}", value, f"{name!r} once, not in two units")
+        result[name] = value
+    return result
+
+
+def _scaled(value: Any, factor: float, where: str) -> Any:
+    if isinstance(value, list | tuple):
+        return [_scaled(each, factor, where) for each in value]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise checks.refuse(where, value, "a number")
+    return value * factor
+
+
+def parse(model: type[Model], data: Any, where: str) -> Model:
+    """Validate ``data`` as ``model``; the first fault becomes a one-line ValueError that names the field."""
+    if not isinstance(data, Mapping):
+        raise checks.refuse(where, data, f"a mapping with keys among {', '.join(model.model_fields)}")
+    try:
+        return model.model_validate(_plain(to_si(data, where)))
+    except ValidationError as error:
+        fault = error.errors()[0]
+        field = ".".join([where, *(str(part) for part in fault["loc"])])
+        allowed = fault["msg"]
+        if fault["type"] == "extra_forbidden":
+            allowed = f"keys among {', '.join(model.model_fields)}"
+        value = "nothing" if fault["type"] == "missing" else fault["input"]
+        raise checks.refuse(field, value, allowed) from None
+
+
+def _plain(data: dict[str, Any]) -> dict[str, Any]:
+    """Lists of pairs become tuples, which strict validation wants for fixed-length items."""
+    return {
+        key: [tuple(each) if isinstance(each, list) else each for each in value] if isinstance(value, list) else value
+        for key, value in data.items()
+    }
+
+
+def load_yaml(path: str | Path) -> dict[str, Any]:
+    """Read a YAML mapping.
+
+    Raises:
+        ValueError: the file cannot be read, is not YAML, or is not a mapping.
+    """
+    path = Path(path)
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise checks.refuse("config", str(path), f"a readable file ({error.strerror})") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise checks.refuse(str(path), reason, "valid YAML") from None
+    if not isinstance(data, dict):
+        raise checks.refuse(str(path), type(data).__name__, "a mapping of settings")
+    return data
+
+
+def surface_from(value: Any) -> Surface:
+    """A surface from ``"prototype"``, a mapping of :class:`SurfaceSettings`, or a Surface."""
+    if isinstance(value, Surface):
+        return value
+    if isinstance(value, str):
+        checks.choice("surface", value, ("prototype",))
+        return Surface()
+    return Surface(**parse(SurfaceSettings, value, "surface").model_dump())
+
+
+def part_from(value: Any, where: str = "parts") -> Part:
+    """A part from the name of a shipped one, a mapping of :class:`PartSettings`, or a Part."""
+    if isinstance(value, Part):
+        return value
+    if isinstance(value, str):
+        checks.choice(where, value, tuple(SHIPPED))
+        return shipped_part(value)
+    settings = parse(PartSettings, value, where).model_dump(exclude_none=True)
+    shape = settings.pop("shape")
+    needed = SHAPE_FIELDS[shape]
+    for name in needed:
+        if name not in settings:
+            raise checks.refuse(f"{where}.{name}", "nothing", f"needed for shape {shape!r}")
+    for other in {"length", "width", "radius", "vertices"} - set(needed):
+        if other in settings:
+            raise checks.refuse(f"{where}.{other}", settings[other], f"not a field of shape {shape!r}")
+    return getattr(Part, shape)(*(settings.pop(name) for name in needed), **settings)

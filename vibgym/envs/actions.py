@@ -1,0 +1,110 @@
+"""Actions: float32 boxes in [-1, 1] and the drive each one means."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from vibgym import checks
+from vibgym.physics.drive import FIELD_STRENGTHS, ElementDrive, FieldDrive, PatchDrive, PhasorDrive
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+
+def patch_size(surface: Surface, part: Part) -> int:
+    """Elements along a side of the square patch that always covers ``part``, wherever its centre lies."""
+    across = math.ceil(2.0 * part.radius / surface.element_size) + 1
+    return min(across, max(surface.rows, surface.columns))
+
+
+class Action(ABC):
+    """Base: the shape, the space, the check, and :meth:`drive`."""
+
+    shape: tuple[int, ...]
+
+    def __init__(self, surface: Surface, part: Part) -> None:
+        self.surface = surface
+        self.full_scale = surface.full_scale
+
+    @property
+    def space(self) -> spaces.Box:
+        """Box of one world."""
+        return spaces.Box(-1.0, 1.0, self.shape, np.float32)
+
+    def check(self, action: Any, worlds: int) -> np.ndarray:
+        """The batch as contiguous float32 (worlds, *shape).
+
+        Raises:
+            ValueError: wrong shape, not numbers, NaN or infinity.
+        """
+        values = np.asarray(action)
+        expected = (worlds, *self.shape)
+        if values.shape != expected or values.dtype.kind not in "fiu":
+            got = f"array of shape {values.shape} and type {values.dtype}"
+            raise checks.refuse("action", got, f"real numbers of shape {expected} (worlds first)")
+        if not np.isfinite(values).all():
+            bad = np.argwhere(~np.isfinite(values))[0].tolist()
+            raise checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
+        # Clip in the given type: a float64 beyond float32's range would turn into infinity.
+        if values.dtype != np.float32:
+            values = np.clip(values, -1.0, 1.0)
+        return np.ascontiguousarray(values, dtype=np.float32)
+
+    @abstractmethod
+    def drive(self, action: np.ndarray, pose: np.ndarray) -> Any:
+        """The drive that a checked batch means, for parts at ``pose`` (worlds, 1, 3)."""
+
+
+class Element(Action):
+    """(rows, columns, 2): amplitude [-1, 1] -> [0, max_amplitude] and phase [-1, 1] -> [-pi, pi] of every element."""
+
+    def __init__(self, surface: Surface, part: Part) -> None:
+        super().__init__(surface, part)
+        self.shape = (surface.rows, surface.columns, 2)
+
+    def drive(self, action: np.ndarray, pose: np.ndarray) -> ElementDrive:
+        return ElementDrive(action, self.full_scale)
+
+
+class Phasor(Action):
+    """(rows, columns, 2): amplitude x (cos, sin) phase of every element; longer vectors are shortened to length 1."""
+
+    def __init__(self, surface: Surface, part: Part) -> None:
+        super().__init__(surface, part)
+        self.shape = (surface.rows, surface.columns, 2)
+
+    def drive(self, action: np.ndarray, pose: np.ndarray) -> PhasorDrive:
+        return PhasorDrive(action, self.full_scale)
+
+
+class Patch(Action):
+    """(parts, k, k, 2): phasors of the k x k elements around the part, rows first; all others at rest."""
+
+    def __init__(self, surface: Surface, part: Part) -> None:
+        super().__init__(surface, part)
+        self.size = patch_size(surface, part)
+        self.shape = (1, self.size, self.size, 2)
+
+    def drive(self, action: np.ndarray, pose: np.ndarray) -> PatchDrive:
+        first = np.floor(pose[:, 0, 1::-1] / self.surface.element_size + (0.5 - 0.5 * self.size))
+        return PatchDrive(action, first.astype(np.int64), self.full_scale)
+
+
+class Field(Action):
+    """(parts, 6): strengths of the fields around the part: uniform x, y, squeeze x, y, radial, tangential."""
+
+    def __init__(self, surface: Surface, part: Part) -> None:
+        super().__init__(surface, part)
+        self.shape = (1, FIELD_STRENGTHS)
+        self.reach = 0.5 * patch_size(surface, part) * surface.element_size
+
+    def drive(self, action: np.ndarray, pose: np.ndarray) -> FieldDrive:
+        centre = np.ascontiguousarray(pose[:, 0, :2])
+        return FieldDrive(action, centre, self.surface.element_size, self.reach, self.full_scale)
+
+
+ACTIONS: dict[str, type[Action]] = {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field}

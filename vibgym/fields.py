@@ -1,0 +1,152 @@
+"""Vector fields of the surface: uniform, squeeze, radial, tangential and their sum (thesis section 4.2, fig. 4.4).
+
+A field says for every point in which direction, and how strongly, the surface shall push there. Sampled at the elements'
+centres it becomes the elements' motion: strength is amplitude, direction is phase.
+
+    field = radial(0.4, 0.1) + 0.5 * tangential(0.4, 0.1)
+    simulator.advance(*field.drive(surface), periods=50)
+
+Positions and strengths may be arrays that broadcast with (rows, columns), for instance (worlds, 1, 1): one field a world.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.scene.surface import Surface
+
+Push = tuple[np.ndarray, np.ndarray]
+
+DEFAULT_REACH = 0.026
+"""Distance from a squeeze line or centre at which a field reaches full strength, m: one element of the prototype."""
+
+
+def lead_angle(surface: Surface, friction: float) -> float:
+    """Angle by which the push of a vibrating element runs ahead of its first-order direction, rad.
+
+    To first order in ``eps = mu g / (a_h w^2)`` the direction does not depend on friction; measured, a part at rest is
+    pushed off by about ``1.6 atan(eps)``.
+    """
+    if surface.horizontal_amplitude == 0.0:
+        return 0.0
+    friction = checks.number("friction", friction, least=0.0)
+    acceleration = surface.horizontal_amplitude * surface.angular_frequency**2
+    return 1.6 * math.atan(friction * surface.gravity / acceleration)
+
+
+@dataclass(frozen=True)
+class Field:
+    """A vector field: ``push(x, y)`` (m) gives its components, of which length 1 is full amplitude."""
+
+    push: Callable[[np.ndarray, np.ndarray], Push]
+
+    def __add__(self, other: Field) -> Field:
+        def push(x: np.ndarray, y: np.ndarray) -> Push:
+            (ax, ay), (bx, by) = self.push(x, y), other.push(x, y)
+            return ax + bx, ay + by
+
+        return Field(push)
+
+    def __mul__(self, strength: Any) -> Field:
+        def push(x: np.ndarray, y: np.ndarray) -> Push:
+            ax, ay = self.push(x, y)
+            return strength * ax, strength * ay
+
+        return Field(push)
+
+    __rmul__ = __mul__
+
+    def around(self, x: Any, y: Any, radius: float) -> Field:
+        """The same field on elements whose centres lie within ``radius`` (m) of ``(x, y)``; all others at rest."""
+        radius = checks.number("radius", radius, above=0.0)
+
+        def push(at_x: np.ndarray, at_y: np.ndarray) -> Push:
+            near = (at_x - x) ** 2 + (at_y - y) ** 2 <= radius**2
+            ax, ay = self.push(at_x, at_y)
+            return np.where(near, ax, 0.0), np.where(near, ay, 0.0)
+
+        return Field(push)
+
+    def phasors(self, surface: Surface, *, friction: float | None = None) -> np.ndarray:
+        """Elements' phasors as fractions of full amplitude, (..., rows, columns, 2), in the unit disc.
+
+        Args:
+            surface: the table.
+            friction: of the part, to correct the push's direction by :func:`lead_angle`; None leaves it as it is.
+        """
+        x, y = surface.element_centres()
+        px, py = np.broadcast_arrays(*self.push(x, y))
+        if friction is not None:
+            lead = lead_angle(surface, friction)
+            px, py = px * math.cos(lead) + py * math.sin(lead), py * math.cos(lead) - px * math.sin(lead)
+        px, py = np.broadcast_arrays(px, py, np.zeros_like(x))[:2]
+        scale = 1.0 / np.maximum(np.hypot(px, py), 1.0)
+        return np.stack([-py * scale, -px * scale], axis=-1)
+
+    def drive(self, surface: Surface, *, friction: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Amplitude (m) and phase (rad) of every element, each (..., rows, columns), for ``Simulator.advance``."""
+        phasors = self.phasors(surface, friction=friction)
+        amplitude = np.hypot(phasors[..., 0], phasors[..., 1])
+        assert surface.max_amplitude is not None
+        return surface.max_amplitude * np.minimum(amplitude, 1.0), np.arctan2(phasors[..., 1], phasors[..., 0])
+
+
+def _finite(**values: Any) -> None:
+    for name, value in values.items():
+        checks.array(name, value, np.shape(value))
+
+
+def uniform(direction: Any, strength: Any = 1.0) -> Field:
+    """The same push everywhere: moves a part along ``direction`` (rad from +x)."""
+    _finite(direction=direction, strength=strength)
+    return Field(
+        lambda x, y: (strength * np.cos(direction) + 0.0 * x, strength * np.sin(direction) + 0.0 * y),
+    )
+
+
+def squeeze(x: Any, y: Any, angle: Any, strength: Any = 1.0, reach: float = DEFAULT_REACH) -> Field:
+    """Push from both sides towards a line: aligns a part with it.
+
+    Args:
+        x, y: a point of the line, m.
+        angle: direction of the line, rad from +x.
+        strength: at ``reach`` (m) from the line and beyond; in between the push falls to zero on the line.
+    """
+    reach = checks.number("reach", reach, above=0.0)
+    _finite(x=x, y=y, angle=angle, strength=strength)
+    across_x, across_y = -np.sin(angle), np.cos(angle)
+
+    def push(at_x: np.ndarray, at_y: np.ndarray) -> Push:
+        towards = -strength * np.clip(((at_x - x) * across_x + (at_y - y) * across_y) / reach, -1.0, 1.0)
+        return towards * across_x, towards * across_y
+
+    return Field(push)
+
+
+def radial(x: Any, y: Any, strength: Any = 1.0, reach: float = DEFAULT_REACH) -> Field:
+    """Push towards the centre ``(x, y)`` (m): positions a part there; negative strength pushes away."""
+    return _central(x, y, strength, reach, lambda dx, dy: (-dx, -dy))
+
+
+def tangential(x: Any, y: Any, strength: Any = 1.0, reach: float = DEFAULT_REACH) -> Field:
+    """Push around the centre ``(x, y)`` (m): turns a part counter-clockwise; negative strength clockwise."""
+    return _central(x, y, strength, reach, lambda dx, dy: (-dy, dx))
+
+
+def _central(x: Any, y: Any, strength: Any, reach: float, turn: Callable[..., Push]) -> Field:
+    reach = checks.number("reach", reach, above=0.0)
+    _finite(x=x, y=y, strength=strength)
+
+    def push(at_x: np.ndarray, at_y: np.ndarray) -> Push:
+        dx, dy = at_x - x, at_y - y
+        scale = strength / np.maximum(np.hypot(dx, dy), reach)
+        px, py = turn(dx, dy)
+        return scale * px, scale * py
+
+    return Field(push)

@@ -1,0 +1,165 @@
+"""The layers of the picture, bottom to top. Import only once pygame is known to be there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pygame
+
+from vibgym.rendering import colours, legend, shapes
+
+MARGIN = 20
+"""White border in pixels."""
+
+FINE = 3
+"""The table is drawn this many times larger and scaled down, which smooths edges."""
+
+ARROW_LENGTH = 0.46
+"""Length of an arrow at full amplitude over the element's edge."""
+
+ARROW_FROM = 0.03
+"""Elements with less amplitude have no arrow."""
+
+TRAIL_POINTS = 400
+"""Older centres are not drawn."""
+
+
+class Canvas:
+    """One surface's picture in the making: :meth:`begin`, then the layers in any number, then :meth:`finish`.
+
+    Args:
+        rows: elements along y.
+        columns: elements along x.
+        element_size: edge of an element, m.
+        pixels_per_metre: scale.
+    """
+
+    def __init__(self, rows: int, columns: int, element_size: float, pixels_per_metre: float) -> None:
+        self._shape = (rows, columns)
+        self._scale = FINE * pixels_per_metre
+        table = np.array([columns, rows]) * element_size * pixels_per_metre
+        width, table_bottom = (math.ceil(edge) + 2 * MARGIN for edge in table)
+        # Video encoders want even sizes.
+        self.size = (width + width % 2, table_bottom + legend.HEIGHT + (table_bottom + legend.HEIGHT) % 2)
+        self._origin = FINE * np.array([MARGIN, MARGIN + table[1]])
+        self._edge = element_size * self._scale
+        self._centres = self._to_pixels(
+            (np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) + 0.5) * element_size
+        )
+        self._fine = pygame.Surface((FINE * self.size[0], FINE * table_bottom), 0, 32)
+        self._empty = self._fine.copy()
+        self._empty.fill(colours.PAPER)
+        low, size = FINE * np.array([MARGIN, MARGIN]), FINE * table
+        for grow, colour in ((12, colours.FRAME), (3, colours.GAP)):
+            rectangle = [*(low - grow), *(size + 2 * grow)]
+            pygame.draw.rect(self._empty, colour, rectangle, border_radius=2 * grow)
+        self._base = pygame.Surface(self.size, 0, 32)
+        # Scaling darkens white a little; the band under the table has to match.
+        self._base.fill(pygame.transform.smoothscale(self._empty, (self.size[0], table_bottom)).get_at((1, 1)))
+        self._caption_top = table_bottom - 8
+        self._caption_width = legend.draw(self._base, table_bottom - 8, MARGIN, pixels_per_metre)
+
+    def _to_pixels(self, points: np.ndarray) -> np.ndarray:
+        return self._origin + points * (self._scale, -self._scale)
+
+    def _placed(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Points in the body frame at ``pose``, in fine pixels."""
+        cosine, sine = math.cos(pose[2]), math.sin(pose[2])
+        return self._to_pixels(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
+
+    def begin(self, phasors: np.ndarray) -> None:
+        """Start over with the elements at ``phasors`` (rows, columns, 2), fractions of full scale."""
+        self._fine.blit(self._empty, (0, 0))
+        phasors = np.nan_to_num(phasors).reshape(*self._shape, 2)
+        edge, gap = self._edge, FINE
+        corners = np.rint(self._centres - 0.5 * edge + 0.5 * gap).astype(int)
+        size = round(edge - gap)
+        radius = min(3 * FINE, round(0.1 * edge))
+        tints = colours.element_colours(phasors)
+        for corner, tint in zip(corners.reshape(-1, 2).tolist(), tints.reshape(-1, 3).tolist(), strict=True):
+            pygame.draw.rect(self._fine, tint, (*corner, size, size), border_radius=radius)
+        strength = np.hypot(phasors[..., 0], phasors[..., 1])
+        moving = strength >= ARROW_FROM
+        if moving.any():
+            # Push is (-S, -C) with y up; pixels have y down.
+            push = np.stack([-phasors[moving, 1], phasors[moving, 0]], axis=1)
+            push *= ARROW_LENGTH * edge / np.maximum(1.0, strength[moving])[:, None]
+            arrows = shapes.arrow_outlines(self._centres[moving], push, 0.085 * edge)
+            shades = colours.arrow_colours(phasors[moving]).tolist()
+            for arrow, shade in zip(arrows.tolist(), shades, strict=True):
+                pygame.draw.polygon(self._fine, shade, arrow)
+
+    def goal(self, pose: np.ndarray, outline: np.ndarray, tolerance: float | None) -> None:
+        """Ghost of ``outline`` at ``pose`` (3,) or a crosshair at ``pose`` (2,), and the circle of ``tolerance``, m."""
+        if not np.isfinite(pose).all():
+            return
+        centre = self._to_pixels(pose[:2])
+        lines: list[np.ndarray] = []
+        around = centre[None]
+        if len(pose) == 3:
+            ghost = around = self._placed(pose, outline)
+            wedge = self._placed(pose, shapes.wedge(outline))
+            lines += shapes.dashes(ghost, 4.5 * FINE)
+        else:
+            arm, clear = 12.0 * FINE, 4.0 * FINE
+            for way in np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]]):
+                lines.append(centre + np.outer([clear, arm], way))
+        radius = 0.0 if tolerance is None else tolerance * self._scale
+
+        def draw(layer: pygame.Surface, low: np.ndarray) -> None:
+            if len(pose) == 3:
+                pygame.draw.polygon(layer, (*colours.PAPER, 160), ghost - low)
+                shapes.polygon_within(layer, wedge - low, ghost - low, (*colours.INK, 150))
+            for width, colour in ((4.5 * FINE, (*colours.PAPER, 220)), (1.9 * FINE, (*colours.INK, 255))):
+                for line in lines:
+                    shapes.stroke(layer, line - low, width, colour)
+                if radius > 0.0:
+                    ring = shapes.circle_points(centre, radius) - low
+                    shapes.stroke(layer, ring, 0.7 * width, colour, closed=True)
+
+        shapes.blend(self._fine, np.vstack([around, centre]), max(radius, 12.0 * FINE) + 4.0 * FINE, draw)
+
+    def trail(self, points: np.ndarray) -> None:
+        """Line through ``points`` (k, 2), m, oldest first, fading with age."""
+        points = self._to_pixels(points[-TRAIL_POINTS:])
+        # What lies off the picture is not worth a layer, and pygame cannot take every number.
+        points = points[((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1)]
+        if len(points) < 2:
+            return
+        alpha = np.rint(np.linspace(30.0, 240.0, len(points) - 1)).astype(int).tolist()
+
+        def draw(layer: pygame.Surface, low: np.ndarray) -> None:
+            for start, end, strength in zip(points - low, points[1:] - low, alpha, strict=False):
+                shapes.segment(layer, start, end, 2.4 * FINE, (*colours.INK, strength))
+
+        shapes.blend(self._fine, points, 2.0 * FINE, draw)
+
+    def part(self, pose: np.ndarray, outline: np.ndarray, colour: tuple[int, ...]) -> None:
+        """Part with ``outline`` (n, 2) at ``pose`` (3,) and its heading mark, a wedge that points ahead."""
+        if not np.isfinite(pose).all():
+            return
+        body = self._placed(pose, outline)
+        wedge = self._placed(pose, shapes.wedge(outline))
+        light = sum(colour) < 384
+        shade = [round(0.45 * channel) for channel in colour]
+
+        def draw(layer: pygame.Surface, low: np.ndarray) -> None:
+            pygame.draw.polygon(layer, (*colours.INK, 60), body - low + 2.0 * FINE)
+            pygame.draw.polygon(layer, (*colour, 240), body - low)
+            shapes.stroke(layer, body - low, 1.6 * FINE, (*shade, 215), closed=True)
+            shapes.polygon_within(layer, wedge - low, body - low, colours.PAPER if light else colours.INK)
+
+        shapes.blend(self._fine, body, 4.0 * FINE, draw)
+
+    def finish(self, caption: str) -> np.ndarray:
+        """The picture (H, W, 3) uint8, with ``caption`` under the table."""
+        picture = self._base.copy()
+        small = (self.size[0], self._fine.get_height() // FINE)
+        table = pygame.transform.smoothscale(self._fine, small)
+        picture.blit(table, (0, 0), (0, 0, small[0], small[1] - 8))
+        if caption:
+            text = legend.render_text(caption, 22, colours.INK)
+            picture.blit(text, (MARGIN, self._caption_top + 15), (0, 0, self._caption_width, text.get_height()))
+        pixels = bytearray(pygame.image.tobytes(picture, "RGB"))
+        return np.frombuffer(pixels, dtype=np.uint8).reshape(self.size[1], self.size[0], 3)

@@ -1,0 +1,100 @@
+"""Drawing primitives on a pygame surface, in its pixels. Import only once pygame is known to be there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pygame
+
+Colour = tuple[int, ...]
+
+
+def wedge(outline: np.ndarray) -> np.ndarray:
+    """Heading mark (3, 2) of a part with ``outline``, in its frame."""
+    reach, half = outline[:, 0].max(), 0.2 * np.abs(outline).max()
+    return np.array([[0.84 * reach, 0.0], [0.2 * reach, half], [0.2 * reach, -half]])
+
+
+def arrow_outlines(tails: np.ndarray, vectors: np.ndarray, thickness: float) -> np.ndarray:
+    """Outlines (n, 7, 2) of arrows from ``tails`` (n, 2) along ``vectors`` (n, 2), shaft ``thickness`` wide at most.
+
+    Short arrows are thinner too, so that they keep their shape.
+    """
+    length = np.hypot(vectors[:, 0], vectors[:, 1])
+    along = vectors / length[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    shaft = 0.5 * np.minimum(thickness, 0.22 * length)
+    head_width, head = 2.7 * shaft, np.minimum(4.2 * shaft, 0.7 * length)
+    neck = length - head
+    profile = [(0.0, shaft), (neck, shaft), (neck, head_width), (length, 0.0)]
+    profile += [(neck, -head_width), (neck, -shaft), (0.0, -shaft)]
+    corners = [along * np.reshape(x, (-1, 1)) + across * np.reshape(y, (-1, 1)) for x, y in profile]
+    return tails[:, None, :] + np.stack(corners, axis=1)
+
+
+def stroke(surface: pygame.Surface, points: np.ndarray, width: float, colour: Colour, closed: bool = False) -> None:
+    """Draw a line of any ``width`` with round joints and ends through ``points`` (n, 2)."""
+    following = np.roll(points, -1, axis=0) if closed else points[1:]
+    for start, end in zip(points, following, strict=False):
+        segment(surface, start, end, width, colour)
+
+
+def segment(surface: pygame.Surface, start: np.ndarray, end: np.ndarray, width: float, colour: Colour) -> None:
+    """Draw one straight line with round ends; pygame cuts the ends of its wide lines along the axes."""
+    step = end - start
+    length = float(np.hypot(step[0], step[1]))
+    if length > 0.0:
+        side = np.array([-step[1], step[0]]) * (0.5 * width / length)
+        pygame.draw.polygon(surface, colour, [start + side, end + side, end - side, start - side])
+    for point in (start, end):
+        pygame.draw.circle(surface, colour, point, 0.5 * width)
+
+
+def dashes(points: np.ndarray, length: float) -> list[np.ndarray]:
+    """Cut the closed line through ``points`` (n, 2) into dashes of about ``length`` with equal gaps, each (k, 2)."""
+    loop = np.vstack([points, points[:1]])
+    distance = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(loop, axis=0).T))])
+    count = max(4, round(distance[-1] / (2.0 * length)))
+    pieces = []
+    for start in np.arange(count) * (distance[-1] / count):
+        end = start + 0.5 * distance[-1] / count
+        inner = distance[(distance > start) & (distance < end)]
+        at = np.concatenate([[start], inner, [end]])
+        pieces.append(np.stack([np.interp(at, distance, loop[:, k]) for k in (0, 1)], axis=1))
+    return pieces
+
+
+def circle_points(centre: np.ndarray, radius: float, corners: int = 96) -> np.ndarray:
+    """Points (corners, 2) of a circle."""
+    angle = np.arange(corners) * (2.0 * np.pi / corners)
+    return centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def polygon_within(surface: pygame.Surface, points: np.ndarray, window: np.ndarray, colour: Colour) -> None:
+    """Fill the part of a polygon (n, 2) that lies inside another, ``window`` (m, 2)."""
+    inner = pygame.Surface(surface.get_size(), pygame.SRCALPHA, 32)
+    pygame.draw.polygon(inner, colour, points)
+    mask = pygame.Surface(surface.get_size(), pygame.SRCALPHA, 32)
+    pygame.draw.polygon(mask, (255, 255, 255, 255), window)
+    inner.blit(mask, (0, 0), special_flags=pygame.BLEND_RGBA_MULT)
+    surface.blit(inner, (0, 0))
+
+
+def blend(
+    target: pygame.Surface,
+    points: np.ndarray,
+    padding: float,
+    draw: Callable[[pygame.Surface, np.ndarray], None],
+) -> None:
+    """Let ``draw`` paint transparent colours on a layer around ``points`` (n, 2), then lay it over ``target``.
+
+    ``draw`` gets the layer and the layer's origin in ``target``. Does nothing where the layer would miss the target.
+    """
+    low = np.maximum(np.floor(points.min(axis=0) - padding), 0.0)
+    high = np.minimum(np.ceil(points.max(axis=0) + padding), target.get_size())
+    if not (low < high).all():
+        return
+    layer = pygame.Surface((high - low).astype(int).tolist(), pygame.SRCALPHA, 32)
+    draw(layer, low)
+    target.blit(layer, low.astype(int).tolist())

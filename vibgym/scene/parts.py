@@ -1,0 +1,153 @@
+"""Flat parts: outline, friction, mass."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.planar import Body
+from vibgym.scene import outlines
+
+STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A rigid part of uniform density that lies flat on the surface.
+
+    Build one with :meth:`rectangle`, :meth:`disc` or :meth:`polygon`. Its pose is that of the centre of mass.
+
+    Attributes:
+        outline: (n, 2) m, contact area about the centre of mass, counter-clockwise.
+        friction: coefficient of sliding friction between part and surface.
+        static_friction: coefficient of static friction, at least ``friction``.
+        area: m^2.  gyration: planar inertia over mass, m^2.  radius: of the smallest circle about the centre of mass, m.
+        symmetry: turns by ``2 pi / symmetry`` map the part onto itself; 0 for a disc, whose heading shows nowhere.
+        height: m.  mass: kg (of steel, if not given; sliding does not depend on it).
+        restitution, contact_friction: of contacts with other parts and walls.
+    """
+
+    outline: np.ndarray
+    friction: float
+    static_friction: float
+    area: float
+    gyration: float
+    radius: float
+    symmetry: int
+    height: float
+    mass: float
+    name: str
+    restitution: float
+    contact_friction: float
+
+    @classmethod
+    def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
+        """A block ``length`` (along its own x) by ``width``, m. Keyword arguments as for :meth:`polygon`."""
+        a = checks.number("length", length, above=0.0, least=1e-9, most=1e9) / 2
+        b = checks.number("width", width, above=0.0, least=1e-9, most=1e9) / 2
+        properties.setdefault("name", "rectangle")
+        return cls.polygon([[-a, -b], [a, -b], [a, b], [-a, b]], friction=friction, **properties)
+
+    @classmethod
+    def disc(cls, radius: float, *, friction: float, **properties: Any) -> Part:
+        """A disc of ``radius`` m. Keyword arguments as for :meth:`polygon`."""
+        radius = checks.number("radius", radius, above=0.0, least=1e-9, most=1e9)
+        properties.setdefault("name", "disc")
+        return cls._build(
+            outlines.disc_outline(radius), math.pi * radius**2, 0.5 * radius**2, 0, friction, **properties
+        )
+
+    @classmethod
+    def polygon(cls, vertices: Any, *, friction: float, **properties: Any) -> Part:
+        """A part with a simple polygonal outline, convex or not, given about any origin and in either sense.
+
+        Args:
+            vertices: (n, 2), m.
+            friction: coefficient of sliding friction, >= 0.
+            **properties: ``static_friction`` (default: equal to ``friction``), ``height`` (m, default 10 mm), ``mass``
+                (kg, default: of steel), ``name``, ``restitution`` (0 to 1, default 0.2), ``contact_friction``
+                (default 0.3).
+
+        Raises:
+            ValueError: an outline that crosses itself, or a value out of its range.
+        """
+        outline = outlines.simple_outline(vertices)
+        properties.setdefault("name", "polygon")
+        return cls._build(
+            outline,
+            outlines.signed_area(outline),
+            outlines.gyration(outline),
+            outlines.symmetry_order(outline),
+            friction,
+            **properties,
+        )
+
+    @classmethod
+    def _build(
+        cls,
+        outline: np.ndarray,
+        area: float,
+        gyration: float,
+        symmetry: int,
+        friction: float,
+        *,
+        name: str,
+        static_friction: float | None = None,
+        height: float = 0.010,
+        mass: float | None = None,
+        restitution: float = 0.2,
+        contact_friction: float = 0.3,
+    ) -> Part:
+        friction = checks.number("friction", friction, least=0.0)
+        if static_friction is None:
+            static_friction = friction
+        static_friction = checks.number("static_friction", static_friction, least=friction)
+        height = checks.number("height", height, above=0.0)
+        mass = STEEL_DENSITY * area * height if mass is None else checks.number("mass", mass, above=0.0)
+        if not isinstance(name, str) or not name:
+            raise checks.refuse("name", name, "a non-empty string")
+        outline.setflags(write=False)
+        return cls(
+            outline=outline,
+            friction=friction,
+            static_friction=static_friction,
+            area=area,
+            gyration=gyration,
+            radius=float(np.hypot(*outline.T).max()),
+            symmetry=symmetry,
+            height=height,
+            mass=mass,
+            name=name,
+            restitution=checks.number("restitution", restitution, least=0.0, most=1.0),
+            contact_friction=checks.number("contact_friction", contact_friction, least=0.0),
+        )
+
+    def body(self) -> Body:
+        """The part as the kernels take it."""
+        return Body(
+            np.array(self.outline),
+            self.area,
+            self.radius,
+            self.gyration,
+            self.friction,
+            self.static_friction,
+            outlines.is_convex(self.outline),
+            self.symmetry != 0,
+        )
+
+
+SHIPPED: dict[str, dict[str, Any]] = {
+    "steel_block": {"length": 0.050, "width": 0.040, "height": 0.004, "friction": 0.64},
+    "aluminium_block": {"length": 0.050, "width": 0.035, "height": 0.020, "friction": 0.58, "mass": 0.0945},
+}
+"""The two parts of the thesis's experiments (section 7.1), both on a fluoropolymer foil."""
+
+
+def shipped_part(name: str) -> Part:
+    """One of the shipped parts by name."""
+    checks.choice("part", name, tuple(SHIPPED))
+    return Part.rectangle(**SHIPPED[name], name=name)

@@ -1,0 +1,214 @@
+"""The simulator: many independent worlds of one surface, each with its part, advanced together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.drive import PolarDrive
+from vibgym.physics.planar import Scheme, State, advance_worlds
+from vibgym.scene import workers
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+MODELS = ("planar",)
+
+
+class Simulator:
+    """Worlds of one surface and its parts, in sliding contact, resolved in time.
+
+    Args:
+        surface: the table.
+        parts: the parts of every world; one for now.
+        worlds: number of independent worlds. Results never depend on it, nor on order or threads.
+        model: ``"planar"``: flat contact, sliding only. Where sticking would start, :attr:`sticking` says so.
+        steps: times per period that the contact area is cut by the element grid; its error is of second order.
+        substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order.
+        pieces: cells per element and direction into which the contact area is cut; ``"auto"`` uses one, and more where
+            the part spins so fast that slip varies strongly across an element.
+        threads: None uses all processors of this process.
+
+    Raises:
+        ValueError: a bad argument; nothing has been built.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Part | Sequence[Part],
+        *,
+        worlds: int = 1,
+        model: str = "planar",
+        steps: int = 6,
+        substeps: int = 3,
+        pieces: int | str = "auto",
+        threads: int | None = None,
+    ) -> None:
+        if not isinstance(surface, Surface):
+            raise checks.refuse("surface", surface, "a vibgym.Surface")
+        parts = (parts,) if isinstance(parts, Part) else parts
+        if not isinstance(parts, Sequence) or not all(isinstance(part, Part) for part in parts):
+            raise checks.refuse("parts", parts, "a vibgym.Part or a list with one")
+        if len(parts) != 1:
+            raise checks.refuse("parts", f"{len(parts)} parts", "exactly one part per world (contacts come later)")
+        checks.choice("model", model, MODELS)
+        self.surface = surface
+        self.parts = tuple(parts)
+        self.worlds = checks.count("worlds", worlds)
+        self.model = model
+        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
+        steps, substeps = checks.count("steps", steps), checks.count("substeps", substeps)
+        pieces = (
+            0 if isinstance(pieces, str) and pieces == "auto" else checks.count("pieces (or 'auto')", pieces, most=64)
+        )
+        phase = np.arange(2 * steps * substeps + 1) * (math.pi / (steps * substeps))
+        self._scheme = Scheme(steps, substeps, pieces, np.cos(phase), np.sin(phase))
+        self._table = surface.table()
+        self._body = self.parts[0].body()
+        shape = (self.worlds, len(self.parts), 3)
+        self._state = State(
+            pose=np.tile([0.5 * surface.width, 0.5 * surface.height, 0.0], (self.worlds, len(self.parts), 1)),
+            velocity=np.zeros(shape),
+            mean_velocity=np.zeros(shape),
+            fallen=np.zeros(shape[:2], dtype=bool),
+            sticking=np.zeros(shape[:2], dtype=bool),
+            diverged=np.zeros(self.worlds, dtype=bool),
+        )
+        self._periods = 0
+
+    def reset(self, pose: Any, velocity: Any = None) -> None:
+        """Put the parts down and set time to 0.
+
+        Args:
+            pose: broadcastable to (worlds, parts, 3): x and y (m) of the centre of mass, heading (rad).
+            velocity: like ``pose``, m/s and rad/s, in the world frame; None is at rest.
+
+        Raises:
+            ValueError: a number is not finite, a shape does not fit, or a centre of mass is off the surface.
+        """
+        shape = self._state.pose.shape
+        pose = checks.array("pose", pose, shape)
+        velocity = checks.array("velocity", 0.0 if velocity is None else velocity, shape)
+        surface = self.surface
+        off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.height)
+        if off.any():
+            bad = pose[off][0].tolist()
+            raise checks.refuse(
+                "pose", bad, f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.height:g}]"
+            )
+        self.place(slice(None), pose, velocity, velocity)
+        self._periods = 0
+
+    def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any) -> None:
+        """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on."""
+        state = self._state
+        state.pose[worlds], state.velocity[worlds], state.mean_velocity[worlds] = pose, velocity, mean_velocity
+        state.fallen[worlds], state.sticking[worlds], state.diverged[worlds] = False, False, False
+
+    def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
+        """Advance by whole periods with the elements' motion held.
+
+        Args:
+            amplitude: a_v of every element, broadcastable to (worlds, rows, columns), m, in [0, max_amplitude].
+            phase: alpha of every element, likewise, rad.
+            periods: number of periods, at least 1.
+
+        Raises:
+            ValueError: a bad argument; nothing has moved.
+        """
+        surface = self.surface
+        shape = (self.worlds, surface.rows, surface.columns)
+        amplitude = checks.array("amplitude", amplitude, shape, least=0.0, most=_limit(surface))
+        phase = checks.array("phase", phase, shape)
+        self.run(
+            PolarDrive(np.ascontiguousarray(amplitude), np.ascontiguousarray(phase), surface.angular_frequency), periods
+        )
+
+    def run(self, drive: Any, periods: int = 1) -> None:
+        """Advance under a drive of :mod:`vibgym.physics.drive` whose numbers have been checked."""
+        periods = checks.count("periods", periods)
+        table, body, scheme, state = self._table, self._body, self._scheme, self._state
+
+        def work(start: int, stop: int) -> None:
+            advance_worlds(start, stop, drive, table, body, scheme, state, periods)
+
+        workers.share(work, self.worlds, self._threads)
+        self._periods += periods
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(worlds, parts, 3) x, y (m) and heading (rad, not wrapped) at the current instant; a copy."""
+        return self._state.pose.copy()
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(worlds, parts, 3) at the current instant, m/s and rad/s; a copy. It is not the mean velocity."""
+        return self._state.velocity.copy()
+
+    @property
+    def mean_velocity(self) -> np.ndarray:
+        """(worlds, parts, 3) mean over the last period, m/s and rad/s; before the first, the starting velocity."""
+        return self._state.mean_velocity.copy()
+
+    @property
+    def fallen(self) -> np.ndarray:
+        """(worlds, parts) whether the part's centre of mass has left its support; it then rests where that was seen."""
+        return self._state.fallen.copy()
+
+    @property
+    def sticking(self) -> np.ndarray:
+        """(worlds, parts) whether sticking would have started since the reset, which this model does not cover."""
+        return self._state.sticking.copy()
+
+    @property
+    def diverged(self) -> np.ndarray:
+        """(worlds,) whether a number stopped being finite; the world then keeps its last sound state."""
+        return self._state.diverged.copy()
+
+    @property
+    def time(self) -> float:
+        """Time since the reset, s."""
+        return self._periods / self.surface.frequency
+
+    @property
+    def state(self) -> State:
+        """The live arrays, for those who drive the simulator every step; do not keep or change them."""
+        return self._state
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit."""
+        return {**{name: values.copy() for name, values in self._state._asdict().items()}, "periods": self._periods}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave, on a simulator with the same worlds and parts.
+
+        Raises:
+            ValueError: a key is missing or unknown, or a value has the wrong shape or is not finite.
+        """
+        names = (*State._fields, "periods")
+        if not isinstance(state, Mapping) or set(state) != set(names):
+            got = sorted(map(str, state)) if isinstance(state, Mapping) else state
+            raise checks.refuse("state", got, f"a mapping with exactly the keys {', '.join(names)}")
+        values = {}
+        for name, mine in self._state._asdict().items():
+            try:
+                value = np.asarray(state[name])
+            except ValueError:
+                raise checks.refuse(f"state[{name!r}]", state[name], f"an array of shape {mine.shape}") from None
+            if value.shape != mine.shape:
+                raise checks.refuse(f"state[{name!r}]", f"array of shape {value.shape}", f"shape {mine.shape}")
+            values[name] = checks.array(f"state[{name!r}]", value, mine.shape, dtype=mine.dtype)
+        periods = checks.count("state['periods']", state["periods"], least=0)
+        for name, mine in self._state._asdict().items():
+            mine[...] = values[name]
+        self._periods = periods
+
+
+def _limit(surface: Surface) -> float:
+    """Largest allowed amplitude; a little rounding room, so that values computed from the limit pass."""
+    assert surface.max_amplitude is not None
+    return surface.max_amplitude * (1.0 + 1e-12)

@@ -1,0 +1,133 @@
+"""The segmented surface: its elements, its shared horizontal motion, its limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.planar import Table
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A table of ``rows x columns`` square elements on one fast horizontal circular motion.
+
+    The origin is a corner of the surface, x runs along columns, y along rows, z up. All elements move horizontally by
+    ``a_h (cos wt, sin wt)``; element (i, j) covers ``[j L, (j+1) L] x [i L, (i+1) L]`` and moves vertically by
+    ``a_v cos(wt + alpha)`` with its own ``a_v`` and ``alpha``. Defaults are the prototype of P. Frei's thesis (2002).
+
+    Args:
+        rows, columns: number of elements along y and x.
+        element_size: edge length L of an element, m.
+        horizontal_amplitude: radius a_h of the horizontal motion, m; 0 is a still table.
+        frequency: of the motion, Hz.
+        gravity: m/s^2.
+        max_amplitude: largest vertical amplitude a_v, m; None is the lift-off limit ``g / w^2``, above which a part would
+            leave the surface.
+
+    Raises:
+        ValueError: a value is not finite or out of its range.
+    """
+
+    rows: int = 8
+    columns: int = 32
+    element_size: float = 0.026
+    horizontal_amplitude: float = 2.7e-3
+    frequency: float = 25.0
+    gravity: float = 9.81
+    max_amplitude: float | None = None
+
+    def __post_init__(self) -> None:
+        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 - the class is frozen
+        put("rows", checks.count("rows", self.rows))
+        put("columns", checks.count("columns", self.columns))
+        for name in ("element_size", "frequency", "gravity"):
+            put(name, checks.number(name, getattr(self, name), above=0.0, least=1e-9, most=1e9))
+        put(
+            "horizontal_amplitude",
+            checks.number("horizontal_amplitude", self.horizontal_amplitude, least=0.0, most=1e9),
+        )
+        limit = self.lift_off_amplitude
+        if self.max_amplitude is None:
+            put("max_amplitude", limit)
+        else:
+            put("max_amplitude", checks.number("max_amplitude", self.max_amplitude, least=0.0, most=limit))
+
+    @property
+    def angular_frequency(self) -> float:
+        """w = 2 pi f, rad/s."""
+        return 2.0 * math.pi * self.frequency
+
+    @property
+    def period(self) -> float:
+        """Duration of one oscillation, s."""
+        return 1.0 / self.frequency
+
+    @property
+    def lift_off_amplitude(self) -> float:
+        """Vertical amplitude ``g / w^2`` at which the contact force first vanishes, m."""
+        return self.gravity / self.angular_frequency**2
+
+    @property
+    def width(self) -> float:
+        """Extent along x, m."""
+        return self.columns * self.element_size
+
+    @property
+    def height(self) -> float:
+        """Extent along y, m."""
+        return self.rows * self.element_size
+
+    @property
+    def table_speed(self) -> float:
+        """Speed ``a_h w`` of the horizontal motion, m/s."""
+        return self.horizontal_amplitude * self.angular_frequency
+
+    @property
+    def full_scale(self) -> float:
+        """Vertical acceleration ``a_v w^2`` at the largest amplitude, m/s^2."""
+        assert self.max_amplitude is not None  # set on construction
+        return self.max_amplitude * self.angular_frequency**2
+
+    def slides_permanently(self, friction: float) -> bool:
+        """Whether a part of this (static) friction coefficient always slides, whatever the elements do.
+
+        True if ``a_h w^2 > mu (g + a_v w^2)`` at the largest amplitude (thesis eqs. 3.17 to 3.23).
+        """
+        friction = checks.number("friction", friction, least=0.0)
+        return self.horizontal_amplitude * self.angular_frequency**2 > friction * (self.gravity + self.full_scale)
+
+    def idle_velocity(self, friction: float) -> np.ndarray:
+        """Velocity (x, y) at the start of a period of a part that slides in place on elements at rest, m/s.
+
+        The part circles with radius ``a_o = mu g / w^2`` and lags the table by ``arccos(a_o / a_h)`` (thesis eq. 3.30);
+        without permanent sliding it moves with the table.
+        """
+        friction = checks.number("friction", friction, least=0.0)
+        w = self.angular_frequency
+        radius = friction * self.gravity / w**2
+        if radius >= self.horizontal_amplitude:
+            return np.array([0.0, self.table_speed])
+        lag = math.acos(radius / self.horizontal_amplitude)
+        return radius * w * np.array([math.sin(lag), math.cos(lag)])
+
+    def element_centres(self) -> tuple[np.ndarray, np.ndarray]:
+        """x and y of every element's centre, each (rows, columns), m."""
+        x = (np.arange(self.columns) + 0.5) * self.element_size
+        y = (np.arange(self.rows) + 0.5) * self.element_size
+        return np.meshgrid(x, y)
+
+    def table(self) -> Table:
+        """The surface as the kernels take it."""
+        return Table(
+            self.rows,
+            self.columns,
+            self.element_size,
+            self.gravity,
+            self.period,
+            self.horizontal_amplitude,
+            self.table_speed,
+        )

@@ -1,0 +1,26 @@
+"""Rotate: turn the part in place."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibgym.tasks.pose import PoseTask
+
+
+class Rotate(PoseTask):
+    """Turn by a signed angle up to a full turn, ending within 5 mm of the start and 2 degrees of the unwrapped angle."""
+
+    position_tolerance = 0.005
+    heading_tolerance = math.radians(2.0)
+    draws = 4
+
+    def heading_period(self) -> float:
+        return 0.0  # a full turn is not the same as none
+
+    def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        heading = 2.0 * math.pi * uniform[:, 2] - math.pi
+        start = np.column_stack([self.somewhere(uniform[:, 0:2]), heading])
+        turn = 4.0 * math.pi * uniform[:, 3] - 2.0 * math.pi
+        return start, start + np.column_stack([np.zeros((len(turn), 2)), turn])
