@@ -157,4 +157,5 @@ def part_from(value: Any, where: str = "parts") -> Part:
     for other in {"length", "width", "radius", "vertices"} - set(needed):
         if other in settings:
             raise checks.refuse(f"{where}.{other}", settings[other], f"not a field of shape {shape!r}")
-    return getattr(Part, shape)(*(settings.pop(name) for name in needed), **settings)
+    sizes = [settings.pop(name) for name in needed]
+    return getattr(Part, shape)(*sizes, **settings)

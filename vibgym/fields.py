@@ -54,6 +54,8 @@ class Field:
         return Field(push)
 
     def __mul__(self, strength: Any) -> Field:
+        _finite(strength=strength)
+
         def push(x: np.ndarray, y: np.ndarray) -> Push:
             ax, ay = self.push(x, y)
             return strength * ax, strength * ay
@@ -65,6 +67,7 @@ class Field:
     def around(self, x: Any, y: Any, radius: float) -> Field:
         """The same field on elements whose centres lie within ``radius`` (m) of ``(x, y)``; all others at rest."""
         radius = checks.number("radius", radius, above=0.0)
+        _finite(x=x, y=y)
 
         def push(at_x: np.ndarray, at_y: np.ndarray) -> Push:
             near = (at_x - x) ** 2 + (at_y - y) ** 2 <= radius**2
@@ -99,7 +102,11 @@ class Field:
 
 def _finite(**values: Any) -> None:
     for name, value in values.items():
-        checks.array(name, value, np.shape(value))
+        try:
+            shape = np.shape(value)
+        except ValueError:  # rows of different lengths
+            shape = ()
+        checks.array(name, value, shape)
 
 
 def uniform(direction: Any, strength: Any = 1.0) -> Field:

@@ -153,7 +153,9 @@ def run(
             # A finished world is reset by the next step, so its first observation is seen by the prediction after that.
             start, resetting = resetting, terminated | truncated
     env.close()
-    film = Film(seeds[watched], np.array(film_poses), np.array(film_phasors), goals[watched], bool(record["success"][watched]))
+    film = Film(
+        seeds[watched], np.array(film_poses), np.array(film_phasors), goals[watched], bool(record["success"][watched])
+    )
     return Rollout(
         task=task,
         seeds=tuple(seeds),

@@ -17,6 +17,7 @@ DEFAULT_FIRST_SEED = 100_000
 ENVIRONMENT_KEYS = ("surface", "parts", "model", "actuators", "sensor", "randomize", "periods_per_step")
 """What an evaluation may set of the environment: action and observation belong to each policy."""
 
+
 class EvaluationSettings(Settings):
     """An evaluation of every policy on every task, all on the same seeds.
 

@@ -7,7 +7,7 @@ rates then get the exact (Clopper-Pearson) interval of a binomial proportion, ot
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -25,6 +25,10 @@ class Interval:
     low: float
     high: float
     method: str
+
+    def negative(self) -> Interval:
+        """The interval of the negative quantity."""
+        return Interval(-self.high, -self.low, self.method)
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,19 @@ class Comparison:
     time_difference: float  # s, mean over those; nan if there are none
     time_interval: Interval | None  # None if there are fewer than two, or all differences are equal
 
+    def turned(self) -> Comparison:
+        """The same comparison with the policies in the other order."""
+        time = self.time_interval
+        return replace(
+            self,
+            first=self.second,
+            second=self.first,
+            success_difference=-self.success_difference,
+            success_interval=self.success_interval.negative(),
+            time_difference=-self.time_difference,
+            time_interval=None if time is None else time.negative(),
+        )
+
 
 def bootstrap(values: np.ndarray, level: float, resamples: int) -> Interval:
     """Interval of the mean of ``values`` (n,), which must not all be equal.
@@ -64,7 +81,7 @@ def bootstrap(values: np.ndarray, level: float, resamples: int) -> Interval:
             n_resamples=resamples,
             batch=1000,
             method=method,
-            random_state=np.random.default_rng(RNG_SEED),
+            rng=np.random.default_rng(RNG_SEED),
         )
         low, high = (float(each) for each in result.confidence_interval)
         if np.isfinite([low, high]).all():

@@ -80,5 +80,10 @@ def save_policy(path: Path, model: PPO, settings: TrainSettings, training: dict[
     for k, layer in enumerate([*linear, model.policy.action_net]):
         assert isinstance(layer, torch.nn.Linear)
         tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"] = _numpy(layer.weight), _numpy(layer.bias)
-    record = {"task": settings.task, "action": settings.environment.get("action", "element"), "training": training}
+    record = {
+        "task": settings.task,
+        "action": settings.environment.get("action", "element"),
+        "activation": settings.ppo.activation,
+        "training": training,
+    }
     save_set(path, POLICY_KIND, tensors, record)

@@ -23,6 +23,7 @@ class PPOSettings(Settings):
     clip_range: float = Field(0.2, gt=0)
     ent_coef: float = Field(0.0, ge=0)
     log_std_init: float = -0.5
+    activation: Literal["tanh", "relu"] = "tanh"
     net: list[int] = Field([128, 128], min_length=1)
 
 

@@ -64,13 +64,13 @@ def load_set(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, An
         record = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise checks.refuse("path", name, f"a readable {kind} file ({error.strerror})") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise checks.refuse(name, f"not JSON ({error})", f"a {kind} file") from None
     if not isinstance(record, dict) or record.get("format") != kind or record.get("version") != 1:
         got = {key: record.get(key) for key in ("format", "version")} if isinstance(record, dict) else type(record)
         raise checks.refuse(name, got, f"format {kind!r}, version 1")
     file = record.get("tensors")
-    if not isinstance(file, str) or Path(file).name != file or not file.endswith(".safetensors"):
+    if not isinstance(file, str) or Path(file).name != file or not file.endswith(".safetensors") or "\0" in file:
         raise checks.refuse(f"{name}: tensors", file, "the name of a safetensors file beside it")
     try:
         data = path.with_name(file).read_bytes()

@@ -20,6 +20,8 @@ from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.settings import TrainSettings, load_settings
 from vibgym.envs import VibgymVectorEnv
 
+ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
+
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The batch of worlds that a run trains on."""
@@ -53,7 +55,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PPO:
         ent_coef=ppo.ent_coef,
         policy_kwargs={
             "net_arch": list(ppo.net),
-            "activation_fn": torch.nn.Tanh,
+            "activation_fn": ACTIVATIONS[ppo.activation],
             "log_std_init": ppo.log_std_init,
         },
         seed=settings.seed,
@@ -138,7 +140,7 @@ def train(config: Path, output: Path | None = None, quiet: bool = False) -> Path
         progress.bar.close()
         model.logger.close()
         env.close()
-    progress.save()
+    checkpoint.save(directory, model, settings, progress.seconds)
     training = {
         "algorithm": "PPO (Stable-Baselines3)",
         "settings": settings.model_dump(mode="json"),

@@ -1,7 +1,8 @@
-"""A trained policy: a small tanh network in NumPy, loaded from safetensors and JSON."""
+"""A trained policy: a small network in NumPy, loaded from safetensors and JSON."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,22 @@ from vibgym.envs.observations import STATE_SIZE
 KIND = "vibgym-policy"
 
 
+def _relu(x: np.ndarray) -> np.ndarray:
+    return np.maximum(x, 0.0, dtype=np.float32)
+
+
+ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {"tanh": np.tanh, "relu": _relu}
+
+
 class TrainedPolicy:
-    """Mean action of a Gaussian policy: tanh layers, then a linear one. float32 throughout.
+    """Mean action of a Gaussian policy: hidden layers, then a linear one. float32 throughout.
 
     Args:
         layers: (weight (out, in), bias (out,)) of each layer.
         shape: shape of one action.
         log_std: (size,) logarithm of the exploration's standard deviation.
         action: the environment's ``action=``.
+        activation: of the hidden layers, ``"tanh"`` or ``"relu"``.
         seed: of the exploration.
     """
 
@@ -35,8 +44,10 @@ class TrainedPolicy:
         shape: tuple[int, ...],
         log_std: np.ndarray,
         action: str,
+        activation: str = "tanh",
         seed: int = 0,
     ) -> None:
+        self.activation = ACTIVATIONS[activation]
         self.layers = [(weight.T.copy(), bias) for weight, bias in layers]
         self.shape, self.action = shape, action
         self.std = np.exp(log_std)
@@ -51,7 +62,7 @@ class TrainedPolicy:
             raise checks.refuse("observation", f"array of shape {x.shape}", f"shape (..., {STATE_SIZE})")
         lead = x.shape[:-1]
         for weight, bias in self.layers[:-1]:
-            x = np.tanh(x @ weight + bias)
+            x = self.activation(x @ weight + bias)
         weight, bias = self.layers[-1]
         x = x @ weight + bias
         if not deterministic:
@@ -70,6 +81,7 @@ def load_trained(path: Path, situation: Situation) -> TrainedPolicy:
     if record.get("task") != situation.task:
         raise checks.refuse(f"{name}: task", record.get("task"), f"{situation.task!r}")
     kind = checks.choice(f"{name}: action", record.get("action"), tuple(ACTIONS))
+    activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
     shape = ACTIONS[kind](situation.surface, situation.part).shape
     size = int(np.prod(shape))
     layers: list[tuple[np.ndarray, np.ndarray]] = []
@@ -88,4 +100,4 @@ def load_trained(path: Path, situation: Situation) -> TrainedPolicy:
         raise checks.refuse(f"{name}: layers", f"{len(layers)} layers, {width} outputs", f"{size} outputs and log_std")
     if not all(np.isfinite(values).all() for values in tensors.values()):
         raise checks.refuse(f"{name}: tensors", "NaN or infinity", "finite numbers")
-    return TrainedPolicy(layers, shape, log_std.astype(np.float32), kind)
+    return TrainedPolicy(layers, shape, log_std.astype(np.float32), kind, activation)

@@ -85,10 +85,10 @@ def test_second_order_in_steps_across_edges(name):
 @pytest.mark.parametrize("spin", [0.0, 5.0, 30.0])
 @pytest.mark.parametrize("name", PARTS)
 def test_against_point_sampling(name, spin):
-    surface, part, worlds, periods, n = Surface(), PARTS[name], 4, 6, 128
+    surface, part, worlds, periods, n = Surface(), PARTS[name], 4, 6, 192
     given = scene(surface, worlds, 3, spin, 0.075)
     pose, velocity, amplitude, phase = given
-    points = reference.strew_disc(part.radius, n) if name == "disc" else reference.strew(part.outline, n)
+    points = reference.strew_disc(0.022, n) if name == "disc" else reference.strew(part.outline, n)
 
     def sample(k):
         return reference.simulate(
@@ -101,9 +101,19 @@ def test_against_point_sampling(name, spin):
 
     def errors(**scheme):
         difference = run(surface, part, given, periods, **scheme).pose[:, 0] - sampled
-        return np.hypot(*difference[:, :2].T), np.degrees(np.abs(difference[:, 2]))
+        return 1e3 * np.hypot(*difference[:, :2].T).max(), np.degrees(np.abs(difference[:, 2])).max()
 
-    print(name, spin, *[f"{e.max():.2e}" for e in (*errors(), *errors(steps=32, substeps=2, pieces=6))])
+    # Converged: what is left is the sampler's, whose 37 000 points cross edges one by one. Measured over all cases: 0.004 mm
+    # and 0.015 deg, falling with the number of points (64 x 64: 0.06 mm, 0.2 deg).
+    position, heading = errors(steps=64, substeps=2, pieces=10)
+    assert position < 0.01 and heading < 0.03
+    # Default settings: the project's targets for the median, 0.05 mm and 0.1 deg, hold for every case here; at 30 rad/s slip
+    # changes sign under the part, and the automatic cells leave 0.09 mm, and 0.33 deg of the 200 deg it turns.
+    position, heading = errors()
+    assert position < (0.15 if spin > 5 else 0.05)
+    assert heading < (0.5 if spin > 5 else 0.1)
+    turned = np.degrees(np.abs(sampled[:, 2] - pose[:, 0, 2]))
+    assert spin == 0 or (turned.max() > 15 and np.hypot(*(sampled - pose[:, 0])[:, :2].T).max() > 0.003)
 
 
 def test_the_sampler_itself():

@@ -137,5 +137,7 @@ def test_fields_add_up(strengths):
 
 def test_readers_agree_with_the_python_side():
     drive = PhasorDrive(actions(5), FULL)
-    one_by_one = [[[element_phasor(drive, w, i, j) for j in range(COLUMNS)] for i in range(ROWS)] for w in range(WORLDS)]
+    one_by_one = [
+        [[element_phasor(drive, w, i, j) for j in range(COLUMNS)] for i in range(ROWS)] for w in range(WORLDS)
+    ]
     assert np.allclose(read(drive), one_by_one, rtol=0, atol=1e-14)

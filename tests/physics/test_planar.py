@@ -35,7 +35,9 @@ def random_fields(surface, worlds, seed):
 # -- moving table ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("friction, speed, direction", [(0.3, 0.30485, 4.96), (0.6, 0.30438, 9.93), (0.9, 0.30359, 14.94)])
+@pytest.mark.parametrize(
+    "friction, speed, direction", [(0.3, 0.30485, 4.96), (0.6, 0.30438, 9.93), (0.9, 0.30359, 14.94)]
+)
 def test_steady_velocity_at_default_settings(friction, speed, direction):
     simulator = run(
         WIDE, Part.rectangle(*BLOCK, friction=friction), [0.3, 0.3, 0.4],
@@ -80,7 +82,9 @@ def test_translation_by_whole_elements_changes_nothing():
     amplitude[:, :, -8:] = amplitude[:, 0:1, -8:]
     pose = np.random.default_rng(3).uniform([0.2, 0.08, -3], [0.4, 0.10, 3], (worlds, 3))
     velocity = [0.0, 0.0, 5.0]
-    first = run(surface, part, pose, velocity=np.tile(velocity, (worlds, 1)), amplitude=amplitude, phase=phase, periods=20)
+    first = run(
+        surface, part, pose, velocity=np.tile(velocity, (worlds, 1)), amplitude=amplitude, phase=phase, periods=20
+    )
     rows, columns = 1, 7
     size = surface.element_size
     shifted = run(
@@ -151,7 +155,9 @@ def test_limit_of_the_velocity_ratio(friction):
         amplitude=ONE.max_amplitude, phase=1.5 * math.pi, periods=12000, steps=1, substeps=36,
     )  # fmt: skip
     ratio = np.hypot(*simulator.mean_velocity[0, 0, :2]) / ONE.table_speed
-    assert ratio == pytest.approx(0.71917, abs=2e-5)  # known to five digits; the next order is (mu g / a_h w^2)^2 = 1e-5
+    assert ratio == pytest.approx(
+        0.71917, abs=2e-5
+    )  # known to five digits; the next order is (mu g / a_h w^2)^2 = 1e-5
 
 
 def test_independence_of_mass():
@@ -254,9 +260,7 @@ def test_table_frame_work_of_friction_is_never_positive(seed, slip_x, slip_y, sp
     x, y = rng.uniform(-0.05, 0.05, (2, n))
     size, alpha = rng.uniform(0, G, n), rng.uniform(0, 6.3, n)
     c, s = size * np.cos(alpha), size * np.sin(alpha)
-    fx, fy, torque = sliding_wrench(
-        weight, x, y, c, s, n, G, math.cos(angle), math.sin(angle), slip_x, slip_y, spin
-    )
+    fx, fy, torque = sliding_wrench(weight, x, y, c, s, n, G, math.cos(angle), math.sin(angle), slip_x, slip_y, spin)
     power = -(fx * slip_x + fy * slip_y) + torque * spin
     normal = G - c * math.cos(angle) + s * math.sin(angle)
     assert (normal >= -1e-12).all()

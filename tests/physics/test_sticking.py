@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Simulator, Surface
+from vibgym.physics.planar import would_stick
 
 G = 9.81
 OMEGA = 2 * math.pi * 25.0
+SUBSTEP = 0.04 / 18
 THRESHOLD = 0.6 * G / OMEGA**2  # m: horizontal amplitude at which a_h w^2 = mu g
 
 
@@ -34,11 +36,12 @@ def test_below_the_threshold_it_sticks_and_moves_with_the_table(fraction):
     assert np.abs(sim.velocity[0, 0] - on_the_table(surface)).max() < 1e-12
 
 
-@pytest.mark.parametrize("fraction", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize("fraction", [0.2, 0.5, 0.8, 0.9, 0.95])
 def test_below_the_threshold_it_is_caught_from_rest(fraction):
+    """Slip |u| falls by (1 - fraction) mu g per second at least, from a_h w = fraction mu g / w."""
     surface = Surface(horizontal_amplitude=fraction * THRESHOLD)
     sim = simulator(surface)
-    sim.advance(0.0, 0.0, 100)
+    sim.advance(0.0, 0.0, math.ceil(fraction / (1 - fraction) / OMEGA / surface.period))
     assert sim.sticking.all()
     assert np.abs(sim.velocity[0, 0] - on_the_table(surface)).max() < 1e-12
 
@@ -102,3 +105,50 @@ def test_stop_on_a_still_table_reports(velocity):
     assert not sim.sticking.any() and np.abs(sim.velocity).max() > 0  # friction takes mu g T = 0.24 m/s in a period
     sim.advance(0.0, 0.0, 5)
     assert sim.sticking.all() and (sim.velocity == 0).all()
+
+
+@pytest.mark.parametrize(
+    "fraction, along, slip, spin, sticks",
+    [
+        # Slip in units of mu g h, which friction takes in a substep. The table's own acceleration, ``fraction`` of mu g,
+        # takes slip along (cos wt, sin wt) away besides; slip the other way is not counted against sticking.
+        (0.9, 1, 0.0, 0.0, True),
+        (0.9, 1, 1.8, 0.0, True),
+        (0.9, 1, 2.0, 0.0, False),
+        (0.9, -1, 0.99, 0.0, True),
+        (0.9, -1, 1.01, 0.0, False),
+        (0.4, 1, 1.3, 0.0, True),
+        (0.4, 1, 1.5, 0.0, False),
+        (1.1, 1, 0.0, 0.0, True),  # held by static friction, 1.2 times as large
+        (1.1, -1, 0.5, 0.0, False),  # sliding friction cannot stop this one
+        (1.25, 1, 0.0, 0.0, False),  # nothing can hold it
+        # Spin in units of what friction on lever arms takes in a substep.
+        (0.9, 1, 0.0, 0.99, True),
+        (0.9, 1, 0.0, -1.01, False),
+    ],
+)
+def test_the_criterion(fraction, along, slip, spin, sticks):
+    surface = Surface(horizontal_amplitude=fraction * THRESHOLD)
+    body = Part.rectangle(0.05, 0.035, friction=0.6, static_friction=0.72).body()
+    h, angle = SUBSTEP, 0.8
+    points = np.array([[0.25] * 4, [0.012, -0.012, 0.012, -0.012], [0.01, 0.01, -0.01, -0.01]])
+    still = np.zeros(4)
+    brake = 0.6 * G * h
+    arm = math.hypot(0.012, 0.010)
+    c, s = math.cos(angle), math.sin(angle)
+    speed = along * slip * brake
+    got = would_stick(
+        surface.table(),
+        body,
+        h,
+        points,
+        still,
+        still,
+        4,
+        c,
+        s,
+        speed * c,
+        speed * s,
+        spin * brake * arm / body.gyration,
+    )
+    assert got == sticks

@@ -92,7 +92,9 @@ def test_rectangle():
 
 def test_disc():
     part = Part.disc(0.02, friction=0.6, static_friction=0.7, name="coin")
-    assert part.area == pytest.approx(math.pi * 0.02**2, rel=1e-15) and part.gyration == pytest.approx(0.02**2 / 2, rel=1e-15)
+    assert part.area == pytest.approx(math.pi * 0.02**2, rel=1e-15) and part.gyration == pytest.approx(
+        0.02**2 / 2, rel=1e-15
+    )
     assert outlines.signed_area(part.outline) == pytest.approx(part.area, rel=1e-12)
     assert np.abs(np.hypot(*part.outline.T) / 0.02 - 1).max() < 0.001
     middles = (part.outline + np.roll(part.outline, 1, axis=0)) / 2

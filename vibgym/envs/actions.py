@@ -35,17 +35,22 @@ class Action(ABC):
         """Box of one world."""
         return spaces.Box(-1.0, 1.0, self.shape, np.float32)
 
-    def check(self, action: Any, worlds: int) -> np.ndarray:
-        """The batch as contiguous float32 (worlds, *shape).
+    def check(self, action: Any, worlds: int | None) -> np.ndarray:
+        """The batch as contiguous float32 (worlds, *shape); worlds None: one action without that axis, as a batch of 1.
 
         Raises:
             ValueError: wrong shape, not numbers, NaN or infinity.
         """
-        values = np.asarray(action)
-        expected = (worlds, *self.shape)
+        expected = self.shape if worlds is None else (worlds, *self.shape)
+        allowed = f"real numbers of shape {expected}"
+        try:
+            values = np.asarray(action)
+        except ValueError:  # rows of different lengths
+            raise checks.refuse("action", action, allowed) from None
         if values.shape != expected or values.dtype.kind not in "fiu":
-            got = f"array of shape {values.shape} and type {values.dtype}"
-            raise checks.refuse("action", got, f"real numbers of shape {expected} (worlds first)")
+            raise checks.refuse("action", f"array of shape {values.shape} and type {values.dtype}", allowed)
+        if worlds is None:
+            values = values[None]
         if not np.isfinite(values).all():
             bad = np.argwhere(~np.isfinite(values))[0].tolist()
             raise checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
@@ -103,7 +108,7 @@ class Field(Action):
         self.reach = 0.5 * patch_size(surface, part) * surface.element_size
 
     def drive(self, action: np.ndarray, pose: np.ndarray) -> FieldDrive:
-        centre = np.ascontiguousarray(pose[:, 0, :2])
+        centre = pose[:, 0, :2].copy()  # the pose moves on, the field stays where it was
         return FieldDrive(action, centre, self.surface.element_size, self.reach, self.full_scale)
 
 

@@ -104,7 +104,7 @@ class VibgymEnv(gym.Env):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode. ``options`` are not used."""
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else checks.count("seed", seed, least=0))
         self.core.reset(_FIRST, [self.np_random])
         if self._viewer is not None:
             self._viewer.begin(0)
@@ -116,14 +116,24 @@ class VibgymEnv(gym.Env):
         core = self.core
         if not core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
-        core.step(core.action.check(np.asarray(action)[None], 1))
+        core.step(core.action.check(action, None))
         if self._viewer is not None:
             self._viewer.follow(0)
             self._draw()
         return self._observation(), float(core.score.reward[0]), bool(core.score.ended[0]), False, self._info()
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
-        """Reward of reaching ``achieved_goal`` when ``desired_goal`` was asked for; single or batched (GoalEnv)."""
+    @property
+    def compute_reward(self) -> Any:
+        """Reward of reaching one goal when another was asked for, single or batched (GoalEnv).
+
+        See :meth:`vibgym.tasks.PoseTask.compute_reward`. Only with ``observation="goal"``: learners take an environment
+        that has it for a GoalEnv.
+        """
+        if not self.core.goal_reward:
+            raise AttributeError("compute_reward: only with observation='goal'")
+        return self._goal_reward
+
+    def _goal_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
         reward = self.core.task.compute_reward(achieved_goal, desired_goal, info)
         return float(reward) if reward.ndim == 0 else reward
 

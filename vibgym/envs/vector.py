@@ -91,7 +91,7 @@ class VibgymVectorEnv(VectorEnv):
         if isinstance(seed, int | np.integer):
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
         self._begin(mask)
-        return self.core.observe(), self._info()
+        return self.core.observe(), self._info(None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
@@ -158,9 +158,10 @@ class VibgymVectorEnv(VectorEnv):
         if seed is None:
             return [None] * self.num_envs
         if isinstance(seed, int | np.integer) and not isinstance(seed, bool):
-            return [int(seed) + k for k in range(self.num_envs)]
+            first = checks.count("seed", seed, least=0)
+            return [first + k for k in range(self.num_envs)]
         if isinstance(seed, Sequence) and not isinstance(seed, str) and len(seed) == self.num_envs:
-            return seed
+            return [None if each is None else checks.count(f"seed[{k}]", each, least=0) for k, each in enumerate(seed)]
         raise checks.refuse("seed", seed, f"None, a whole number >= 0, or a sequence of {self.num_envs}")
 
     def _reset_mask(self, options: dict[str, Any] | None) -> np.ndarray:

@@ -137,7 +137,11 @@ def would_stick(table, body, h, points, phasor_c, phasor_s, n, cosine, sine, sli
     slip = math.sqrt(slip_x * slip_x + slip_y * slip_y)
     if slip == 0.0:
         return True
-    return slip - h * needed * (cosine * slip_x + sine * slip_y) / slip <= brake
+    helped = cosine * slip_x + sine * slip_y  # positive where the table's own acceleration takes slip away
+    if needed <= body.friction * normal:
+        # Friction stops slip in any direction, but the last of it turns faster than a substep can follow.
+        helped = max(helped, 0.0)
+    return slip - h * needed * helped / slip <= brake
 
 
 @jit

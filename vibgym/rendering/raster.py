@@ -27,7 +27,7 @@ def _corners(pose: np.ndarray, outline: np.ndarray, scale: float, height: int, c
         y = pose[1] + sine * outline[k, 0] + cosine * outline[k, 1]
         corners[k, 0] = np.rint(x * scale * SNAP) / SNAP
         corners[k, 1] = height - np.rint(y * scale * SNAP) / SNAP
-        if not (math.isfinite(corners[k, 0]) and math.isfinite(corners[k, 1])):
+        if not (abs(corners[k, 0]) < math.inf and abs(corners[k, 1]) < math.inf):
             return False
     return True
 

@@ -101,7 +101,11 @@ class Part:
         mass: float | None = None,
         restitution: float = 0.2,
         contact_friction: float = 0.3,
+        **unknown: Any,
     ) -> Part:
+        if unknown:
+            allowed = "static_friction, height, mass, name, restitution, contact_friction"
+            raise checks.refuse("part", sorted(unknown), f"properties among {allowed}")
         friction = checks.number("friction", friction, least=0.0)
         if static_friction is None:
             static_friction = friction

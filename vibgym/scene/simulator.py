@@ -43,8 +43,8 @@ class Simulator:
         *,
         worlds: int = 1,
         model: str = "planar",
-        steps: int = 6,
-        substeps: int = 3,
+        steps: int = 9,
+        substeps: int = 2,
         pieces: int | str = "auto",
         threads: int | None = None,
     ) -> None:
@@ -55,6 +55,10 @@ class Simulator:
             raise checks.refuse("parts", parts, "a vibgym.Part or a list with one")
         if len(parts) != 1:
             raise checks.refuse("parts", f"{len(parts)} parts", "exactly one part per world (contacts come later)")
+        largest = 2.0 * (surface.width + surface.height)
+        if parts[0].radius > largest:
+            got = f"{parts[0].name!r} with radius {parts[0].radius:g} m"
+            raise checks.refuse("parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)")
         checks.choice("model", model, MODELS)
         self.surface = surface
         self.parts = tuple(parts)

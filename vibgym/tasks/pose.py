@@ -111,7 +111,7 @@ def score(rules, pose, goal, fallen, diverged, result):
         distance, turn = result.distance[world], abs(result.error[world, 2])
         inside = distance <= rules.position_tolerance and turn <= rules.heading_tolerance
         down = fallen[world, 0]
-        result.held[world] = result.held[world] + 1 if inside and not down else 0
+        result.held[world] = result.held[world] + 1 if inside and not (down or diverged[world]) else 0
         success = result.held[world] >= HOLD_STEPS
         result.success[world] = success
         result.ended[world] = success or down or diverged[world]

@@ -1,0 +1,83 @@
+"""Command line: ``python -m agents evaluate CONFIG`` and ``python -m agents train CONFIG``.
+
+Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 1 anything else.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's grammar."""
+    result = argparse.ArgumentParser(prog="python -m agents", description="Evaluate and train policies.")
+    commands = result.add_subparsers(dest="command", required=True)
+    evaluating = commands.add_parser("evaluate", help="run policies on tasks and write a report")
+    evaluating.add_argument("--episodes", type=int, metavar="N", help="episodes of each policy on each task")
+    evaluating.add_argument(
+        "--gif", nargs=3, metavar=("TASK", "POLICY", "PATH"), help="also write the film of this pair as a GIF file"
+    )
+    training = commands.add_parser("train", help="train a policy, or go on from its last checkpoint")
+    for command in (evaluating, training):
+        command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
+        command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
+        command.add_argument("--quiet", action="store_true", help="no progress bars")
+    return result
+
+
+def evaluate(arguments: argparse.Namespace) -> int:
+    """Run an evaluation, write its files and print the summary."""
+    from agents import evaluation
+
+    try:
+        settings = evaluation.load_settings(arguments.config, arguments.episodes, arguments.output)
+        gif = None
+        if arguments.gif is not None:
+            task, policy, path = arguments.gif
+            gif = evaluation.Gif(task, policy, Path(path))
+        try:
+            prepared = evaluation.prepare(settings, gif)
+        except ValueError as error:
+            raise ValueError(f"{arguments.config}: {error}") from None
+    except ValueError as error:
+        return refused(error)
+    results = evaluation.evaluate(prepared, arguments.quiet)
+    page = evaluation.write(results, gif, arguments.quiet)
+    print(evaluation.summary_table(results))
+    print(f"\nreport: {page}")
+    return 0
+
+
+def train(arguments: argparse.Namespace) -> int:
+    """Train a policy."""
+    from agents.learned.train import train
+
+    output = None if arguments.output is None else Path(arguments.output)
+    try:
+        train(arguments.config, output=output, quiet=arguments.quiet)
+    except ValueError as error:
+        return refused(error)
+    return 0
+
+
+def refused(error: ValueError) -> int:
+    """Say in one line what is wrong with the input."""
+    print(" ".join(str(error).split()), file=sys.stderr)
+    return 2
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    arguments = parser().parse_args(argv)
+    try:
+        return {"evaluate": evaluate, "train": train}[arguments.command](arguments)
+    except KeyboardInterrupt as interrupt:
+        print(f"interrupted: {str(interrupt) or 'whatever was written before is whole'}", file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,197 @@
+"""The report's page: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import numpy as np
+from tqdm import tqdm
+
+from agents.evaluation import animation, figures
+from agents.evaluation.results import Results, Row
+from agents.evaluation.rollout import TURN_WEIGHT, WATCHED_AMONG
+from agents.evaluation.statistics import Comparison
+from agents.evaluation.tables import number, plain, quantity
+from vibgym.tasks.pose import HOLD_STEPS
+
+MOST_BYTES = 14_000_000
+"""Of the page; films share what is left of it."""
+
+FIGURE_BYTES = 250_000
+"""Of one plot in base64, generously: kept free when films get their shares."""
+
+DEGREES = 180.0 / math.pi
+
+
+def page(results: Results, quiet: bool = False) -> str:
+    """The whole page as HTML."""
+    loader = jinja2.FileSystemLoader(Path(__file__).parent)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    settings = results.settings
+    pairs = list(results.rollouts)
+    # Base64 needs 4 bytes for 3.
+    share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(pairs) + 5)) / len(pairs))
+    cards: dict[str, list[dict[str, Any]]] = {task: [] for task in settings.tasks}
+    for row in tqdm(results.rows, desc="drawing", unit="pair", disable=quiet):
+        cards[row.task].append(_card(results, row, max(share, 100_000)))
+    surface, part = results.surface, results.part
+    return environment.get_template("report.html.j2").render(
+        results=results,
+        settings=settings,
+        surface=surface,
+        part_size=[1e3 * float(each) for each in np.ptp(part.outline, axis=0)],
+        part=part,
+        confidence=f"{100 * settings.confidence:g} %",
+        seeds=seeds_text(settings.seed_list()),
+        episodes=len(settings.seed_list()),
+        step_time=next(iter(results.rollouts.values())).step_time,
+        hold=HOLD_STEPS,
+        shown=min(figures.SHOWN, len(settings.seed_list())),
+        watched_among=min(WATCHED_AMONG, len(settings.seed_list())),
+        turn_weight=1e3 * TURN_WEIGHT,
+        tasks=[
+            {
+                "facts": facts,
+                "tolerance": _tolerance(results, task),
+                "cards": cards[task],
+                "arrivals": _data(figures.arrivals(results, task), "png"),
+            }
+            for task, facts in results.tasks.items()
+        ],
+        comparisons=[_compared(each) for each in _against_best(results)],
+        example=_example(results) if settings.animations else None,
+        colours=dict(zip(results.policies, _policy_colours(len(results.policies)), strict=True)),
+        settings_text=json.dumps(
+            plain({**settings.model_dump(exclude={"policies"}), "policies": settings.named_policies()}), indent=2
+        ),
+    )
+
+
+def _policy_colours(count: int) -> list[str]:
+    return [figures.POLICY_COLOURS[k % len(figures.POLICY_COLOURS)] for k in range(count)]
+
+
+def _data(content: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def seeds_text(seeds: list[int]) -> str:
+    """ "3 to 7" for consecutive seeds, or all of them."""
+    if len(seeds) > 2 and seeds == list(range(seeds[0], seeds[0] + len(seeds))):
+        return f"{seeds[0]} to {seeds[-1]}"
+    return ", ".join(map(str, seeds))
+
+
+def _tolerance(results: Results, task: str) -> str:
+    facts = results.tasks[task]
+    text = f"{1e3 * facts.position_tolerance:g} mm"
+    if facts.heading_tolerance is not None:
+        text += f" and {DEGREES * facts.heading_tolerance:.3g}°"
+    return text
+
+
+def _card(results: Results, row: Row, share: int) -> dict[str, Any]:
+    """What the table's row and the card of one policy on one task show."""
+    film = results.rollouts[row.task, row.policy].film
+    card: dict[str, Any] = {
+        "row": row,
+        "success": f"{100 * row.success_rate:.1f}",
+        "interval": f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f}",
+        "time": quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
+        "times": _range(row.time_to_goal_q25_s, row.time_to_goal_q75_s, 1.0),
+        "position": quantity(row.position_error_median_m, 1e3, 2, "mm"),
+        "positions": _range(row.position_error_q25_m, row.position_error_q75_m, 1e3),
+        "heading": quantity(row.heading_error_median_rad, DEGREES, 2, "°"),
+        "headings": _range(row.heading_error_q25_rad, row.heading_error_q75_rad, DEGREES),
+        "efficiency": quantity(row.path_efficiency_median, 100.0, 0, "%"),
+        "rate": thousands(row.steps_per_second),
+        "rates": f"policy {thousands(row.policy_steps_per_second)}, "
+        f"environment {thousands(row.environment_steps_per_second)}",
+        "seed": film.seed,
+        "outcome": "reaches the goal" if film.success else "does not reach the goal",
+        "plot": _data(figures.trajectories(results, row.task, row.policy), "png"),
+        "film": None,
+    }
+    if results.settings.animations:
+        frames, interval = animation.frames_of(results, row.task, row.policy)
+        card["film"] = _data(animation.webp(frames, interval, share), "webp")
+        card["still"] = _data(animation.png(frames[-1]), "png")
+        card["size"] = (frames[0].shape[1], frames[0].shape[0])
+    return card
+
+
+def thousands(rate: float) -> str:
+    """Steps per second in thousands or millions, or a dash if nothing was measured."""
+    return quantity(rate, 1e-6, 1, "M") if rate >= 999_500 else quantity(rate, 1e-3, 0, "k")
+
+
+def _range(low: float, high: float, factor: float) -> str:
+    """ "1.20 – 3.40", or nothing where there is nothing to show."""
+    text = number(factor * high, 2)
+    return f"{number(factor * low, 2)} – {text}" if math.isfinite(high) and float(text) > 0.0 else ""
+
+
+def _signed(value: float, digits: int) -> str:
+    """With a typographic minus, and no sign on zero."""
+    text = f"{value:+.{digits}f}"
+    return text[1:] if float(text) == 0.0 else text.replace("-", "−")
+
+
+def best_policy(results: Results, task: str) -> str:
+    """The policy with the most successes on a task; of equal ones the fastest to the goal."""
+    rows = [row for row in results.rows if row.task == task]
+    return min(rows, key=lambda row: (-row.successes, np.nan_to_num(row.time_to_goal_median_s, nan=np.inf))).policy
+
+
+def _against_best(results: Results) -> list[Comparison]:
+    """Comparisons of every task's best policy with each other one, the best one first."""
+    found = []
+    for each in results.comparisons:
+        best = best_policy(results, each.task)
+        if best == each.first:
+            found.append(each)
+        elif best == each.second:
+            found.append(each.turned())
+    return found
+
+
+def _compared(each: Comparison) -> dict[str, Any]:
+    low, high = 100 * each.success_interval.low, 100 * each.success_interval.high
+    time = each.time_interval
+    return {
+        "task": each.task,
+        "first": each.first,
+        "second": each.second,
+        "success": _signed(100 * each.success_difference, 1),
+        "success_interval": f"{_signed(low, 1)} to {_signed(high, 1)}",
+        "clear": low > 0.0 or high < 0.0,
+        "both": each.both,
+        "time": f"{_signed(each.time_difference, 2)} s" if each.both else "–",
+        "time_interval": "" if time is None else f"{_signed(time.low, 2)} to {_signed(time.high, 2)}",
+        "time_clear": time is not None and (time.low > 0.0 or time.high < 0.0),
+    }
+
+
+def _example(results: Results) -> str:
+    """A large picture for the reading aid: of the policies that ever work, the film with the most varied field."""
+    best = {(task, best_policy(results, task)) for task in results.settings.tasks}
+    frames: dict[tuple[str, str], int] = {}
+    variety: dict[tuple[str, str], tuple[bool, float]] = {}
+    for row in results.rows:
+        pair = (row.task, row.policy)
+        if row.success_rate >= figures.WORTH_SHOWING or pair in best:
+            film = results.rollouts[pair].film
+            # A third of the way: the part is moving, and the line behind it shows, if the task moves it at all.
+            frames[pair] = frame = (len(film.poses) - 1) // 3
+            travelled = np.hypot(*(film.poses[frame] - film.poses[0])[:2])
+            variety[pair] = (bool(travelled > results.part.radius), float(film.phasors[frame].var(axis=(0, 1)).sum()))
+    task, policy = max(variety, key=lambda pair: variety[pair])
+    painter = animation.painter_for(results, 1064)
+    return _data(animation.png(animation.picture(results, task, policy, frames[task, policy], painter)), "png")

@@ -1,0 +1,122 @@
+"""Results as CSV, JSON and Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from agents.evaluation.results import Results
+from agents.evaluation.rollout import Rollout
+
+
+def episodes_of(policy: str, rollout: Rollout) -> list[dict[str, Any]]:
+    """One mapping per episode: the rows of episodes.csv."""
+    columns = {
+        "seed": rollout.seeds,
+        "success": rollout.success.tolist(),
+        "steps": rollout.steps.tolist(),
+        "time_to_goal_s": rollout.time_to_goal.tolist(),
+        "position_error_m": rollout.position_error.tolist(),
+        "heading_error_rad": rollout.heading_error.tolist(),
+        "fallen": rollout.fallen.tolist(),
+        "diverged": rollout.diverged.tolist(),
+        "return": rollout.returns.tolist(),
+        "path_length_m": rollout.path_length.tolist(),
+        "path_efficiency": rollout.path_efficiency.tolist(),
+    }
+    head = {"task": rollout.task, "policy": policy}
+    return [head | dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """CSV with a header; what does not apply is empty."""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({key: "" if _missing(value) else value for key, value in row.items()} for row in rows)
+    return file.getvalue()
+
+
+def json_text(results: Results) -> str:
+    """Everything but the trajectories; what does not apply is null."""
+    settings = results.settings
+    content = {
+        **results.provenance,
+        "settings": {**settings.model_dump(exclude={"policies"}), "policies": settings.named_policies()},
+        "seeds": settings.seed_list(),
+        "tasks": {name: asdict(facts) for name, facts in results.tasks.items()},
+        "results": [asdict(row) for row in results.rows],
+        "comparisons": [asdict(each) for each in results.comparisons],
+        "episodes": [one for key, rollout in results.rollouts.items() for one in episodes_of(key[1], rollout)],
+    }
+    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+
+
+def plain(value: Any) -> Any:
+    """JSON values: numbers that are not finite become None, objects their description."""
+    if _missing(value):
+        return None
+    if isinstance(value, Mapping):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    return value if isinstance(value, str | int | float | bool | None) else repr(value)
+
+
+def _missing(value: Any) -> bool:
+    return isinstance(value, float) and not math.isfinite(value)
+
+
+def summary_table(results: Results) -> str:
+    """The table that the README quotes, in Markdown: success with its interval, and medians."""
+    head = (
+        "task",
+        "policy",
+        "success",
+        f"{100 * results.settings.confidence:g} % interval",
+        "time to goal",
+        "position error",
+        "heading error",
+        "fallen",
+    )
+    lines = [_line(head), _line("-" * len(each) for each in head)]
+    for row in results.rows:
+        cells = (
+            row.task,
+            row.policy,
+            f"{100 * row.success_rate:.1f} %",
+            f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f} %",
+            quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
+            quantity(row.position_error_median_m, 1e3, 2, "mm"),
+            quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg"),
+            str(row.fallen),
+        )
+        lines.append(_line(cells))
+    return "\n".join(lines)
+
+
+def quantity(value: float, factor: float, digits: int, unit: str) -> str:
+    """A number >= 0 with its unit, in ``digits`` decimals or one from 10 up.
+
+    A dash stands for what does not apply, "< 0.01" for what is small but not zero.
+    """
+    if _missing(value):
+        return "–"
+    text, space = number(factor * value, digits), "" if unit == "°" else " "
+    if value > 0.0 and float(text) == 0.0:
+        text = f"< {10.0**-digits:.{digits}f}"
+    return f"{text}{space}{unit}"
+
+
+def number(value: float, digits: int) -> str:
+    """A number >= 0 in ``digits`` decimals, or one at most from 10 up."""
+    return f"{value:.{digits if value < 9.995 else min(digits, 1)}f}"
+
+
+def _line(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

@@ -1,0 +1,59 @@
+"""What the environment tests share."""
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+TASKS = ("Transport", "Align", "Rotate")
+ACTIONS = ("element", "phasor", "patch", "field")
+OBSERVATIONS = ("state", "goal", "image")
+SMALL = {"rows": 3, "columns": 4}  # parts fall off soon
+
+
+def single(task: str, **settings: Any) -> Any:
+    """A single environment with Gymnasium's wrappers, step limit included."""
+    return gym.make(f"vibgym/{task}-v0", **settings)
+
+
+def batch(task: str, worlds: int, **settings: Any) -> Any:
+    """The native batch environment."""
+    return gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, **settings)
+
+
+def assert_same(got: Any, expected: Any, where: str = "") -> None:
+    """Equal bit for bit, with types, shapes and keys."""
+    assert type(got) is type(expected), where
+    if isinstance(expected, dict):
+        assert got.keys() == expected.keys(), where
+        for key, value in expected.items():
+            assert_same(got[key], value, f"{where}.{key}")
+    elif isinstance(expected, tuple | list):
+        assert len(got) == len(expected), where
+        for k, value in enumerate(expected):
+            assert_same(got[k], value, f"{where}[{k}]")
+    elif isinstance(expected, np.ndarray):
+        assert got.dtype == expected.dtype and got.shape == expected.shape, where
+        if expected.dtype == object:
+            assert_same(got.tolist(), expected.tolist(), where)
+        else:
+            assert got.tobytes() == expected.tobytes(), (where, got, expected)
+    else:
+        assert got == expected, where
+
+
+def put(env: Any, pose: Any, velocity: Any = None, world: int = 0) -> None:
+    """Put the part of one world down at ``pose``, in place unless ``velocity`` says otherwise."""
+    core = env.unwrapped.core
+    velocity = core.idle if velocity is None else np.asarray(velocity, dtype=float)
+    core.simulator.place(np.array([world]), np.asarray(pose, dtype=float)[None, None], velocity, 0.0)
+
+
+def goal(env: Any, world: int = 0) -> np.ndarray:
+    """Goal pose of one world."""
+    return env.unwrapped.core.goal[world].copy()
+
+
+def still(env: Any) -> np.ndarray:
+    """A ``"phasor"`` action with which all elements rest, for one world or a batch."""
+    return np.zeros(env.action_space.shape, dtype=np.float32)

@@ -1,0 +1,222 @@
+"""What each action means, by the phasors of all elements, and what happens to bad ones."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import ACTIONS, assert_same, batch, put, single
+from vibgym import Surface
+from vibgym.config import part_from
+
+SIZE = 0.026
+PATCH = 4  # elements across the patch of a shipped block
+
+
+def stepped(action, values, pose=None, **settings):
+    """Phasors of all elements, as fractions of full amplitude, in the step that ``values`` made."""
+    env = single("Rotate", action=action, **settings)
+    env.reset(seed=3)
+    if pose is not None:
+        put(env, pose)
+    before = env.unwrapped.core.simulator.pose[0, 0]
+    env.step(values)
+    return env.unwrapped.core.phasors(0), before
+
+
+def values_for(action, seed, low=-1.0, high=1.0):
+    shape = single("Rotate", action=action).action_space.shape
+    return np.random.default_rng(seed).uniform(low, high, shape).astype(np.float32)
+
+
+def test_element():
+    values = values_for("element", 1)
+    phasors, _ = stepped("element", values)
+    amplitude, phase = 0.5 * (1.0 + values[..., 0].astype(float)), math.pi * values[..., 1].astype(float)
+    expected = np.stack([amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=-1)
+    assert phasors == pytest.approx(expected, abs=1e-14)
+    assert (stepped("element", np.full_like(values, -1.0))[0] == 0.0).all()  # the lowest amplitude is rest
+
+
+def test_element_amplitude_is_relative_to_the_largest_allowed():
+    surface = {"max_amplitude": 0.1e-3}
+    env = single("Rotate", action="element", surface=surface)
+    env.reset(seed=0)
+    env.step(np.ones((8, 32, 2), dtype=np.float32))
+    core = env.unwrapped.core
+    assert core.surface.full_scale == pytest.approx(0.1e-3 * (2 * math.pi * 25.0) ** 2)
+    assert core.drive.full_scale == core.surface.full_scale
+    assert np.hypot(*core.phasors(0)[0, 0]) == pytest.approx(1.0)
+
+
+def test_phasor_in_the_unit_disc():
+    values = values_for("phasor", 2)
+    phasors, _ = stepped("phasor", values)
+    length = np.hypot(values[..., 0], values[..., 1]).astype(float)[..., None]
+    assert (length > 1).any() and (length < 1).any()
+    assert phasors == pytest.approx(values.astype(float) / np.maximum(length, 1.0), abs=1e-6)
+
+
+POSES = [[0.4, 0.1, 0.3], [0.014, 0.012, 0.0], [0.82, 0.2, 1.0], [0.026 * 5, 0.026 * 3, 0.7], [0.3, 0.004, 2.0]]
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("seed", [3, 4])
+def test_patch(pose, seed):
+    values = values_for("patch", seed)
+    assert values.shape == (1, PATCH, PATCH, 2)
+    phasors, pose = stepped("patch", values, pose)
+    length = np.maximum(np.hypot(values[0, ..., 0], values[0, ..., 1]), 1.0)[..., None]
+    expected = np.zeros((8, 32, 2))
+    # The patch's centre is the corner (even k) nearest to the part's centre.
+    first_column, first_row = round(pose[0] / SIZE) - PATCH // 2, round(pose[1] / SIZE) - PATCH // 2
+    assert abs((first_column + PATCH / 2) * SIZE - pose[0]) <= SIZE / 2 + 1e-12
+    for i in range(PATCH):
+        for j in range(PATCH):
+            row, column = first_row + i, first_column + j
+            if 0 <= row < 8 and 0 <= column < 32:
+                expected[row, column] = values[0, i, j] / length[i, j]
+    assert phasors == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.parametrize("part", ["aluminium_block", "steel_block", {"shape": "disc", "radius": 0.04, "friction": 0.5}])
+def test_patch_covers_the_part_wherever_it_lies(part):
+    shape = part_from(part)
+    env = single("Rotate", action="patch", parts=[part])
+    env.reset(seed=0)
+    k = env.action_space.shape[1]
+    generator = np.random.default_rng(4)
+    for _ in range(25):
+        pose = generator.uniform([0.06, 0.06, -3], [0.77, 0.14, 3])
+        put(env, pose)
+        env.step(np.ones((1, k, k, 2), dtype=np.float32))
+        moving = np.hypot(*np.moveaxis(env.unwrapped.core.phasors(0), -1, 0)) > 0.5
+        cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+        corners = pose[:2] + shape.outline @ np.array([[cosine, sine], [-sine, cosine]])
+        columns, rows = np.floor(corners / SIZE).astype(int).T
+        assert moving[rows, columns].all()
+        assert moving.sum() == k * k
+
+
+def field_by_hand(strength, centre, surface):
+    """Thesis fig. 4.4: the elements' push is the sum of the basic fields around the part, at full strength at ``reach``."""
+    ux, uy, sx, sy, radial, turn = np.clip(strength, -1, 1)
+    reach = PATCH * surface.element_size / 2
+    result = np.zeros((surface.rows, surface.columns, 2))
+    for row in range(surface.rows):
+        for column in range(surface.columns):
+            x = min(max(((column + 0.5) * surface.element_size - centre[0]) / reach, -1.0), 1.0)
+            y = min(max(((row + 0.5) * surface.element_size - centre[1]) / reach, -1.0), 1.0)
+            push_x = ux - sx * x - radial * x - turn * y
+            push_y = uy - sy * y - radial * y + turn * x
+            length = max(math.hypot(push_x, push_y), 1.0)
+            result[row, column] = -push_y / length, -push_x / length
+    return result
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_field(seed):
+    strength = values_for("field", seed)[0] * (1.0 if seed % 2 else 0.3)
+    phasors, pose = stepped("field", strength[None].astype(np.float32))
+    expected = field_by_hand(strength.astype(np.float32).astype(float), pose, Surface())
+    assert phasors == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    "index, sign, component",
+    [(0, 1, 0), (0, -1, 0), (1, 1, 1), (1, -1, 1), (5, 1, 2), (5, -1, 2)],
+)
+def test_basic_fields_move_the_part_as_named(index, sign, component):
+    env = single("Rotate", action="field")
+    env.reset(seed=1)
+    start = np.array([0.4, 0.104, 0.0])
+    put(env, start)
+    action = np.zeros((1, 6), dtype=np.float32)
+    action[0, index] = sign
+    for _ in range(10):
+        env.step(action)
+    moved = env.unwrapped.core.simulator.pose[0, 0] - start
+    assert sign * moved[component] > (0.02 if component < 2 else 0.5)
+    across = np.delete(moved[:2], component) if component < 2 else moved[:2]
+    assert np.abs(across).max() < 0.25 * (abs(moved[component]) if component < 2 else 0.02)
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_finite_values_outside_are_clipped(action):
+    wild = values_for(action, 5, -3, 3)
+    bounded = np.clip(wild, -1, 1)
+    assert (wild != bounded).any()
+    assert_same(stepped(action, wild)[0], stepped(action, bounded)[0])
+    huge = wild.astype(np.float64) * 1e300
+    assert_same(stepped(action, huge)[0], stepped(action, np.sign(huge).astype(np.float32))[0])
+    assert_same(stepped(action, wild.tolist())[0], stepped(action, bounded)[0])  # lists will do
+
+
+def every_bad_action():
+    good = np.zeros((1, 6), dtype=np.float32)
+    for name, value in [("nan", np.nan), ("inf", np.inf), ("minus inf", -np.inf)]:
+        bad = good.copy()
+        bad[0, 3] = value
+        yield pytest.param(bad, id=name)
+    for name, bad in {
+        "flat": np.zeros(6, dtype=np.float32),
+        "longer": np.zeros((1, 7), dtype=np.float32),
+        "nothing": np.zeros((0, 6), dtype=np.float32),
+        "number": 0.0,
+        "none": None,
+        "text": "up",
+        "texts": good.astype(str),
+        "booleans": good.astype(bool),
+        "complex": good.astype(complex),
+        "objects": good.astype(object),
+        "mapping": {"action": 0},
+        "ragged": [[0.0] * 6, [0.0]],
+    }.items():
+        yield pytest.param(bad, id=name)
+
+
+BAD_ACTIONS = list(every_bad_action())
+
+
+@pytest.mark.parametrize("bad", BAD_ACTIONS)
+def test_bad_actions_are_refused_and_nothing_moves(bad):
+    env, other = single("Align", action="field").unwrapped, single("Align", action="field").unwrapped
+    env.reset(seed=2), other.reset(seed=2)
+    before = env.core.simulator.get_state()
+    with pytest.raises(ValueError, match="^action: "):
+        env.step(bad)
+    assert_same(env.core.simulator.get_state(), before)
+    good = np.ones((1, 6), dtype=np.float32)
+    assert_same(env.step(good), other.step(good))
+
+
+@pytest.mark.parametrize("bad", BAD_ACTIONS)
+def test_bad_actions_of_one_world_move_no_world(bad):
+    env, other = batch("Align", 2, action="field"), batch("Align", 2, action="field")
+    env.reset(seed=2), other.reset(seed=2)
+    good = np.ones((2, 1, 6), dtype=np.float32)
+    before = env.unwrapped.core.simulator.get_state()
+    stacked = isinstance(bad, np.ndarray) and bad.shape == good.shape[1:]
+    with pytest.raises(ValueError, match="^action: "):
+        env.step(np.stack([good[0].astype(bad.dtype), bad]) if stacked else [good[0].tolist(), bad])
+    assert_same(env.unwrapped.core.simulator.get_state(), before)
+    assert_same(env.step(good), other.step(good))
+
+
+def test_a_single_action_is_not_a_batch():
+    env = single("Align", action="field").unwrapped
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"^action: .*\(1, 1, 6\).*allowed: .*\(1, 6\)"):
+        env.step(np.zeros((1, 1, 6), dtype=np.float32))
+
+
+def test_squeeze_fields_bring_the_part_to_rest_over_the_centre_of_the_field():
+    """Squeeze and radial fields are centred on the part, so alone they do not carry it away."""
+    env = single("Align", action="field")
+    env.reset(seed=1)
+    put(env, [0.4, 0.104, 0.2])
+    action = np.zeros((1, 6), dtype=np.float32)
+    action[0, [2, 3, 4]] = 1.0
+    for _ in range(25):
+        env.step(action)
+    assert np.hypot(*(env.unwrapped.core.simulator.pose[0, 0, :2] - [0.4, 0.104])) < 0.010

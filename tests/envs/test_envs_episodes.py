@@ -1,0 +1,216 @@
+"""How episodes end and what steps earn."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import SMALL, TASKS, batch, goal, put, single, still
+
+BOUNDS = {
+    "distance": (-1, 1),
+    "approach": (-1, 1),
+    "turn": (-1, 1),
+    "alignment": (-1, 1),
+    "inside": (0, 0.1),
+    "time": (-0.02, -0.02),
+    "success": (0, 5),
+    "fallen": (-5, 0),
+}
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_success_after_ten_steps_within_tolerance(task):
+    env = single(task, action="phasor")
+    env.reset(seed=1)
+    put(env, goal(env))
+    for step in range(1, 11):
+        _, reward, terminated, truncated, info = env.step(still(env))
+        assert (terminated, info["is_success"]) == (step == 10, step == 10), step
+        assert not truncated and not info["fallen"]
+    assert info["reward_terms"]["success"] == 5.0 and reward == pytest.approx(5.08, abs=1e-3)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_leaving_the_goal_starts_the_count_anew(task):
+    env = single(task, action="phasor")
+    env.reset(seed=1)
+    aim = goal(env)
+    put(env, aim)
+    for _ in range(9):
+        env.step(still(env))
+    put(env, aim + [0.006, 0, 0])
+    _, _, terminated, _, info = env.step(still(env))
+    assert not terminated and info["reward_terms"]["inside"] == 0.0
+    put(env, aim)
+    ends = [env.step(still(env))[2] for _ in range(10)]
+    assert ends == [False] * 9 + [True]
+
+
+@pytest.mark.parametrize("task, offset, inside", [
+    ("Transport", [0.0045, 0, 0], True), ("Transport", [0, -0.0055, 0], False), ("Transport", [0, 0, 1.0], True),
+    ("Align", [0.0015, 0, 0], True), ("Align", [0, 0.0025, 0], False),
+    ("Align", [0, 0, math.radians(2.8)], True), ("Align", [0, 0, math.radians(-3.2)], False),
+    ("Align", [0, 0, math.pi], True),
+    ("Rotate", [0.0045, 0, 0], True), ("Rotate", [0, 0.0055, 0], False),
+    ("Rotate", [0, 0, math.radians(-1.8)], True), ("Rotate", [0, 0, math.radians(2.2)], False),
+    ("Rotate", [0, 0, 2 * math.pi], False),
+])  # fmt: skip
+def test_tolerances(task, offset, inside):
+    env = single(task, action="phasor")
+    env.reset(seed=2)
+    put(env, goal(env) + offset)
+    *_, info = env.step(still(env))
+    assert (info["reward_terms"]["inside"] > 0) == inside
+
+
+def over_the_edge(env, world=0):
+    """Put one world's part at the left edge, on its way out."""
+    put(env, [0.0005, 0.1, 0.0], [-0.5, 0, 0], world)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_fall_ends_the_episode_without_success(task):
+    env = single(task, action="phasor")
+    env.reset(seed=1)
+    put(env, goal(env))
+    for _ in range(9):
+        env.step(still(env))
+    env.unwrapped.core.goal[0, :2] = [0.0, 0.1]  # falls within tolerance of the goal, on what would be the tenth step
+    env.unwrapped.core.goal[0, 2] = 0.0
+    over_the_edge(env)
+    seen, reward, terminated, truncated, info = env.step(still(env))
+    assert terminated and not truncated and info["fallen"] and not info["is_success"]
+    assert info["reward_terms"]["fallen"] == -5.0 and info["reward_terms"]["success"] == 0.0
+    assert reward < -4.0
+    assert env.observation_space.contains(seen)
+
+
+@pytest.mark.parametrize("observation", ["state", "goal", "image"])
+@pytest.mark.parametrize("task", TASKS)
+def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
+    env = single(task, action="phasor", observation=observation)
+    env.reset(seed=1)
+    put(env, goal(env))
+    for _ in range(9):
+        env.step(still(env))
+    put(env, goal(env), [math.nan, 0.0, 0.0])
+    seen, reward, terminated, truncated, info = env.step(still(env))
+    assert terminated and not truncated and info["diverged"] and not info["is_success"] and not info["fallen"]
+    assert env.observation_space.contains(seen)
+    assert all(np.isfinite(value).all() for value in (seen.values() if observation == "goal" else [seen]))
+    numbers = [reward, info["position_error"], info.get("heading_error", 0.0), *info["reward_terms"].values()]
+    assert np.isfinite(numbers).all()
+    seen, info = env.reset()
+    assert not info["diverged"]
+    *_, info = env.step(still(env))
+    assert not info["diverged"] and np.isfinite(env.unwrapped.core.simulator.velocity).all()
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_a_diverged_world_leaves_its_neighbours_alone(mode):
+    env, other = (batch("Align", 3, action="field", autoreset_mode=mode) for _ in range(2))
+    env.reset(seed=1), other.reset(seed=1)
+    put(env, [0.4, 0.1, 0.0], [0.0, 0.0, math.inf], world=1)
+    action = np.random.default_rng(0).uniform(-1, 1, (3, 1, 6)).astype(np.float32)
+    got, expected = env.step(action), other.step(action)
+    info = got[4]["final_info"] if mode == "SameStep" else got[4]
+    assert got[2].tolist() == [False, True, False] and info["diverged"].tolist() == [False, True, False]
+    for k in (0, 1):
+        assert np.isfinite(got[k]).all()
+        assert (got[k][[0, 2]] == expected[k][[0, 2]]).all()
+    if mode == "Disabled":
+        env.reset(options={"reset_mask": got[2]})
+    for _ in range(3):
+        seen, reward, terminated, _, info = env.step(action)
+        assert np.isfinite(seen).all() and not info["diverged"].any()
+        assert (seen[[0, 2]] == other.step(action)[0][[0, 2]]).all()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_step_limit_truncates_at_250(task):
+    one = single(task, action="field")
+    many = batch(task, 2, action="field", autoreset_mode="SameStep")
+    one.reset(seed=7), many.reset(seed=7)
+    for step in range(1, 251):
+        _, _, terminated, truncated, info = one.step(still(one))
+        _, _, ended, cut, infos = many.step(still(many))
+        assert not terminated and not ended.any()
+        assert truncated == (step == 250) and (cut == (step == 250)).all(), step
+    assert not info["is_success"] and not infos["final_info"]["is_success"].any()
+
+
+def test_other_step_limits():
+    env = batch("Align", 2, action="field", max_episode_steps=3, autoreset_mode="SameStep")
+    env.reset(seed=0)
+    assert [env.step(still(env))[3].tolist() for _ in range(6)] == [[False] * 2, [False] * 2, [True] * 2] * 2
+
+
+@pytest.mark.parametrize("surface", ["prototype", SMALL])
+@pytest.mark.parametrize("task", TASKS)
+def test_reward_is_the_sum_of_its_bounded_terms(task, surface):
+    env = single(task, action="field", surface=surface, max_episode_steps=60)
+    env.action_space.seed(1)
+    generator = np.random.default_rng(1)
+    seen = {name: set() for name in BOUNDS}
+    for seed in range(8):
+        env.reset(seed=seed)
+        push, done = env.action_space.sample(), False
+        while not done:
+            if generator.random() < 0.1:  # jumps, so that progress runs into its bounds
+                put(env, generator.uniform([0, 0, -20], [0.104, 0.078, 20]))
+            _, reward, terminated, truncated, info = env.step(push)
+            terms = info["reward_terms"]
+            assert list(terms) == list(BOUNDS)
+            assert reward == pytest.approx(math.fsum(terms.values()), abs=1e-12)
+            for name, (low, high) in BOUNDS.items():
+                assert low <= terms[name] <= high, name
+                seen[name].add(terms[name])
+            done = terminated or truncated
+    if task == "Rotate":
+        assert {-1.0, 1.0} <= seen["turn"]
+    if surface == SMALL:
+        assert seen["fallen"] == {0.0, -5.0}
+
+
+def test_terms_pay_for_progress():
+    env = single("Align", action="phasor")
+    env.reset(seed=1)
+    aim = goal(env)
+    put(env, aim + [0.050, 0, 0.5])
+    env.step(still(env))
+    put(env, aim + [0.020, 0, 0.2])
+    *_, info = env.step(still(env))
+    terms = info["reward_terms"]
+    # In place means: circling by 0.2 mm, so that positions are known to that.
+    assert terms["distance"] == pytest.approx(0.030 / 0.1, abs=0.005)
+    assert terms["approach"] == pytest.approx(math.tanh(5.0) - math.tanh(2.0), abs=0.01)
+    assert terms["turn"] == pytest.approx(0.3, abs=1e-2)
+    assert terms["alignment"] == pytest.approx(math.tanh(0.5 / 0.15) - math.tanh(0.2 / 0.15), abs=0.01)
+    put(env, aim + [0.050, 0, 0.5])
+    *_, info = env.step(still(env))
+    assert info["reward_terms"]["distance"] == pytest.approx(-0.3, abs=0.005)
+    assert info["reward_terms"]["turn"] == pytest.approx(-0.3, abs=1e-2)
+
+
+@pytest.mark.parametrize("periods", [2, 5])
+def test_periods_per_step(periods):
+    slow, fast = single("Rotate", action="element", periods_per_step=periods), single("Rotate", action="element")
+    slow.reset(seed=1), fast.reset(seed=1)
+    slow.action_space.seed(1)
+    for step in range(3):
+        action = slow.action_space.sample()
+        seen, *_ = slow.step(action)
+        for _ in range(periods):
+            expected, *_ = fast.step(action)
+        assert (seen == expected).all()
+        assert slow.unwrapped.core.simulator.time == pytest.approx((step + 1) * periods * 0.04)
+    assert slow.unwrapped.metadata["render_fps"] == round(25 / periods)
+
+
+def test_one_step_is_one_oscillation_period():
+    env = single("Rotate", surface={"frequency": 50.0})
+    env.reset(seed=0)
+    env.step(still(env))
+    assert env.unwrapped.core.simulator.time == pytest.approx(0.02)
+    assert env.unwrapped.metadata["render_fps"] == 50

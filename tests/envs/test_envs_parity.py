@@ -1,0 +1,255 @@
+"""The batch gives, bit for bit, what single environments and Gymnasium's own SyncVectorEnv of them give."""
+
+import copy
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from agents.policy import Situation, make_policy
+from tests.envs.helpers import ACTIONS, SMALL, TASKS, assert_same, batch, single
+from vibgym import Surface
+from vibgym.config import part_from
+from vibgym.scene import workers
+
+WORLDS = 3
+MODES = list(AutoresetMode)
+
+
+def side_by_side(task, mode, settings, choose, steps, seed=11):
+    """Run native batch and SyncVectorEnv together; returns how episodes ended."""
+    native = batch(task, WORLDS, autoreset_mode=mode, **settings)
+    sync = SyncVectorEnv([lambda: single(task, **settings)] * WORLDS, autoreset_mode=mode)
+    seen = native.reset(seed=seed)
+    assert_same(seen, sync.reset(seed=seed), "reset")
+    ends = {"success": 0, "fallen": 0, "truncated": 0}
+    observation = seen[0]
+    for step in range(steps):
+        action = choose(observation)
+        got, expected = native.step(action), sync.step(action)
+        assert_same(got, expected, f"step {step}")
+        observation, _, terminated, truncated, info = got
+        done = terminated | truncated
+        final = info.get("final_info", info)
+        ends["success"] += int(final["is_success"][done].sum())
+        ends["fallen"] += int(final["fallen"][done].sum())
+        ends["truncated"] += int((truncated & ~terminated).sum())
+        if mode is AutoresetMode.DISABLED and done.any():
+            # SyncVectorEnv takes the mask out of the mapping it is given.
+            got = native.reset(options={"reset_mask": done.copy()})
+            assert_same(got, sync.reset(options={"reset_mask": done.copy()}), f"reset after step {step}")
+            observation = got[0]
+    native.close()
+    sync.close()
+    return ends
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("action", ACTIONS)
+@pytest.mark.parametrize("task", TASKS)
+def test_random_actions_over_several_episodes(task, action, mode):
+    settings = {"action": action, "max_episode_steps": 9}
+    generator = np.random.default_rng(5)
+    shape = (WORLDS, *single(task, action=action).action_space.shape)
+    ends = side_by_side(task, mode, settings, lambda seen: generator.uniform(-1.5, 1.5, shape).astype(np.float32), 32)
+    assert ends["truncated"] >= WORLDS and sum(ends.values()) >= 3 * WORLDS  # a part near the border may fall
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_parts_that_fall(mode):
+    settings = {"action": "field", "surface": SMALL, "max_episode_steps": 60}
+    push = np.zeros((WORLDS, 1, 6), dtype=np.float32)
+    push[:, 0, :2] = [[1, 0], [0, -1], [-0.7, 0.7]]
+    ends = side_by_side("Align", mode, settings, lambda seen: push, 80)
+    assert ends["fallen"] >= 2 * WORLDS
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("task", TASKS)
+def test_success(task, mode):
+    policy = make_policy("local_field", Situation(task, Surface(), part_from("aluminium_block")))
+    ends = side_by_side(task, mode, {"action": "field"}, lambda seen: policy.predict(seen)[0], 260)
+    assert ends["success"] >= WORLDS
+
+
+@pytest.mark.parametrize("observation", ["goal", "image"])
+@pytest.mark.parametrize("mode", MODES)
+def test_other_observations(observation, mode):
+    settings = {"action": "patch", "observation": observation, "max_episode_steps": 5}
+    generator = np.random.default_rng(6)
+    choose = lambda seen: generator.uniform(-1, 1, (WORLDS, 1, 4, 4, 2)).astype(np.float32)  # noqa: E731
+    assert side_by_side("Rotate", mode, settings, choose, 13)["truncated"] >= 2 * WORLDS
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_world_k_is_the_single_environment_with_seed_s_plus_k(task):
+    """Each single environment runs on its own from start to end, through its own resets."""
+    steps, seed, limit = 40, 100, 15
+    generator = np.random.default_rng(7)
+    actions = generator.uniform(-1, 1, (steps, WORLDS, 1, 4, 4, 2)).astype(np.float32)
+    env = batch(task, WORLDS, action="patch", autoreset_mode="SameStep", max_episode_steps=limit)
+    record = [env.reset(seed=seed)[0]]
+    rewards, ends = [], []
+    for action in actions:
+        observation, reward, terminated, truncated, _ = env.step(action)
+        record.append(observation)
+        rewards.append(reward)
+        ends.append((terminated, truncated))
+    for world in range(WORLDS):
+        one = single(task, action="patch", max_episode_steps=limit)
+        assert_same(one.reset(seed=seed + world)[0], record[0][world])
+        resets = 0
+        for step, action in enumerate(actions):
+            observation, reward, terminated, truncated, _ = one.step(action[world])
+            assert (reward, terminated, truncated) == (
+                rewards[step][world],
+                ends[step][0][world],
+                ends[step][1][world],
+            )
+            if terminated or truncated:
+                observation, _ = one.reset()
+                resets += 1
+            assert_same(observation, record[step + 1][world])
+        assert resets >= 2
+
+
+def trajectory(env, seeds, actions):
+    """Everything that comes out of a run."""
+    result = [env.reset(seed=seeds)]
+    result += [env.step(action) for action in actions]
+    return result
+
+
+def rows(result, chosen):
+    """Observation, reward and ends of the chosen worlds."""
+    return [result[0][0][chosen]] + [[values[chosen] for values in each[:4]] for each in result[1:]]
+
+
+def test_results_depend_neither_on_batch_size_nor_on_order():
+    worlds, steps = 70, 12
+    seeds = list(range(300, 300 + worlds))
+    actions = np.random.default_rng(8).uniform(-1, 1, (steps, worlds, 1, 4, 4, 2)).astype(np.float32)
+    settings = {"action": "patch", "max_episode_steps": 8}
+    whole = trajectory(batch("Rotate", worlds, **settings), seeds, actions)
+    for chosen in ([0], [69], [33, 5], list(range(40))[::-1]):
+        part = trajectory(
+            batch("Rotate", len(chosen), **settings), [seeds[k] for k in chosen], actions[:, np.array(chosen)]
+        )
+        assert_same(rows(part, slice(None)), rows(whole, chosen))
+
+
+@pytest.mark.parametrize("threads", [2, 5])
+def test_results_do_not_depend_on_threads(threads, monkeypatch):
+    worlds, steps = 100, 10
+    actions = np.random.default_rng(9).uniform(-1, 1, (steps, worlds, 8, 32, 2)).astype(np.float32)
+    results = []
+    for count in (1, threads):
+        monkeypatch.setattr(workers, "available_threads", lambda count=count: count)
+        results.append(trajectory(batch("Align", worlds), 4, actions))
+    assert_same(results[0], results[1])
+
+
+@pytest.mark.parametrize("observation", ["state", "goal", "image"])
+@pytest.mark.parametrize("mode", MODES)
+def test_nothing_returned_is_overwritten(observation, mode):
+    env = batch("Rotate", 4, action="field", observation=observation, autoreset_mode=mode, max_episode_steps=3)
+    env.action_space.seed(0)
+    returned = [env.reset(seed=0)]
+    kept = copy.deepcopy(returned)
+    for step in range(8):
+        returned.append(env.step(env.action_space.sample()))
+        kept.append(copy.deepcopy(returned[-1]))
+        if mode is AutoresetMode.DISABLED and step % 3 == 2:
+            returned.append(env.reset(options={"reset_mask": np.ones(4, dtype=bool)}))
+            kept.append(copy.deepcopy(returned[-1]))
+    assert_same(returned, kept)
+
+
+@pytest.mark.parametrize("observation", ["state", "goal", "image"])
+def test_nothing_a_single_environment_returned_is_overwritten(observation):
+    env = single("Align", action="field", observation=observation)
+    env.action_space.seed(0)
+    returned = [env.reset(seed=0)]
+    kept = copy.deepcopy(returned)
+    for _ in range(5):
+        returned.append(env.step(env.action_space.sample()))
+        kept.append(copy.deepcopy(returned[-1]))
+    assert_same(returned, kept)
+
+
+def test_the_callers_arrays_are_left_alone():
+    env = batch("Align", 2, action="field")
+    env.reset(seed=0)
+    action = np.full((2, 1, 6), 3.0, dtype=np.float32)
+    env.step(action)
+    assert (action == 3.0).all()
+    mask = np.array([True, False])
+    env.reset(options={"reset_mask": mask})
+    assert mask.tolist() == [True, False]
+
+
+def test_seeds():
+    def start(seed, env=None):
+        return (env or batch("Align", 3)).reset(seed=seed)[0]
+
+    assert_same(start(5), start([5, 6, 7]))
+    assert_same(start(np.int64(5)), start(5))
+    assert_same(start((7, 5, 6)), start(5)[[2, 0, 1]])
+    assert not (start(None) == start(None)).all(axis=1).any()  # seeded by the operating system
+    one, other = batch("Align", 3), batch("Align", 3)
+    start(5, one), start(5, other)
+    assert_same(start(None, one), start(None, other))  # goes on with the generators
+    mixed = start([9, None, 9], one)
+    later = start(None, other)
+    assert_same(mixed[1], later[1])
+    assert_same(mixed[0], start(9)[0])
+    assert_same(mixed[2], mixed[0])
+    assert (start(5) != start(6)).any()
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", True, [1, 2], [1, 2, -3], [1, 2, "x"]])
+def test_bad_seeds_change_nothing(seed):
+    env, other = batch("Align", 3), batch("Align", 3)
+    env.reset(seed=5), other.reset(seed=5)
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=seed)
+    assert_same(env.reset()[0], other.reset()[0])
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", True])
+def test_bad_seeds_of_a_single_environment(seed):
+    env, other = single("Align"), single("Align")
+    env.reset(seed=5), other.reset(seed=5)
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=seed)
+    assert_same(env.reset()[0], other.reset()[0])
+
+
+@pytest.mark.parametrize("mask", [[True, False], np.zeros(3, dtype=bool), np.ones(3), np.ones((3, 1), dtype=bool)])
+def test_bad_reset_masks(mask):
+    env = batch("Align", 3, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="reset_mask"):
+        env.reset(options={"reset_mask": mask})
+
+
+def test_disabled_refuses_to_step_over_an_end():
+    env = batch("Align", 2, action="field", autoreset_mode="Disabled", max_episode_steps=1)
+    env.reset(seed=0)
+    env.step(np.zeros((2, 1, 6), dtype=np.float32))
+    with pytest.raises(gym.error.ResetNeeded, match="0, 1"):
+        env.step(np.zeros((2, 1, 6), dtype=np.float32))
+    env.reset(options={"reset_mask": np.array([True, False])})
+    with pytest.raises(gym.error.ResetNeeded, match=r"\[1\]"):
+        env.step(np.zeros((2, 1, 6), dtype=np.float32))
+
+
+def test_the_first_reset_must_be_of_all_worlds():
+    env = batch("Align", 2)
+    with pytest.raises(gym.error.ResetNeeded):
+        env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    with pytest.raises(ValueError, match="reset_mask"):
+        env.reset(options={"reset_mask": np.array([True, False])})
+    with pytest.raises(gym.error.ResetNeeded):
+        single("Align").unwrapped.step(np.zeros((8, 32, 2), dtype=np.float32))

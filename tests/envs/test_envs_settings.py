@@ -1,0 +1,238 @@
+"""Registration, saved specifications, keyword arguments good and bad, rendering."""
+
+import json
+import subprocess
+import sys
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+
+import vibgym
+from tests.envs.helpers import TASKS, assert_same, batch, put, single
+from vibgym.envs import VibgymEnv, VibgymVectorEnv, register_environments
+
+FULL = {
+    "surface": {"rows": 6, "columns": 20, "element_size_mm": 30.0, "horizontal_amplitude": 0.003, "max_amplitude": 3e-4},
+    "parts": [
+        {
+            "shape": "polygon",
+            "vertices_mm": [[0, 0], [50, 0], [50, 30], [30, 30], [30, 50], [0, 50]],
+            "friction": 0.5,
+            "static_friction": 0.55,
+            "height_mm": 10,
+            "mass_g": 150,
+            "name": "bracket",
+        }
+    ],
+    "model": "planar",
+    "action": "patch",
+    "observation": "goal",
+    "actuators": "ideal",
+    "sensor": "ideal",
+    "randomize": {},
+    "periods_per_step": 2,
+    "render_mode": "rgb_array",
+}
+
+
+def rollout(env, steps=4):
+    env.action_space.seed(3)
+    return [env.reset(seed=3), *[env.step(env.action_space.sample()) for _ in range(steps)]]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_specification_survives_json(task):
+    env = single(task, **FULL)
+    text = env.spec.to_json()
+    spec = EnvSpec.from_json(text)
+    assert spec == env.spec and json.loads(text)["kwargs"] == {"task": task, **FULL}
+    assert_same(rollout(gym.make(spec)), rollout(env))
+    batched = batch(task, 2, **FULL, autoreset_mode="SameStep")
+    spec = EnvSpec.from_json(batched.spec.to_json())
+    again = gym.make_vec(spec, num_envs=2)
+    assert again.unwrapped.autoreset_mode is gym.vector.AutoresetMode.SAME_STEP
+    assert_same(rollout(again), rollout(batched))
+
+
+def test_settings_are_taken():
+    core = single("Align", **FULL).unwrapped.core
+    assert (core.surface.rows, core.surface.columns, core.surface.element_size) == (6, 20, 0.03)
+    assert core.surface.max_amplitude == 3e-4
+    assert core.part.name == "bracket" and core.part.mass == pytest.approx(0.15) and core.part.height == 0.01
+    assert core.part.area == pytest.approx(0.05**2 - 0.02**2) and core.part.static_friction == 0.55
+    default = single("Align").unwrapped.core
+    assert (default.surface.rows, default.surface.columns, default.part.name) == (8, 32, "aluminium_block")
+    assert single("Align", parts=["steel_block"]).unwrapped.core.part.friction == 0.64
+    assert single("Align", surface=vibgym.Surface(rows=5)).unwrapped.core.surface.rows == 5
+    disc = vibgym.Part.disc(0.02, friction=0.3)
+    assert single("Align", parts=[disc]).unwrapped.core.part is disc
+
+
+def test_settings_given_are_not_changed():
+    before = json.dumps(FULL)
+    single("Align", **FULL)
+    assert json.dumps(FULL) == before
+
+
+def test_registration():
+    specs = {name: gym.registry[f"vibgym/{name}-v0"] for name in TASKS}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        register_environments()
+        register_environments()
+    for name, spec in specs.items():
+        assert gym.registry[f"vibgym/{name}-v0"] is spec and spec.max_episode_steps == 250
+        assert isinstance(single(name).unwrapped, VibgymEnv)
+        assert isinstance(batch(name, 2), VibgymVectorEnv)
+
+
+def test_make_imports_the_package_in_a_fresh_process():
+    code = (
+        "import gymnasium as gym; env = gym.make('vibgym:vibgym/Rotate-v0'); env.reset(seed=0);"
+        "vec = gym.make_vec('vibgym:vibgym/Rotate-v0', num_envs=2); vec.reset(seed=0); print(type(vec.unwrapped).__name__)"
+    )
+    result = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.strip() == "VibgymVectorEnv"
+
+
+STICKY = {"horizontal_amplitude": 4e-4}
+BAD = [
+    ({"surface": "table"}, "surface"),
+    ({"surface": 3}, "surface"),
+    ({"surface": None}, "surface"),
+    ({"surface": {"rows": 0}}, "rows"),
+    ({"surface": {"rows": 2.5}}, r"surface\.rows"),
+    ({"surface": {"colour": "red"}}, r"surface\.colour"),
+    ({"surface": {"element_size": float("nan")}}, "element_size"),
+    ({"surface": {"element_size_mm": "wide"}}, r"surface\.element_size_mm"),
+    ({"surface": {"max_amplitude": 1e-3}}, "max_amplitude"),
+    ({"surface": {"rows": 2, "columns": 2}}, "parts"),  # too small for the part
+    ({"surface": STICKY}, "surface"),
+    ({"surface": {"horizontal_amplitude": 0.0}}, "surface"),
+    ({"parts": "aluminium_block"}, "parts"),
+    ({"parts": []}, "parts"),
+    ({"parts": ["aluminium_block", "steel_block"]}, "parts"),
+    ({"parts": ["gold_block"]}, "parts"),
+    ({"parts": [7]}, "parts"),
+    ({"parts": 7}, "parts"),
+    ({"parts": [{"shape": "cube", "friction": 0.5}]}, r"parts\.shape"),
+    ({"parts": [{"shape": "disc", "friction": 0.5}]}, r"parts\.radius"),
+    ({"parts": [{"shape": "disc", "radius": -1.0, "friction": 0.5}]}, "radius"),
+    ({"parts": [{"shape": "disc", "radius": 0.02}]}, r"parts\.friction"),
+    ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}]}, "surface"),  # sticks
+    ({"model": "tilting"}, "model"),
+    ({"model": None}, "model"),
+    ({"action": "wrench"}, "action"),
+    ({"action": 1}, "action"),
+    ({"action": ["element"]}, "action"),
+    ({"observation": "sound"}, "observation"),
+    ({"observation": None}, "observation"),
+    ({"actuators": "perfect"}, "actuators"),
+    ({"actuators": "prototype"}, "actuators"),
+    ({"sensor": "camera"}, "sensor"),
+    ({"sensor": {"noise": 1}}, "sensor"),
+    ({"randomize": {"friction": [0.1, 0.2]}}, "randomize"),
+    ({"randomize": "all"}, "randomize"),
+    ({"periods_per_step": 0}, "periods_per_step"),
+    ({"periods_per_step": 1.5}, "periods_per_step"),
+    ({"periods_per_step": True}, "periods_per_step"),
+]
+
+
+@pytest.mark.parametrize("settings, name", BAD, ids=lambda each: str(each)[:50])
+def test_bad_settings_are_one_error_that_names_them(settings, name):
+    for make in (lambda: single("Align", **settings), lambda: batch("Align", 2, **settings)):
+        with pytest.raises(ValueError, match=f"^{name}: got .*; allowed: ") as error:
+            make()
+        assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("mode", ["ansi", "pixels", 3])
+def test_bad_render_modes(mode):
+    with pytest.raises(ValueError, match="^render_mode: got .*; allowed: "):
+        VibgymEnv("Align", render_mode=mode)
+    with pytest.raises(ValueError, match="^render_mode: got .*; allowed: "):
+        VibgymVectorEnv("Align", 2, render_mode=mode)
+
+
+@pytest.mark.parametrize("name, value", [
+    ("num_envs", 0), ("num_envs", -1), ("num_envs", 2.0), ("num_envs", "2"), ("num_envs", True),
+    ("autoreset_mode", "Sometimes"), ("autoreset_mode", 1), ("autoreset_mode", None),
+    ("max_episode_steps", 0), ("max_episode_steps", 2.5), ("render_mode", "human"),
+])  # fmt: skip
+def test_bad_settings_of_a_batch(name, value):
+    with pytest.raises(ValueError, match=f"^{name}: got .*; allowed: "):
+        VibgymVectorEnv("Align", **{"num_envs": 2, name: value})
+
+
+def test_unknown_tasks_are_refused():
+    for make in (VibgymEnv, VibgymVectorEnv):
+        with pytest.raises(ValueError, match="^task: got 'Juggle'; allowed: 'Transport', 'Align', 'Rotate'$"):
+            make("Juggle")
+
+
+def test_unknown_keywords_are_refused():
+    for make in (VibgymEnv, VibgymVectorEnv):
+        with pytest.raises(TypeError, match="colour"):
+            make("Align", colour="red")
+
+
+# -- rendering ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_rgb_array(task):
+    env = single(task, action="field", render_mode="rgb_array")
+    env.reset(seed=0)
+    first = env.render()
+    height, width, channels = first.shape
+    assert first.dtype == np.uint8 and channels == 3 and width > 300 and height > 80
+    put(env, [0.2, 0.1, 0.0])
+    env.step(np.ones((1, 6), dtype=np.float32))
+    second = env.render()
+    assert second.shape == first.shape and (first != second).any()
+    env.step(np.ones((1, 6), dtype=np.float32))
+    third = second.copy()
+    env.render()
+    assert (second == third).all()  # nothing returned is overwritten
+    env.close()
+
+
+def test_rgb_array_of_a_batch_is_one_picture_a_world():
+    env = batch("Rotate", 3, action="field", render_mode="rgb_array", max_episode_steps=4)
+    ones = [single("Rotate", action="field", render_mode="rgb_array", max_episode_steps=4) for _ in range(3)]
+    env.reset(seed=4)
+    for k, one in enumerate(ones):
+        one.reset(seed=4 + k)
+    action = np.random.default_rng(0).uniform(-1, 1, (3, 1, 6)).astype(np.float32)
+    for _ in range(3):
+        env.step(action)
+        pictures = env.render()
+        assert isinstance(pictures, tuple) and len(pictures) == 3
+        for k, one in enumerate(ones):
+            one.step(action[k])
+            assert (pictures[k] == one.render()).all()
+    env.close()
+
+
+def test_without_render_mode_nothing_is_drawn():
+    assert batch("Align", 2).render() is None
+
+
+def test_human_mode_opens_a_window(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = single("Align", action="field", render_mode="human")
+    env.reset(seed=0)
+    window = env.unwrapped._viewer.window
+    assert window.is_open
+    for _ in range(3):
+        env.step(np.zeros((1, 6), dtype=np.float32))
+        assert env.render() is None
+    assert window.is_open
+    env.close()
+    assert not window.is_open
+    env.close()

@@ -1,0 +1,119 @@
+"""The command line: exit codes, and one line for bad input."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from agents import __main__ as command
+
+GOOD: dict[str, Any] = {
+    "tasks": ["Rotate"],
+    "policies": ["zero", {"name": "steered", "kind": "local_field"}],
+    "episodes": 3,
+    "first_seed": 7,
+    "resamples": 100,
+    "animations": False,
+}
+
+BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "unknown key": ({"taks": ["Rotate"]}, ["taks", "tasks"]),
+    "unknown task": ({"tasks": ["Sort"]}, ["tasks.0", "Sort", "Rotate"]),
+    "task twice": ({"tasks": ["Align", "Align"]}, ["tasks", "Align", "once"]),
+    "no tasks": ({"tasks": []}, ["tasks"]),
+    "unknown policy": ({"policies": ["fuzzy"]}, ["policies (fuzzy on Rotate)", "fuzzy", "local_field"]),
+    "unknown argument": ({"policies": [{"kind": "zero", "gain": 1}]}, ["gain"]),
+    "argument out of range": ({"policies": [{"kind": "local_field", "braking": 7}]}, ["braking", "7", "<= 1"]),
+    "policy of wrong type": ({"policies": [3]}, ["policies.0", "3", "kind"]),
+    "name twice": ({"policies": ["zero", {"name": "zero", "kind": "random"}]}, ["policies.1.name", "zero"]),
+    "missing weights": ({"policies": [{"kind": "trained", "path": "nowhere/{task}.json"}]}, ["nowhere/rotate.json"]),
+    "wrong type": ({"episodes": "many"}, ["episodes", "many", "integer"]),
+    "too few": ({"episodes": 0}, ["episodes", "0", "1"]),
+    "negative seed": ({"seeds": [-1], "episodes": None, "first_seed": None}, ["seeds.0", "-1", ">= 0"]),
+    "seeds and episodes": ({"seeds": [1, 2]}, ["episodes", "seeds"]),
+    "environment key": ({"environment": {"action": "patch"}}, ["environment", "action", "surface"]),
+    "environment value": ({"environment": {"parts": ["brick"]}}, ["parts", "brick", "steel_block"]),
+    "surface value": ({"environment": {"surface": {"rows": -3}}}, ["rows", "-3"]),
+    "confidence": ({"confidence": 95}, ["confidence", "95"]),
+}
+
+
+def save(directory: Path, changes: dict[str, Any]) -> Path:
+    path = directory / "mine.yaml"
+    content = {**GOOD, "output": str(directory / "out"), **changes}
+    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+    return path
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line on stderr of a command that refuses its input."""
+    assert command.main([*arguments, "--quiet"]) == 2
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
+    return caught.err
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    changes, words = BAD[case]
+    path = save(tmp_path, changes)
+    line = refusal(capsys, "evaluate", str(path))
+    assert line.startswith(f"{path}: ")
+    for word in words:
+        assert word in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert str(tmp_path / "none.yaml") in refusal(capsys, "evaluate", str(tmp_path / "none.yaml"))
+    path = tmp_path / "bad.yaml"
+    for content in ("tasks: [Rotate", "- a\n- list\n", "tasks: !!python/object/apply:os.getcwd []\n", "\x00"):
+        path.write_text(content)
+        assert str(path) in refusal(capsys, "evaluate", str(path))
+
+
+def test_bad_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(save(tmp_path, {}))
+    assert "--episodes" in refusal(capsys, "evaluate", path, "--episodes", "0")
+    assert "--gif TASK" in refusal(capsys, "evaluate", path, "--gif", "Align", "zero", str(tmp_path / "a.gif"))
+    assert "--gif POLICY" in refusal(capsys, "evaluate", path, "--gif", "Rotate", "nobody", str(tmp_path / "a.gif"))
+    (tmp_path / "file").write_text("")
+    assert "output" in refusal(capsys, "evaluate", path, "--output", str(tmp_path / "file" / "below"))
+    for arguments in ([], ["fly"], ["evaluate"], ["evaluate", path, "--episodes", "many"]):
+        with pytest.raises(SystemExit) as stop:
+            command.main(arguments)
+        assert stop.value.code == 2
+
+
+def test_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, gif = save(tmp_path, {}), tmp_path / "film" / "hero.gif"
+    arguments = ["--output", str(tmp_path / "there"), "--episodes", "2", "--gif", "Rotate", "steered", str(gif)]
+    assert command.main(["evaluate", str(path), *arguments, "--quiet"]) == 0
+    caught = capsys.readouterr()
+    assert caught.err == ""
+    assert "| Rotate | steered | 100.0 % |" in caught.out
+    assert str(tmp_path / "there" / "report.html") in caught.out
+    assert len((tmp_path / "there" / "episodes.csv").read_text().splitlines()) == 1 + 2 * 2
+    assert gif.read_bytes().startswith(b"GIF89a")
+    assert not (tmp_path / "out").exists()
+
+
+def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("agents.evaluation.evaluate", interrupted)
+    assert command.main(["evaluate", str(save(tmp_path, {})), "--quiet"]) == 1
+    line = capsys.readouterr().err
+    assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
+
+
+def test_shipped_settings_are_sound() -> None:
+    from agents import evaluation
+
+    for path in sorted(Path("configs/evaluations").glob("*.yaml")):
+        settings = evaluation.load_settings(path)
+        assert settings.seed_list()[0] == 100_000

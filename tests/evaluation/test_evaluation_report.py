@@ -1,0 +1,132 @@
+"""The files: whole, complete, and readable without a network."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from agents import evaluation
+from agents.evaluation import animation
+from agents.evaluation.files import write_atomically
+
+
+class Links(HTMLParser):
+    """Collects what a page would load, and the tags that are open."""
+
+    VOID = {"meta", "img", "source", "br", "link"}
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.targets: set[str] = set()
+        self.anchors: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = dict(attrs)
+        assert tag not in ("script", "link", "iframe")
+        self.targets |= {value for value in [values.get("id")] if value}
+        self.anchors += [value for value in [values.get("href")] if value]
+        self.loads += [value for key in ("src", "srcset", "data") if (value := values.get(key))]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def test_page_opens_offline(written: Path) -> None:
+    text = (written / "report.html").read_text(encoding="utf-8")
+    page = Links()
+    page.feed(text)
+    assert not page.open
+    assert page.loads and all(each.startswith("data:image/") for each in page.loads)
+    assert page.anchors and all(each.startswith("#") and each[1:] in page.targets for each in page.anchors)
+    assert "@import" not in text and not re.search(r"url\(", text)
+    assert len(text) < 15e6
+
+
+def test_page_says_what_was_found(found: evaluation.Results, written: Path) -> None:
+    text = (written / "report.html").read_text(encoding="utf-8")
+    assert "still &lt;&amp;&gt;" in text and "still <&>" not in text
+    assert "Does &lt;nothing&gt; &amp; says so." in text
+    assert text.count("data:image/webp") == len(found.rollouts)
+    for row in found.rows:
+        assert f"{100 * row.success_rate:.1f} %" in text
+        assert f"Seed {found.rollouts[row.task, row.policy].film.seed}" in text
+
+
+def test_json_holds_everything(found: evaluation.Results, written: Path) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is not JSON")
+
+    content = json.loads((written / "results.json").read_text(encoding="utf-8"), parse_constant=refuse)
+    assert content["seeds"] == list(range(300, 308))
+    assert content["versions"]["numpy"] == np.__version__ and content["versions"]["vibgym"]
+    assert content["machine"]["cores"] >= 1 and "commit" in content
+    assert content["settings"]["tasks"] == ["Transport", "Align"]
+    assert len(content["results"]) == 6 and len(content["comparisons"]) == 6 and len(content["episodes"]) == 48
+    assert content["results"][0]["time_to_goal_median_s"] is None
+    assert content["tasks"]["Align"]["position_tolerance"] == 0.002
+
+
+def test_csv_rows(found: evaluation.Results, written: Path) -> None:
+    with (written / "results.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["task"], row["policy"]) for row in rows] == list(found.rollouts)
+    assert rows[0]["time_to_goal_median_s"] == "" and float(rows[0]["success_rate"]) == 0.0
+    with (written / "episodes.csv").open(newline="", encoding="utf-8") as file:
+        episodes = list(csv.DictReader(file))
+    pusher = found.rollouts["Transport", "pusher"]
+    mine = [row for row in episodes if (row["task"], row["policy"]) == ("Transport", "pusher")]
+    assert [int(row["seed"]) for row in mine] == list(pusher.seeds)
+    np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
+
+
+def test_summary_table(found: evaluation.Results) -> None:
+    head, rule, *lines = evaluation.summary_table(found).splitlines()
+    assert len(lines) == 6 and len({line.count("|") for line in (head, rule, *lines)}) == 1
+    assert lines[0].startswith("| Transport | still <&> | 0.0 % | 0.0 to 36.9 % | – | ")
+
+
+def test_only_the_files_are_left(written: Path) -> None:
+    assert sorted(path.name for path in written.iterdir()) == [
+        "episodes.csv",
+        "report.html",
+        "results.csv",
+        "results.json",
+    ]
+
+
+def test_failure_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "report.html"
+    write_atomically(path, "old")
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        write_atomically(path, "new " * 10_000)
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+    monkeypatch.undo()
+    write_atomically(path, "new")
+    assert path.read_text() == "new"
+
+
+def test_gif(found: evaluation.Results, tmp_path: Path) -> None:
+    frames, interval = animation.frames_of(found, "Align", "pusher", 300)
+    assert len(frames) <= animation.MOST_FRAMES and frames[0].dtype == np.uint8
+    animation.write_gif(tmp_path / "film.gif", frames[:6], 1.0 / interval)
+    with Image.open(tmp_path / "film.gif") as image:
+        assert image.n_frames == 6 and image.info["loop"] == 0
+        assert image.size == (frames[0].shape[1], frames[0].shape[0])

@@ -1,0 +1,142 @@
+"""The scoring kernel against a plain reference, and what counts as the same heading."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vibgym import Part, Surface
+from vibgym.tasks import TASKS
+from vibgym.tasks.pose import TERMS, begin, new_score, score
+
+BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)
+SQUARE = Part.rectangle(0.04, 0.04, friction=0.58)
+DISC = Part.disc(0.02, friction=0.58)
+WEDGE = Part.polygon([[0, 0], [0.06, 0], [0, 0.03]], friction=0.5)
+POSITION = {"Transport": 0.005, "Align": 0.002, "Rotate": 0.005}
+HEADING = {"Transport": None, "Align": math.radians(3), "Rotate": math.radians(2)}
+
+
+class Reference:
+    """One world, written from the environment's documentation."""
+
+    def __init__(self, task, period, pose, goal):
+        self.task, self.period, self.goal, self.held = task, period, goal, 0
+        self.distance, self.turn = self.errors(pose)
+
+    def errors(self, pose):
+        distance = math.hypot(self.goal[0] - pose[0], self.goal[1] - pose[1])
+        turn = self.goal[2] - pose[2]
+        if self.task == "Transport" or self.period == 0:
+            turn = 0.0
+        elif self.task == "Align":
+            turn = min(abs(turn + k * self.period) for k in range(-40, 41))
+        return distance, abs(turn)
+
+    def step(self, pose, fallen, diverged):
+        before, turned = self.distance, self.turn
+        self.distance, self.turn = self.errors(pose)
+        inside = self.distance <= POSITION[self.task] and (
+            HEADING[self.task] is None or self.turn <= HEADING[self.task]
+        )
+        self.held = self.held + 1 if inside and not fallen and not diverged else 0
+        success = self.held >= 10
+        near = lambda value, scale: math.tanh(value / scale)  # noqa: E731
+        terms = {
+            "distance": min(max((before - self.distance) / 0.1, -1), 1),
+            "approach": near(before, 0.01) - near(self.distance, 0.01),
+            "turn": min(max(turned - self.turn, -1), 1),
+            "alignment": near(turned, 0.15) - near(self.turn, 0.15),
+            "inside": 0.1 if inside else 0.0,
+            "time": -0.02,
+            "success": 5.0 if success else 0.0,
+            "fallen": -5.0 if fallen else 0.0,
+        }
+        return terms, success, success or fallen or diverged
+
+
+@pytest.mark.parametrize("part, period", [(BLOCK, math.pi), (SQUARE, math.pi / 2), (DISC, 0), (WEDGE, 2 * math.pi)],
+                         ids=["block", "square", "disc", "wedge"])  # fmt: skip
+@pytest.mark.parametrize("task", TASKS)
+def test_score_kernel(task, part, period):
+    worlds, steps = 40, 40
+    generator = np.random.default_rng(1)
+    made = TASKS[task](Surface(), part)
+    start, goal = made.draw(generator.random((worlds, made.draws)))
+    pose, result = start[:, None].copy(), new_score(worlds)
+    begin(made.rules, pose, goal, np.arange(worlds), result)
+    period = 1 if task == "Rotate" else period
+    reference = [Reference(task, period, start[k], goal[k]) for k in range(worlds)]
+    seen = {"success": 0, "fallen": 0, "diverged": 0}
+    for step in range(steps):
+        # Near the goal, most often within tolerance; now and then anywhere.
+        spread = np.array([0.002, 0.002, 0.02]) * generator.choice([0.3, 1.0, 3.0], (worlds, 1), p=[0.9, 0.05, 0.05])
+        pose[:, 0] = goal + spread * generator.standard_normal((worlds, 3))
+        if task == "Align":
+            pose[:, 0, 2] += generator.integers(-3, 4, worlds) * period
+        away = generator.random(worlds) < 0.01
+        pose[away, 0] = made.draw(generator.random((worlds, made.draws)))[0][away]
+        fallen, diverged = generator.random((worlds, 1)) < 0.01, generator.random(worlds) < 0.01
+        score(made.rules, pose, goal, fallen, diverged, result)
+        for k in range(worlds):
+            terms, success, ended = reference[k].step(pose[k, 0], fallen[k, 0], diverged[k])
+            assert result.terms[k] == pytest.approx([terms[name] for name in TERMS], abs=1e-8), (step, k)
+            assert result.reward[k] == pytest.approx(sum(terms.values()), abs=1e-8)
+            assert (result.success[k], result.ended[k]) == (success, ended), (step, k)
+            assert result.distance[k] == pytest.approx(reference[k].distance, abs=1e-15)
+            assert abs(result.error[k, 2]) == pytest.approx(reference[k].turn, abs=1e-8)
+        seen["success"] += result.success.sum()
+        seen["fallen"] += fallen.sum()
+        seen["diverged"] += diverged.sum()
+    assert min(seen.values()) > 0
+
+
+def heading_error(task, part, goal_heading, heading):
+    made = TASKS[task](Surface(), part)
+    result = new_score(1)
+    pose = np.array([[[0.4, 0.1, heading]]])
+    begin(made.rules, pose, np.array([[0.4, 0.1, goal_heading]]), np.zeros(1, dtype=np.int64), result)
+    return result.error[0, 2]
+
+
+@pytest.mark.parametrize("part, symmetry", [(BLOCK, 2), (SQUARE, 4), (WEDGE, 1)], ids=["block", "square", "wedge"])
+@given(goal=st.floats(-4, 4), heading=st.floats(-50, 50), turns=st.integers(-9, 9))
+def test_align_counts_headings_modulo_the_parts_symmetry(part, symmetry, goal, heading, turns):
+    period = 2 * math.pi / symmetry
+    error = heading_error("Align", part, goal, heading)
+    assert abs(error) <= period / 2 + 1e-12
+    remainder = (goal - heading - error) / period
+    assert remainder == pytest.approx(round(remainder), abs=1e-9)
+    again = heading_error("Align", part, goal, heading + turns * period)
+    assert min(abs(again - error), period - abs(again - error)) < 1e-9
+
+
+@given(goal=st.floats(-4, 4), heading=st.floats(-50, 50))
+def test_a_discs_heading_does_not_count(goal, heading):
+    assert abs(heading_error("Align", DISC, goal, heading)) < 1e-8
+
+
+@pytest.mark.parametrize("part", [BLOCK, DISC], ids=["block", "disc"])
+@given(goal=st.floats(-10, 10), heading=st.floats(-50, 50))
+def test_rotate_does_not_wrap(part, goal, heading):
+    assert heading_error("Rotate", part, goal, heading) == goal - heading
+
+
+@given(goal=st.floats(-4, 4), heading=st.floats(-50, 50))
+def test_transport_leaves_the_heading_free(goal, heading):
+    assert heading_error("Transport", BLOCK, goal, heading) == 0.0
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_begin_touches_the_given_worlds_only(task):
+    made = TASKS[task](Surface(), BLOCK)
+    start, goal = made.draw(np.random.default_rng(0).random((4, made.draws)))
+    result = new_score(4)
+    for values in result:
+        values[...] = 7
+    begin(made.rules, start[:, None], goal, np.array([2]), result)
+    for values in result:
+        assert (values[[0, 1, 3]] == np.array(7).astype(values.dtype)).all()
+    assert result.held[2] == 0 and not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all()
