@@ -96,7 +96,9 @@ def environments() -> None:
     """The environments' step rates."""
     cartpole = best_cartpole()
     theirs = batch_rate(cartpole, max(8, 200_000 // cartpole.num_envs))
-    print(f"\nVector environments, {WORLDS} worlds, against CartPole-v1 (SyncVectorEnv, {cartpole.num_envs}: its best size)")
+    print(
+        f"\nVector environments, {WORLDS} worlds, against CartPole-v1 (SyncVectorEnv, {cartpole.num_envs}: its best size)"
+    )
     print(f"  {'environment':34s} {'steps/s':>10s} {'CartPole':>10s} {'ratio':>7s}")
     for task, action in (("Rotate", "element"), ("Rotate", "patch"), ("Transport", "element"), ("Align", "field")):
         env = gym.make_vec(f"vibgym/{task}-v0", num_envs=WORLDS, action=action)
@@ -120,7 +122,9 @@ def start() -> None:
     both = "import gymnasium, vibgym; " + TIMED.format(FIRST_STEP)
     in_fresh_process(both, 1)
     print("\nStart")
-    print(f"  import vibgym: {ours:.2f} s, numba and gymnasium alone: {base:.2f} s, {ours / base:.2f} times (target <= 1.5)")
+    print(
+        f"  import vibgym: {ours:.2f} s, numba and gymnasium alone: {base:.2f} s, {ours / base:.2f} times (target <= 1.5)"
+    )
     print(f"  first step with a warm cache: {in_fresh_process(both, 3):.2f} s (target <= 1)")
 
 

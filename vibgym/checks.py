@@ -10,9 +10,10 @@ import numpy as np
 
 
 def refuse(name: str, value: object, allowed: str) -> ValueError:
-    """The error for argument ``name``; long values are shortened."""
+    """The error for argument ``name``, in one line; long values are shortened."""
     text = repr(value)
-    return ValueError(f"{name}: got {text if len(text) <= 120 else text[:117] + '...'}; allowed: {allowed}")
+    message = f"{name}: got {text if len(text) <= 120 else text[:117] + '...'}; allowed: {allowed}"
+    return ValueError(" ".join(message.splitlines()))
 
 
 def number(

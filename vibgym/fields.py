@@ -46,6 +46,8 @@ class Field:
 
     push: Callable[[np.ndarray, np.ndarray], Push]
 
+    __array_ufunc__ = None  # array * field is for __rmul__, not one field for every number
+
     def __add__(self, other: Field) -> Field:
         def push(x: np.ndarray, y: np.ndarray) -> Push:
             (ax, ay), (bx, by) = self.push(x, y), other.push(x, y)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from agents.evaluation.files import write_atomically
 from agents.evaluation.results import Results
 from agents.evaluation.rollout import Film
+from agents.files import write_atomically
 from vibgym.rendering import SurfacePainter, View
 
 MOST_FRAMES = 120

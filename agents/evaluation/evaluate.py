@@ -13,12 +13,12 @@ from tqdm import tqdm
 
 import vibgym  # noqa: F401 - registers the environments
 from agents.evaluation import animation, report, tables
-from agents.evaluation.files import output_directory, write_atomically
 from agents.evaluation.provenance import provenance
 from agents.evaluation.results import Results, TaskFacts, row_of
 from agents.evaluation.rollout import run
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import compare
+from agents.files import output_directory, write_atomically
 from agents.policy import Policy, Situation, make_policy
 from vibgym import checks
 from vibgym.envs.core import Core

@@ -188,10 +188,11 @@ def _example(results: Results) -> str:
         pair = (row.task, row.policy)
         if row.success_rate >= figures.WORTH_SHOWING or pair in best:
             film = results.rollouts[pair].film
-            # A third of the way: the part is moving, and the line behind it shows, if the task moves it at all.
-            frames[pair] = frame = (len(film.poses) - 1) // 3
-            travelled = np.hypot(*(film.poses[frame] - film.poses[0])[:2])
-            variety[pair] = (bool(travelled > results.part.radius), float(film.phasors[frame].var(axis=(0, 1)).sum()))
+            # Half way there: the line behind the part shows, and the goal is still free, if the task moves it at all.
+            travelled = np.hypot(*(film.poses - film.poses[0])[:, :2].T)
+            frames[pair] = frame = int((travelled >= 0.5 * travelled.max()).argmax())
+            moved = bool(travelled[frame] > results.part.radius)
+            variety[pair] = (moved, float(film.phasors[frame].var(axis=(0, 1)).sum()))
     task, policy = max(variety, key=lambda pair: variety[pair])
     painter = animation.painter_for(results, 1064)
     return _data(animation.png(animation.picture(results, task, policy, frames[task, policy], painter)), "png")

@@ -56,6 +56,10 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
         )
     wanted = {f"policy.{name}": value for name, value in model.policy.state_dict().items()}
     shapes = {name: tuple(value.shape) for name, value in wanted.items()}
+    trained = [parameter for group in model.policy.optimizer.param_groups for parameter in group["params"]]
+    for index, parameter in enumerate(trained):
+        if f"adam.{index}.step" in tensors:
+            shapes.update({f"adam.{index}.{name}": tuple(parameter.shape) for name in ADAM[1:]})
     if any(name not in tensors or tensors[name].shape != shape for name, shape in shapes.items()):
         raise checks.refuse(str(path), "tensors of another network", "a checkpoint of the same settings")
     steps = checks.count(f"{path}: steps", record.get("steps"), least=0)

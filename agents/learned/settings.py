@@ -35,7 +35,7 @@ class TrainSettings(Settings):
     worlds: int = Field(512, ge=1)
     steps: int = Field(ge=1)
     seed: int = Field(0, ge=0)
-    checkpoint_steps: int = Field(2_000_000, ge=1)
+    checkpoint_steps: int = Field(500_000, ge=1)
     output: str | None = None  # directory; default: runs/<name of the file>
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
 

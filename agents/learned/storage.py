@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -19,34 +17,20 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from agents.files import write_atomically
 from vibgym import checks
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Put ``data`` at ``path`` in one step; until then the old file stands."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any]) -> None:
     """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     data = save({name: np.ascontiguousarray(value) for name, value in tensors.items()})
     digest = hashlib.sha256(data).hexdigest()
     tensor_path = path.with_name(f"{path.stem}-{digest[:12]}.safetensors")
     if not tensor_path.exists():
         write_atomically(tensor_path, data)
     record = {"format": kind, "version": 1, "tensors": tensor_path.name, "sha256": digest, **settings}
-    write_atomically(path, (json.dumps(record, indent=2, sort_keys=True) + "\n").encode())
+    write_atomically(path, json.dumps(record, indent=2, sort_keys=True) + "\n")
     for old in path.parent.glob(f"{path.stem}-{'[0-9a-f]' * 12}.safetensors"):
         if old != tensor_path:
             old.unlink(missing_ok=True)
@@ -80,5 +64,5 @@ def load_set(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, An
         raise checks.refuse(f"{name}: tensors", file, "the file that was saved with it (SHA-256 differs)")
     try:
         return load(data), record
-    except SafetensorError as error:
+    except (SafetensorError, KeyError) as error:  # KeyError: a type of number that NumPy does not have
         raise checks.refuse(f"{name}: tensors", f"{file} ({error})", "a whole safetensors file") from None

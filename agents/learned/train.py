@@ -133,9 +133,12 @@ def train(config: Path, output: Path | None = None, quiet: bool = False) -> Path
             model.learn(
                 settings.steps - model.num_timesteps, callback=progress, log_interval=8, reset_num_timesteps=False
             )
+    except ValueError as error:  # the settings were fine; what failed is no bad input
+        raise RuntimeError(f"training failed after {model.num_timesteps} steps: {error}") from error
     except KeyboardInterrupt:
-        print(f"\ninterrupted: {progress.saved_at} steps are saved in {directory}; the same command goes on from there")
-        raise
+        raise KeyboardInterrupt(
+            f"{progress.saved_at} steps are saved in {directory}; the same command goes on from there"
+        ) from None
     finally:
         progress.bar.close()
         model.logger.close()

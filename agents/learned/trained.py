@@ -25,7 +25,9 @@ ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {"tanh": np.tanh, "
 
 
 class TrainedPolicy:
-    """Mean action of a Gaussian policy: hidden layers, then a linear one. float32 throughout.
+    """A network trained by PPO on the phasors around the part; acts by its mean, without exploring.
+
+    Hidden layers, then a linear one; float32 throughout.
 
     Args:
         layers: (weight (out, in), bias (out,)) of each layer.

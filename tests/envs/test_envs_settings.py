@@ -15,7 +15,13 @@ from tests.envs.helpers import TASKS, assert_same, batch, put, single
 from vibgym.envs import VibgymEnv, VibgymVectorEnv, register_environments
 
 FULL = {
-    "surface": {"rows": 6, "columns": 20, "element_size_mm": 30.0, "horizontal_amplitude": 0.003, "max_amplitude": 3e-4},
+    "surface": {
+        "rows": 6,
+        "columns": 20,
+        "element_size_mm": 30.0,
+        "horizontal_amplitude": 0.003,
+        "max_amplitude": 3e-4,
+    },
     "parts": [
         {
             "shape": "polygon",

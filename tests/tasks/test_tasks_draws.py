@@ -17,7 +17,9 @@ PARTS = [
 ]
 SURFACES = [Surface(), Surface(rows=32, columns=8)]
 BELOW_ONE = np.nextafter(1.0, 0.0)
-uniforms = st.lists(st.one_of(st.sampled_from([0.0, 0.5, BELOW_ONE]), st.floats(0.0, BELOW_ONE)), min_size=6, max_size=6)
+uniforms = st.lists(
+    st.one_of(st.sampled_from([0.0, 0.5, BELOW_ONE]), st.floats(0.0, BELOW_ONE)), min_size=6, max_size=6
+)
 
 
 def outline_at(part, pose):
@@ -67,13 +69,15 @@ def test_draws_fill_their_ranges(task):
             share = np.histogram(poses[:, axis], 10, (low[axis], high[axis]))[0] / len(poses)
             assert share == pytest.approx(0.1, abs=0.015)  # 7 standard deviations
     assert np.histogram(start[:, 2], 10, (-math.pi, math.pi))[0] / len(start) == pytest.approx(0.1, abs=0.015)
+    turn = goal[:, 2] - start[:, 2]
     if task == "Rotate":
-        turn = goal[:, 2] - start[:, 2]
         assert np.histogram(turn, 10, (-2 * math.pi, 2 * math.pi))[0] / len(turn) == pytest.approx(0.1, abs=0.015)
-    else:
-        assert abs(np.corrcoef(start[:, 0], goal[:, 0])[0, 1]) < 0.05
-    if task == "Align":
-        assert abs(np.corrcoef(start[:, 2], goal[:, 2])[0, 1]) < 0.05
+    columns = {
+        "Transport": [*start.T, *goal.T[:2]],
+        "Align": [*start.T, *goal.T],
+        "Rotate": [*start.T, turn],
+    }[task]
+    assert np.corrcoef(columns) == pytest.approx(np.eye(made.draws), abs=0.05)  # all numbers are their own
 
 
 @pytest.mark.parametrize("task", TASKS)
