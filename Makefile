@@ -63,7 +63,7 @@ benchmark: $(LEARN)
 	$(PY) -m benchmarks.speed
 
 train: $(LEARN)
-	@for policy in $(POLICIES); do $(PY) -m agents train configs/agents/$$policy.yaml || exit; done
+	@for policy in $(POLICIES); do $(PY) -m agents train configs/agents/$$policy.yaml --policy agents/learned/shipped/$$policy.json || exit; done
 
 format: $(DEV)
 	$(BIN)/ruff check --fix

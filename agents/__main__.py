@@ -21,6 +21,9 @@ def parser() -> argparse.ArgumentParser:
         "--gif", nargs=3, metavar=("TASK", "POLICY", "PATH"), help="also write the film of this pair as a GIF file"
     )
     training = commands.add_parser("train", help="train a policy, or go on from its last checkpoint")
+    training.add_argument(
+        "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
+    )
     for command in (evaluating, training):
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
@@ -57,7 +60,7 @@ def train(arguments: argparse.Namespace) -> int:
 
     output = None if arguments.output is None else Path(arguments.output)
     try:
-        train(arguments.config, output=output, quiet=arguments.quiet)
+        train(arguments.config, output=output, quiet=arguments.quiet, policy=arguments.policy)
     except ValueError as error:
         return refused(error)
     return 0

@@ -6,6 +6,7 @@ scene it may know what an engineer would: the surface, the part and the task, ne
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vibgym import checks
+from vibgym.envs.actions import ACTIONS
 from vibgym.scene import Part, Surface
 
 
@@ -53,6 +55,39 @@ class Situation:
     part: Part
 
 
+class Foreign:
+    """A model that has ``predict`` alone, such as one of Stable-Baselines3: its spaces tell what it speaks.
+
+    Args:
+        model: has ``predict``, and ``action_space`` whose shape is that of an action, flattened or not. Where element and
+            phasor actions would both fit, it is taken for ``"element"``. It reads ``"state"`` observations.
+        situation: surface and part.
+
+    Raises:
+        ValueError: no action has that shape.
+    """
+
+    observation = "state"
+
+    def __init__(self, model: Any, situation: Situation) -> None:
+        self.model = model
+        got = getattr(getattr(model, "action_space", None), "shape", None)
+        shapes = {name: make(situation.surface, situation.part).shape for name, make in ACTIONS.items()}
+        fitting = [name for name, shape in shapes.items() if got in (shape, (math.prod(shape),))]
+        if not fitting:
+            allowed = "attributes 'action' and 'observation', or an action_space of a shape among "
+            raise checks.refuse("policy", f"{type(model).__name__} with actions of shape {got}", f"{allowed}{shapes}")
+        self.action = fitting[0]
+        self.shape = shapes[self.action]
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """The model's action in the environment's shape."""
+        action, state = self.model.predict(observation, state, episode_start, deterministic)
+        return np.reshape(action, (*np.shape(observation)[:-1], *self.shape)), state
+
+
 def make_policy(policy: Any, situation: Situation, seed: int = 0) -> Policy:
     """A policy from ``"zero"``, ``"random"``, ``"open_loop"``, ``"local_field"``, the path of a trained one's JSON file,
     a mapping ``{"kind": name, **arguments}``, or anything that has ``predict``.
@@ -67,7 +102,7 @@ def make_policy(policy: Any, situation: Situation, seed: int = 0) -> Policy:
     from agents.learned.trained import load_trained
 
     if hasattr(policy, "predict"):
-        return policy
+        return policy if hasattr(policy, "action") and hasattr(policy, "observation") else Foreign(policy, situation)
     if isinstance(policy, str):
         policy = {"kind": "trained", "path": policy} if policy.endswith(".json") else {"kind": policy}
     if not isinstance(policy, Mapping):

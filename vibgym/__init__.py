@@ -1,9 +1,23 @@
 """Learned manipulation on a segmented vibrating surface: exact planar physics, Gymnasium environments, baselines."""
 
-from vibgym.envs import register_environments
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from vibgym.registration import register_environments
 from vibgym.scene import Part, Simulator, Surface
 
 __version__ = "0.1.0"
 __all__ = ["Part", "Simulator", "Surface"]
 
+_ROOMS = ("config", "envs", "fields", "rendering", "tasks")
+
 register_environments()
+
+
+def __getattr__(name: str) -> Any:
+    """Import a submodule when it is first asked for; ``gym.make`` does so by the registered names."""
+    if name in _ROOMS:
+        return importlib.import_module(f"vibgym.{name}")
+    raise AttributeError(f"module 'vibgym' has no attribute {name!r}")

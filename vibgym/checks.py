@@ -41,9 +41,10 @@ def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> 
     allowed = f"a whole number >= {least}" + ("" if most is None else f" and <= {most}")
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise refuse(name, value, allowed)
-    if value < least or (most is not None and value > most):
+    whole = int(value)
+    if whole < least or (most is not None and whole > most):
         raise refuse(name, value, allowed)
-    return int(value)
+    return whole
 
 
 def choice(name: str, value: Any, allowed: tuple[Any, ...]) -> Any:

@@ -17,6 +17,8 @@ from vibgym import checks
 KIND = "vibgym-checkpoint"
 FILE = "checkpoint.json"
 ADAM = ("step", "exp_avg", "exp_avg_sq")
+FREE = {"steps", "checkpoint_steps", "output"}
+"""Settings that may change between the sittings of a run."""
 
 
 def _numpy(tensor: torch.Tensor) -> np.ndarray:
@@ -47,8 +49,8 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
     tensors, record = load_set(path, KIND)
     mine = settings.model_dump(mode="json")
     theirs = record.get("settings")
-    if not isinstance(theirs, dict) or {**theirs, "steps": 0} != {**mine, "steps": 0}:
-        names = [key for key in mine if not isinstance(theirs, dict) or theirs.get(key) != mine[key]]
+    names = [key for key in mine if not isinstance(theirs, dict) or theirs.get(key) != mine[key]]
+    if set(names) - FREE:
         raise checks.refuse(
             str(path),
             f"other {', '.join(names)}",

@@ -15,7 +15,7 @@ class PPOSettings(Settings):
 
     n_steps: int = Field(32, ge=1)
     batch_size: int = Field(4096, ge=2)
-    n_epochs: int = Field(4, ge=1)
+    n_epochs: int = Field(3, ge=1)
     learning_rate: float = Field(1e-3, gt=0)
     final_learning_rate: float = Field(1e-4, gt=0)  # reached linearly at the end
     gamma: float = Field(0.98, gt=0, le=1)

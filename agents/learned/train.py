@@ -105,14 +105,20 @@ class Progress(BaseCallback):
         self.saved_at = self.num_timesteps
 
 
-def train(config: Path, output: Path | None = None, quiet: bool = False) -> Path:
+def train(config: Path, output: Path | None = None, quiet: bool = False, policy: Path | None = None) -> Path:
     """Train as the file ``config`` says, from its last checkpoint if there is one.
 
-    Writes ``checkpoint.json`` with its tensors, ``progress.csv`` and TensorBoard events, and at the end
-    ``policy.json`` with its tensors.
+    Writes ``checkpoint.json`` with its tensors, ``progress.csv`` and TensorBoard events, and at the end the policy: a
+    JSON file with its tensors beside it.
+
+    Args:
+        config: YAML file of :class:`TrainSettings`.
+        output: directory, instead of the file's.
+        quiet: no progress bar, no closing line.
+        policy: path of the policy's file, instead of ``policy.json`` in the directory.
 
     Returns:
-        Path of ``policy.json``.
+        Path of the policy's file.
 
     Raises:
         ValueError: bad settings, or a checkpoint of other settings.
@@ -131,7 +137,7 @@ def train(config: Path, output: Path | None = None, quiet: bool = False) -> Path
     try:
         if model.num_timesteps < settings.steps:
             model.learn(
-                settings.steps - model.num_timesteps, callback=progress, log_interval=8, reset_num_timesteps=False
+                settings.steps - model.num_timesteps, callback=progress, log_interval=1, reset_num_timesteps=False
             )
     except ValueError as error:  # the settings were fine; what failed is no bad input
         raise RuntimeError(f"training failed after {model.num_timesteps} steps: {error}") from error
@@ -151,7 +157,7 @@ def train(config: Path, output: Path | None = None, quiet: bool = False) -> Path
         "minutes": round(progress.seconds / 60.0, 2),
         "vibgym": vibgym.__version__,
     }
-    path = directory / "policy.json"
+    path = policy or directory / "policy.json"
     checkpoint.save_policy(path, model, settings, training)
     if not quiet:
         rate = model.num_timesteps / progress.seconds

@@ -12,7 +12,8 @@ from gymnasium.envs.registration import EnvSpec
 
 import vibgym
 from tests.envs.helpers import TASKS, assert_same, batch, put, single
-from vibgym.envs import VibgymEnv, VibgymVectorEnv, register_environments
+from vibgym.envs import VibgymEnv, VibgymVectorEnv
+from vibgym.registration import register_environments
 
 FULL = {
     "surface": {

@@ -100,7 +100,10 @@ class Patch(Action):
 
 
 class Field(Action):
-    """(parts, 6): strengths of the fields around the part: uniform x, y, squeeze x, y, radial, tangential."""
+    """(parts, 6): strengths of the fields around the part: uniform x, y, squeeze x, y, radial, tangential.
+
+    The fields are those of :mod:`vibgym.fields` centred on the part, with a reach of half the patch (k / 2 elements).
+    """
 
     def __init__(self, surface: Surface, part: Part) -> None:
         super().__init__(surface, part)

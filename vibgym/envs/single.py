@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -83,7 +83,7 @@ class VibgymEnv(gym.Env):
         ValueError: a setting that is not among those.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 25}
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 25}
 
     def __init__(self, task: str, *, render_mode: str | None = None, **settings: Any) -> None:
         if render_mode is not None:

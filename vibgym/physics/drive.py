@@ -54,7 +54,7 @@ class PatchDrive(NamedTuple):
 
 
 class FieldDrive(NamedTuple):
-    """Strengths of the basic fields around a point, on the elements within reach of it.
+    """Strengths of the basic fields around a point, on the whole surface: those of :mod:`vibgym.fields`.
 
     The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push:
     ``reach`` is the distance at which squeeze, radial and tangential fields are at full strength.
@@ -126,16 +126,16 @@ def _patch(drive, world, row, column):
 @jit
 def _field(drive, world, row, column):
     strength = drive.action[world, 0]
-    x = _clip(((column + 0.5) * drive.element_size - drive.centre[world, 0]) / drive.reach, -1.0, 1.0)
-    y = _clip(((row + 0.5) * drive.element_size - drive.centre[world, 1]) / drive.reach, -1.0, 1.0)
-    uniform_x = _clip(np.float64(strength[0]), -1.0, 1.0)
-    uniform_y = _clip(np.float64(strength[1]), -1.0, 1.0)
-    inward_x = _clip(np.float64(strength[2]), -1.0, 1.0) + _clip(np.float64(strength[4]), -1.0, 1.0)
-    inward_y = _clip(np.float64(strength[3]), -1.0, 1.0) + _clip(np.float64(strength[4]), -1.0, 1.0)
-    turn = _clip(np.float64(strength[5]), -1.0, 1.0)
+    dx = (column + 0.5) * drive.element_size - drive.centre[world, 0]
+    dy = (row + 0.5) * drive.element_size - drive.centre[world, 1]
+    far = max(math.sqrt(dx * dx + dy * dy), drive.reach)
+    radial = _clip(np.float64(strength[4]), -1.0, 1.0) / far
+    turn = _clip(np.float64(strength[5]), -1.0, 1.0) / far
+    squeeze_x = _clip(np.float64(strength[2]), -1.0, 1.0) * _clip(dx / drive.reach, -1.0, 1.0)
+    squeeze_y = _clip(np.float64(strength[3]), -1.0, 1.0) * _clip(dy / drive.reach, -1.0, 1.0)
     return push_phasor(
-        uniform_x - inward_x * x - turn * y,
-        uniform_y - inward_y * y + turn * x,
+        _clip(np.float64(strength[0]), -1.0, 1.0) - squeeze_x - radial * dx - turn * dy,
+        _clip(np.float64(strength[1]), -1.0, 1.0) - squeeze_y - radial * dy + turn * dx,
         drive.full_scale,
     )
 

@@ -67,7 +67,7 @@ def new_score(worlds: int) -> Score:
 
 @jit
 def heading_difference(rules, difference):
-    """Heading error in (-period / 2, period / 2], or as it is for headings that are not wrapped; 0 if it does not count."""
+    """Heading error in [-period / 2, period / 2], or as it is for headings that are not wrapped; 0 if it does not count."""
     if not math.isfinite(rules.heading_tolerance):
         return 0.0
     if rules.heading_period > 0.0:
