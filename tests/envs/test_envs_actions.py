@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import ACTIONS, assert_same, batch, put, single
-from vibgym import Surface
+from vibgym import Surface, fields
 from vibgym.config import part_from
 
 SIZE = 0.026
@@ -98,27 +98,22 @@ def test_patch_covers_the_part_wherever_it_lies(part):
         assert moving.sum() == k * k
 
 
-def field_by_hand(strength, centre, surface):
-    """Thesis fig. 4.4: the elements' push is the sum of the basic fields around the part, at full strength at ``reach``."""
-    ux, uy, sx, sy, radial, turn = np.clip(strength, -1, 1)
+def sum_of_fields(strength, centre, surface):
+    """The action means the fields of ``vibgym.fields`` (thesis fig. 4.4) around the part, with a reach of k / 2 elements."""
+    ux, uy, sx, sy, inward, turn = np.clip(strength, -1, 1)
+    x, y = centre[:2]
     reach = PATCH * surface.element_size / 2
-    result = np.zeros((surface.rows, surface.columns, 2))
-    for row in range(surface.rows):
-        for column in range(surface.columns):
-            x = min(max(((column + 0.5) * surface.element_size - centre[0]) / reach, -1.0), 1.0)
-            y = min(max(((row + 0.5) * surface.element_size - centre[1]) / reach, -1.0), 1.0)
-            push_x = ux - sx * x - radial * x - turn * y
-            push_y = uy - sy * y - radial * y + turn * x
-            length = max(math.hypot(push_x, push_y), 1.0)
-            result[row, column] = -push_y / length, -push_x / length
-    return result
+    field = fields.uniform(0.0, ux) + fields.uniform(math.pi / 2, uy)
+    field += fields.squeeze(x, y, math.pi / 2, sx, reach) + fields.squeeze(x, y, 0.0, sy, reach)
+    field += fields.radial(x, y, inward, reach) + fields.tangential(x, y, turn, reach)
+    return field.phasors(surface)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_field(seed):
     strength = values_for("field", seed)[0] * (1.0 if seed % 2 else 0.3)
     phasors, pose = stepped("field", strength[None].astype(np.float32))
-    expected = field_by_hand(strength.astype(np.float32).astype(float), pose, Surface())
+    expected = sum_of_fields(strength.astype(np.float32).astype(float), pose, Surface())
     assert phasors == pytest.approx(expected, abs=1e-12)
 
 

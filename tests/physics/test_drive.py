@@ -104,17 +104,24 @@ def pushes(strengths):
 
 
 def offsets():
+    """Element centres from the field's centre, in units of the reach, x and y."""
     x, y = np.meshgrid((np.arange(COLUMNS) + 0.5) * SIZE, (np.arange(ROWS) + 0.5) * SIZE)
-    return np.clip(np.stack([x - CENTRE[0], y - CENTRE[1]], axis=-1) / REACH, -1, 1)
+    return (x - CENTRE[0]) / REACH, (y - CENTRE[1]) / REACH
+
+
+def central(x, y):
+    """The offset itself within reach, its direction beyond."""
+    distance = np.hypot(x, y)
+    return np.where(distance < 1, x, x / distance), np.where(distance < 1, y, y / distance)
 
 
 BASIC = {
     "uniform x": ([1, 0, 0, 0, 0, 0], lambda x, y: (1 + 0 * x, 0 * y)),
     "uniform y": ([0, 1, 0, 0, 0, 0], lambda x, y: (0 * x, 1 + 0 * y)),
-    "squeeze x": ([0, 0, 1, 0, 0, 0], lambda x, y: (-x, 0 * y)),
-    "squeeze y": ([0, 0, 0, 1, 0, 0], lambda x, y: (0 * x, -y)),
-    "radial": ([0, 0, 0, 0, 1, 0], lambda x, y: (-x, -y)),
-    "tangential": ([0, 0, 0, 0, 0, 1], lambda x, y: (-y, x)),
+    "squeeze x": ([0, 0, 1, 0, 0, 0], lambda x, y: (-np.clip(x, -1, 1), 0 * y)),
+    "squeeze y": ([0, 0, 0, 1, 0, 0], lambda x, y: (0 * x, -np.clip(y, -1, 1))),
+    "radial": ([0, 0, 0, 0, 1, 0], lambda x, y: (-central(x, y)[0], -central(x, y)[1])),
+    "tangential": ([0, 0, 0, 0, 0, 1], lambda x, y: (-central(x, y)[1], central(x, y)[0])),
 }
 
 
@@ -122,14 +129,14 @@ BASIC = {
 @pytest.mark.parametrize("strength", [1.0, -1.0, 0.5, 3.0])
 def test_basic_fields(name, strength):
     row, field = BASIC[name]
-    x, y = np.moveaxis(offsets(), -1, 0)
+    x, y = offsets()
     expected = shortened(np.clip(strength, -1, 1) * np.stack(field(x, y), axis=-1))
     assert np.allclose(pushes(strength * np.array(row)), expected, rtol=0, atol=1e-14)
 
 
 @given(st.lists(st.floats(-2, 2, width=32), min_size=6, max_size=6))
 def test_fields_add_up(strengths):
-    x, y = np.moveaxis(offsets(), -1, 0)
+    x, y = offsets()
     clipped = np.clip(np.array(strengths, dtype=np.float32).astype(float), -1, 1)
     total = sum(k * np.stack(field(x, y), axis=-1) for k, (_, field) in zip(clipped, BASIC.values(), strict=True))
     assert np.allclose(pushes(strengths), shortened(total), rtol=0, atol=1e-14)

@@ -18,7 +18,7 @@ import numba
 
 FAST_MATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
 
-OPTIONS: dict[str, Any] = {
+OPTIONS: Any = {
     "error_model": "numpy",
     "fastmath": FAST_MATH,
     "nogil": True,
