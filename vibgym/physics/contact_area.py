@@ -31,8 +31,6 @@ _GAUSS = 0.5 / math.sqrt(3.0)
 def _add_segment(cell, x0, y0, x1, y1):
     """Add one boundary segment, in the cell's own coordinates. Two Gauss points integrate the cubics exactly."""
     height = y1 - y0
-    if height == 0.0:
-        return
     x_middle, y_middle = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
     x_offset, y_offset = _GAUSS * (x1 - x0), _GAUSS * height
     xa, xb = x_middle - x_offset, x_middle + x_offset
@@ -79,35 +77,28 @@ def cut_outline(x, y, cells, box):
         if dy == 0.0:  # a horizontal edge encloses nothing to its left
             continue
         column, row = min(int(ax), columns - 1), min(int(ay), rows - 1)
-        right, up = dx > 0.0, dy > 0.0
-        line_x = column + 1 if right else column  # next grid lines ahead
-        line_y = row + 1 if up else row
-        t_x = (line_x - ax) / dx if dx != 0.0 else 2.0  # where along the edge they are met
-        t_y = (line_y - ay) / dy
+        inverse_dx, inverse_dy = 1.0 / dx, 1.0 / dy
+        step_x, step_y = 1 if dx > 0.0 else -1, 1 if dy > 0.0 else -1
+        line_x = float(column + 1 if dx > 0.0 else column)  # next grid lines ahead
+        line_y = float(row + 1 if dy > 0.0 else row)
+        t_x = (line_x - ax) * inverse_dx if dx != 0.0 else 2.0  # where along the edge they are met
+        t_y = (line_y - ay) * inverse_dy
         px, py = ax, ay
-        while True:
+        # Written without branches but the loop's own: which line comes next is as good as random.
+        while min(t_x, t_y) < 1.0:
             across = t_x <= t_y
-            t = t_x if across else t_y
-            last = not t < 1.0  # also ends the walk if t is NaN
-            if last:
-                qx, qy = bx, by
-            elif across:
-                qx, qy = float(line_x), ay + t * dy
-            else:
-                qx, qy = ax + t * dx, float(line_y)
+            qx = line_x if across else ax + t_y * dx
+            qy = ay + t_x * dy if across else line_y
             _add_segment(cells[row * columns + column], px - column, py - row, qx - column, qy - row)
-            if last:
-                break
             px, py = qx, qy
             # Rounding may point one cell past the box; the formulas hold there too, so stay in the last cell.
-            if across:
-                line_x += 1 if right else -1
-                column = min(max(column + (1 if right else -1), 0), columns - 1)
-                t_x = (line_x - ax) / dx
-            else:
-                line_y += 1 if up else -1
-                row = min(max(row + (1 if up else -1), 0), rows - 1)
-                t_y = (line_y - ay) / dy
+            column = min(max(column + (step_x if across else 0), 0), columns - 1)
+            row = min(max(row + (0 if across else step_y), 0), rows - 1)
+            line_x += step_x if across else 0.0
+            line_y += 0.0 if across else step_y
+            t_x = (line_x - ax) * inverse_dx if dx != 0.0 else 2.0
+            t_y = (line_y - ay) * inverse_dy
+        _add_segment(cells[row * columns + column], px - column, py - row, bx - column, by - row)
 
 
 @jit
