@@ -149,7 +149,7 @@ def speed_against_error(surface: Surface) -> None:
     reference = run(surface, part, scene, PERIODS, **CONVERGED)
     print("\n4  Speed against error (aluminium block, spin 0 at the start, one thread)")
     print("   steps substeps   median mm    95 % mm   median deg   us per period and core")
-    for steps, substeps in ((4, 3), (6, 3), (9, 2), (12, 3)):
+    for steps, substeps in ((4, 5), (6, 3), (9, 2), (12, 3)):
         scheme = {"steps": steps, "substeps": substeps, "threads": 1}
         position, heading, _ = compare(run(surface, part, scene, PERIODS, **scheme), reference)
         best = math.inf

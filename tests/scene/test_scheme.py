@@ -1,0 +1,40 @@
+"""The step sizes that are chosen when none are given."""
+
+import math
+
+import pytest
+
+from vibgym import Part, Simulator, Surface
+from vibgym.scene.parts import SHIPPED, shipped_part
+
+SURFACE = Surface()
+
+
+def scheme(part, **given):
+    chosen = Simulator(SURFACE, part, **given)._scheme
+    return chosen.steps, chosen.substeps
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_blocks_are_cut_six_times(name):
+    assert scheme(shipped_part(name)) == (6, 3)
+
+
+def test_small_parts_are_cut_more_often():
+    # The radius of gyration of a disc is r / sqrt(2); the table's speed makes 2 pi a_h = 17 mm in a period.
+    limit = 2.0 * math.pi * SURFACE.horizontal_amplitude * math.sqrt(2.0)
+    assert scheme(Part.disc(0.999 * limit, friction=0.5)) == (9, 2)
+    assert scheme(Part.disc(1.001 * limit, friction=0.5)) == (6, 3)
+
+
+@pytest.mark.parametrize("steps", [1, 4, 5, 6, 17, 18, 40])
+def test_at_least_eighteen_runge_kutta_steps(steps):
+    got, substeps = scheme(shipped_part("steel_block"), steps=steps)
+    assert got == steps and steps * substeps >= 18 and steps * (substeps - 1) < 18
+
+
+@pytest.mark.parametrize("name", ["steps", "substeps"])
+@pytest.mark.parametrize("value", [0, -1, 2.0, "many", None, True])
+def test_bad_step_counts_are_refused_by_name(name, value):
+    with pytest.raises(ValueError, match=rf"^{name}.*allowed: a whole number >= 1"):
+        Simulator(SURFACE, shipped_part("steel_block"), **{name: value})
