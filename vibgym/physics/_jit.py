@@ -1,17 +1,20 @@
-"""The one decorator every kernel uses, and the switch of its cache.
+"""The one decorator every kernel uses, and its cache.
 
 ``error_model="numpy"`` lets divisions vectorise. The fast-math flags allow contraction and reassociation but keep NaN and
 infinity meaningful in comparisons. ``math.isfinite`` is no such guard: it looks at ``x - x``, and reassociation turns
 ``(a + b) - (a + b)`` into zero. Write ``abs(a + b) < math.inf``. Kernels release the GIL: the scene runs blocks of worlds
 in threads.
 
-The cache is switched off with ``VIBGYM_CACHE=0``. Numba does not notice edits in imported kernels, so whoever edits one
-clears ``__pycache__`` (``make clean``); the tests use a fresh ``NUMBA_CACHE_DIR``.
+numba caches a compiled kernel by the file that holds it and does not notice when a kernel that it calls has changed in
+another file: it would go on with the old physics. So the stamp of every cached kernel also holds a digest of all files of
+this folder. ``VIBGYM_CACHE=0`` switches the cache off.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -26,7 +29,15 @@ OPTIONS: Any = {
 
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
 
+SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
+
 
 def jit(function: Any) -> Any:
     """Compile ``function`` in nopython mode with the project's options."""
-    return numba.njit(cache=CACHE, **OPTIONS)(function)
+    kernel = numba.njit(**OPTIONS)(function)
+    if CACHE:
+        kernel.enable_caching()
+        # numba has no public way to say what else a kernel depends on. Were this name to change, the error says so here.
+        index = kernel._cache._cache_file
+        index._source_stamp = (index._source_stamp, SOURCES)
+    return kernel
