@@ -34,7 +34,7 @@ SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__fi
 
 def jit(function: Any) -> Any:
     """Compile ``function`` in nopython mode with the project's options."""
-    kernel = numba.njit(**OPTIONS)(function)
+    kernel: Any = numba.njit(**OPTIONS)(function)
     if CACHE:
         kernel.enable_caching()
         # numba has no public way to say what else a kernel depends on. Were this name to change, the error says so here.
