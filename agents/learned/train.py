@@ -18,13 +18,15 @@ import vibgym
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.settings import TrainSettings, load_settings
+from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
-    """The batch of worlds that a run trains on."""
+    """The batch of worlds that a run trains on; policies are trained and act on the flat state."""
+    checks.choice("observation", settings.environment.get("observation", "state"), ("state",))
     env = gym.make_vec(
         f"vibgym/{settings.task}-v0",
         num_envs=settings.worlds,
@@ -80,7 +82,7 @@ class Progress(BaseCallback):
 
     def _on_training_start(self) -> None:
         self.saved_at = self.num_timesteps
-        self.bar.update(self.num_timesteps - self.bar.n)
+        self.bar.initial = self.bar.n = self.num_timesteps  # steps of earlier sittings do not count in the rate
 
     def _on_step(self) -> bool:
         return True
@@ -125,7 +127,10 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
     """
     settings = load_settings(config)
     directory = output or Path(settings.output or Path("runs") / config.stem)
-    env = make_env(settings)
+    try:
+        env = make_env(settings)
+    except ValueError as error:
+        raise ValueError(f"{config}: environment: {error}") from None
     model = make_model(settings, env)
     seconds = checkpoint.restore(directory, model, settings)
     directory.mkdir(parents=True, exist_ok=True)

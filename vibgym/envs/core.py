@@ -16,6 +16,7 @@ from vibgym.scene.simulator import Simulator
 from vibgym.tasks.pose import TERMS, PoseTask, begin, new_score, score
 
 DEFAULT_PART = "aluminium_block"
+SETTINGS = "surface, parts, model, action, observation, actuators, sensor, randomize, periods_per_step"
 
 
 class Core:
@@ -45,7 +46,10 @@ class Core:
         sensor: Any = "ideal",
         randomize: Any = None,
         periods_per_step: int = 1,
+        **unknown: Any,
     ) -> None:
+        if unknown:
+            raise checks.refuse("keyword arguments", sorted(unknown), f"{SETTINGS}, render_mode")
         self.surface = surface_from(surface)
         parts = [DEFAULT_PART] if parts is None else parts
         if isinstance(parts, str) or not isinstance(parts, Sequence) or len(parts) != 1:

@@ -18,20 +18,6 @@ STATE_SIZE = 18
 COARSE, FINE = 0.050, 0.005  # m, scales of the position error
 COARSE_TURN, FINE_TURN = 0.5, 0.05  # rad, scales of the heading error
 SPIN_SCALE = 10.0  # rad/s
-STATE_TABLE = """
-    | index | meaning | unit of 1 |
-    |---|---|---|
-    | 0, 1 | centre within its element, x and y; -1 and 1 are the element's edges | half an element |
-    | 2, 3 | cos and sin of (symmetry x heading); 1, 0 for a disc | 1 |
-    | 4, 5 | centre on the surface, x and y; -1 and 1 are the borders | half the width, half the height |
-    | 6, 7 | goal minus centre, x and y | longer side of the surface |
-    | 8, 9 | tanh of the same in 50 mm | 1 |
-    | 10, 11 | tanh of the same in 5 mm | 1 |
-    | 12 | goal minus heading, 0 where it does not count | full turn |
-    | 13, 14 | tanh of the same in 0.5 and 0.05 rad | 1 |
-    | 15, 16 | mean velocity over the last period, x and y | table speed a_h w (at least 1 mm/s) |
-    | 17 | mean angular velocity over the last period | 10 rad/s |
-"""
 
 
 @jit
@@ -61,7 +47,7 @@ def state_observation(pose, mean_velocity, error, size, symmetry, speed, element
 
 
 class StateObservation:
-    """One flat float32 box of 18 numbers in [-1, 1] (see :data:`STATE_TABLE`)."""
+    """One flat float32 box of 18 numbers in [-1, 1] (table in :class:`vibgym.envs.VibgymEnv`)."""
 
     def __init__(self, surface: Surface, part: Part, task: PoseTask) -> None:
         self.surface, self.part = surface, part

@@ -41,7 +41,9 @@ class Surface:
     max_amplitude: float | None = None
 
     def __post_init__(self) -> None:
-        put = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731 - the class is frozen
+        def put(name: str, value: object) -> None:
+            object.__setattr__(self, name, value)  # the class is frozen
+
         put("rows", checks.count("rows", self.rows))
         put("columns", checks.count("columns", self.columns))
         for name in ("element_size", "frequency", "gravity"):
