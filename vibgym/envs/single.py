@@ -116,7 +116,10 @@ class VibgymEnv(gym.Env):
         core = self.core
         if not core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
-        core.step(core.action.check(action, None))
+        checked = core.action.check(action, None)
+        if self._viewer is not None:
+            checked = checked.copy()  # the picture is of this step, whatever the caller does to the array
+        core.step(checked)
         if self._viewer is not None:
             self._viewer.follow(0)
             self._draw()

@@ -99,6 +99,8 @@ class VibgymVectorEnv(VectorEnv):
         if not core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
         actions = core.action.check(actions, self.num_envs)
+        if self._viewer is not None:
+            actions = actions.copy()  # the pictures are of this step, whatever the caller does to the array
         waiting = self._finished
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
             raise gym.error.ResetNeeded(
