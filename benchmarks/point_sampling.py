@@ -2,7 +2,8 @@
 
 The contact area is strewn with many weighted points that travel with the part. At every stage of a classical Runge-Kutta
 step each point looks up the element beneath it and adds its share of friction. Pressure is computed from the element's
-vertical acceleration ``g + z''`` itself, forces from ``mu p u/|u|``; nothing is expanded, clipped or tabulated.
+vertical acceleration ``g + z''`` itself, forces from ``mu p u/|u|``; nothing is expanded, clipped or tabulated. Only
+the points come from :mod:`vibgym.accuracy.point_sampling`, whose compiled sampler is the one to measure speed against.
 """
 
 from __future__ import annotations
@@ -13,45 +14,9 @@ from typing import Any
 import numba
 import numpy as np
 
+from vibgym.accuracy.point_sampling import strew, strew_disc
 
-def strew(outline: Any, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """About ``n x n`` points x, y and weights (sum 1) over a simple polygon; moments exact to second order in ``1/n``.
-
-    The polygon is sliced at its corners' heights; each slice is cut into strips and every strip's chords into equal cells.
-    """
-    outline = np.asarray(outline, dtype=float)
-    there = np.roll(outline, -1, axis=0)
-    levels = np.unique(outline[:, 1])
-    total = levels[-1] - levels[0]
-    xs, ys, weights = [], [], []
-    for low, high in zip(levels[:-1], levels[1:], strict=True):
-        strips = max(2, round(n * (high - low) / total))
-        for y in low + (np.arange(strips) + 0.5) * (high - low) / strips:
-            a, b = outline[:, 1], there[:, 1]
-            cut = (a > y) != (b > y)
-            at = outline[cut, 0] + (y - a[cut]) / (b[cut] - a[cut]) * (there[cut, 0] - outline[cut, 0])
-            at.sort()
-            chords = at.reshape(-1, 2)
-            for left, right in chords:
-                cells = max(2, round(n / len(chords)))
-                xs.append(left + (np.arange(cells) + 0.5) * (right - left) / cells)
-                ys.append(np.full(cells, y))
-                weights.append(np.full(cells, (right - left) * (high - low) / strips / cells))
-    weight = np.concatenate(weights)
-    return np.concatenate(xs), np.concatenate(ys), weight / weight.sum()
-
-
-def strew_disc(radius: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points and weights over a disc: ``n / 2`` rings of equal width with ``2 n`` points each."""
-    rings, spokes = max(2, n // 2), 2 * n
-    ring = (np.arange(rings) + 0.5) / rings
-    angle = (np.arange(spokes) + 0.5) * 2.0 * math.pi / spokes
-    r, phi = np.meshgrid(ring, angle)
-    return (
-        radius * (r * np.cos(phi)).ravel(),
-        radius * (r * np.sin(phi)).ravel(),
-        (r / r.sum()).ravel(),
-    )
+__all__ = ["simulate", "strew", "strew_disc"]
 
 
 @numba.njit(cache=True, nogil=True)

@@ -118,8 +118,8 @@ BAD = [
     ({"surface": {"element_size_mm": "wide"}}, r"surface\.element_size_mm"),
     ({"surface": {"max_amplitude": 1e-3}}, "max_amplitude"),
     ({"surface": {"rows": 2, "columns": 2}}, "parts"),  # too small for the part
-    ({"surface": STICKY}, "surface"),
-    ({"surface": {"horizontal_amplitude": 0.0}}, "surface"),
+    ({"surface": STICKY, "model": "averaged"}, "model"),  # covers permanent sliding only
+    ({"surface": {"horizontal_amplitude": 0.0}, "model": "averaged"}, "model"),
     ({"parts": "aluminium_block"}, "parts"),
     ({"parts": []}, "parts"),
     ({"parts": ["aluminium_block", "steel_block"]}, "parts"),
@@ -130,7 +130,7 @@ BAD = [
     ({"parts": [{"shape": "disc", "friction": 0.5}]}, r"parts\.radius"),
     ({"parts": [{"shape": "disc", "radius": -1.0, "friction": 0.5}]}, "radius"),
     ({"parts": [{"shape": "disc", "radius": 0.02}]}, r"parts\.friction"),
-    ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}]}, "surface"),  # sticks
+    ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}], "model": "averaged"}, "model"),
     ({"model": "tilting"}, "model"),
     ({"model": None}, "model"),
     ({"action": "wrench"}, "action"),
@@ -156,6 +156,17 @@ def test_bad_settings_are_one_error_that_names_them(settings, name):
         with pytest.raises(ValueError, match=f"^{name}: got .*; allowed: ") as error:
             make()
         assert "\n" not in str(error.value)
+
+
+def test_a_part_that_sticks_is_a_fair_task():
+    """On a slow table friction holds the part whatever the elements do: it goes round with the table."""
+    env = single("Align", surface={"horizontal_amplitude": 1.5e-4, "max_amplitude": 5e-5})
+    env.reset(seed=0)
+    simulator = env.unwrapped.core.simulator
+    start = simulator.pose
+    for _ in range(20):
+        env.step(np.full(env.action_space.shape, -1.0, dtype=np.float32))
+    assert simulator.sticking.all() and np.abs(simulator.pose - start).max() < 2e-3
 
 
 @pytest.mark.parametrize("mode", ["ansi", "pixels", 3])

@@ -1,4 +1,4 @@
-"""The independent integrator for the tests: :mod:`benchmarks.point_sampling`, which knows nothing of ``vibgym``."""
+"""The independent integrator for the tests: :mod:`benchmarks.point_sampling`, which knows nothing of the kernels."""
 
 from benchmarks.point_sampling import simulate, strew, strew_disc
 

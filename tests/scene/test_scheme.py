@@ -16,15 +16,15 @@ def scheme(part, **given):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_blocks_are_cut_six_times(name):
-    assert scheme(shipped_part(name)) == (6, 3)
+def test_shipped_blocks_are_cut_five_times(name):
+    assert scheme(shipped_part(name)) == (5, 4)
 
 
 def test_small_parts_are_cut_more_often():
     # The radius of gyration of a disc is r / sqrt(2); the table's speed makes 2 pi a_h = 17 mm in a period.
     limit = 2.0 * math.pi * SURFACE.horizontal_amplitude * math.sqrt(2.0)
     assert scheme(Part.disc(0.999 * limit, friction=0.5)) == (9, 2)
-    assert scheme(Part.disc(1.001 * limit, friction=0.5)) == (6, 3)
+    assert scheme(Part.disc(1.001 * limit, friction=0.5)) == (5, 4)
 
 
 @pytest.mark.parametrize("steps", [1, 4, 5, 6, 17, 18, 40])

@@ -66,7 +66,7 @@ def test_shapes(worlds):
 def test_properties_are_copies():
     simulator = run(BLOCK, scene())
     before = snapshot(simulator)
-    for name in ("pose", "velocity", "mean_velocity", "fallen", "sticking", "diverged"):
+    for name in ("pose", "velocity", "mean_velocity", "fallen", "sticking", "doubtful", "diverged"):
         getattr(simulator, name)[:] = 7
     state = simulator.get_state()
     state["pose"][:] = 7

@@ -59,14 +59,6 @@ class Core:
         checks.choice("sensor", sensor, ("ideal",))
         if randomize not in (None, {}):
             raise checks.refuse("randomize", randomize, "None or an empty mapping (nothing is randomized yet)")
-        if not self.surface.slides_permanently(self.part.static_friction):
-            needed = 2 * self.part.static_friction * self.surface.gravity
-            raise checks.refuse(
-                "surface",
-                f"a_h w^2 = {self.surface.horizontal_amplitude * self.surface.angular_frequency**2:.3g} m/s^2",
-                f"permanent sliding of {self.part.name!r}, a_h w^2 > {needed:.3g} m/s^2 at full amplitude: the model "
-                "'planar' does not cover sticking; raise horizontal_amplitude or frequency, or lower max_amplitude",
-            )
         self.worlds = worlds
         self.periods = checks.count("periods_per_step", periods_per_step)
         self.task = task(self.surface, self.part)

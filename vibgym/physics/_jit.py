@@ -32,6 +32,11 @@ CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
 SOURCES = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
 
 
+def inlined(function: Any) -> Any:
+    """Like :func:`jit`, for functions that must be compiled into their caller's loop so that it can be vectorised."""
+    return numba.njit(forceinline=True, **OPTIONS)(function)
+
+
 def jit(function: Any) -> Any:
     """Compile ``function`` in nopython mode with the project's options."""
     kernel: Any = numba.njit(**OPTIONS)(function)

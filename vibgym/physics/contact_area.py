@@ -65,9 +65,7 @@ def cut_outline(x, y, cells, box):
     left, bottom = math.floor(x_low), math.floor(y_low)
     columns, rows = int(math.floor(x_high) - left) + 1, int(math.floor(y_high) - bottom) + 1
     box[0], box[1], box[2], box[3] = int(left), int(bottom), columns, rows
-    for k in range(columns * rows):
-        for moment in range(MOMENTS):
-            cells[k, moment] = 0.0
+    cells[: columns * rows] = 0.0
 
     bx, by = x[n - 1] - left, y[n - 1] - bottom
     for k in range(n):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,35 +9,42 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.physics.drive import PolarDrive
-from vibgym.physics.planar import Scheme, State, advance_worlds
-from vibgym.scene import workers
+from vibgym.physics.planar import State
+from vibgym.scene import schemes, workers
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
-MODELS = ("planar",)
-RUNGE_KUTTA_STEPS = 18
-"""Fewest of them in a period unless asked for otherwise."""
+MODELS = tuple(schemes.MODELS)
 
 
 class Simulator:
-    """Worlds of one surface and its parts, in sliding contact, resolved in time.
+    """Worlds of one surface and its parts, in sliding contact.
 
     Args:
         surface: the table.
         parts: the parts of every world; one for now.
         worlds: number of independent worlds. Results never depend on it, nor on order or threads.
-        model: ``"planar"``: flat contact, sliding only. Where sticking would start, :attr:`sticking` says so.
-        steps: times per period that the contact area is cut by the element grid; its error is of second order.
-            ``"auto"``: 6, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's speed
-            makes in a period: what rests on an element changes faster under them.
-        substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order. ``"auto"``: so many that a
-            period has at least 18, which resolve the fast table to 0.1 % at full speed.
-        pieces: cells per element and direction into which the contact area is cut; ``"auto"`` uses one, and more where
-            the part spins so fast that slip varies strongly across an element.
+        model: ``"planar"``: flat contact, resolved in time. ``"averaged"``: the same, averaged over the period, for parts that
+            always slide; faster and less exact.
         threads: None uses all processors of this process.
+        knobs: of the model.
+
+            planar:
+                steps: times per period that the contact area is cut by the element grid; its error is of second order.
+                    ``"auto"``: 6, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's
+                    speed makes in a period: what rests on an element changes faster under them.
+                substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order. ``"auto"``: so many that
+                    a period has at least 18, which resolve the fast table to 0.1 % at full speed.
+                pieces: cells per element and direction into which the contact area is cut; ``"auto"`` uses one, and more
+                    where the part spins so fast that slip varies strongly across an element.
+
+            averaged:
+                order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
+                stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
+                steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
 
     Raises:
-        ValueError: a bad argument; nothing has been built.
+        ValueError: a bad argument, an unknown knob, or a scene that the model does not cover; nothing has been built.
     """
 
     def __init__(
@@ -48,10 +54,8 @@ class Simulator:
         *,
         worlds: int = 1,
         model: str = "planar",
-        steps: int | str = "auto",
-        substeps: int | str = "auto",
-        pieces: int | str = "auto",
         threads: int | None = None,
+        **knobs: Any,
     ) -> None:
         if not isinstance(surface, Surface):
             raise checks.refuse("surface", surface, "a vibgym.Surface")
@@ -64,24 +68,12 @@ class Simulator:
         if parts[0].radius > largest:
             got = f"{parts[0].name!r} with radius {parts[0].radius:g} m"
             raise checks.refuse("parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)")
-        checks.choice("model", model, MODELS)
         self.surface = surface
         self.parts = tuple(parts)
         self.worlds = checks.count("worlds", worlds)
         self.model = model
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
-        travel = 2.0 * math.pi * surface.horizontal_amplitude
-        if isinstance(steps, str) and steps == "auto":
-            steps = 6 if parts[0].gyration >= travel**2 else 9
-        steps = checks.count("steps (or 'auto')", steps)
-        if isinstance(substeps, str) and substeps == "auto":
-            substeps = math.ceil(RUNGE_KUTTA_STEPS / steps)
-        substeps = checks.count("substeps (or 'auto')", substeps)
-        pieces = (
-            0 if isinstance(pieces, str) and pieces == "auto" else checks.count("pieces (or 'auto')", pieces, most=64)
-        )
-        phase = np.arange(2 * steps * substeps + 1) * (math.pi / (steps * substeps))
-        self._scheme = Scheme(steps, substeps, pieces, np.cos(phase), np.sin(phase))
+        self._advance, self._scheme = schemes.build(model, surface, self.parts[0], knobs)
         self._table = surface.table()
         self._body = self.parts[0].body()
         shape = (self.worlds, len(self.parts), 3)
@@ -91,6 +83,7 @@ class Simulator:
             mean_velocity=np.zeros(shape),
             fallen=np.zeros(shape[:2], dtype=bool),
             sticking=np.zeros(shape[:2], dtype=bool),
+            doubtful=np.zeros(shape[:2], dtype=bool),
             diverged=np.zeros(self.worlds, dtype=bool),
         )
         self._periods = 0
@@ -122,7 +115,8 @@ class Simulator:
         """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on."""
         state = self._state
         state.pose[worlds], state.velocity[worlds], state.mean_velocity[worlds] = pose, velocity, mean_velocity
-        state.fallen[worlds], state.sticking[worlds], state.diverged[worlds] = False, False, False
+        for flag in (state.fallen, state.sticking, state.doubtful, state.diverged):
+            flag[worlds] = False
 
     def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
         """Advance by whole periods with the elements' motion held.
@@ -146,10 +140,10 @@ class Simulator:
     def run(self, drive: Any, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.drive` whose numbers have been checked."""
         periods = checks.count("periods", periods)
-        table, body, scheme, state = self._table, self._body, self._scheme, self._state
+        advance, table, body, scheme, state = self._advance, self._table, self._body, self._scheme, self._state
 
         def work(start: int, stop: int) -> None:
-            advance_worlds(start, stop, drive, table, body, scheme, state, periods)
+            advance(start, stop, drive, table, body, scheme, state, periods)
 
         workers.share(work, self.worlds, self._threads)
         self._periods += periods
@@ -176,8 +170,16 @@ class Simulator:
 
     @property
     def sticking(self) -> np.ndarray:
-        """(worlds, parts) whether sticking would have started since the reset, which this model does not cover."""
+        """(worlds, parts) whether the part sticks to the table at the current instant."""
         return self._state.sticking.copy()
+
+    @property
+    def doubtful(self) -> np.ndarray:
+        """(worlds, parts) whether since the reset something has happened that the model is not certified for.
+
+        Averaged: slip may have passed through zero within a period. Planar: never.
+        """
+        return self._state.doubtful.copy()
 
     @property
     def diverged(self) -> np.ndarray:

@@ -1,0 +1,271 @@
+"""One step of one world by contact points: where slip nearly vanishes, where it turns across the part, where it sticks.
+
+The series of :mod:`vibgym.physics.friction` needs slip that varies little under the part. Elsewhere friction is summed over
+contact points, four a piece, and the pieces are cut finer the more slip varies across an element. Slip that comes near zero
+turns fast: substeps are shortened in proportion to it, and the last stretch is taken by implicit steps, in which friction
+takes hold or lets go (:mod:`vibgym.physics.sticking`). A part that sticks moves with the table until static friction cannot
+carry it any longer; that instant is found by bisection.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics._jit import jit
+from vibgym.physics.contact_area import MOMENTS, NEGLIGIBLE_PIECE, POINTS_PER_PIECE, contact_points, cut_outline
+from vibgym.physics.drive import element_phasor
+from vibgym.physics.friction import sliding_wrench
+from vibgym.physics.sticking import holds, slip_step
+
+FINEST_PIECES = 8
+"""Most cells across an element (or across a smaller part) that the spin rule asks for."""
+
+SHORTEST = 1 / 32
+"""Length of the implicit steps, as a share of a substep."""
+
+TURN = 0.5
+"""Largest change of slip in an explicit step, as a share of the slip."""
+
+
+class Contact(NamedTuple):
+    """Working arrays of the cut and its points."""
+
+    outline_x: np.ndarray  # (n,)
+    outline_y: np.ndarray
+    cells: np.ndarray  # (cells, MOMENTS)
+    box: np.ndarray  # (4,)
+    points: np.ndarray  # (3, capacity): weight, x, y
+    under: np.ndarray  # (capacity,) element under each piece
+    phasor_c: np.ndarray  # (capacity,) m/s^2
+    phasor_s: np.ndarray
+    load: np.ndarray  # (capacity,)
+
+
+@jit
+def most_split(table, body, scheme):
+    """Largest number of cells per element and direction that a call can use."""
+    if scheme.pieces > 0:
+        return scheme.pieces
+    size = min(table.element_size, 2.0 * body.radius)
+    return int(math.ceil(FINEST_PIECES * table.element_size / size))
+
+
+@jit
+def spin_split(table, body, speed, spin):
+    """Cells per element that the spin asks for: none extra until ``omega x size`` reaches the slip speed.
+
+    Four points carry a piece's second moments exactly; what they miss grows with the change of slip across the piece.
+    """
+    size = min(table.element_size, 2.0 * body.radius)
+    across = abs(spin) * size
+    if across < speed:
+        return 1
+    pieces = min(1.0 + across / max(speed, 1e-9 * across + 1e-300), float(FINEST_PIECES))
+    return int(math.ceil(math.floor(pieces) * table.element_size / size))
+
+
+@jit
+def new_contact(table, body, split):
+    """Working arrays for up to ``split`` cells per element and direction."""
+    n = body.outline.shape[0]
+    across = int(2.0 * body.radius / table.element_size * split) + 3
+    capacity = across * across * POINTS_PER_PIECE + 8
+    return Contact(
+        np.empty(n),
+        np.empty(n),
+        np.empty((across * across, MOMENTS)),
+        np.empty(4, np.int64),
+        np.empty((3, capacity)),
+        np.empty(capacity, np.int64),
+        np.empty(capacity),
+        np.empty(capacity),
+        np.empty(capacity),
+    )
+
+
+@jit
+def place_outline(body, x, y, heading, scale, outline_x, outline_y):
+    """Outline in the world frame, in units of ``1 / scale``."""
+    cosine, sine = 1.0, 0.0
+    if body.turns:
+        cosine, sine = math.cos(heading), math.sin(heading)
+    for k in range(body.outline.shape[0]):
+        bx, by = body.outline[k, 0], body.outline[k, 1]
+        outline_x[k] = (x + cosine * bx - sine * by) * scale
+        outline_y[k] = (y + sine * bx + cosine * by) * scale
+
+
+@jit
+def cut_into_points(table, body, split, drive, world, x, y, heading, contact):
+    """Contact points and their phasors at a pose; returns how many (a multiple of eight), 0 if nothing is supported."""
+    pitch = table.element_size / split
+    place_outline(body, x, y, heading, 1.0 / pitch, contact.outline_x, contact.outline_y)
+    cut_outline(contact.outline_x, contact.outline_y, contact.cells, contact.box)
+    n = contact_points(
+        contact.cells, contact.box, table.rows, table.columns, split, pitch, x, y,
+        NEGLIGIBLE_PIECE * body.area / (pitch * pitch), contact.points, contact.under,
+    )  # fmt: skip
+    read, c, s = -1, 0.0, 0.0
+    for piece in range(n // POINTS_PER_PIECE):
+        element = contact.under[piece]
+        if element != read:
+            c, s = element_phasor(drive, world, element // table.columns, element % table.columns)
+            read = element
+        for k in range(POINTS_PER_PIECE * piece, POINTS_PER_PIECE * piece + POINTS_PER_PIECE):
+            contact.phasor_c[k], contact.phasor_s[k] = c, s
+    return n
+
+
+@jit
+def slide(table, body, contact, n, h, c0, s0, c1, s1, c2, s2, c3, s3, x, y, heading, vx, vy, spin):
+    """One step of length ``h`` of Kutta's 3/8 rule; ``c``, ``s`` are cos and sin of wt at 0, 1/3, 2/3 and 1 of it."""
+    weight, rx, ry = contact.points[0], contact.points[1], contact.points[2]
+    pc, ps = contact.phasor_c, contact.phasor_s
+    g, speed, mu, turn = table.gravity, table.speed, body.friction, body.friction / body.gyration
+    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c0, s0, -speed * s0 - vx, speed * c0 - vy, spin)
+    ax, ay, aw = mu * ax, mu * ay, turn * aw
+    third = h / 3.0
+    bx, by, bw = sliding_wrench(
+        weight, rx, ry, pc, ps, n, g, c1, s1,
+        -speed * s1 - (vx + third * ax), speed * c1 - (vy + third * ay), spin + third * aw,
+    )  # fmt: skip
+    bx, by, bw = mu * bx, mu * by, turn * bw
+    cx, cy, cw = sliding_wrench(
+        weight, rx, ry, pc, ps, n, g, c2, s2,
+        -speed * s2 - (vx + h * bx - third * ax), speed * c2 - (vy + h * by - third * ay), spin + h * bw - third * aw,
+    )  # fmt: skip
+    cx, cy, cw = mu * cx, mu * cy, turn * cw
+    dx, dy, dw = sliding_wrench(
+        weight, rx, ry, pc, ps, n, g, c3, s3,
+        -speed * s3 - (vx + h * (ax - bx + cx)), speed * c3 - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
+    )  # fmt: skip
+    dx, dy, dw = mu * dx, mu * dy, turn * dw
+    x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
+    y += h * (vy + 0.125 * h * (ay + 2.0 * by + cy))
+    heading += h * (spin + 0.125 * h * (aw + 2.0 * bw + cw))
+    vx += 0.125 * h * (ax + 3.0 * (bx + cx) + dx)
+    vy += 0.125 * h * (ay + 3.0 * (by + cy) + dy)
+    spin += 0.125 * h * (aw + 3.0 * (bw + cw) + dw)
+    return x, y, heading, vx, vy, spin
+
+
+@jit
+def release(table, body, contact, n, start, stop):
+    """First phase ``w t`` after ``start`` at which static friction cannot carry the part along; ``stop`` if it always can.
+
+    Bisection: it is looked for at ``stop``, at ``start``, then between them.
+    """
+    at, held_until, lost_at = stop, start, stop
+    for look in range(44):
+        held = holds(
+            table, body.static_friction, contact.points, contact.phasor_c, contact.phasor_s, n, body.gyration,
+            math.cos(at), math.sin(at), contact.load,
+        )  # fmt: skip
+        if look == 0:
+            if held:
+                return stop
+            at = start
+            continue
+        if look == 1 and not held:
+            return start
+        if held:
+            held_until = at
+        else:
+            lost_at = at
+        at = 0.5 * (held_until + lost_at)
+        if at <= held_until or at >= lost_at:
+            break
+    return lost_at
+
+
+@jit
+def near_rest(table, body, contact, n, phase, h, x, y, heading, vx, vy, spin, stuck):
+    """A substep of length ``h`` from ``phase = w t`` on, while slip is small or the part sticks."""
+    omega = 2.0 * math.pi / table.period
+    harshest = table.speed * omega + 2.0 * body.friction * table.gravity  # m/s^2, that slip can change with
+    shortest = SHORTEST * h
+    stop = phase + omega * h
+    let_go = -1.0  # the phase at which static friction was found too weak
+    while phase < stop:
+        c0, s0 = math.cos(phase), math.sin(phase)
+        slip_x, slip_y = -table.speed * s0 - vx, table.speed * c0 - vy
+        if stuck or (slip_x == 0.0 and slip_y == 0.0 and spin == 0.0 and phase != let_go):
+            let_go = release(table, body, contact, n, phase, stop)
+            stuck = let_go == stop
+            c1, s1 = math.cos(let_go), math.sin(let_go)
+            x += table.radius * (c1 - c0)
+            y += table.radius * (s1 - s0)
+            vx, vy, spin = -table.speed * s1, table.speed * c1, 0.0
+            phase = let_go
+            continue
+        fastest = math.sqrt(slip_x * slip_x + slip_y * slip_y + body.gyration * spin * spin)
+        left = (stop - phase) / omega
+        step = TURN * fastest / max(harshest, 1e-300)
+        explicit = step > shortest
+        step = max(step, shortest)
+        last = step >= (1.0 - 1e-9) * left
+        if last:
+            step = left
+        after = stop if last else phase + omega * step
+        c3, s3 = math.cos(after), math.sin(after)
+        if explicit:
+            one, two = phase + omega * step / 3.0, phase + omega * step * (2.0 / 3.0)
+            x, y, heading, vx, vy, spin = slide(
+                table, body, contact, n, step, c0, s0, math.cos(one), math.sin(one), math.cos(two), math.sin(two), c3, s3,
+                x, y, heading, vx, vy, spin,
+            )  # fmt: skip
+        else:
+            slip_x, slip_y, spin, way_x, way_y, turned = slip_step(
+                table, body.friction, contact.points, contact.phasor_c, contact.phasor_s, n, body.gyration, contact.load,
+                phase, step, slip_x, slip_y, spin,
+            )  # fmt: skip
+            x += table.radius * (c3 - c0) - way_x
+            y += table.radius * (s3 - s0) - way_y
+            heading += turned
+            vx, vy = -table.speed * s3 - slip_x, table.speed * c3 - slip_y
+            stuck = slip_x == 0.0 and slip_y == 0.0 and spin == 0.0
+        phase = after
+        if not abs(x + y + heading + vx + vy + spin) < math.inf:
+            break
+    return x, y, heading, vx, vy, spin, stuck
+
+
+@jit
+def careful_step(table, body, scheme, drive, world, node, contact, x, y, heading, vx, vy, spin, stuck):
+    """One step of the scheme from table node ``node`` on.
+
+    Returns:
+        Pose, velocity, whether the part sticks, and whether anything supported it.
+    """
+    step = table.period / scheme.steps
+    h = step / scheme.substeps
+    slip_x, slip_y = -table.speed * scheme.sine[node] - vx, table.speed * scheme.cosine[node] - vy
+    split = scheme.pieces
+    if split == 0:
+        split = spin_split(table, body, math.sqrt(slip_x * slip_x + slip_y * slip_y), spin)
+    n = cut_into_points(
+        table, body, split, drive, world, x + 0.5 * step * vx, y + 0.5 * step * vy, heading + 0.5 * step * spin, contact
+    )
+    if n == 0:
+        return x, y, heading, vx, vy, spin, stuck, False
+    omega = 2.0 * math.pi / table.period
+    slow = (table.speed * omega + 2.0 * body.friction * table.gravity) * h  # the most that slip can change in a substep
+    cosine, sine = scheme.cosine, scheme.sine
+    for _ in range(scheme.substeps):
+        slip_x, slip_y = -table.speed * sine[node] - vx, table.speed * cosine[node] - vy
+        if stuck or slip_x * slip_x + slip_y * slip_y + body.gyration * spin * spin <= slow * slow:
+            x, y, heading, vx, vy, spin, stuck = near_rest(
+                table, body, contact, n, omega * h * (node // 3), h, x, y, heading, vx, vy, spin, stuck
+            )
+            if stuck:  # exactly, on the tabulated values
+                vx, vy = -table.speed * sine[node + 3], table.speed * cosine[node + 3]
+        else:
+            x, y, heading, vx, vy, spin = slide(
+                table, body, contact, n, h, cosine[node], sine[node], cosine[node + 1], sine[node + 1],
+                cosine[node + 2], sine[node + 2], cosine[node + 3], sine[node + 3], x, y, heading, vx, vy, spin,
+            )  # fmt: skip
+        node += 3
+    return x, y, heading, vx, vy, spin, stuck, True
