@@ -27,7 +27,7 @@ def test_small_parts_are_cut_more_often():
     assert scheme(Part.disc(1.001 * limit, friction=0.5)) == (5, 4)
 
 
-@pytest.mark.parametrize("steps", [1, 4, 5, 6, 17, 18, 40])
+@pytest.mark.parametrize("steps", [4, 5, 6, 17, 18, 40])
 def test_at_least_eighteen_runge_kutta_steps(steps):
     got, substeps = scheme(shipped_part("steel_block"), steps=steps)
     assert got == steps and steps * substeps >= 18 and steps * (substeps - 1) < 18
@@ -38,3 +38,19 @@ def test_at_least_eighteen_runge_kutta_steps(steps):
 def test_bad_step_counts_are_refused_by_name(name, value):
     with pytest.raises(ValueError, match=rf"^{name}.*allowed: a whole number >= 1"):
         Simulator(SURFACE, shipped_part("steel_block"), **{name: value})
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_too_few_cuts_are_refused(steps):
+    """They would err by millimetres in a second, and nothing would show it (see the hard cases)."""
+    with pytest.raises(ValueError, match=rf"^steps: got {steps}; allowed: a whole number >= 4 on several elements"):
+        Simulator(SURFACE, shipped_part("steel_block"), steps=steps, substeps=20)
+    one, still = Surface(rows=1, columns=1, element_size=1.0), Surface(horizontal_amplitude=0.0)
+    assert Simulator(one, shipped_part("steel_block"), steps=steps, substeps=20).choice.model == "planar"
+    assert Simulator(still, shipped_part("steel_block"), steps=steps, substeps=1).choice.model == "planar"  # only a clock
+
+
+def test_too_few_substeps_are_refused():
+    one = Surface(rows=1, columns=1, element_size=1.0)
+    with pytest.raises(ValueError, match="^substeps: got 3; allowed: a whole number >= 4 with steps=1"):
+        Simulator(one, shipped_part("steel_block"), steps=1, substeps=3)

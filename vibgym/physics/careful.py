@@ -30,6 +30,10 @@ TURN = 0.5
 """Largest change of slip in an explicit step, as a share of the slip."""
 
 
+MOST_TURN, MOST_TRAVEL, MOST_CUTS = 0.5, 0.5, 64
+"""A part that turns by more than this angle (rad) in a step, or travels by more of an element, is cut more often."""
+
+
 class Contact(NamedTuple):
     """Working arrays of the cut and its points."""
 
@@ -120,27 +124,32 @@ def cut_into_points(table, body, split, drive, world, x, y, heading, contact):
 
 
 @jit
-def slide(table, body, contact, n, h, c0, s0, c1, s1, c2, s2, c3, s3, x, y, heading, vx, vy, spin):
-    """One step of length ``h`` of Kutta's 3/8 rule; ``c``, ``s`` are cos and sin of wt at 0, 1/3, 2/3 and 1 of it."""
+def slide(table, body, contact, n, phase, h, x, y, heading, vx, vy, spin):
+    """One step of length ``h`` of Kutta's 3/8 rule from ``phase = w t`` on."""
     weight, rx, ry = contact.points[0], contact.points[1], contact.points[2]
     pc, ps = contact.phasor_c, contact.phasor_s
     g, speed, mu, turn = table.gravity, table.speed, body.friction, body.friction / body.gyration
-    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c0, s0, -speed * s0 - vx, speed * c0 - vy, spin)
-    ax, ay, aw = mu * ax, mu * ay, turn * aw
     third = h / 3.0
+    advance = 2.0 * math.pi / table.period * third
+    c, s = math.cos(phase), math.sin(phase)
+    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c, s, -speed * s - vx, speed * c - vy, spin)
+    ax, ay, aw = mu * ax, mu * ay, turn * aw
+    c, s = math.cos(phase + advance), math.sin(phase + advance)
     bx, by, bw = sliding_wrench(
-        weight, rx, ry, pc, ps, n, g, c1, s1,
-        -speed * s1 - (vx + third * ax), speed * c1 - (vy + third * ay), spin + third * aw,
+        weight, rx, ry, pc, ps, n, g, c, s,
+        -speed * s - (vx + third * ax), speed * c - (vy + third * ay), spin + third * aw,
     )  # fmt: skip
     bx, by, bw = mu * bx, mu * by, turn * bw
+    c, s = math.cos(phase + 2.0 * advance), math.sin(phase + 2.0 * advance)
     cx, cy, cw = sliding_wrench(
-        weight, rx, ry, pc, ps, n, g, c2, s2,
-        -speed * s2 - (vx + h * bx - third * ax), speed * c2 - (vy + h * by - third * ay), spin + h * bw - third * aw,
+        weight, rx, ry, pc, ps, n, g, c, s,
+        -speed * s - (vx + h * bx - third * ax), speed * c - (vy + h * by - third * ay), spin + h * bw - third * aw,
     )  # fmt: skip
     cx, cy, cw = mu * cx, mu * cy, turn * cw
+    c, s = math.cos(phase + 3.0 * advance), math.sin(phase + 3.0 * advance)
     dx, dy, dw = sliding_wrench(
-        weight, rx, ry, pc, ps, n, g, c3, s3,
-        -speed * s3 - (vx + h * (ax - bx + cx)), speed * c3 - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
+        weight, rx, ry, pc, ps, n, g, c, s,
+        -speed * s - (vx + h * (ax - bx + cx)), speed * c - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
     )  # fmt: skip
     dx, dy, dw = mu * dx, mu * dy, turn * dw
     x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
@@ -212,11 +221,7 @@ def near_rest(table, body, contact, n, phase, h, x, y, heading, vx, vy, spin, st
         after = stop if last else phase + omega * step
         c3, s3 = math.cos(after), math.sin(after)
         if explicit:
-            one, two = phase + omega * step / 3.0, phase + omega * step * (2.0 / 3.0)
-            x, y, heading, vx, vy, spin = slide(
-                table, body, contact, n, step, c0, s0, math.cos(one), math.sin(one), math.cos(two), math.sin(two), c3, s3,
-                x, y, heading, vx, vy, spin,
-            )  # fmt: skip
+            x, y, heading, vx, vy, spin = slide(table, body, contact, n, phase, step, x, y, heading, vx, vy, spin)
         else:
             slip_x, slip_y, spin, way_x, way_y, turned = slip_step(
                 table, body.friction, contact.points, contact.phasor_c, contact.phasor_s, n, body.gyration, contact.load,
@@ -234,38 +239,50 @@ def near_rest(table, body, contact, n, phase, h, x, y, heading, vx, vy, spin, st
 
 
 @jit
+def cuts_needed(table, step, vx, vy, spin):
+    """Cuts that a step takes: one, and more for a part that turns or travels far in it."""
+    way = math.sqrt(vx * vx + vy * vy) * step / (MOST_TRAVEL * table.element_size)
+    return int(math.ceil(min(max(abs(spin) * step / MOST_TURN, way, 1.0), float(MOST_CUTS))))
+
+
+@jit
 def careful_step(table, body, scheme, drive, world, node, contact, x, y, heading, vx, vy, spin, stuck):
     """One step of the scheme from table node ``node`` on.
 
     Returns:
         Pose, velocity, whether the part sticks, and whether anything supported it.
     """
-    step = table.period / scheme.steps
-    h = step / scheme.substeps
-    slip_x, slip_y = -table.speed * scheme.sine[node] - vx, table.speed * scheme.cosine[node] - vy
-    split = scheme.pieces
-    if split == 0:
-        split = spin_split(table, body, math.sqrt(slip_x * slip_x + slip_y * slip_y), spin)
-    n = cut_into_points(
-        table, body, split, drive, world, x + 0.5 * step * vx, y + 0.5 * step * vy, heading + 0.5 * step * spin, contact
-    )
-    if n == 0:
-        return x, y, heading, vx, vy, spin, stuck, False
     omega = 2.0 * math.pi / table.period
+    step = table.period / scheme.steps
+    cuts = cuts_needed(table, step, vx, vy, spin)
+    substeps = (scheme.substeps + cuts - 1) // cuts
+    h = step / (cuts * substeps)
     slow = (table.speed * omega + 2.0 * body.friction * table.gravity) * h  # the most that slip can change in a substep
-    cosine, sine = scheme.cosine, scheme.sine
-    for _ in range(scheme.substeps):
-        slip_x, slip_y = -table.speed * sine[node] - vx, table.speed * cosine[node] - vy
-        if stuck or slip_x * slip_x + slip_y * slip_y + body.gyration * spin * spin <= slow * slow:
-            x, y, heading, vx, vy, spin, stuck = near_rest(
-                table, body, contact, n, omega * h * (node // 3), h, x, y, heading, vx, vy, spin, stuck
-            )
-            if stuck:  # exactly, on the tabulated values
-                vx, vy = -table.speed * sine[node + 3], table.speed * cosine[node + 3]
-        else:
-            x, y, heading, vx, vy, spin = slide(
-                table, body, contact, n, h, cosine[node], sine[node], cosine[node + 1], sine[node + 1],
-                cosine[node + 2], sine[node + 2], cosine[node + 3], sine[node + 3], x, y, heading, vx, vy, spin,
-            )  # fmt: skip
-        node += 3
+    phase = omega * (step / (3 * scheme.substeps)) * node
+    for cut in range(cuts):
+        begin = phase + omega * h * (cut * substeps)
+        slip_x, slip_y = -table.speed * math.sin(begin) - vx, table.speed * math.cos(begin) - vy
+        split = scheme.pieces
+        if split == 0:
+            split = spin_split(table, body, math.sqrt(slip_x * slip_x + slip_y * slip_y), spin)
+        ahead = 0.5 * step / cuts
+        n = cut_into_points(
+            table, body, split, drive, world, x + ahead * vx, y + ahead * vy, heading + ahead * spin, contact
+        )
+        if n == 0:
+            return x, y, heading, vx, vy, spin, stuck, False
+        for substep in range(substeps):
+            at = begin + omega * h * substep
+            slip_x, slip_y = -table.speed * math.sin(at) - vx, table.speed * math.cos(at) - vy
+            if stuck or slip_x * slip_x + slip_y * slip_y + body.gyration * spin * spin <= slow * slow:
+                x, y, heading, vx, vy, spin, stuck = near_rest(
+                    table, body, contact, n, at, h, x, y, heading, vx, vy, spin, stuck
+                )
+            else:
+                x, y, heading, vx, vy, spin = slide(table, body, contact, n, at, h, x, y, heading, vx, vy, spin)
+            if not abs(x + y + heading + vx + vy + spin) < math.inf:
+                return x, y, heading, vx, vy, spin, stuck, True
+    if stuck:  # exactly, on the tabulated values
+        after = node + 3 * scheme.substeps
+        vx, vy = -table.speed * scheme.sine[after], table.speed * scheme.cosine[after]
     return x, y, heading, vx, vy, spin, stuck, True

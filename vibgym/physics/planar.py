@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.physics._jit import jit
-from vibgym.physics.careful import careful_step, most_split, new_contact, place_outline
+from vibgym.physics.careful import careful_step, cuts_needed, most_split, new_contact, place_outline
 from vibgym.physics.contact_area import NEGLIGIBLE_PIECE, cut_outline, support_holds
 from vibgym.physics.friction import expanded_wrench
 from vibgym.physics.pressure_moments import (
@@ -195,7 +195,14 @@ def advance_worlds(start, stop, drive, table, body, scheme, state, periods):
                             active[lane] = False
                             state.fallen[world, 0] = True
                             continue
-                        careful[lane] = by_points or state.sticking[world, 0]
+                        careful[lane] = (
+                            by_points
+                            or state.sticking[world, 0]
+                            or cuts_needed(
+                                table, step, velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane]
+                            )
+                            > 1
+                        )
                         if not careful[lane]:
                             cut_outline(contact.outline_x, contact.outline_y, contact.cells, contact.box)
                             held, area = collect_pieces(

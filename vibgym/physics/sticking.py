@@ -169,7 +169,7 @@ def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine
     total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, cosine, sine, friction, load)
     if needed == 0.0:
         return True
-    if needed > total:
+    if needed > total * (1.0 + 1e-12):  # at exactly mu_0 g it holds, whatever rounding says
         return False
     sx, sy, spin = implicit_slip(load, total, points[1], points[2], n, gyration, -needed * cosine, -needed * sine, 0.0)
     return sx == 0.0 and sy == 0.0 and spin == 0.0

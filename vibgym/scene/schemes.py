@@ -21,6 +21,10 @@ RUNGE_KUTTA_STEPS = 18
 """Fewest of them in a period unless asked for otherwise."""
 
 
+FEWEST_STEPS = 4
+"""With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
+
+
 class Method(NamedTuple):
     """``advance(start, stop, drive, table, body, scheme, state, periods)`` and its scheme."""
 
@@ -41,7 +45,16 @@ def planar_method(
     """Resolved in time: the contact area is cut ``steps`` times a period, friction takes ``substeps`` in each."""
     travel = 2.0 * math.pi * surface.horizontal_amplitude
     cuts = _chosen("steps", steps) or (5 if part.gyration >= travel**2 else 9)
+    if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
+        raise checks.refuse(
+            "steps",
+            cuts,
+            f"a whole number >= {FEWEST_STEPS} on several elements: fewer cuts a period miss what lies beneath",
+        )
     inner = _chosen("substeps", substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
+    if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
+        allowed = f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
+        raise checks.refuse("substeps", inner, allowed)
     cells = _chosen("pieces", pieces, most=64) or 0
     phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))
     return Method(planar.advance_worlds, planar.Scheme(cuts, inner, cells, LANES, np.cos(phase), np.sin(phase)))
