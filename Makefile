@@ -13,14 +13,16 @@ PIP := $(PY) -m pip --disable-pip-version-check install --quiet -c constraints.t
 DEV := $(VENV)/.installed-dev
 REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
+ACCURACY := $(VENV)/.installed-accuracy
 POLICIES := transport align rotate
 
 .NOTPARALLEL:
-.PHONY: help venv test report benchmark train format clean
+.PHONY: help venv test report accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
 	@echo "make report      evaluate the shipped policies: runs/report/report.html"
+	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
 	@echo "make benchmark   accuracy and speed, as the README quotes them"
 	@echo "make train       train the shipped policies: $(POLICIES)"
 	@echo "make venv        $(VENV) with everything for development"
@@ -36,11 +38,15 @@ $(VENV)/pyvenv.cfg:
 # The development extras hold all others, so they satisfy every stamp.
 $(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(PIP) -e '.[dev]'
-	@touch $(DEV) $(REPORT) $(LEARN)
+	@touch $(DEV) $(REPORT) $(LEARN) $(ACCURACY)
 
 $(REPORT): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(PIP) -e '.[render,report]'
 	@touch $(REPORT)
+
+$(ACCURACY): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+	$(PIP) -e '.[accuracy,mujoco]'
+	@touch $(ACCURACY)
 
 $(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(PIP) -e '.[learn,render,report]'
@@ -58,8 +64,12 @@ test: $(DEV)
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml
 
+accuracy: $(ACCURACY)
+	$(PY) -m vibgym.accuracy configs/accuracy/shipped.yaml
+
 benchmark: $(LEARN)
 	$(PY) -m benchmarks.accuracy
+	$(PY) -m benchmarks.kernel
 	$(PY) -m benchmarks.speed
 
 train: $(LEARN)

@@ -47,7 +47,9 @@ def test_too_few_cuts_are_refused(steps):
         Simulator(SURFACE, shipped_part("steel_block"), steps=steps, substeps=20)
     one, still = Surface(rows=1, columns=1, element_size=1.0), Surface(horizontal_amplitude=0.0)
     assert Simulator(one, shipped_part("steel_block"), steps=steps, substeps=20).choice.model == "planar"
-    assert Simulator(still, shipped_part("steel_block"), steps=steps, substeps=1).choice.model == "planar"  # only a clock
+    assert (
+        Simulator(still, shipped_part("steel_block"), steps=steps, substeps=1).choice.model == "planar"
+    )  # only a clock
 
 
 def test_too_few_substeps_are_refused():

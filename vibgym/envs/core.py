@@ -67,7 +67,8 @@ class Core:
         self.observation = seen(self.surface, self.part, self.task)
         self.goal_reward = observation == "goal"
         self.term_names = ("goal",) if self.goal_reward else TERMS
-        self.simulator = Simulator(self.surface, self.part, worlds=worlds, model=model)
+        knobs = {"periods_per_call": self.periods} if model == "auto" else {}
+        self.simulator = Simulator(self.surface, self.part, worlds=worlds, model=model, **knobs)
         self.idle = np.append(self.surface.idle_velocity(self.part.friction), 0.0)
         self.goal = np.zeros((worlds, 3))
         self.score = new_score(worlds)

@@ -72,7 +72,7 @@ class VibgymEnv(gym.Env):
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields (keys may carry ``_mm``).
         parts: a list with the name of a shipped part (``"aluminium_block"``, ``"steel_block"``) or a mapping with
             ``shape`` and its fields.
-        model: ``"planar"``.
+        model: ``"planar"``, ``"averaged"`` or ``"auto"`` (its default tolerance), as for :class:`vibgym.Simulator`.
         action, observation: see above.
         actuators, sensor: ``"ideal"``.
         randomize: None.

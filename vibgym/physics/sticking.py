@@ -29,7 +29,7 @@ GAMMA = 1.0 - math.sqrt(0.5)
 # finds its way along the kinks (a contact point at rest under a part that turns about it), then by so little that it is gone.
 _COARSEST, _FINER, _FINEST = 1e-1, 1e-2, 1e-9
 _STOPPED = 1e-6  # below this, relative to the same, the solution is zero
-_ITERATIONS = 100
+_DIRECT, _ITERATIONS = 8, 100
 
 
 @jit
@@ -78,7 +78,7 @@ def _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin):
 
 
 @jit
-def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw):
+def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, guess_w):
     """Minimum of ``1/2 |eta - r|_M^2 + sum load |u - spin z^ x r|``: slip and spin at the end of an implicit step.
 
     Args:
@@ -86,6 +86,7 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw):
         x, y, n: contact points about the centre of mass, m.
         gyration: planar inertia over mass, m^2.
         rx, ry, rw: slip (m/s) and spin (rad/s) that the step would reach without friction.
+        guess_x, guess_y, guess_w: where the solution may be; zeros if that is not known.
 
     Returns:
         Slip x, y and spin; exactly (0, 0, 0) where friction holds.
@@ -95,10 +96,12 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw):
     size = math.sqrt(rx * rx + ry * ry)
     if size <= total and balanced(load, total, x, y, n, gyration, rx, ry, rw):
         return 0.0, 0.0, 0.0
-    # Exact for a centred pressure without torque: slip is shortened, its direction stays.
     shorter = max(1.0 - total / max(size, 1e-300), 0.01)
-    sx, sy, spin = shorter * rx, shorter * ry, shorter * rw
-    # Where that is the solution, the finest rounding-off knows it at once.
+    sx, sy, spin = guess_x, guess_y, guess_w
+    if sx == 0.0 and sy == 0.0 and spin == 0.0:
+        # Exact for a centred pressure without torque: slip is shortened, its direction stays.
+        sx, sy, spin = shorter * rx, shorter * ry, shorter * rw
+    # From a good guess the finest rounding-off gets there in a few iterations; else it begins anew, coarsely.
     level = _FINEST
     smooth = (level * total) ** 2
     value = _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin)
@@ -134,7 +137,8 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw):
         dx = (z1 - l21 * dy - l31 * dw) / l11
         slope = gx * dx + gy * dy + gw * dw  # negative: the Hessian is positive definite
         done = -slope <= 1e-20 * total * total
-        if iteration == 0 and not done:
+        if iteration == _DIRECT and not done:
+            sx, sy, spin = shorter * rx, shorter * ry, shorter * rw
             level = _COARSEST
             smooth = (level * total) ** 2
             value = _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin)
@@ -171,7 +175,9 @@ def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine
         return True
     if needed > total * (1.0 + 1e-12):  # at exactly mu_0 g it holds, whatever rounding says
         return False
-    sx, sy, spin = implicit_slip(load, total, points[1], points[2], n, gyration, -needed * cosine, -needed * sine, 0.0)
+    sx, sy, spin = implicit_slip(
+        load, total, points[1], points[2], n, gyration, -needed * cosine, -needed * sine, 0.0, 0.0, 0.0, 0.0
+    )
     return sx == 0.0 and sy == 0.0 and spin == 0.0
 
 
@@ -187,6 +193,7 @@ def slip_step(table, friction, points, phasor_c, phasor_s, n, gyration, load, ph
     part = GAMMA * h
     way_x, way_y, turned = 0.0, 0.0, 0.0
     from_x, from_y, from_spin = slip_x, slip_y, spin  # what a stage starts from, before its own implicit part
+    sx, sy, sw = slip_x, slip_y, spin
     for stage in range(2):
         at = phase + omega * (part if stage == 0 else h)
         c, s = math.cos(at), math.sin(at)
@@ -201,6 +208,9 @@ def slip_step(table, friction, points, phasor_c, phasor_s, n, gyration, load, ph
             from_x - part * needed * c,
             from_y - part * needed * s,
             from_spin,
+            sx,
+            sy,
+            sw,
         )
         share = h - part if stage == 0 else part
         way_x, way_y, turned = way_x + share * sx, way_y + share * sy, turned + share * sw

@@ -53,7 +53,9 @@ def planar_method(
         )
     inner = _chosen("substeps", substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
-        allowed = f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
+        allowed = (
+            f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
+        )
         raise checks.refuse("substeps", inner, allowed)
     cells = _chosen("pieces", pieces, most=64) or 0
     phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))

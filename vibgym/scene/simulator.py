@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,37 +12,48 @@ from vibgym import checks
 from vibgym.physics.drive import PolarDrive
 from vibgym.physics.planar import State
 from vibgym.scene import schemes, workers
+from vibgym.scene.choice import Choice, choose
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
-MODELS = tuple(schemes.MODELS)
+MODELS = (*schemes.MODELS, "auto")
 
 
 class Simulator:
-    """Worlds of one surface and its parts, in sliding contact.
+    """Worlds of one surface and its parts, in planar contact.
 
     Args:
         surface: the table.
         parts: the parts of every world; one for now.
         worlds: number of independent worlds. Results never depend on it, nor on order or threads.
-        model: ``"planar"``: flat contact, resolved in time. ``"averaged"``: the same, averaged over the period, for parts that
-            always slide; faster and less exact.
+        model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
+            over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
+            ``"auto"``: the cheapest that keeps a tolerance; :attr:`choice` says what that is and why.
         threads: None uses all processors of this process.
         knobs: of the model.
 
             planar:
                 steps: times per period that the contact area is cut by the element grid; its error is of second order.
-                    ``"auto"``: 6, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's
+                    ``"auto"``: 5, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's
                     speed makes in a period: what rests on an element changes faster under them.
                 substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order. ``"auto"``: so many that
                     a period has at least 18, which resolve the fast table to 0.1 % at full speed.
-                pieces: cells per element and direction into which the contact area is cut; ``"auto"`` uses one, and more
-                    where the part spins so fast that slip varies strongly across an element.
+                pieces: cells per element and direction into which the contact area is cut. ``"auto"`` sums friction as a
+                    series over the whole contact area where slip varies little under the part, and over as many cells as
+                    the spin asks for elsewhere.
 
             averaged:
                 order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
                 stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
                 steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
+
+            auto:
+                tolerance: m, default 1e-4: how far a part's outline may stray from the converged model's in 25 periods, in
+                    the median over worlds with random fields.
+                periods_per_call: periods that :meth:`advance` will typically be asked for at once, default 1.
+
+    Attributes:
+        choice: model and knobs in effect, and why (:class:`vibgym.scene.choice.Choice`).
 
     Raises:
         ValueError: a bad argument, an unknown knob, or a scene that the model does not cover; nothing has been built.
@@ -71,9 +83,17 @@ class Simulator:
         self.surface = surface
         self.parts = tuple(parts)
         self.worlds = checks.count("worlds", worlds)
-        self.model = model
+        checks.choice("model", model, MODELS)
+        if model == "auto":
+            for name, value in knobs.items():
+                if name not in ("tolerance", "periods_per_call"):
+                    raise checks.refuse(name, value, "the knobs of model='auto': tolerance, periods_per_call")
+            self.choice = choose(surface, parts[0], **knobs)
+        else:
+            self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
+        self.model = self.choice.model
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
-        self._advance, self._scheme = schemes.build(model, surface, self.parts[0], knobs)
+        self._advance, self._scheme = schemes.build(self.model, surface, self.parts[0], self.choice.knobs)
         self._table = surface.table()
         self._body = self.parts[0].body()
         shape = (self.worlds, len(self.parts), 3)
@@ -131,7 +151,9 @@ class Simulator:
         """
         surface = self.surface
         shape = (self.worlds, surface.rows, surface.columns)
-        amplitude = checks.array("amplitude", amplitude, shape, least=0.0, most=_limit(surface))
+        amplitude = checks.array("amplitude", amplitude, shape, least=0.0)
+        if amplitude.max() > _limit(surface):
+            raise _too_large(surface, float(amplitude.max()))
         phase = checks.array("phase", phase, shape)
         self.run(
             PolarDrive(np.ascontiguousarray(amplitude), np.ascontiguousarray(phase), surface.angular_frequency), periods
@@ -229,3 +251,14 @@ def _limit(surface: Surface) -> float:
     """Largest allowed amplitude; a little rounding room, so that values computed from the limit pass."""
     assert surface.max_amplitude is not None
     return surface.max_amplitude * (1.0 + 1e-12)
+
+
+def _too_large(surface: Surface, amplitude: float) -> ValueError:
+    allowed = f"numbers in [0, {surface.max_amplitude:.10g}]"
+    if amplitude > surface.lift_off_amplitude:
+        best = math.sqrt(surface.gravity / amplitude) / (2.0 * math.pi)
+        allowed += (
+            f"; parts lift off above g / w^2 = {surface.lift_off_amplitude:.4g} m, which no model covers: lower the amplitude, "
+            f"or the surface's frequency to {best:.4g} Hz"
+        )
+    return checks.refuse("amplitude", f"{amplitude!r} m", allowed)

@@ -11,6 +11,8 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
+from vibgym.physics.pressure_moments import LANES
+
 SMALLEST_BLOCK = 16
 """Worlds below which a second thread costs more than it saves."""
 
@@ -39,7 +41,9 @@ def share(work: Callable[[int, int], None], worlds: int, threads: int) -> None:
         work(0, worlds)
         return
     count = min(threads * BLOCKS_PER_THREAD, worlds // SMALLEST_BLOCK)
-    blocks = iter([(worlds * k // count, worlds * (k + 1) // count) for k in range(count)])
+    # Whole bundles: a block that ends within one would leave lanes empty.
+    edges = [min(-(-worlds * k // count // LANES) * LANES, worlds) for k in range(count + 1)]
+    blocks = iter(list(zip(edges, edges[1:])))
 
     def run() -> None:
         for start, stop in blocks:  # a list's iterator hands each block to one thread only

@@ -1,0 +1,117 @@
+"""Errors of a run, fronts of cost and error, and costs at equal error.
+
+Strong error, of the trajectory: how far a point of the part's circle is off at the end of the run, ``|dx| + R |dtheta|``.
+
+Weak error, of what controllers and averages see: the mean velocity's error over all worlds, each in the frame of its own
+true drift ``d`` (as complex numbers), so that errors along and across it add up where they are systematic and cancel where
+they are not: ``|sum conj(d) (d' - d)| / sum |d|^2``. With one drift for all worlds it is the relative error of the mean
+velocity vector. And the difference of success rates.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+
+class Spread(NamedTuple):
+    """Median, 95th percentile and maximum over worlds; infinite where worlds have failed."""
+
+    median: float
+    p95: float
+    worst: float
+
+
+def strong_errors(pose: np.ndarray, truth: np.ndarray, lever: float) -> np.ndarray:
+    """(worlds,) ``|dx| + lever |dtheta|``, m; infinite where a pose is not finite.
+
+    Args:
+        pose, truth: (worlds, 3), m and rad.
+        lever: radius of the part, 0 for a disc, whose heading shows nowhere.
+    """
+    off = np.abs(pose - truth)
+    errors = np.hypot(off[:, 0], off[:, 1]) + (lever * off[:, 2] if lever else 0.0)
+    return np.where(np.isfinite(errors), errors, math.inf)
+
+
+def spread(errors: np.ndarray) -> Spread:
+    """Median, 95th percentile and maximum, each an error that occurred (no mean of a number and infinity)."""
+    if not len(errors):
+        return Spread(math.nan, math.nan, math.nan)
+    at = np.quantile(errors, [0.5, 0.95], method="higher")
+    return Spread(float(at[0]), float(at[1]), float(errors.max()))
+
+
+def weak_error(drift: np.ndarray, truth: np.ndarray) -> float:
+    """Relative error of the mean velocity in the frame of each world's true drift; infinite if a drift is not finite.
+
+    Args:
+        drift, truth: (worlds, 2) mean velocities, m/s.
+    """
+    if not np.isfinite(drift).all():
+        return math.inf
+    right = truth[:, 0] + 1j * truth[:, 1]
+    wrong = (drift[:, 0] + 1j * drift[:, 1]) - right
+    scale = float(np.sum(np.abs(right) ** 2))
+    if scale == 0.0:
+        return 0.0 if not wrong.any() else math.inf
+    return float(abs(np.sum(np.conj(right) * wrong))) / scale
+
+
+class RateDifference(NamedTuple):
+    """Success rate less the true one, and a confidence interval of 95 %."""
+
+    difference: float
+    low: float
+    high: float
+
+
+def rate_difference(success: np.ndarray, truth: np.ndarray) -> RateDifference:
+    """Of paired outcomes (the same worlds): Wald's interval with half a pair added to each kind (Agresti and Min, 2005)."""
+    n = len(success)
+    gained, lost = int(np.sum(success & ~truth)), int(np.sum(~success & truth))
+    a, b, m = gained + 0.5, lost + 0.5, n + 2.0
+    middle = (a - b) / m
+    half = 1.959964 * math.sqrt(max((a + b) - (a - b) ** 2 / m, 0.0)) / m
+    return RateDifference((gained - lost) / n, max(middle - half, -1.0), min(middle + half, 1.0))
+
+
+def pareto(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
+    """Indices of the points that no other beats, cheapest first.
+
+    A point is beaten by one that costs no more and errs no more, and less in at least one of them. Of equal points the first
+    stays. What is not finite stays out.
+    """
+    usable = [k for k in range(len(costs)) if math.isfinite(costs[k]) and math.isfinite(errors[k])]
+    front: list[int] = []
+    for k in sorted(usable, key=lambda k: (costs[k], errors[k], k)):
+        if not front or errors[k] < errors[front[-1]]:
+            front.append(k)
+    return front
+
+
+def cheapest(costs: Sequence[float], errors: Sequence[float], tolerance: float) -> int | None:
+    """Index of the cheapest point within ``tolerance``; None if there is none."""
+    within = [k for k in range(len(costs)) if math.isfinite(costs[k]) and errors[k] <= tolerance]
+    return min(within, key=lambda k: (costs[k], errors[k])) if within else None
+
+
+def cost_at(costs: Sequence[float], errors: Sequence[float], error: float) -> float | None:
+    """Cost at which a method reaches ``error``, between the points of its front in the logarithm of both.
+
+    None where no point is as good. Above the error of its cheapest point the method costs what that one costs: nothing is
+    extrapolated. An error of exactly zero is not interpolated to: its point costs what it costs.
+    """
+    front = pareto(costs, errors)
+    if not front or errors[front[-1]] > error:
+        return None
+    for before, k in zip(front, front[1:], strict=False):
+        if errors[k] <= error < errors[before]:
+            if errors[k] <= 0.0:
+                return costs[k]
+            share = math.log(errors[before] / error) / math.log(errors[before] / errors[k])
+            return costs[before] * (costs[k] / costs[before]) ** share
+    return costs[front[0]]
