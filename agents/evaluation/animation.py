@@ -12,7 +12,7 @@ from PIL import Image
 
 from agents.evaluation.results import Results
 from agents.evaluation.rollout import Film
-from agents.files import write_atomically
+from vibgym.files import write_atomically
 from vibgym.rendering import SurfacePainter, View
 
 MOST_FRAMES = 120

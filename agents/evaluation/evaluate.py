@@ -18,10 +18,10 @@ from agents.evaluation.results import Results, TaskFacts, row_of
 from agents.evaluation.rollout import run
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import compare
-from agents.files import output_directory, write_atomically
 from agents.policy import Policy, Situation, make_policy
 from vibgym import checks
 from vibgym.envs.core import Core
+from vibgym.files import output_directory, write_atomically
 from vibgym.tasks.pose import PoseTask
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import subprocess
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+
+from vibgym.accuracy.provenance import processor
+from vibgym.scene.workers import available_threads
 
 PACKAGES = (
     "vibgym",
@@ -54,27 +56,11 @@ def commit() -> str | None:
         return None
 
 
-def processor() -> str:
-    """Name of the processor, as far as the system tells."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass  # not Linux
-    return platform.processor() or platform.machine()
-
-
-def cores() -> int:
-    """Processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def provenance() -> dict[str, object]:
     """All of it, as JSON values."""
     return {
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
         "commit": commit(),
-        "machine": {"system": platform.platform(), "processor": processor(), "cores": cores()},
+        "machine": {"system": platform.platform(), "processor": processor(), "cores": available_threads()},
         "versions": versions(),
     }

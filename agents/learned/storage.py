@@ -17,8 +17,8 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from agents.files import write_atomically
 from vibgym import checks
+from vibgym.files import write_atomically
 
 
 def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any]) -> None:

@@ -12,12 +12,12 @@ import zipfile
 import numpy as np
 import pytest
 
-from agents.files import write_atomically
 from agents.learned.storage import load_set, save_set
 from agents.learned.trained import KIND as POLICY
 from agents.learned.trained import TrainedPolicy, load_trained
 from agents.policy import make_policy
 from tests.agents.helpers import situation
+from vibgym.files import write_atomically
 
 KIND = "vibgym-test"
 FIRST = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "b": np.array([1.5]), "n": np.array(7, dtype=np.int64)}

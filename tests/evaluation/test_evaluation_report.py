@@ -15,7 +15,7 @@ from PIL import Image
 
 from agents import evaluation
 from agents.evaluation import animation
-from agents.files import write_atomically
+from vibgym.files import write_atomically
 
 
 class Links(HTMLParser):

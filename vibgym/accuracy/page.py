@@ -11,7 +11,8 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from vibgym.accuracy import comparisons, figures, files
+from vibgym import files
+from vibgym.accuracy import comparisons, figures
 from vibgym.accuracy.friction_experiment import Block, Experiment
 from vibgym.accuracy.ladder import Row, SceneResult
 from vibgym.accuracy.report import Report

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vibgym.accuracy import auto, bound, comparisons, files, friction_experiment, hard_cases, ladder, orders, truth
+from vibgym import files
+from vibgym.accuracy import auto, bound, comparisons, friction_experiment, hard_cases, ladder, orders, truth
 from vibgym.accuracy.candidates import Candidate, model_candidate
 from vibgym.accuracy.ladder import SceneResult
 from vibgym.accuracy.peers import peer_candidate
+from vibgym.accuracy.provenance import provenance
 from vibgym.accuracy.scenes import Scene, scenes_from
 from vibgym.accuracy.settings import ReportSettings
 from vibgym.scene import schemes
@@ -127,7 +129,7 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
         promises,
         cases,
         experiment,
-        files.provenance(),
+        provenance(),
         time.perf_counter() - began,
     )
 
