@@ -37,7 +37,8 @@ from vibgym.physics.records import Body, State, Table
 __all__ = ["Body", "Scheme", "State", "Table", "advance_worlds"]
 
 LARGEST_VARIATION = 0.45
-"""Of slip across the part, ``omega r / |u|``, up to which the series is used: it then errs by less than 0.1 % of friction."""
+"""Of slip across the part, ``omega r / |u|``, up to which the series is used. Measured there: at most 0.14 % of friction in
+force and 0.4 % of friction times the radius of gyration in torque, and 0.03 % and 0.12 % at two thirds of it."""
 
 SMALLEST_SLIP = 0.6
 """As a share of what slip can change in a substep, below which a step is taken carefully."""
