@@ -72,14 +72,18 @@ def spin_split(table, body, speed, spin):
 
 
 @jit
-def new_contact(table, body, split):
-    """Working arrays for up to ``split`` cells per element and direction."""
-    n = body.outline.shape[0]
-    across = int(2.0 * body.radius / table.element_size * split) + 3
+def cells_across(table, body, split):
+    """Most cells along a side of the box around a part, with ``split`` cells per element and direction."""
+    return int(2.0 * body.radius / table.element_size * split) + 3
+
+
+@jit
+def contact_arrays(corners, across):
+    """Working arrays for outlines of up to so many corners and cells along a side."""
     capacity = across * across * POINTS_PER_PIECE + 8
     return Contact(
-        np.empty(n),
-        np.empty(n),
+        np.empty(corners),
+        np.empty(corners),
         np.empty((across * across, MOMENTS)),
         np.empty(4, np.int64),
         np.empty((3, capacity)),
@@ -88,6 +92,22 @@ def new_contact(table, body, split):
         np.empty(capacity),
         np.empty(capacity),
     )
+
+
+@jit
+def new_contact(table, body, scheme):
+    """Working arrays for one kind of part under a scheme."""
+    return contact_arrays(body.outline.shape[0], cells_across(table, body, most_split(table, body, scheme)))
+
+
+@jit
+def contact_for(contact, body):
+    """The same arrays, cut to the part's corners."""
+    corners = body.outline.shape[0]
+    return Contact(
+        contact.outline_x[:corners], contact.outline_y[:corners], contact.cells, contact.box,
+        contact.points, contact.under, contact.phasor_c, contact.phasor_s, contact.load,
+    )  # fmt: skip
 
 
 @jit
@@ -246,26 +266,29 @@ def cuts_needed(table, step, vx, vy, spin):
 
 
 @jit
-def careful_step(table, body, scheme, drive, world, node, contact, x, y, heading, vx, vy, spin, stuck):
-    """One step of the scheme from table node ``node`` on.
+def careful_span(
+    table, body, pieces, drive, world, phase, span, substeps, contact, x, y, heading, vx, vy, spin, stuck
+):  # fmt: skip
+    """``span`` s from ``phase = w t`` on, in ``substeps`` Runge-Kutta steps or a few more.
+
+    Args:
+        pieces: cells per element and direction; 0: as the spin asks for.
 
     Returns:
         Pose, velocity, whether the part sticks, and whether anything supported it.
     """
     omega = 2.0 * math.pi / table.period
-    step = table.period / scheme.steps
-    cuts = cuts_needed(table, step, vx, vy, spin)
-    substeps = (scheme.substeps + cuts - 1) // cuts
-    h = step / (cuts * substeps)
+    cuts = cuts_needed(table, span, vx, vy, spin)
+    substeps = (substeps + cuts - 1) // cuts
+    h = span / (cuts * substeps)
     slow = (table.speed * omega + 2.0 * body.friction * table.gravity) * h  # the most that slip can change in a substep
-    phase = omega * (step / (3 * scheme.substeps)) * node
     for cut in range(cuts):
         begin = phase + omega * h * (cut * substeps)
         slip_x, slip_y = -table.speed * math.sin(begin) - vx, table.speed * math.cos(begin) - vy
-        split = scheme.pieces
+        split = pieces
         if split == 0:
             split = spin_split(table, body, math.sqrt(slip_x * slip_x + slip_y * slip_y), spin)
-        ahead = 0.5 * step / cuts
+        ahead = 0.5 * span / cuts
         n = cut_into_points(
             table, body, split, drive, world, x + ahead * vx, y + ahead * vy, heading + ahead * spin, contact
         )
@@ -282,7 +305,19 @@ def careful_step(table, body, scheme, drive, world, node, contact, x, y, heading
                 x, y, heading, vx, vy, spin = slide(table, body, contact, n, at, h, x, y, heading, vx, vy, spin)
             if not abs(x + y + heading + vx + vy + spin) < math.inf:
                 return x, y, heading, vx, vy, spin, stuck, True
+    return x, y, heading, vx, vy, spin, stuck, True
+
+
+@jit
+def careful_step(table, body, scheme, drive, world, node, contact, x, y, heading, vx, vy, spin, stuck):
+    """One step of the scheme from table node ``node`` on; see :func:`careful_span`."""
+    step = table.period / scheme.steps
+    phase = 2.0 * math.pi / table.period * (step / (3 * scheme.substeps)) * node
+    x, y, heading, vx, vy, spin, stuck, supported = careful_span(
+        table, body, scheme.pieces, drive, world, phase, step, scheme.substeps, contact,
+        x, y, heading, vx, vy, spin, stuck,
+    )  # fmt: skip
     if stuck:  # exactly, on the tabulated values
         after = node + 3 * scheme.substeps
         vx, vy = -table.speed * scheme.sine[after], table.speed * scheme.cosine[after]
-    return x, y, heading, vx, vy, spin, stuck, True
+    return x, y, heading, vx, vy, spin, stuck, supported

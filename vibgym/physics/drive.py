@@ -46,22 +46,31 @@ class PhasorDrive(NamedTuple):
 
 
 class PatchDrive(NamedTuple):
-    """Phasors of the k x k elements around a part, all others at rest."""
+    """Phasors of the k x k elements around each part, all others at rest.
 
-    action: np.ndarray  # (worlds, 1, k, k, 2) float32
-    origin: np.ndarray  # (worlds, 2) row and column of the patch's first element
+    An element in several patches obeys the part whose centre is nearest to the element's centre; ties go to the lower index.
+    A part whose centre is infinitely far away commands nothing.
+    """
+
+    action: np.ndarray  # (worlds, parts, k, k, 2) float32
+    origin: np.ndarray  # (worlds, parts, 2) row and column of the patch's first element
+    centre: (
+        np.ndarray
+    )  # (worlds, parts, 2) of the part, along rows and columns, in elements; infinite: commands nothing
     full_scale: float  # m/s^2
 
 
 class FieldDrive(NamedTuple):
-    """Strengths of the basic fields around a point, on the whole surface: those of :mod:`vibgym.fields`.
+    """Strengths of the basic fields around each part, on the whole surface: those of :mod:`vibgym.fields`.
 
     The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push:
-    ``reach`` is the distance at which squeeze, radial and tangential fields are at full strength.
+    ``reach`` is the distance at which squeeze, radial and tangential fields are at full strength. Every element obeys the
+    part whose centre is nearest to its own; ties go to the lower index. A part whose centre is infinitely far away commands
+    nothing, and where none commands the elements rest.
     """
 
-    action: np.ndarray  # (worlds, 1, 6) float32
-    centre: np.ndarray  # (worlds, 2) x and y, m
+    action: np.ndarray  # (worlds, parts, 6) float32
+    centre: np.ndarray  # (worlds, parts, 2) x and y, m; infinite: commands nothing
     element_size: float  # m
     reach: float  # m
     full_scale: float  # m/s^2
@@ -114,20 +123,39 @@ def _phasor(drive, world, row, column):
 @jit
 def _patch(drive, world, row, column):
     size = drive.action.shape[2]
-    i = row - drive.origin[world, 0]
-    j = column - drive.origin[world, 1]
-    if i < 0 or j < 0 or i >= size or j >= size:
+    part, nearest = -1, math.inf
+    for k in range(drive.action.shape[1]):
+        i = row - drive.origin[world, k, 0]
+        j = column - drive.origin[world, k, 1]
+        if i >= 0 and j >= 0 and i < size and j < size:
+            dy = row + 0.5 - drive.centre[world, k, 0]
+            dx = column + 0.5 - drive.centre[world, k, 1]
+            square = dx * dx + dy * dy
+            if square < nearest:
+                part, nearest = k, square
+    if part < 0:
         return 0.0, 0.0
-    first = _clip(np.float64(drive.action[world, 0, i, j, 0]), -1.0, 1.0)
-    second = _clip(np.float64(drive.action[world, 0, i, j, 1]), -1.0, 1.0)
+    i = row - drive.origin[world, part, 0]
+    j = column - drive.origin[world, part, 1]
+    first = _clip(np.float64(drive.action[world, part, i, j, 0]), -1.0, 1.0)
+    second = _clip(np.float64(drive.action[world, part, i, j, 1]), -1.0, 1.0)
     return unit_phasor(first, second, drive.full_scale)
 
 
 @jit
 def _field(drive, world, row, column):
-    strength = drive.action[world, 0]
-    dx = (column + 0.5) * drive.element_size - drive.centre[world, 0]
-    dy = (row + 0.5) * drive.element_size - drive.centre[world, 1]
+    part, nearest = -1, math.inf
+    for k in range(drive.action.shape[1]):
+        dx = (column + 0.5) * drive.element_size - drive.centre[world, k, 0]
+        dy = (row + 0.5) * drive.element_size - drive.centre[world, k, 1]
+        square = dx * dx + dy * dy
+        if square < nearest:
+            part, nearest = k, square
+    if part < 0:
+        return 0.0, 0.0
+    strength = drive.action[world, part]
+    dx = (column + 0.5) * drive.element_size - drive.centre[world, part, 0]
+    dy = (row + 0.5) * drive.element_size - drive.centre[world, part, 1]
     far = max(math.sqrt(dx * dx + dy * dy), drive.reach)
     radial = _clip(np.float64(strength[4]), -1.0, 1.0) / far
     turn = _clip(np.float64(strength[5]), -1.0, 1.0) / far

@@ -18,7 +18,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -108,13 +108,26 @@ def cost_of(row: Mapping[str, Any], periods_per_call: int) -> float:
     return row["us_per_period"] + row["us_per_call"] / periods_per_call
 
 
-def choose(surface: Surface, part: Part, tolerance: Any = DEFAULT_TOLERANCE, periods_per_call: Any = 1) -> Choice:
+def choose_for(surface: Surface, kinds: Sequence[Part], models: Sequence[str], **knobs: Any) -> Choice:
+    """The choice for the kind of part that needs the finest steps, among some models."""
+    choices = [choose(surface, part, models=models, **knobs) for part in kinds]
+    return max(choices, key=lambda each: (each.knobs.get("steps", 0), each.knobs.get("substeps", 0)))
+
+
+def choose(
+    surface: Surface,
+    part: Part,
+    tolerance: Any = DEFAULT_TOLERANCE,
+    periods_per_call: Any = 1,
+    models: Sequence[str] | None = None,
+) -> Choice:
     """The cheapest candidate whose error, with the margin, is within ``tolerance``.
 
     Args:
         tolerance: m, see :attr:`Choice.error`.
         periods_per_call: how many periods ``advance`` will typically be asked for at once. Averaging costs something at the
             start of every call.
+        models: that may be chosen; None: all.
 
     Raises:
         ValueError: no candidate is good enough, or no evidence covers the scene; says what would work.
@@ -134,7 +147,13 @@ def choose(surface: Surface, part: Part, tolerance: Any = DEFAULT_TOLERANCE, per
             f"{scene.scale:.3g}: name model='planar' and its steps",
         )
     rows = sorted(found["rows"], key=lambda row: cost_of(row, periods_per_call))
-    able = [row for row in rows if row["error"] is not None and row["knobs"].get("stride", 1) <= periods_per_call]
+    able = [
+        row
+        for row in rows
+        if row["error"] is not None
+        and row["knobs"].get("stride", 1) <= periods_per_call
+        and (models is None or row["model"] in models)
+    ]
     for row in able:
         error = MARGIN * row["error"] * unit
         if error <= tolerance:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.planar import Body
+from vibgym.physics.records import Bodies, Body
 from vibgym.scene import outlines
 
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
@@ -142,6 +143,52 @@ class Part:
             outlines.is_convex(self.outline),
             self.symmetry != 0,
         )
+
+    def same_as(self, other: Part) -> bool:
+        """Whether the other part is one of the same kind: equal in all that physics knows of it."""
+        return (
+            (self.friction, self.static_friction, self.mass, self.restitution, self.contact_friction, self.symmetry)
+            == (
+                other.friction,
+                other.static_friction,
+                other.mass,
+                other.restitution,
+                other.contact_friction,
+                other.symmetry,
+            )
+            and self.outline.shape == other.outline.shape
+            and bool((self.outline == other.outline).all())
+        )
+
+
+def kinds_of(parts: Sequence[Part]) -> tuple[list[Part], np.ndarray]:
+    """The different parts among ``parts``, in order of appearance, and the kind of each, (parts,)."""
+    kinds: list[Part] = []
+    numbers = []
+    for part in parts:
+        number = next((k for k, kind in enumerate(kinds) if kind.same_as(part)), len(kinds))
+        if number == len(kinds):
+            kinds.append(part)
+        numbers.append(number)
+    return kinds, np.array(numbers)
+
+
+def bodies_of(parts: Sequence[Part]) -> Bodies:
+    """The parts of a world as the kernels take them."""
+    kinds, numbers = kinds_of(parts)
+    bodies = [kind.body() for kind in kinds]
+    return Bodies(
+        kind=numbers,
+        outline=np.concatenate([body.outline for body in bodies]),
+        first=np.cumsum([0, *(len(body.outline) for body in bodies)]),
+        area=np.array([body.area for body in bodies]),
+        radius=np.array([body.radius for body in bodies]),
+        gyration=np.array([body.gyration for body in bodies]),
+        friction=np.array([body.friction for body in bodies]),
+        static_friction=np.array([body.static_friction for body in bodies]),
+        convex=np.array([body.convex for body in bodies]),
+        turns=np.array([body.turns for body in bodies]),
+    )
 
 
 SHIPPED: dict[str, dict[str, Any]] = {

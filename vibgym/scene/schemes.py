@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +12,10 @@ import numpy as np
 from vibgym import checks
 from vibgym.physics import averaged, planar
 from vibgym.physics.averaged_contact import AveragedScheme
+from vibgym.physics.crowd import CrowdScheme
 from vibgym.physics.pressure_moments import LANES
 from vibgym.scene import averages_tables
+from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -23,6 +25,10 @@ RUNGE_KUTTA_STEPS = 18
 
 FEWEST_STEPS = 4
 """With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
+
+
+CONTACT_STEPS = 20
+"""Fewest steps of the coupling between friction and contacts in a period unless asked for otherwise."""
 
 
 class Method(NamedTuple):
@@ -62,6 +68,37 @@ def planar_method(
     return Method(planar.advance_worlds, planar.Scheme(cuts, inner, cells, LANES, np.cos(phase), np.sin(phase)))
 
 
+def crowd_scheme(
+    surface: Surface,
+    kinds: Sequence[Part],
+    walls: Sequence[str],
+    *,
+    steps: int | str = "auto",
+    substeps: int | str = "auto",
+    pieces: int | str = "auto",
+    contact_steps: int | str = "auto",
+) -> CrowdScheme:
+    """The planar model for several parts: each kind by itself as :func:`planar_method` says, and steps for contacts.
+
+    ``contact_steps``: fewest steps of the coupling in a period with contacts.
+    """
+    schemes = [planar_method(surface, part, steps=steps, substeps=substeps, pieces=pieces).scheme for part in kinds]
+    finest = max(scheme.steps for scheme in schemes)
+    coupled = _chosen("contact_steps", contact_steps) or CONTACT_STEPS
+    return CrowdScheme(
+        steps=np.array([scheme.steps for scheme in schemes]),
+        substeps=np.array([scheme.substeps for scheme in schemes]),
+        pieces=schemes[0].pieces,
+        lanes=LANES,
+        cosine=np.concatenate([scheme.cosine for scheme in schemes]),
+        sine=np.concatenate([scheme.sine for scheme in schemes]),
+        first=np.cumsum([0, *(len(scheme.cosine) for scheme in schemes)]),
+        contact_steps=finest,
+        contact_substeps=math.ceil(coupled / finest),
+        walls=sum(1 << WALLS.index(name) for name in walls),
+    )
+
+
 def averaged_method(
     surface: Surface, part: Part, *, order: int = 2, stride: int = 1, steps: int | str = "auto"
 ) -> Method:
@@ -90,15 +127,32 @@ MODELS: Mapping[str, Callable[..., Method]] = {"planar": planar_method, "average
 
 
 def build(model: str, surface: Surface, part: Part, knobs: Mapping[str, Any]) -> Method:
-    """Kernel and scheme of ``model``.
+    """Kernel and scheme of ``model``, for one part.
 
     Raises:
         ValueError: an unknown model, a knob that it does not have, a bad value, or a scene that it does not cover.
     """
     checks.choice("model", model, tuple(MODELS))
-    make = MODELS[model]
+    _check_knobs(model, MODELS[model], knobs)
+    return MODELS[model](surface, part, **knobs)
+
+
+def build_crowd(
+    model: str, surface: Surface, kinds: Sequence[Part], walls: Sequence[str], knobs: Mapping[str, Any]
+) -> CrowdScheme:
+    """Scheme of ``model`` for several parts or walls.
+
+    Raises:
+        ValueError: as for :func:`build`.
+    """
+    if model != "planar":
+        raise checks.refuse("model", model, "'planar' with several parts or walls: contacts are resolved in time")
+    _check_knobs(model, crowd_scheme, knobs)
+    return crowd_scheme(surface, kinds, walls, **knobs)
+
+
+def _check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any]) -> None:
     known = [name for name, each in inspect.signature(make).parameters.items() if each.kind is each.KEYWORD_ONLY]
     for name, value in knobs.items():
         if name not in known:
             raise checks.refuse(name, value, f"the knobs of model={model!r}: {', '.join(known)}")
-    return make(surface, part, **knobs)

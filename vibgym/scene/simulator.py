@@ -1,4 +1,4 @@
-"""The simulator: many independent worlds of one surface, each with its part, advanced together."""
+"""The simulator: many independent worlds of one surface, each with its parts, advanced together."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.physics.crowd import CALLS, CONTACT, COUNTS, FREE, LOOKED, advance_crowds
 from vibgym.physics.drive import PolarDrive
 from vibgym.physics.planar import State
-from vibgym.scene import schemes, workers
-from vibgym.scene.choice import Choice, choose
-from vibgym.scene.parts import Part
+from vibgym.scene import overlaps, schemes, workers
+from vibgym.scene.choice import Choice, choose, choose_for
+from vibgym.scene.hulls import WALLS, hulls_of
+from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.scene.surface import Surface
 
 MODELS = (*schemes.MODELS, "auto")
@@ -24,7 +26,8 @@ class Simulator:
 
     Args:
         surface: the table.
-        parts: the parts of every world; one for now.
+        parts: the parts of every world, one or a list.
+        walls: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``; parts fall off the others.
         worlds: number of independent worlds. Results never depend on it, nor on order or threads.
         model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
             over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
@@ -41,8 +44,10 @@ class Simulator:
                 pieces: cells per element and direction into which the contact area is cut. ``"auto"`` sums friction as a
                     series over the whole contact area where slip varies little under the part, and over as many cells as
                     the spin asks for elsewhere.
+                contact_steps: with several parts or walls, fewest steps in which friction and contacts take turns in a period;
+                    ``"auto"``: 20. Steps are shorter where parts come together fast.
 
-            averaged:
+            averaged (one part and no walls):
                 order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
                 stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
                 steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
@@ -64,6 +69,7 @@ class Simulator:
         surface: Surface,
         parts: Part | Sequence[Part],
         *,
+        walls: Sequence[str] = (),
         worlds: int = 1,
         model: str = "planar",
         threads: int | None = None,
@@ -72,33 +78,53 @@ class Simulator:
         if not isinstance(surface, Surface):
             raise checks.refuse("surface", surface, "a vibgym.Surface")
         parts = (parts,) if isinstance(parts, Part) else parts
-        if not isinstance(parts, Sequence) or not all(isinstance(part, Part) for part in parts):
-            raise checks.refuse("parts", parts, "a vibgym.Part or a list with one")
-        if len(parts) != 1:
-            raise checks.refuse("parts", f"{len(parts)} parts", "exactly one part per world (contacts come later)")
+        if not isinstance(parts, Sequence) or not parts or not all(isinstance(part, Part) for part in parts):
+            raise checks.refuse("parts", parts, "a vibgym.Part or a list of them")
         largest = 2.0 * (surface.width + surface.height)
-        if parts[0].radius > largest:
-            got = f"{parts[0].name!r} with radius {parts[0].radius:g} m"
-            raise checks.refuse("parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)")
+        for part in parts:
+            if part.radius > largest:
+                got = f"{part.name!r} with radius {part.radius:g} m"
+                raise checks.refuse(
+                    "parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)"
+                )
+        if isinstance(walls, str) or not isinstance(walls, Sequence) or len(set(walls)) != len(walls):
+            raise checks.refuse("walls", walls, f"a list of different names among {', '.join(map(repr, WALLS))}")
+        for name in walls:
+            checks.choice("walls", name, WALLS)
         self.surface = surface
         self.parts = tuple(parts)
+        self.walls = tuple(walls)
         self.worlds = checks.count("worlds", worlds)
         checks.choice("model", model, MODELS)
+        kinds, _ = kinds_of(self.parts)
+        crowd = len(parts) > 1 or len(walls) > 0
         if model == "auto":
             for name, value in knobs.items():
                 if name not in ("tolerance", "periods_per_call"):
                     raise checks.refuse(name, value, "the knobs of model='auto': tolerance, periods_per_call")
-            self.choice = choose(surface, parts[0], **knobs)
+            self.choice = (
+                choose_for(surface, kinds, ("planar",), **knobs) if crowd else choose(surface, kinds[0], **knobs)
+            )
         else:
             self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
         self.model = self.choice.model
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
-        self._advance, self._scheme = schemes.build(self.model, surface, self.parts[0], self.choice.knobs)
+        self.hulls = hulls_of(self.parts)
+        self._counts = np.zeros((self.worlds, COUNTS), dtype=np.int64)
+        self._spaces = None
+        if crowd:
+            from vibgym.scene.collisions import ContactSpaces  # imported late: most scenes have no contacts
+
+            self._scheme: Any = schemes.build_crowd(self.model, surface, kinds, self.walls, self.choice.knobs)
+            self._bodies = bodies_of(self.parts)
+            self._spaces = ContactSpaces(surface, self.parts, self.walls)
+        else:
+            self._advance, self._scheme = schemes.build(self.model, surface, self.parts[0], self.choice.knobs)
         self._table = surface.table()
         self._body = self.parts[0].body()
         shape = (self.worlds, len(self.parts), 3)
         self._state = State(
-            pose=np.tile([0.5 * surface.width, 0.5 * surface.height, 0.0], (self.worlds, len(self.parts), 1)),
+            pose=np.tile(overlaps.apart(surface, self.parts), (self.worlds, 1, 1)),
             velocity=np.zeros(shape),
             mean_velocity=np.zeros(shape),
             fallen=np.zeros(shape[:2], dtype=bool),
@@ -116,7 +142,8 @@ class Simulator:
             velocity: like ``pose``, m/s and rad/s, in the world frame; None is at rest.
 
         Raises:
-            ValueError: a number is not finite, a shape does not fit, or a centre of mass is off the surface.
+            ValueError: a number is not finite, a shape does not fit, a centre of mass is off the surface, or parts overlap one
+                another or a wall by more than 0.1 mm.
         """
         shape = self._state.pose.shape
         pose = checks.array("pose", pose, shape)
@@ -128,15 +155,22 @@ class Simulator:
             raise checks.refuse(
                 "pose", bad, f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.height:g}]"
             )
+        fallen = np.zeros(shape[:2], dtype=bool)
+        overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
         self.place(slice(None), pose, velocity, velocity)
         self._periods = 0
+        self._counts[:] = 0
 
-    def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any) -> None:
-        """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on."""
+    def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
+        """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on.
+
+        ``fallen``: parts that take no part; they touch nothing.
+        """
         state = self._state
         state.pose[worlds], state.velocity[worlds], state.mean_velocity[worlds] = pose, velocity, mean_velocity
-        for flag in (state.fallen, state.sticking, state.doubtful, state.diverged):
+        for flag in (state.sticking, state.doubtful, state.diverged):
             flag[worlds] = False
+        state.fallen[worlds] = fallen
 
     def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
         """Advance by whole periods with the elements' motion held.
@@ -162,10 +196,21 @@ class Simulator:
     def run(self, drive: Any, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.drive` whose numbers have been checked."""
         periods = checks.count("periods", periods)
-        advance, table, body, scheme, state = self._advance, self._table, self._body, self._scheme, self._state
+        table, scheme, state = self._table, self._scheme, self._state
+        if self._spaces is None:
+            advance, body = self._advance, self._body
+            self._counts[:, FREE] += periods
 
-        def work(start: int, stop: int) -> None:
-            advance(start, stop, drive, table, body, scheme, state, periods)
+            def work(start: int, stop: int) -> None:
+                advance(start, stop, drive, table, body, scheme, state, periods)
+
+        else:
+            spaces, bodies, hulls, counts = self._spaces, self._bodies, self.hulls, self._counts
+
+            def work(start: int, stop: int) -> None:
+                space = spaces.borrow()
+                advance_crowds(start, stop, drive, table, bodies, hulls, scheme, space.solver, state, counts, periods)
+                spaces.give_back(space)
 
         workers.share(work, self.worlds, self._threads)
         self._periods += periods
@@ -209,6 +254,17 @@ class Simulator:
         return self._state.diverged.copy()
 
     @property
+    def statistics(self) -> dict[str, int]:
+        """Periods of all worlds since the reset by the way they took, and calls of the contact solver.
+
+        ``free``: nothing was near enough to touch.  ``near``: paths were compared and stayed apart.  ``contact``: friction
+        and contacts took turns.  ``contact_steps``: in how many steps of these the solver was called.
+        """
+        total = self._counts.sum(axis=0)
+        names = (("free", FREE), ("near", LOOKED), ("contact", CONTACT), ("contact_steps", CALLS))
+        return {name: int(total[column]) for name, column in names}
+
+    @property
     def time(self) -> float:
         """Time since the reset, s."""
         return self._periods / self.surface.frequency
@@ -226,7 +282,8 @@ class Simulator:
         """Go on from what :meth:`get_state` gave, on a simulator with the same worlds and parts.
 
         Raises:
-            ValueError: a key is missing or unknown, or a value has the wrong shape or is not finite.
+            ValueError: a key is missing or unknown, a value has the wrong shape or is not finite, or parts overlap by more
+                than contacts let them.
         """
         names = (*State._fields, "periods")
         if not isinstance(state, Mapping) or set(state) != set(names):
@@ -242,6 +299,8 @@ class Simulator:
                 raise checks.refuse(f"state[{name!r}]", f"array of shape {value.shape}", f"shape {mine.shape}")
             values[name] = checks.array(f"state[{name!r}]", value, mine.shape, dtype=mine.dtype)
         periods = checks.count("state['periods']", state["periods"], least=0)
+        where = (values["pose"], values["fallen"] | values["diverged"][:, None])
+        overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
         for name, mine in self._state._asdict().items():
             mine[...] = values[name]
         self._periods = periods

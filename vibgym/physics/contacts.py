@@ -1,0 +1,393 @@
+"""Parts in touch: the contact solver of another library (pymunk), coupled to friction within the period.
+
+Friction moves the parts for a short while as if they were alone; then the solver changes their velocities by the impulses of
+the contacts, and their positions as far as they overlap. The solver only sees contacts once outlines overlap, so the while is
+cut short whenever parts would overlap by more than ``OVERLAP``: fast parts meet at the right time and place and never pass
+through one another, and parts at rest against one another do not need short steps. In a while in which nothing
+can touch, the solver is not called.
+
+The solver starts each world's period afresh from poses and velocities: it keeps nothing from one period to the next, so a
+state is restored by these alone, and results do not depend on which worlds it saw before.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics._jit import jit
+from vibgym.physics.careful import careful_span, contact_for, cuts_needed
+from vibgym.physics.foreign import call_foreign
+from vibgym.physics.hulls import BOTTOM, LEFT, RIGHT, farthest, hull_gap, place_hulls
+from vibgym.physics.planar import bundle_moments, cut_lane, kutta_lanes, limits, place_ahead
+from vibgym.physics.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
+from vibgym.physics.records import body_of
+
+OVERLAP = 4e-5
+"""m that a step of the coupling may add to the overlap of two parts."""
+
+SHORTEST = 1.0 / 2048.0
+"""Length of the shortest step of the coupling, as a share of the longest."""
+
+JOLT = 0.02
+"""m/s; where a contact changes a part's velocity by more, what lies beneath it is looked at again."""
+
+FAR_AWAY = 1e3
+"""m; where the solver keeps parts that are not on the table."""
+
+
+class Solver(NamedTuple):
+    """Addresses of the solver's functions and objects; see :mod:`vibgym.scene.collisions`."""
+
+    space: int
+    step: int  # void(space, float64 h)
+    each: int  # void(space, function, batch): for every body in order
+    put: int  # function: body from batch
+    take: int  # function: body to batch
+    update: int  # void(body, float64 h): position by velocity and by what undoes overlap
+    add: int  # (space, shape)
+    remove: int  # (space, shape)
+    number_from: int  # void(space, int): number that the next shape gets
+    last_step: int  # void(space, float64 h): the length that impulses of the last step are remembered for
+    put_all: int  # batches: x, y, heading, vx, vy, spin
+    put_velocity: int
+    take_all: int  # as put_all
+    take_pose: int  # x, y, heading
+    data: np.ndarray  # float64, of all batches
+    cursor: np.ndarray  # (1,) int32, where the next batch begins
+    bodies: np.ndarray  # (parts,) int64
+    shapes: np.ndarray  # (shapes,) int64
+    owner: np.ndarray  # (shapes,) int64, part
+    fixed: int  # shapes of the walls, which are numbered first
+
+
+class Workshop(NamedTuple):
+    """Working arrays for one world; parts stand in lanes, eight a group."""
+
+    pose: np.ndarray  # (groups, flat (3, lane))
+    velocity: np.ndarray
+    old_pose: np.ndarray
+    old_velocity: np.ndarray
+    own: np.ndarray  # (groups, flat (4, lane)), see kutta_lanes
+    moments: np.ndarray  # (groups, flat (row, lane))
+    spare: np.ndarray
+    share: np.ndarray  # (groups, lane)
+    held: np.ndarray  # (groups, lane)
+    pieces: np.ndarray  # flat (piece, field, lane)
+    rows: np.ndarray
+    columns: np.ndarray
+    known: np.ndarray  # (parts, slots, slots)
+    known_c: np.ndarray
+    known_s: np.ndarray
+    careful: np.ndarray  # (parts,) bool
+    stale: np.ndarray  # (parts,) bool: to be cut again
+    placed: np.ndarray  # (corners, 4)
+    settled: np.ndarray  # (parts, 3) poses before overlaps are undone
+
+
+@jit
+def new_workshop(table, bodies, hulls):
+    """Working arrays for the worlds of a call."""
+    parts = bodies.kind.shape[0]
+    groups = (parts + LANES - 1) // LANES
+    across = int(2.0 * bodies.radius.max() / table.element_size) + 3
+    slots = 1
+    while slots < across:
+        slots *= 2
+    return Workshop(
+        np.zeros((groups, 3 * LANES)), np.zeros((groups, 3 * LANES)),
+        np.zeros((groups, 3 * LANES)), np.zeros((groups, 3 * LANES)), np.zeros((groups, 4 * LANES)),
+        np.zeros((groups, MOMENT_ROWS * LANES)), np.zeros(MOMENT_ROWS * LANES),
+        np.zeros((groups, LANES)), np.zeros((groups, LANES), np.int64),
+        np.zeros((across * across + 1) * PIECE_FIELDS * LANES),
+        np.zeros(across * across, np.int64), np.zeros(across * across, np.int64),
+        np.zeros((parts, slots, slots), np.int64), np.zeros((parts, slots, slots)), np.zeros((parts, slots, slots)),
+        np.zeros(parts, np.bool_), np.zeros(parts, np.bool_), np.zeros(hulls.corner.shape), np.zeros((parts, 3)),
+    )  # fmt: skip
+
+
+@jit
+def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
+    """How long friction may go on alone, at most ``h`` s, and whether anything may touch by then."""
+    pose, velocity, placed = shop.pose, shop.velocity, shop.placed
+    touching = False
+    width, height = table.columns * table.element_size, table.rows * table.element_size
+    for pair in range(n):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        if away[i] or (j >= 0 and away[j]):
+            continue
+        gi, li = i // LANES, i % LANES
+        xi, yi = pose[gi, li], pose[gi, LANES + li]
+        ui, wi, si = velocity[gi, li], velocity[gi, LANES + li], velocity[gi, 2 * LANES + li]
+        pull = 2.0 * bodies.friction[bodies.kind[i]] * table.gravity
+        if j < 0:
+            nx, ny, border = 0.0, 0.0, 0.0
+            if j == -1 - LEFT:
+                nx = -1.0
+            elif j == -1 - RIGHT:
+                nx, border = 1.0, width
+            elif j == -1 - BOTTOM:
+                ny = -1.0
+            else:
+                ny, border = 1.0, height
+            if border - (nx * xi + ny * yi) > hulls.radius[i] + (nx * ui + ny * wi) * h + 0.5 * pull * h * h:
+                continue
+            for a in range(hulls.owner[i], hulls.owner[i + 1]):
+                gap = border - farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, 0.0)
+                later = border - farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h) - 0.5 * pull * h * h
+                touching = touching or later < 0.0
+                least = min(gap, 0.0) - OVERLAP
+                if later < least:
+                    h = max(h * (gap - least) / (gap - later), shortest)
+            continue
+        gj, lj = j // LANES, j % LANES
+        xj, yj = pose[gj, lj], pose[gj, LANES + lj]
+        uj, wj, sj = velocity[gj, lj], velocity[gj, LANES + lj], velocity[gj, 2 * LANES + lj]
+        pull += 2.0 * bodies.friction[bodies.kind[j]] * table.gravity
+        bow = 0.5 * pull * h * h
+        dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
+        clear = hulls.radius[i] + hulls.radius[j] + math.sqrt(du * du + dw * dw) * h + bow
+        if dx * dx + dy * dy > clear * clear:
+            continue
+        for a in range(hulls.owner[i], hulls.owner[i + 1]):
+            for b in range(hulls.owner[j], hulls.owner[j + 1]):
+                gap, nx, ny = hull_gap(hulls, placed, a, b)
+                later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
+                later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h) + 0.5 * pull * h * h
+                touching = touching or later < 0.0
+                least = min(gap, 0.0) - OVERLAP
+                if later < least:
+                    # The gap along a fixed direction is concave in time: its chord is met too early, never too late.
+                    h = max(h * (gap - least) / (gap - later), shortest)
+    return h, touching
+
+
+@jit
+def resolve(solver, hulls, away, sticking, shop, h, before, entered):
+    """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
+
+    Args:
+        away, sticking: (parts,) bool: not on the table; moving with it. A part that is pushed sticks no longer.
+        h: s, since it was last called or could have been.  before: s, the length of the step before.
+        entered: whether it has been called in this period already.
+
+    Parts whose velocity has changed by more than ``JOLT`` are marked as stale.
+    """
+    parts = away.shape[0]
+    data, cursor, pose, velocity = solver.data, solver.cursor, shop.pose, shop.velocity
+    for p in range(parts):
+        g, lane = p // LANES, p % LANES
+        for k in range(3):
+            speed = 0.0 if away[p] else velocity[g, k * LANES + lane]
+            # The solver's step begins with a move by velocity; friction has already done that.
+            data[6 * p + k] = FAR_AWAY * (p + 1) if away[p] else pose[g, k * LANES + lane] - h * speed
+            data[6 * p + 3 + k] = speed
+    cursor[0] = 0
+    call_foreign(solver.each, (solver.space, solver.put, solver.put_all))
+    if not entered:
+        call_foreign(solver.number_from, (solver.space, solver.fixed))
+        for p in range(parts):
+            call_foreign(solver.update, (solver.bodies[p], 0.0))  # shapes are entered where their bodies are
+        for k in range(solver.shapes.shape[0]):
+            call_foreign(solver.add, (solver.space, solver.shapes[k]))
+    # Remembered impulses are scaled with the step; after a short one they would be blown up.
+    call_foreign(solver.last_step, (solver.space, max(h, before)))
+    call_foreign(solver.step, (solver.space, h))
+    cursor[0] = 0
+    call_foreign(solver.each, (solver.space, solver.take, solver.take_all))
+    for p in range(parts):
+        g, lane = p // LANES, p % LANES
+        change = 0.0
+        for k in range(3):
+            at = k * LANES + lane
+            # Bodies that touch nothing keep every bit.
+            if not away[p] and data[6 * p + 3 + k] != velocity[g, at]:
+                arm = 1.0 if k < 2 else hulls.radius[p]
+                change = max(change, arm * abs(data[6 * p + 3 + k] - velocity[g, at]))
+                velocity[g, at] = data[6 * p + 3 + k]
+                sticking[p] = False
+            shop.settled[p, k] = data[6 * p + k]
+            data[3 * p + k] = 0.0
+        if change > JOLT:
+            shop.stale[p] = True
+    # What undoes overlap is a velocity of its own, which acts in this step only.
+    cursor[0] = 0
+    call_foreign(solver.each, (solver.space, solver.put, solver.put_velocity))
+    for p in range(parts):
+        call_foreign(solver.update, (solver.bodies[p], h))
+    cursor[0] = 0
+    call_foreign(solver.each, (solver.space, solver.take, solver.take_pose))
+    for p in range(parts):
+        g, lane = p // LANES, p % LANES
+        for k in range(3):
+            if not away[p]:
+                pose[g, k * LANES + lane] += data[3 * p + k] - shop.settled[p, k]
+
+
+@jit
+def leave(solver):
+    """Take the parts out of the solver, so that the next world finds it as this one did."""
+    for k in range(solver.shapes.shape[0]):
+        call_foreign(solver.remove, (solver.space, solver.shapes[k]))
+
+
+@jit
+def cut_stale(table, bodies, drive, world, scheme, contact, state, away, shop, left):
+    """Cut what lies under every stale part where it will be after half of ``left`` s, and bring its moments up to date."""
+    parts = away.shape[0]
+    for g in range(shop.pose.shape[0]):
+        any_stale = False
+        for p in range(g * LANES, min(parts, (g + 1) * LANES)):
+            any_stale = any_stale or shop.stale[p]
+        if not any_stale:
+            continue
+        # Lanes share one array of pieces, so the whole group is cut again.
+        for lane in range(LANES):
+            p = g * LANES + lane
+            shop.held[g, lane], shop.share[g, lane] = 0, 0.0
+            if p >= parts or away[p]:
+                continue
+            shop.stale[p] = False
+            body = body_of(bodies, bodies.kind[p])
+            mine = contact_for(contact, body)
+            vx, vy, spin = shop.velocity[g, lane], shop.velocity[g, LANES + lane], shop.velocity[g, 2 * LANES + lane]
+            x, y = shop.pose[g, lane] + 0.5 * left * vx, shop.pose[g, LANES + lane] + 0.5 * left * vy
+            heading = shop.pose[g, 2 * LANES + lane] + 0.5 * left * spin
+            fate = place_ahead(table, body, x, y, heading, mine.outline_x, mine.outline_y)
+            if fate == 0:
+                shop.careful[p] = scheme.pieces > 0 or cuts_needed(table, left, vx, vy, spin) > 1
+                shop.held[g, lane], shop.share[g, lane] = cut_lane(
+                    table, body, drive, world, lane, x, y, mine, shop.pieces, shop.rows, shop.columns,
+                    shop.known[p], shop.known_c[p], shop.known_s[p],
+                )  # fmt: skip
+                if shop.held[g, lane] == 0:
+                    fate = 1
+            if fate > 0:
+                away[p] = True
+                state.fallen[world, p] = fate == 1
+                state.diverged[world] = state.diverged[world] or fate == 2
+        held_by = bundle_moments(
+            table, shop.pieces, shop.held[g], shop.share[g], shop.moments[g], shop.spare, scheme.lanes
+        )
+        for k in range(MOMENT_ROWS * LANES):
+            shop.moments[g, k] = held_by[k]
+
+
+@jit
+def rub(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h):
+    """Let friction alone move all parts for ``h`` s from ``phase = w t`` on."""
+    parts = away.shape[0]
+    third = 2.0 * math.pi / table.period * h / 3.0
+    c = math.cos(phase), math.cos(phase + third), math.cos(phase + 2.0 * third), math.cos(phase + 3.0 * third)
+    s = math.sin(phase), math.sin(phase + third), math.sin(phase + 2.0 * third), math.sin(phase + 3.0 * third)
+    for g in range(shop.pose.shape[0]):
+        pose, velocity, own = shop.pose[g], shop.velocity[g], shop.own[g]
+        old_pose, old_velocity = shop.old_pose[g], shop.old_velocity[g]
+        for k in range(3 * LANES):
+            old_pose[k], old_velocity[k] = pose[k], velocity[k]
+        for lane in range(LANES):
+            own[lane], own[LANES + lane] = 0.0, math.inf
+        kutta_lanes(shop.moments[g], table.gravity, table.speed, h, c, s, pose, velocity, own, scheme.lanes)
+        for lane in range(LANES):
+            p = g * LANES + lane
+            gone = p >= parts or away[p]
+            careful = False
+            if not gone:
+                body = body_of(bodies, bodies.kind[p])
+                most_square, least_square = limits(table, body, h)
+                total = 0.0
+                for k in range(lane, 3 * LANES, LANES):
+                    total += pose[k] + velocity[k]
+                careful = (
+                    shop.careful[p]
+                    or state.sticking[world, p]
+                    or not (own[lane] <= most_square and own[LANES + lane] >= least_square and abs(total) < math.inf)
+                )
+            if gone or careful:
+                for k in range(lane, 3 * LANES, LANES):
+                    pose[k], velocity[k] = old_pose[k], old_velocity[k]
+            if careful:
+                body = body_of(bodies, bodies.kind[p])
+                mine = contact_for(contact, body)
+                x, y, heading, vx, vy, spin, stuck, supported = careful_span(
+                    table, body, scheme.pieces, drive, world, phase, h, 1, mine,
+                    pose[lane], pose[LANES + lane], pose[2 * LANES + lane],
+                    velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane], state.sticking[world, p],
+                )  # fmt: skip
+                pose[lane], pose[LANES + lane], pose[2 * LANES + lane] = x, y, heading
+                velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane] = vx, vy, spin
+                state.sticking[world, p] = stuck
+                if not supported:
+                    away[p] = True
+                    state.fallen[world, p] = True
+
+
+@jit
+def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, state, pairs, n, shop):
+    """Advance one world by a period with contacts, changing ``state`` in place.
+
+    Args:
+        scheme: ``steps`` cuts a period, and at least ``substeps`` steps of the coupling in each.
+        contact: working arrays of the largest part.
+        pairs: (n, 2) what may come to touch, see :func:`vibgym.physics.neighbours.near_pairs`.
+
+    Returns:
+        How often the solver was called.
+    """
+    parts = state.pose.shape[1]
+    omega = 2.0 * math.pi / table.period
+    step = table.period / scheme.steps
+    longest = step / scheme.substeps
+    away = state.fallen[world].copy()
+    shop.known[:] = -1
+    for g in range(shop.pose.shape[0]):
+        for lane in range(LANES):
+            p = g * LANES + lane
+            for k in range(3):
+                shop.pose[g, k * LANES + lane] = state.pose[world, p, k] if p < parts else 0.0
+                shop.velocity[g, k * LANES + lane] = state.velocity[world, p, k] if p < parts else 0.0
+            kind = bodies.kind[min(p, parts - 1)]
+            shop.own[g, 2 * LANES + lane] = bodies.friction[kind]
+            shop.own[g, 3 * LANES + lane] = 1.0 / bodies.gyration[kind]
+    calls, before = 0, longest
+    for turn in range(scheme.steps):
+        elapsed = 0.0
+        shop.stale[:] = True
+        while elapsed < step:
+            cut_stale(table, bodies, drive, world, scheme, contact, state, away, shop, step - elapsed)
+            left = step - elapsed
+            h = left if left < (1.0 + 1e-9) * longest else longest
+            for p in range(parts):
+                if not away[p]:
+                    at, lane = shop.pose[p // LANES], p % LANES
+                    place_hulls(hulls, p, at[lane], at[LANES + lane], at[2 * LANES + lane], shop.placed)
+            h, touching = safe_step(table, bodies, hulls, pairs, n, away, shop, h, SHORTEST * longest)
+            elapsed = step if h == left else elapsed + h
+            rub(
+                table, bodies, drive, world, scheme, contact, state, away, shop, omega * (turn * step + step - left), h
+            )  # fmt: skip
+            if touching:
+                resolve(solver, hulls, away, state.sticking[world], shop, h, before, calls > 0)
+                calls += 1
+            before = h
+    if calls > 0:
+        leave(solver)
+    total = 0.0
+    for g in range(shop.pose.shape[0]):
+        for k in range(3 * LANES):
+            total += abs(shop.pose[g, k]) + abs(shop.velocity[g, k])
+    if state.diverged[world] or not total < math.inf:
+        state.diverged[world] = True
+        return calls
+    for p in range(parts):
+        at, to, lane = shop.pose[p // LANES], shop.velocity[p // LANES], p % LANES
+        for k in range(3):
+            place = at[k * LANES + lane]
+            state.mean_velocity[world, p, k] = (place - state.pose[world, p, k]) / table.period
+            state.pose[world, p, k] = place
+            state.velocity[world, p, k] = 0.0 if state.fallen[world, p] else to[k * LANES + lane]
+        if state.fallen[world, p]:
+            state.sticking[world, p] = False
+    return calls
