@@ -2,9 +2,9 @@
 
 Friction moves the parts for a short while as if they were alone; then the solver changes their velocities by the impulses of
 the contacts, and their positions as far as they overlap. The solver only sees contacts once outlines overlap, so the while is
-cut short whenever parts would overlap by more than ``OVERLAP``: fast parts meet at the right time and place and never pass
-through one another, and parts at rest against one another do not need short steps. In a while in which nothing
-can touch, the solver is not called.
+cut short whenever parts would run into one another by more than ``OVERLAP``: fast parts meet at the right time and place and
+never pass through one another, and parts at rest against one another do not need short steps. In a while in which
+nothing can touch, the solver is not called.
 
 The solver starts each world's period afresh from poses and velocities: it keeps nothing from one period to the next, so a
 state is restored by these alone, and results do not depend on which worlds it saw before.
@@ -25,14 +25,16 @@ from vibgym.physics.planar import bundle_moments, cut_lane, kutta_lanes, limits,
 from vibgym.physics.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
 from vibgym.physics.records import body_of
 
-OVERLAP = 4e-5
-"""m that a step of the coupling may add to the overlap of two parts."""
+OVERLAP = 5e-6
+"""m that their velocities may add to the overlap of two parts in a step of the coupling. What friction's acceleration adds, at
+most ``2 mu g h^2``, is for the length of the step to keep small."""
 
 SHORTEST = 1.0 / 2048.0
 """Length of the shortest step of the coupling, as a share of the longest."""
 
-JOLT = 0.02
-"""m/s; where a contact changes a part's velocity by more, what lies beneath it is looked at again."""
+JOLT = 0.06
+"""m/s; where contacts change a part's velocity by more, it has been hit, not held: what lies beneath it is looked at again, and
+the solver does not start from the impulses of that blow."""
 
 FAR_AWAY = 1e3
 """m; where the solver keeps parts that are not on the table."""
@@ -136,8 +138,8 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
                 continue
             for a in range(hulls.owner[i], hulls.owner[i + 1]):
                 gap = border - farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, 0.0)
-                later = border - farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h) - 0.5 * pull * h * h
-                touching = touching or later < 0.0
+                later = border - farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
+                touching = touching or later < 0.5 * pull * h * h
                 least = min(gap, 0.0) - OVERLAP
                 if later < least:
                     h = max(h * (gap - least) / (gap - later), shortest)
@@ -155,8 +157,8 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
             for b in range(hulls.owner[j], hulls.owner[j + 1]):
                 gap, nx, ny = hull_gap(hulls, placed, a, b)
                 later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
-                later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h) + 0.5 * pull * h * h
-                touching = touching or later < 0.0
+                later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
+                touching = touching or later < 0.5 * pull * h * h
                 least = min(gap, 0.0) - OVERLAP
                 if later < least:
                     # The gap along a fixed direction is concave in time: its chord is met too early, never too late.
@@ -165,15 +167,16 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
 
 
 @jit
-def resolve(solver, hulls, away, sticking, shop, h, before, entered):
+def resolve(solver, hulls, away, sticking, shop, h, entered):
     """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
 
     Args:
         away, sticking: (parts,) bool: not on the table; moving with it. A part that is pushed sticks no longer.
-        h: s, since it was last called or could have been.  before: s, the length of the step before.
-        entered: whether it has been called in this period already.
+        h: s, the step's length.
+        entered: whether the parts are in the solver already.
 
-    Parts whose velocity has changed by more than ``JOLT`` are marked as stale.
+    Returns:
+        Whether any part was hit: its velocity has changed by more than ``JOLT``. Such parts are marked as stale.
     """
     parts = away.shape[0]
     data, cursor, pose, velocity = solver.data, solver.cursor, shop.pose, shop.velocity
@@ -192,11 +195,13 @@ def resolve(solver, hulls, away, sticking, shop, h, before, entered):
             call_foreign(solver.update, (solver.bodies[p], 0.0))  # shapes are entered where their bodies are
         for k in range(solver.shapes.shape[0]):
             call_foreign(solver.add, (solver.space, solver.shapes[k]))
-    # Remembered impulses are scaled with the step; after a short one they would be blown up.
-    call_foreign(solver.last_step, (solver.space, max(h, before)))
+    # The solver begins with the last step's impulses. It would scale them with the step, but not its record of them, and
+    # parts would stick together by the difference.
+    call_foreign(solver.last_step, (solver.space, h))
     call_foreign(solver.step, (solver.space, h))
     cursor[0] = 0
     call_foreign(solver.each, (solver.space, solver.take, solver.take_all))
+    hit = False
     for p in range(parts):
         g, lane = p // LANES, p % LANES
         change = 0.0
@@ -212,6 +217,7 @@ def resolve(solver, hulls, away, sticking, shop, h, before, entered):
             data[3 * p + k] = 0.0
         if change > JOLT:
             shop.stale[p] = True
+            hit = True
     # What undoes overlap is a velocity of its own, which acts in this step only.
     cursor[0] = 0
     call_foreign(solver.each, (solver.space, solver.put, solver.put_velocity))
@@ -224,6 +230,7 @@ def resolve(solver, hulls, away, sticking, shop, h, before, entered):
         for k in range(3):
             if not away[p]:
                 pose[g, k * LANES + lane] += data[3 * p + k] - shop.settled[p, k]
+    return hit
 
 
 @jit
@@ -351,7 +358,7 @@ def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, 
             kind = bodies.kind[min(p, parts - 1)]
             shop.own[g, 2 * LANES + lane] = bodies.friction[kind]
             shop.own[g, 3 * LANES + lane] = 1.0 / bodies.gyration[kind]
-    calls, before = 0, longest
+    calls, entered = 0, False
     for turn in range(scheme.steps):
         elapsed = 0.0
         shop.stale[:] = True
@@ -369,10 +376,12 @@ def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, 
                 table, bodies, drive, world, scheme, contact, state, away, shop, omega * (turn * step + step - left), h
             )  # fmt: skip
             if touching:
-                resolve(solver, hulls, away, state.sticking[world], shop, h, before, calls > 0)
+                hit = resolve(solver, hulls, away, state.sticking[world], shop, h, entered)
                 calls += 1
-            before = h
-    if calls > 0:
+                entered = not hit
+                if hit:  # the impulses of a blow are no guess for those that follow
+                    leave(solver)
+    if entered:
         leave(solver)
     total = 0.0
     for g in range(shop.pose.shape[0]):

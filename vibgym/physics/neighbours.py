@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from vibgym.physics._jit import jit
 from vibgym.physics.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
 
@@ -154,15 +152,3 @@ def paths_cross(table, bodies, hulls, paths, steps, first, pairs, n, placed):
             if not pair_gap(table, hulls, placed, i, j) > math.sqrt(dx * dx + dy * dy) + turned + slack:
                 return True
     return False
-
-
-@jit
-def pair_capacity(parts):
-    """Pairs that a world of so many parts can have: all of them and all walls, for no scene is too crowded."""
-    return parts * (parts - 1) // 2 + 4 * parts
-
-
-@jit
-def new_order(parts):
-    """Working array of :func:`near_pairs`."""
-    return np.zeros(parts, np.int64)

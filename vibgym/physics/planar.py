@@ -344,7 +344,7 @@ def prepare_step(table, body, scheme, drive, state, bundle, contact, step):
     return bundled
 
 
-@inlined
+@jit
 def take_care(table, body, scheme, drive, node, state, bundle, lane, contact):
     """Take the lane's step by contact points."""
     world, part = bundle.world[lane], bundle.part[lane]
@@ -378,7 +378,9 @@ def settle_period(state, bundle, lane):
             bundle.velocity[k] = 0.0
 
 
-@jit
 def advance_worlds(start, stop, drive, table, body, scheme, state, periods):
-    """Advance worlds ``start`` to ``stop``, each with one part, by whole periods under a held drive."""
+    """Advance worlds ``start`` to ``stop``, each with one part, by whole periods under a held drive.
+
+    Not compiled itself: the same compiled code then serves worlds with one part and with many, to the last bit.
+    """
     slide_rows(np.arange(start, stop), drive, table, body, scheme, state, periods, False, np.empty((0, 0, 3)), 0)

@@ -68,7 +68,14 @@ def planar_method(
     return Method(planar.advance_worlds, planar.Scheme(cuts, inner, cells, LANES, np.cos(phase), np.sin(phase)))
 
 
-def crowd_scheme(
+class CrowdMethod(NamedTuple):
+    """Schemes for several parts: each kind's own without contacts, and what goes for all with them."""
+
+    alone: tuple[planar.Scheme, ...]  # one a kind
+    crowd: CrowdScheme
+
+
+def crowd_method(
     surface: Surface,
     kinds: Sequence[Part],
     walls: Sequence[str],
@@ -77,25 +84,21 @@ def crowd_scheme(
     substeps: int | str = "auto",
     pieces: int | str = "auto",
     contact_steps: int | str = "auto",
-) -> CrowdScheme:
+) -> CrowdMethod:
     """The planar model for several parts: each kind by itself as :func:`planar_method` says, and steps for contacts.
 
     ``contact_steps``: fewest steps of the coupling in a period with contacts.
     """
-    schemes = [planar_method(surface, part, steps=steps, substeps=substeps, pieces=pieces).scheme for part in kinds]
-    finest = max(scheme.steps for scheme in schemes)
+    alone = [planar_method(surface, part, steps=steps, substeps=substeps, pieces=pieces).scheme for part in kinds]
+    finest = max(alone, key=lambda scheme: scheme.steps)
     coupled = _chosen("contact_steps", contact_steps) or CONTACT_STEPS
-    return CrowdScheme(
-        steps=np.array([scheme.steps for scheme in schemes]),
-        substeps=np.array([scheme.substeps for scheme in schemes]),
-        pieces=schemes[0].pieces,
-        lanes=LANES,
-        cosine=np.concatenate([scheme.cosine for scheme in schemes]),
-        sine=np.concatenate([scheme.sine for scheme in schemes]),
-        first=np.cumsum([0, *(len(scheme.cosine) for scheme in schemes)]),
-        contact_steps=finest,
-        contact_substeps=math.ceil(coupled / finest),
-        walls=sum(1 << WALLS.index(name) for name in walls),
+    return CrowdMethod(
+        alone=tuple(alone),
+        crowd=CrowdScheme(
+            steps=np.array([scheme.steps for scheme in alone]),
+            with_contacts=finest._replace(substeps=math.ceil(coupled / finest.steps)),
+            walls=sum(1 << WALLS.index(name) for name in walls),
+        ),
     )
 
 
@@ -139,16 +142,16 @@ def build(model: str, surface: Surface, part: Part, knobs: Mapping[str, Any]) ->
 
 def build_crowd(
     model: str, surface: Surface, kinds: Sequence[Part], walls: Sequence[str], knobs: Mapping[str, Any]
-) -> CrowdScheme:
-    """Scheme of ``model`` for several parts or walls.
+) -> CrowdMethod:
+    """Schemes of ``model`` for several parts or walls.
 
     Raises:
         ValueError: as for :func:`build`.
     """
     if model != "planar":
         raise checks.refuse("model", model, "'planar' with several parts or walls: contacts are resolved in time")
-    _check_knobs(model, crowd_scheme, knobs)
-    return crowd_scheme(surface, kinds, walls, **knobs)
+    _check_knobs(model, crowd_method, knobs)
+    return crowd_method(surface, kinds, walls, **knobs)
 
 
 def _check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any]) -> None:

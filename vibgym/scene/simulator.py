@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.crowd import CALLS, CONTACT, COUNTS, FREE, LOOKED, advance_crowds
 from vibgym.physics.drive import PolarDrive
 from vibgym.physics.planar import State
 from vibgym.scene import overlaps, schemes, workers
 from vibgym.scene.choice import Choice, choose, choose_for
 from vibgym.scene.hulls import WALLS, hulls_of
-from vibgym.scene.parts import Part, bodies_of, kinds_of
+from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
 MODELS = (*schemes.MODELS, "auto")
@@ -110,14 +109,11 @@ class Simulator:
         self.model = self.choice.model
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
         self.hulls = hulls_of(self.parts)
-        self._counts = np.zeros((self.worlds, COUNTS), dtype=np.int64)
-        self._spaces = None
+        self._crowd: Any = None
         if crowd:
-            from vibgym.scene.collisions import ContactSpaces  # imported late: most scenes have no contacts
+            from vibgym.scene.crowd import Crowd  # pymunk is loaded where there are contacts
 
-            self._scheme: Any = schemes.build_crowd(self.model, surface, kinds, self.walls, self.choice.knobs)
-            self._bodies = bodies_of(self.parts)
-            self._spaces = ContactSpaces(surface, self.parts, self.walls)
+            self._crowd = Crowd(surface, self.parts, self.walls, self.hulls, self.worlds, self.model, self.choice.knobs)
         else:
             self._advance, self._scheme = schemes.build(self.model, surface, self.parts[0], self.choice.knobs)
         self._table = surface.table()
@@ -133,6 +129,7 @@ class Simulator:
             diverged=np.zeros(self.worlds, dtype=bool),
         )
         self._periods = 0
+        self._free = 0  # periods of all worlds, where nothing can touch
 
     def reset(self, pose: Any, velocity: Any = None) -> None:
         """Put the parts down and set time to 0.
@@ -159,7 +156,9 @@ class Simulator:
         overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
         self.place(slice(None), pose, velocity, velocity)
         self._periods = 0
-        self._counts[:] = 0
+        self._free = 0
+        if self._crowd is not None:
+            self._crowd.counts[:] = 0
 
     def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
         """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on.
@@ -196,21 +195,18 @@ class Simulator:
     def run(self, drive: Any, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.drive` whose numbers have been checked."""
         periods = checks.count("periods", periods)
-        table, scheme, state = self._table, self._scheme, self._state
-        if self._spaces is None:
-            advance, body = self._advance, self._body
-            self._counts[:, FREE] += periods
+        state, crowd = self._state, self._crowd
+        if crowd is not None:
+
+            def work(start: int, stop: int) -> None:
+                crowd.advance(start, stop, drive, state, periods)
+
+        else:
+            advance, table, body, scheme = self._advance, self._table, self._body, self._scheme
+            self._free += self.worlds * periods
 
             def work(start: int, stop: int) -> None:
                 advance(start, stop, drive, table, body, scheme, state, periods)
-
-        else:
-            spaces, bodies, hulls, counts = self._spaces, self._bodies, self.hulls, self._counts
-
-            def work(start: int, stop: int) -> None:
-                space = spaces.borrow()
-                advance_crowds(start, stop, drive, table, bodies, hulls, scheme, space.solver, state, counts, periods)
-                spaces.give_back(space)
 
         workers.share(work, self.worlds, self._threads)
         self._periods += periods
@@ -260,9 +256,9 @@ class Simulator:
         ``free``: nothing was near enough to touch.  ``near``: paths were compared and stayed apart.  ``contact``: friction
         and contacts took turns.  ``contact_steps``: in how many steps of these the solver was called.
         """
-        total = self._counts.sum(axis=0)
-        names = (("free", FREE), ("near", LOOKED), ("contact", CONTACT), ("contact_steps", CALLS))
-        return {name: int(total[column]) for name, column in names}
+        if self._crowd is None:
+            return {"free": self._free, "near": 0, "contact": 0, "contact_steps": 0}
+        return self._crowd.statistics()
 
     @property
     def time(self) -> float:
