@@ -16,7 +16,10 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
+from vibgym.envs.crowd_observations import BLOCK_SIZE
+from vibgym.envs.observations import STATE_SIZE
 from vibgym.scene import Part, Surface
+from vibgym.tasks import ManyTask, Task
 
 
 class Policy(Protocol):
@@ -48,11 +51,42 @@ class Policy(Protocol):
 
 @dataclass(frozen=True)
 class Situation:
-    """What a policy may know beforehand."""
+    """What a policy may know beforehand: what an engineer would tell it of the machine and the job."""
 
-    task: str  # "Transport", "Align", "Rotate"
+    task: str  # "Transport", "Align", "Rotate", "Sort", "Singulate", or an environment's name such as "SortTwelve"
     surface: Surface
-    part: Part
+    part: Part  # the first part
+    parts: tuple[Part, ...] = ()  # all parts of a world; filled in for one
+    kind: tuple[int, ...] = ()  # of each part, of tasks for several parts
+    zones: np.ndarray | None = None  # (kinds, 4) m: x_low, y_low, x_high, y_high; None: parts shall only be apart
+    slots: int = 0  # blocks of the state observation of tasks for several parts; 0: the task is one for one part
+
+    def __post_init__(self) -> None:
+        if not self.parts:
+            object.__setattr__(self, "parts", (self.part,))
+
+    @classmethod
+    def of(cls, task: Task, name: str | None = None) -> Situation:
+        """What is public of an environment's task.
+
+        Args:
+            task: ``env.unwrapped.core.task``.
+            name: of the environment without ``vibgym/`` and version; None: the task's own.
+        """
+        name = type(task).__name__ if name is None else name
+        if not isinstance(task, ManyTask):
+            return cls(name, task.surface, task.parts[0])
+        return cls(name, task.surface, task.parts[0], task.parts, tuple(task.kind.tolist()), task.zones, task.slots)
+
+    @property
+    def many(self) -> bool:
+        """Whether the task is one for several parts."""
+        return self.slots > 0
+
+    @property
+    def state_size(self) -> int:
+        """Length of one state observation."""
+        return self.slots * BLOCK_SIZE if self.many else STATE_SIZE
 
 
 class Foreign:

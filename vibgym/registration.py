@@ -2,20 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import gymnasium as gym
 
-STEP_LIMITS = {"Transport": 250, "Align": 250, "Rotate": 250}
+BLOCKS = ["steel_block", "aluminium_block"]
+DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "disc"}
+
+ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
+    "Transport": (250, {"task": "Transport"}),
+    "Align": (250, {"task": "Align"}),
+    "Rotate": (250, {"task": "Rotate"}),
+    "Sort": (750, {"task": "Sort"}),
+    "SortTwelve": (1500, {"task": "Sort", "parts": BLOCKS * 6}),
+    "SortThreeKinds": (750, {"task": "Sort", "parts": [*BLOCKS, DISC] * 2}),
+    "SortCrowded": (750, {"task": "Sort", "start": "crowded"}),
+    "Singulate": (500, {"task": "Singulate"}),
+}
+"""Step limit and keyword arguments of each environment."""
 
 
 def register_environments() -> None:
-    """Register ``vibgym/<Task>-v0`` once, however often it is called."""
-    for task, limit in STEP_LIMITS.items():
-        name = f"vibgym/{task}-v0"
+    """Register ``vibgym/<name>-v0`` once, however often it is called."""
+    for environment, (limit, settings) in ENVIRONMENTS.items():
+        name = f"vibgym/{environment}-v0"
         if name not in gym.registry:
             gym.register(
                 id=name,
                 entry_point="vibgym.envs:VibgymEnv",
                 vector_entry_point="vibgym.envs:VibgymVectorEnv",
                 max_episode_steps=limit,
-                kwargs={"task": task},
+                kwargs=settings,
             )

@@ -6,13 +6,17 @@ from typing import Any
 
 from agents.classical.constant import RandomPolicy, ZeroPolicy
 from agents.classical.local_field import LocalFieldPolicy
+from agents.classical.local_fields import LocalFieldsPolicy
 from agents.classical.open_loop import OpenLoopPolicy
+from agents.classical.planner import PlannerPolicy
 
 CLASSICAL: dict[str, Any] = {
     "zero": ZeroPolicy,
     "random": RandomPolicy,
     "open_loop": OpenLoopPolicy,
     "local_field": LocalFieldPolicy,
+    "local_fields": LocalFieldsPolicy,
+    "planner": PlannerPolicy,
 }
 
-__all__ = ["CLASSICAL", "LocalFieldPolicy", "OpenLoopPolicy", "RandomPolicy", "ZeroPolicy"]
+__all__ = ["CLASSICAL", "LocalFieldPolicy", "LocalFieldsPolicy", "OpenLoopPolicy", "PlannerPolicy", "RandomPolicy", "ZeroPolicy"]

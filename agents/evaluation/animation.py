@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from agents.evaluation.log import Film
 from agents.evaluation.results import Results
-from agents.evaluation.rollout import Film
 from vibgym.files import write_atomically
 from vibgym.rendering import SurfacePainter, View
 
@@ -23,23 +23,38 @@ QUALITIES = (72, 60, 45, 30, 15)
 """Of WebP, best first: a film takes the first that fits into its share of the page."""
 
 
-def painter_for(results: Results, width: int) -> SurfacePainter:
-    """A painter whose pictures are about ``width`` pixels wide."""
-    surface = results.surface
+TRAIL_STEPS = 250
+"""Of several parts: older places are left out of their trails."""
+
+
+def painter_for(results: Results, task: str, width: int) -> SurfacePainter:
+    """A painter of a task's parts whose pictures are about ``width`` pixels wide."""
+    surface, scene = results.surface, results.scenes[task]
     pixels = max(4, (width - BORDER) // surface.columns)
-    outline = np.array(results.part.outline)
-    return SurfacePainter(surface.rows, surface.columns, surface.element_size, [outline], pixels / surface.element_size)
+    return SurfacePainter(
+        surface.rows,
+        surface.columns,
+        surface.element_size,
+        [np.array(part.outline) for part in scene.parts],
+        pixels / surface.element_size,
+        kinds=scene.kinds,
+        walls=scene.walls,
+    )
 
 
 def caption(results: Results, task: str, film: Film, frame: int, step_time: float) -> str:
     """Time, and what is left to do."""
-    facts, left = results.tasks[task], film.goal - film.poses[frame]
+    facts, scene = results.tasks[task], results.scenes[task]
+    if scene.crowd:
+        parts = int(np.isfinite(film.poses[0, :, 0]).sum())
+        return f"{frame * step_time:.2f} s   done: {film.done[frame]:.0f} of {parts}"
+    left = film.goal - film.poses[frame, 0]
     text = f"{frame * step_time:.2f} s   to go: {1e3 * math.hypot(left[0], left[1]):.1f} mm"
     if facts.heading_tolerance is None:
         return text
     turn = math.degrees(left[2])
-    if task == "Align" and results.part.symmetry:  # headings that look the same are the same
-        period = 360.0 / results.part.symmetry
+    if task == "Align" and scene.parts[0].symmetry:  # headings that look the same are the same
+        period = 360.0 / scene.parts[0].symmetry
         turn -= period * math.floor(turn / period + 0.5)
     return f"{text}, {round(turn)} deg"
 
@@ -47,15 +62,28 @@ def caption(results: Results, task: str, film: Film, frame: int, step_time: floa
 def picture(results: Results, task: str, policy: str, frame: int, painter: SurfacePainter) -> np.ndarray:
     """Frame of a film, (height, width, 3) uint8."""
     rollout, facts = results.rollouts[task, policy], results.tasks[task]
-    film = rollout.film
-    view = View(
-        pose=film.poses[frame][None],
-        phasors=film.phasors[frame],
-        goal_pose=film.goal if facts.heading_tolerance is not None else film.goal[:2],
-        goal_tolerance=facts.position_tolerance,
-        trail=film.poses[: frame + 1, :2],
-        caption=caption(results, task, film, frame, rollout.step_time),
-    )
+    film, scene = rollout.film, results.scenes[task]
+    said = caption(results, task, film, frame, rollout.step_time)
+    if scene.crowd:
+        trails = film.poses[max(0, frame - TRAIL_STEPS) : frame + 1, :, :2]
+        view = View(
+            pose=film.poses[frame],
+            phasors=film.phasors[frame],
+            goal_pose=None,
+            goal_tolerance=None,
+            caption=said,
+            zones=scene.zones,
+            trails=list(np.moveaxis(trails, 1, 0)),
+        )
+    else:
+        view = View(
+            pose=film.poses[frame],
+            phasors=film.phasors[frame],
+            goal_pose=film.goal if facts.heading_tolerance is not None else film.goal[:2],
+            goal_tolerance=facts.position_tolerance,
+            trail=film.poses[: frame + 1, 0, :2],
+            caption=said,
+        )
     return painter.paint(view)
 
 
@@ -65,7 +93,7 @@ def frames_of(results: Results, task: str, policy: str, width: int = WIDTH) -> t
     last = len(rollout.film.poses) - 1
     stride = max(1, math.ceil(last / (MOST_FRAMES - 1)))
     shown = [*range(0, last, stride), last]
-    painter = painter_for(results, width)
+    painter = painter_for(results, task, width)
     return [picture(results, task, policy, k, painter) for k in shown], stride * rollout.step_time
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,17 +13,20 @@ import gymnasium as gym
 from tqdm import tqdm
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.evaluation import animation, report, tables
+from agents.classical import CLASSICAL
+from agents.evaluation import animation, cost, report, tables
 from agents.evaluation.provenance import provenance
 from agents.evaluation.results import Results, TaskFacts, row_of
 from agents.evaluation.rollout import run
+from agents.evaluation.scene import Scene, scene_of
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import compare
 from agents.policy import Policy, Situation, make_policy
 from vibgym import checks
 from vibgym.envs.core import Core
 from vibgym.files import output_directory, write_atomically
-from vibgym.tasks.pose import PoseTask
+from vibgym.scene import Surface
+from vibgym.tasks import ManyTask, PoseTask, Task
 
 
 @dataclass(frozen=True)
@@ -39,9 +43,10 @@ class Evaluation:
     """A checked evaluation: environments and policies exist, the output directory can be written to."""
 
     settings: EvaluationSettings
-    core: Core  # of the first task: surface and part
+    surface: Surface
     tasks: dict[str, TaskFacts]
-    policies: dict[tuple[str, str], Policy]
+    scenes: dict[str, Scene]
+    policies: dict[tuple[str, str], Policy]  # (task, policy)
     gif: Gif | None
 
 
@@ -51,27 +56,53 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
     Raises:
         ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
     """
-    names = settings.named_policies()
+    entries = settings.entries()
     tasks: dict[str, TaskFacts] = {}
+    scenes: dict[str, Scene] = {}
     policies: dict[tuple[str, str], Policy] = {}
-    cores: list[Core] = []
+    surface = Surface()
     for task in settings.tasks:
         with _field("evaluation.environment"):
             env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings.environment)
         core: Core = env.unwrapped.core  # type: ignore[attr-defined]
-        tasks[task] = _facts(task, core.task, env.unwrapped.max_episode_steps)  # type: ignore[attr-defined]
-        situation = Situation(task, core.surface, core.part)
-        for name, content in names.items():
-            with _field(f"evaluation.policies ({name} on {task})"):
-                policies[task, name] = make_policy(content, situation, settings.seed_list()[0])
+        limit: int = env.unwrapped.max_episode_steps  # type: ignore[attr-defined]
+        seeds = settings.seed_list(task)
+        scenes[task], surface = scene_of(core), core.surface
+        tasks[task] = _facts(task, core.task, limit, len(seeds))
+        situation = Situation.of(core.task, task)
+        for entry in entries:
+            if entry.tasks is None and not serves(entry.content, situation):
+                continue
+            if entry.tasks is None or task in entry.tasks:
+                with _field(f"evaluation.policies ({entry.name} on {task})"):
+                    policies[task, entry.name] = make_policy(entry.content, situation, seeds[0])
         env.close()
-        cores.append(core)
+        if not any(each == task for each, _ in policies):
+            raise checks.refuse("evaluation.policies", [entry.name for entry in entries], f"one that serves {task}")
+    for entry in entries:
+        if not any(name == entry.name for _, name in policies):
+            raise checks.refuse("evaluation.policies", entry.name, f"policies that serve one of {', '.join(tasks)}")
     if gif is not None:
         checks.choice("--gif TASK", gif.task, tuple(tasks))
-        checks.choice("--gif POLICY", gif.policy, tuple(names))
+        checks.choice("--gif POLICY", gif.policy, tuple(name for task, name in policies if task == gif.task))
         output_directory(gif.path.parent, "--gif PATH")
     output_directory(Path(settings.output), "evaluation.output")
-    return Evaluation(settings, cores[0], tasks, policies, gif)
+    return Evaluation(settings, surface, tasks, scenes, policies, gif)
+
+
+def serves(content: Any, situation: Situation) -> bool:
+    """Whether a policy that names no tasks is meant for this one.
+
+    A classical one is where it can be made with its own defaults. All others are: where they do not fit, making them says so.
+    """
+    kind = content.get("kind") if isinstance(content, Mapping) else content
+    if not isinstance(kind, str) or kind not in CLASSICAL:
+        return True
+    try:
+        make_policy(kind, situation)
+    except ValueError:
+        return False
+    return True
 
 
 class _field:
@@ -88,10 +119,20 @@ class _field:
             raise ValueError(f"{self.name}: {error}") from None
 
 
-def _facts(name: str, task: PoseTask, limit: int) -> TaskFacts:
+def _facts(name: str, task: Task, limit: int, episodes: int) -> TaskFacts:
     summary = (inspect.getdoc(type(task)) or "").split("\n\n")[0].replace("\n", " ")
-    heading = task.heading_tolerance if task.has_heading else None
-    return TaskFacts(name, summary, task.position_tolerance, heading, limit)
+    position = heading = apart = None
+    zones: dict[str, tuple[float, float, float, float]] = {}
+    if isinstance(task, PoseTask):
+        position = task.position_tolerance
+        heading = task.heading_tolerance if task.has_heading else None
+    elif isinstance(task, ManyTask):
+        apart = task.apart() if task.apart() > 0.0 else None
+        if task.zones is not None:
+            zones = {kind: tuple(zone) for kind, zone in zip(task.names, task.zones.tolist(), strict=True)}
+    return TaskFacts(
+        name, summary, position, heading, limit, episodes, tuple(part.name for part in task.parts), zones, apart
+    )
 
 
 def _first_line(policy: Policy) -> str:
@@ -103,27 +144,32 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
     """Run every policy on every task and compare them; writes nothing."""
     settings = evaluation.settings
     level, resamples = settings.confidence, settings.resamples
+    measured = cost.measure(quiet) if settings.cost_per_period else None
     rollouts = {
-        (task, name): run(policy, task, settings.seed_list(), settings.environment, name, quiet)
+        (task, name): run(policy, task, settings.seed_list(task), settings.environment, name, quiet)
         for (task, name), policy in evaluation.policies.items()
     }
-    names = list(settings.named_policies())
-    pairs = [(task, *pair) for task in settings.tasks for pair in itertools.combinations(names, 2)]
+    pairs = [
+        (task, *pair)
+        for task in settings.tasks
+        for pair in itertools.combinations((name for each, name in rollouts if each == task), 2)
+    ]
     comparisons = [
         compare((first, second), rollouts[task, first], rollouts[task, second], level, resamples)
         for task, first, second in tqdm(pairs, desc="comparing policies", unit="pair", disable=quiet)
     ]
-    described = {name: evaluation.policies[settings.tasks[0], name] for name in names}
+    described = {name: _first_line(policy) for (_, name), policy in reversed(evaluation.policies.items())}
     return Results(
         settings=settings,
-        surface=evaluation.core.surface,
-        part=evaluation.core.part,
+        surface=evaluation.surface,
         tasks=evaluation.tasks,
-        policies={name: _first_line(policy) for name, policy in described.items()},
+        scenes=evaluation.scenes,
+        policies={name: described[name] for name in settings.named_policies()},
         rollouts=rollouts,
         rows=tuple(row_of(key[1], rollout, level, resamples) for key, rollout in rollouts.items()),
         comparisons=tuple(comparisons),
         provenance=provenance(),
+        cost=measured,
     )
 
 

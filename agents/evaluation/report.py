@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,9 @@ import jinja2
 import numpy as np
 from tqdm import tqdm
 
-from agents.evaluation import animation, figures
-from agents.evaluation.results import Results, Row
-from agents.evaluation.rollout import TURN_WEIGHT, WATCHED_AMONG
+from agents.evaluation import animation, cost_figure, crowd_figures, figures
+from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film
+from agents.evaluation.results import Results, Row, TaskFacts
 from agents.evaluation.statistics import Comparison
 from agents.evaluation.tables import number, plain, quantity
 from vibgym.tasks.pose import HOLD_STEPS
@@ -41,41 +42,57 @@ def page(results: Results, quiet: bool = False) -> str:
     cards: dict[str, list[dict[str, Any]]] = {task: [] for task in settings.tasks}
     for row in tqdm(results.rows, desc="drawing", unit="pair", disable=quiet):
         cards[row.task].append(_card(results, row, max(share, 100_000)))
-    surface, part = results.surface, results.part
+    surface = results.surface
+    crowds = [task for task in settings.tasks if results.scenes[task].crowd]
+    singles = [task for task in settings.tasks if task not in crowds]
     return environment.get_template("report.html.j2").render(
         results=results,
         settings=settings,
         surface=surface,
-        part_size=[1e3 * float(each) for each in np.ptp(part.outline, axis=0)],
-        part=part,
+        loads=_loads(results),
+        singles=singles,
+        crowds=crowds,
         confidence=f"{100 * settings.confidence:g} %",
         seeds=seeds_text(settings.seed_list()),
-        episodes=len(settings.seed_list()),
         step_time=next(iter(results.rollouts.values())).step_time,
         hold=HOLD_STEPS,
-        shown=min(figures.SHOWN, len(settings.seed_list())),
-        watched_among=min(WATCHED_AMONG, len(settings.seed_list())),
+        shown=figures.SHOWN,
+        mapped=crowd_figures.MAPPED,
+        watched_among=WATCHED_AMONG,
         turn_weight=1e3 * TURN_WEIGHT,
         tasks=[
             {
                 "facts": facts,
-                "tolerance": _tolerance(results, task),
+                "crowd": task in crowds,
+                "inventory": results.scenes[task].inventory(),
+                "tolerance": _tolerance(facts),
                 "cards": cards[task],
-                "arrivals": _data(figures.arrivals(results, task), "png"),
+                "arrivals": _data((crowd_figures if task in crowds else figures).arrivals(results, task), "png"),
             }
             for task, facts in results.tasks.items()
         ],
         comparisons=[_compared(each) for each in _against_best(results)],
-        example=_example(results) if settings.animations else None,
-        colours=dict(zip(results.policies, _policy_colours(len(results.policies)), strict=True)),
-        settings_text=json.dumps(
-            plain({**settings.model_dump(exclude={"policies"}), "policies": settings.named_policies()}), indent=2
-        ),
+        examples=[_example(results, tasks) for tasks in (singles, crowds) if tasks and settings.animations],
+        colours={name: figures.policy_colour(results, name) for name in results.policies},
+        cost=None if results.cost is None else cost_figure.section(results.cost),
+        settings_text=json.dumps(plain(settings.as_written()), indent=2),
     )
 
 
-def _policy_colours(count: int) -> list[str]:
-    return [figures.POLICY_COLOURS[k % len(figures.POLICY_COLOURS)] for k in range(count)]
+def _loads(results: Results) -> list[dict[str, Any]]:
+    """Which parts the tasks have, tasks with the same ones together."""
+    found: dict[tuple[str, int], list[str]] = {}
+    for task, facts in results.tasks.items():
+        found.setdefault((results.scenes[task].inventory(), facts.episodes), []).append(task)
+    return [
+        {"tasks": joined(tasks), "inventory": inventory, "episodes": episodes}
+        for (inventory, episodes), tasks in found.items()
+    ]
+
+
+def joined(words: Sequence[str]) -> str:
+    """ "a", "a and b", "a, b and c"."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _data(content: bytes, kind: str) -> str:
@@ -89,8 +106,12 @@ def seeds_text(seeds: list[int]) -> str:
     return ", ".join(map(str, seeds))
 
 
-def _tolerance(results: Results, task: str) -> str:
-    facts = results.tasks[task]
+def _tolerance(facts: TaskFacts) -> str:
+    """What counts as there."""
+    if facts.position_tolerance is None:
+        if facts.apart is not None:
+            return f"all parts more than {1e3 * facts.apart:.1f} mm apart"
+        return "all parts in their zones"
     text = f"{1e3 * facts.position_tolerance:g} mm"
     if facts.heading_tolerance is not None:
         text += f" and {DEGREES * facts.heading_tolerance:.3g}°"
@@ -99,7 +120,8 @@ def _tolerance(results: Results, task: str) -> str:
 
 def _card(results: Results, row: Row, share: int) -> dict[str, Any]:
     """What the table's row and the card of one policy on one task show."""
-    film = results.rollouts[row.task, row.policy].film
+    film, crowd = results.rollouts[row.task, row.policy].film, results.scenes[row.task].crowd
+    plot = (crowd_figures if crowd else figures).trajectories(results, row.task, row.policy)
     card: dict[str, Any] = {
         "row": row,
         "success": f"{100 * row.success_rate:.1f}",
@@ -115,8 +137,13 @@ def _card(results: Results, row: Row, share: int) -> dict[str, Any]:
         "rates": f"policy {thousands(row.policy_steps_per_second)}, "
         f"environment {thousands(row.environment_steps_per_second)}",
         "seed": film.seed,
-        "outcome": "reaches the goal" if film.success else "does not reach the goal",
-        "plot": _data(figures.trajectories(results, row.task, row.policy), "png"),
+        "outcome": _outcome(film, crowd),
+        "throughput": quantity(row.throughput_median_parts_per_s, 1.0, 2, "/s"),
+        "throughputs": _range(row.throughput_q25_parts_per_s, row.throughput_q75_parts_per_s, 1.0),
+        "collisions": number(row.collisions_mean, 1),
+        "clearance": _millimetres(row.clearance_median_m),
+        "done": number(row.parts_done_mean, 2),
+        "plot": _data(plot, "png"),
         "film": None,
     }
     if results.settings.animations:
@@ -125,6 +152,18 @@ def _card(results: Results, row: Row, share: int) -> dict[str, Any]:
         card["still"] = _data(animation.png(frames[-1]), "png")
         card["size"] = (frames[0].shape[1], frames[0].shape[0])
     return card
+
+
+def _outcome(film: Film, crowd: bool) -> str:
+    if not crowd:
+        return f"the part {'reaches' if film.success else 'does not reach'} the goal"
+    parts, done = int(np.isfinite(film.poses[0, :, 0]).sum()), int(film.done[-1])
+    return f"all {parts} parts are done" if film.success else f"{done} of {parts} parts are done at the end"
+
+
+def _millimetres(value: float) -> str:
+    """With its sign: negative is an overlap."""
+    return "–" if not math.isfinite(value) else f"{_signed(1e3 * value, 2).removeprefix('+')} mm"
 
 
 def thousands(rate: float) -> str:
@@ -179,20 +218,21 @@ def _compared(each: Comparison) -> dict[str, Any]:
     }
 
 
-def _example(results: Results) -> str:
+def _example(results: Results, tasks: Sequence[str]) -> str:
     """A large picture for the reading aid: of the policies that ever work, the film with the most varied field."""
-    best = {(task, best_policy(results, task)) for task in results.settings.tasks}
+    best = {(task, best_policy(results, task)) for task in tasks}
     frames: dict[tuple[str, str], int] = {}
     variety: dict[tuple[str, str], tuple[bool, float]] = {}
     for row in results.rows:
         pair = (row.task, row.policy)
-        if row.success_rate >= figures.WORTH_SHOWING or pair in best:
-            film = results.rollouts[pair].film
-            # Half way there: the line behind the part shows, and the goal is still free, if the task moves it at all.
-            travelled = np.hypot(*(film.poses - film.poses[0])[:, :2].T)
+        if row.task in tasks and (row.success_rate >= figures.WORTH_SHOWING or pair in best):
+            film, radius = results.rollouts[pair].film, results.scenes[row.task].parts[0].radius
+            # Half way there: the lines behind the parts show, and the goals are still free, if the task moves them at all.
+            way = (film.poses - film.poses[0])[..., :2]
+            travelled = np.nansum(np.hypot(way[..., 0], way[..., 1]), axis=1)
             frames[pair] = frame = int((travelled >= 0.5 * travelled.max()).argmax())
-            moved = bool(travelled[frame] > results.part.radius)
+            moved = bool(travelled[frame] > radius)
             variety[pair] = (moved, float(film.phasors[frame].var(axis=(0, 1)).sum()))
     task, policy = max(variety, key=lambda pair: variety[pair])
-    painter = animation.painter_for(results, 1064)
+    painter = animation.painter_for(results, task, 1064)
     return _data(animation.png(animation.picture(results, task, policy, frames[task, policy], painter)), "png")

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from agents.evaluation.cost import Cost
 from agents.evaluation.rollout import Rollout
+from agents.evaluation.scene import Scene
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import Comparison, quartiles, success_interval
-from vibgym.scene import Part, Surface
+from vibgym.scene import Surface
 
 
 @dataclass(frozen=True)
@@ -17,9 +19,13 @@ class TaskFacts:
 
     name: str
     summary: str  # first line of the task's documentation
-    position_tolerance: float  # m
+    position_tolerance: float | None  # m, of one part; None with several
     heading_tolerance: float | None  # rad; None where the heading does not count
     step_limit: int
+    episodes: int
+    parts: tuple[str, ...]  # names
+    zones: dict[str, tuple[float, float, float, float]]  # m, by kind: x_low, y_low, x_high, y_high; empty without zones
+    apart: float | None  # m, distance that all parts have to keep; None where it does not count
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,12 @@ class Row:
     steps_per_second: float
     policy_steps_per_second: float
     environment_steps_per_second: float
+    throughput_q25_parts_per_s: float
+    throughput_median_parts_per_s: float
+    throughput_q75_parts_per_s: float
+    collisions_mean: float  # pairs newly in touch in an episode
+    clearance_median_m: float  # smallest distance between parts in an episode
+    parts_done_mean: float
 
 
 @dataclass(frozen=True)
@@ -58,19 +70,25 @@ class Results:
 
     settings: EvaluationSettings
     surface: Surface
-    part: Part
     tasks: dict[str, TaskFacts]
+    scenes: dict[str, Scene]  # of each task
     policies: dict[str, str]  # name -> description
     rollouts: dict[tuple[str, str], Rollout]  # (task, policy), in the order of the settings
     rows: tuple[Row, ...]
     comparisons: tuple[Comparison, ...]
     provenance: dict[str, Any]
+    cost: Cost | None = None
+
+    def names(self, task: str) -> list[str]:
+        """The policies that ran on a task."""
+        return [name for each, name in self.rollouts if each == task]
 
 
 def row_of(policy: str, rollout: Rollout, level: float, resamples: int) -> Row:
     """Statistics of one rollout."""
     interval = success_interval(rollout.success, level, resamples)
     time, position, heading = map(quartiles, (rollout.time_to_goal, rollout.position_error, rollout.heading_error))
+    throughput = quartiles(rollout.throughput)
     overall, policy_rate, environment_rate = rollout.timing.rates()
     return Row(
         task=rollout.task,
@@ -97,4 +115,10 @@ def row_of(policy: str, rollout: Rollout, level: float, resamples: int) -> Row:
         steps_per_second=overall,
         policy_steps_per_second=policy_rate,
         environment_steps_per_second=environment_rate,
+        throughput_q25_parts_per_s=throughput.lower,
+        throughput_median_parts_per_s=throughput.median,
+        throughput_q75_parts_per_s=throughput.upper,
+        collisions_mean=float(rollout.collisions.mean()),
+        clearance_median_m=quartiles(rollout.clearance).median,
+        parts_done_mean=float(rollout.parts_done.mean()),
     )

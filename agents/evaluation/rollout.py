@@ -11,13 +11,12 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
+from agents.evaluation.log import Film, Log
 from agents.policy import Policy
 from vibgym.envs.core import Core
 
-WATCHED_AMONG = 30
-"""The world that is filmed is one of the first so many, which are also those of the trajectory plot."""
-
-TURN_WEIGHT = 0.1  # m/rad: a turn of 1 rad counts as far as 100 mm when the farthest goal is chosen
+LEAST_WAY = 0.010
+"""m: over shorter ways an efficiency says nothing."""
 
 
 @dataclass(frozen=True)
@@ -36,17 +35,6 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Film:
-    """One world of a rollout, frame by frame; frame 0 is the start, with all elements at rest."""
-
-    seed: int
-    poses: np.ndarray  # (frames, 3) m, m, rad
-    phasors: np.ndarray  # (frames, rows, columns, 2) float32, fractions of full scale, of the step that led to the pose
-    goal: np.ndarray  # (3,)
-    success: bool
-
-
-@dataclass(frozen=True)
 class Rollout:
     """Records of one policy on one task. Arrays are (episodes,) unless said otherwise, in the order of the seeds."""
 
@@ -60,9 +48,13 @@ class Rollout:
     returns: np.ndarray  # sum of rewards
     position_error: np.ndarray  # m, at the end
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
-    path_length: np.ndarray  # m, of the centre, sampled once a step
-    poses: np.ndarray  # (episodes, most steps + 1, 3) float32; nan after the end
-    goals: np.ndarray  # (episodes, 3)
+    path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
+    straight: np.ndarray  # m, shortest way of all parts together, see below
+    poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
+    goals: np.ndarray  # (episodes, 3) of one part
+    done: np.ndarray  # (episodes, most steps + 1) float32, parts done; nan after the end, and with one part
+    clearances: np.ndarray  # (episodes, most steps + 1) float32, m, smallest distance between parts; nan likewise
+    collisions: np.ndarray  # pairs newly in touch, see Touches; nan with one part
     timing: Timing
     film: Film
 
@@ -72,17 +64,36 @@ class Rollout:
         return np.where(self.success, self.steps * self.step_time, np.nan)
 
     @property
+    def path_length(self) -> np.ndarray:
+        """Path travelled, of all parts together, m."""
+        return self.path_lengths.sum(axis=1)
+
+    @property
     def path_efficiency(self) -> np.ndarray:
-        """Straight line from start to goal over the path travelled, of successes; nan where the goal is at the start."""
-        straight = np.hypot(*(self.goals[:, :2] - self.poses[:, 0, :2]).T)
-        sensible = self.success & (straight > 0.010) & (self.path_length > 0.0)
-        return np.where(sensible, straight / np.maximum(self.path_length, 1e-12), np.nan)
+        """Shortest way over path travelled, of successes; nan where there was hardly any way to go.
 
+        The shortest way is the straight line from the start to the goal, in Sort to the nearest point of the part's zone. In
+        Singulate, where parts have no goals of their own, it is the one from the start to where the part ended.
+        """
+        path = self.path_length
+        sensible = self.success & (self.straight > LEAST_WAY) & (path > 0.0)
+        return np.where(sensible, self.straight / np.maximum(path, 1e-12), np.nan)
 
-def farthest_goal(core: Core) -> int:
-    """World among the first ones whose goal is farthest: worth watching, and the same for every policy."""
-    distance = core.score.distance + TURN_WEIGHT * np.abs(core.score.error[:, 2])
-    return int(distance[:WATCHED_AMONG].argmax())
+    @property
+    def parts_done(self) -> np.ndarray:
+        """Parts done at the end; nan with one part."""
+        return self.done[np.arange(len(self.steps)), self.steps].astype(np.float64)
+
+    @property
+    def throughput(self) -> np.ndarray:
+        """Parts done at the end over the episode's simulated time, 1/s; nan with one part."""
+        return self.parts_done / (self.steps * self.step_time)
+
+    @property
+    def clearance(self) -> np.ndarray:
+        """Smallest distance between parts on the whole way, start included, m; nan without a second part."""
+        least = np.where(np.isnan(self.clearances), np.inf, self.clearances).min(axis=1)
+        return np.where(np.isfinite(least), least, np.nan).astype(np.float64)
 
 
 def run(
@@ -94,7 +105,7 @@ def run(
 
     Args:
         policy: predicts actions for a batch.
-        task: "Transport", "Align" or "Rotate".
+        task: name of the environment without ``vibgym/`` and version, such as "Transport".
         seeds: of the worlds' resets.
         environment: keyword arguments of the environment other than action and observation.
         name: of the policy, for the progress bar.
@@ -105,20 +116,8 @@ def run(
         f"vibgym/{task}-v0", num_envs=worlds, action=policy.action, observation=policy.observation, **environment
     )
     core: Core = env.unwrapped.core  # type: ignore[attr-defined]
-    limit: int = env.unwrapped.max_episode_steps  # type: ignore[attr-defined]
     observation, _ = env.reset(seed=list(seeds))  # type: ignore[arg-type]
-    pose = core.simulator.state.pose
-    poses = np.full((worlds, limit + 1, 3), np.nan, dtype=np.float32)
-    poses[:, 0] = pose[:, 0]
-    goals, last = core.goal.copy(), pose[:, 0, :2].copy()
-    record: dict[str, np.ndarray] = {
-        "steps": np.zeros(worlds, dtype=np.int64),
-        **{key: np.zeros(worlds, dtype=bool) for key in ("success", "fallen", "diverged")},
-        **{key: np.zeros(worlds) for key in ("returns", "position_error", "path_length")},
-        "heading_error": np.full(worlds, np.nan),
-    }
-    watched = farthest_goal(core)
-    film_poses, film_phasors = [pose[watched, 0].copy()], [core.phasors(watched).astype(np.float32)]
+    log = Log(core, env.unwrapped.max_episode_steps)  # type: ignore[attr-defined]
     alive, resetting = np.ones(worlds, dtype=bool), np.zeros(worlds, dtype=bool)
     start, state, step = np.ones(worlds, dtype=bool), None, 0
     policy_time = environment_time = 0.0
@@ -133,36 +132,26 @@ def run(
             if step > 1:
                 policy_time += between - before
                 environment_time += after - between
-            here = pose[:, 0, :2].copy()
-            record["returns"][alive] += reward[alive]
-            record["path_length"][alive] += np.hypot(*(here - last).T)[alive]
-            last = here
-            poses[alive, step] = pose[alive, 0]
-            if alive[watched]:
-                film_poses.append(pose[watched, 0].copy())
-                film_phasors.append(core.phasors(watched).astype(np.float32))
+            log.fields["returns"][alive] += reward[alive]
+            log.write(step, alive)
             ended = alive & (terminated | truncated)
             if ended.any():
-                record["steps"][ended] = step
-                record["success"][ended] = info["is_success"][ended]
-                for key in ("fallen", "diverged", "position_error", "heading_error"):
-                    if key in info:
-                        record[key][ended] = info[key][ended]
+                log.end(step, ended, info)
                 alive &= ~ended
                 bar.update(int(ended.sum()))
             # A finished world is reset by the next step, so its first observation is seen by the prediction after that.
             start, resetting = resetting, terminated | truncated
     env.close()
-    film = Film(
-        seeds[watched], np.array(film_poses), np.array(film_phasors), goals[watched], bool(record["success"][watched])
-    )
     return Rollout(
         task=task,
         seeds=tuple(seeds),
         step_time=core.surface.period * core.periods,
-        poses=poses,
-        goals=goals,
+        straight=log.straight,
+        poses=log.poses,
+        goals=log.goals,
+        done=log.done,
+        clearances=log.clearances,
         timing=Timing(worlds * (step - 1), policy_time + environment_time, policy_time, environment_time),
-        film=film,
-        **record,
+        film=log.film(seeds[log.watched]),
+        **log.fields,
     )

@@ -10,7 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from agents.evaluation.results import Results
+import numpy as np
+
+from agents.evaluation.results import Results, Row
 from agents.evaluation.rollout import Rollout
 
 
@@ -28,9 +30,18 @@ def episodes_of(policy: str, rollout: Rollout) -> list[dict[str, Any]]:
         "return": rollout.returns.tolist(),
         "path_length_m": rollout.path_length.tolist(),
         "path_efficiency": rollout.path_efficiency.tolist(),
+        "parts_done": _whole(rollout.parts_done),
+        "throughput_parts_per_s": rollout.throughput.tolist(),
+        "collisions": _whole(rollout.collisions),
+        "clearance_m": rollout.clearance.tolist(),
     }
     head = {"task": rollout.task, "policy": policy}
     return [head | dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
+
+
+def _whole(values: np.ndarray) -> list[int | float]:
+    """Counts as whole numbers, where there are any."""
+    return [int(value) if math.isfinite(value) else value for value in values.tolist()]
 
 
 def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -47,11 +58,12 @@ def json_text(results: Results) -> str:
     settings = results.settings
     content = {
         **results.provenance,
-        "settings": {**settings.model_dump(exclude={"policies"}), "policies": settings.named_policies()},
+        "settings": settings.as_written(),
         "seeds": settings.seed_list(),
         "tasks": {name: asdict(facts) for name, facts in results.tasks.items()},
         "results": [asdict(row) for row in results.rows],
         "comparisons": [asdict(each) for each in results.comparisons],
+        **({} if results.cost is None else {"cost_per_period": results.cost.as_values()}),
         "episodes": [one for key, rollout in results.rollouts.items() for one in episodes_of(key[1], rollout)],
     }
     return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
@@ -73,31 +85,60 @@ def _missing(value: Any) -> bool:
 
 
 def summary_table(results: Results) -> str:
-    """The table that the README quotes, in Markdown: success with its interval, and medians."""
-    head = (
-        "task",
-        "policy",
-        "success",
-        f"{100 * results.settings.confidence:g} % interval",
-        "time to goal",
-        "position error",
-        "heading error",
-        "fallen",
-    )
-    lines = [_line(head), _line("-" * len(each) for each in head)]
+    """The tables that the README quotes, in Markdown: success with its interval, and medians; many parts have their own."""
+    rows: dict[bool, list[Row]] = {False: [], True: []}
     for row in results.rows:
-        cells = (
-            row.task,
-            row.policy,
-            f"{100 * row.success_rate:.1f} %",
-            f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f} %",
-            quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
-            quantity(row.position_error_median_m, 1e3, 2, "mm"),
-            quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg"),
-            str(row.fallen),
+        rows[results.scenes[row.task].crowd].append(row)
+    interval = f"{100 * results.settings.confidence:g} % interval"
+    tables = []
+    if rows[False]:
+        head = ("task", "policy", "success", interval, "time to goal", "position error", "heading error", "fallen")
+        tables.append([head, *(_summary_of_one(row) for row in rows[False])])
+    if rows[True]:
+        head = (
+            "task",
+            "policy",
+            "success",
+            interval,
+            "time to goal",
+            "throughput",
+            "collisions",
+            "efficiency",
+            "fallen",
         )
-        lines.append(_line(cells))
-    return "\n".join(lines)
+        tables.append([head, *(_summary_of_many(row) for row in rows[True])])
+    return "\n\n".join(
+        "\n".join([_line(head), _line("-" * len(each) for each in head), *map(_line, lines)]) for head, *lines in tables
+    )
+
+
+def _summary_of_success(row: Row) -> tuple[str, ...]:
+    return (
+        row.task,
+        row.policy,
+        f"{100 * row.success_rate:.1f} %",
+        f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f} %",
+        quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
+    )
+
+
+def _summary_of_one(row: Row) -> tuple[str, ...]:
+    return (
+        *_summary_of_success(row),
+        quantity(row.position_error_median_m, 1e3, 2, "mm"),
+        quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg"),
+        str(row.fallen),
+    )
+
+
+def _summary_of_many(row: Row) -> tuple[str, ...]:
+    return (
+        *_summary_of_success(row),
+        quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s"),
+        f"{row.collisions_mean:.1f}",
+        quantity(row.path_efficiency_median, 100.0, 0, "%"),
+        str(row.fallen),
+    )
 
 
 def quantity(value: float, factor: float, digits: int, unit: str) -> str:

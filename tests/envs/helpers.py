@@ -8,6 +8,7 @@ import numpy as np
 TASKS = ("Transport", "Align", "Rotate")
 ACTIONS = ("element", "phasor", "patch", "field")
 OBSERVATIONS = ("state", "goal", "image")
+WALLS = ["left", "right", "bottom", "top"]
 SMALL = {"rows": 3, "columns": 4}  # parts fall off soon
 
 
@@ -57,3 +58,16 @@ def goal(env: Any, world: int = 0) -> np.ndarray:
 def still(env: Any) -> np.ndarray:
     """A ``"phasor"`` action with which all elements rest, for one world or a batch."""
     return np.zeros(env.action_space.shape, dtype=np.float32)
+
+
+def lay(env, pose, world=0, velocity=None):
+    """Put the parts of one world down at ``pose`` (parts, 3), in place unless ``velocity`` says otherwise."""
+    core = env.unwrapped.core
+    velocity = core.idle if velocity is None else np.asarray(velocity, dtype=float)
+    core.simulator.place(np.array([world]), np.asarray(pose, dtype=float)[None], velocity, 0.0)
+
+
+def sorted_pose():
+    """Six parts in their zones, far apart, and slow enough if they slide in place."""
+    rows = [0.04, 0.104, 0.168]
+    return np.array([[[0.08, y, 0.0], [0.75, y, 0.0]] for y in rows]).reshape(6, 3)

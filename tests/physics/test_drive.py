@@ -89,7 +89,9 @@ def test_patch():
             for j in range(3):
                 if 0 <= row + i < ROWS and 0 <= column + j < COLUMNS:
                     expected[world, row + i, column + j] = vectors[world, i, j]
-    assert np.allclose(read(PatchDrive(action, origin, FULL)), expected, rtol=0, atol=1e-13)
+    assert np.allclose(
+        read(PatchDrive(action, origin[:, None], origin[:, None] + 1.5, FULL)), expected, rtol=0, atol=1e-13
+    )
 
 
 SIZE, REACH = 0.026, 0.04
@@ -99,7 +101,7 @@ CENTRE = np.array([0.060, 0.050])
 def pushes(strengths):
     """Direction and strength in which each element pushes a resting part, (rows, columns, 2): -(S, C) / full scale."""
     action = np.broadcast_to(np.array(strengths, dtype=np.float32), (WORLDS, 1, 6))
-    phasors = read(FieldDrive(action, np.broadcast_to(CENTRE, (WORLDS, 2)), SIZE, REACH, FULL))[0]
+    phasors = read(FieldDrive(action, np.broadcast_to(CENTRE, (WORLDS, 1, 2)), SIZE, REACH, FULL))[0]
     return -phasors[..., ::-1] / FULL
 
 
@@ -140,6 +142,80 @@ def test_fields_add_up(strengths):
     clipped = np.clip(np.array(strengths, dtype=np.float32).astype(float), -1, 1)
     total = sum(k * np.stack(field(x, y), axis=-1) for k, (_, field) in zip(clipped, BASIC.values(), strict=True))
     assert np.allclose(pushes(strengths), shortened(total), rtol=0, atol=1e-14)
+
+
+# -- several parts -----------------------------------------------------------------------------------------------------
+
+PARTS = 3
+CENTRES = st.lists(
+    st.tuples(st.floats(0, COLUMNS * SIZE), st.floats(0, ROWS * SIZE)), min_size=WORLDS * PARTS, max_size=WORLDS * PARTS
+)
+
+
+def nearest(centre, candidates, row, column):
+    """The candidate whose centre (x, y) is nearest to that of the element, the lowest of equals; None without candidates."""
+    at = ((column + 0.5) * SIZE, (row + 0.5) * SIZE)
+    return min(candidates, key=lambda part: math.dist(centre[part], at), default=None)
+
+
+def clear_cut(centre, row, column):
+    """Whether no two centres are nearly as near to the element: rounding decides there."""
+    at = ((column + 0.5) * SIZE, (row + 0.5) * SIZE)
+    ways = sorted(math.dist(each, at) for each in centre)
+    return all(far - near > 1e-9 for near, far in zip(ways, ways[1:], strict=False))
+
+
+@given(centres=CENTRES, gone=st.lists(st.booleans(), min_size=PARTS, max_size=PARTS))
+def test_of_several_fields_an_element_obeys_the_nearest(centres, gone):
+    centre = np.array(centres).reshape(WORLDS, PARTS, 2)
+    action = np.random.default_rng(6).uniform(-1.5, 1.5, (WORLDS, PARTS, 6)).astype(np.float32)
+    alone = [read(FieldDrive(action[:, k : k + 1], centre[:, k : k + 1], SIZE, REACH, FULL)) for k in range(PARTS)]
+    given_centre = centre.copy()
+    given_centre[:, gone] = np.inf
+    together = read(FieldDrive(action, given_centre, SIZE, REACH, FULL))
+    left = [k for k in range(PARTS) if not gone[k]]
+    for world, row, column in np.ndindex(WORLDS, ROWS, COLUMNS):
+        if not clear_cut(centre[world], row, column):
+            continue
+        part = nearest(centre[world], left, row, column)
+        expected = np.zeros(2) if part is None else alone[part][world, row, column]
+        assert together[world, row, column] == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+@given(centres=CENTRES, gone=st.lists(st.booleans(), min_size=PARTS, max_size=PARTS))
+def test_of_several_patches_an_element_obeys_the_nearest_that_holds_it(size, centres, gone):
+    centre = np.array(centres).reshape(WORLDS, PARTS, 2)
+    action = np.random.default_rng(7).uniform(-1.5, 1.5, (WORLDS, PARTS, size, size, 2)).astype(np.float32)
+    vectors = FULL * shortened(np.clip(action.astype(float), -1, 1))
+    lines = centre[..., ::-1] / SIZE
+    origin = np.floor(lines + 0.5 - 0.5 * size).astype(np.int64)
+    given_lines = lines.copy()
+    given_lines[:, gone] = np.inf
+    got = read(PatchDrive(action, origin, given_lines, FULL))
+    for world, row, column in np.ndindex(WORLDS, ROWS, COLUMNS):
+        inside = (row - origin[world, :, 0], column - origin[world, :, 1])
+        holders = [k for k in range(PARTS) if 0 <= inside[0][k] < size and 0 <= inside[1][k] < size and not gone[k]]
+        if not clear_cut(centre[world], row, column):
+            continue
+        part = nearest(centre[world], holders, row, column)
+        expected = np.zeros(2) if part is None else vectors[world, part, inside[0][part], inside[1][part]]
+        assert got[world, row, column] == pytest.approx(expected, abs=1e-13)
+
+
+def test_of_parts_equally_near_the_first_is_obeyed():
+    """Centres at equal distances left and right of an element's centre, in exact numbers."""
+    action = np.zeros((WORLDS, 2, 6), dtype=np.float32)
+    action[:, 0, 0], action[:, 1, 1] = 1.0, 1.0
+    centre = np.array([[[2.25, 1.5], [2.75, 1.5]]] * WORLDS)  # elements of 1 m; that in column 2 has its centre at 2.5
+    push = -read(FieldDrive(action, centre, 1.0, 1.0, FULL))[0, 1, :, ::-1] / FULL
+    assert push == pytest.approx(np.array([[1, 0], [1, 0], [1, 0], [0, 1], [0, 1]]))
+    patches = np.zeros((WORLDS, 2, 3, 3, 2), dtype=np.float32)
+    patches[:, 0, :, :, 0], patches[:, 1, :, :, 1] = 1.0, 1.0
+    lines = centre[..., ::-1].copy()
+    origin = np.array([[[0, 1], [0, 2]]] * WORLDS)
+    got = read(PatchDrive(patches, origin, lines, FULL))[0, 1] / FULL
+    assert got == pytest.approx(np.array([[0, 0], [1, 0], [1, 0], [0, 1], [0, 1]]))
 
 
 def test_readers_agree_with_the_python_side():

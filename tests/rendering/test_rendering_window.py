@@ -15,6 +15,7 @@ pygame = pytest.importorskip("pygame")
 from vibgym.rendering import SurfacePainter, Window  # noqa: E402
 
 BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) * 1e-3
+RASTER = ("rasterise", "rasterise_many")
 
 
 @pytest.fixture
@@ -112,4 +113,4 @@ def test_unknown_names_are_refused() -> None:
 
     with pytest.raises(AttributeError, match="nothing_like_it"):
         _ = vibgym.rendering.nothing_like_it
-    assert set(vibgym.rendering.__all__) == {"SurfacePainter", "View", "Window", "rasterise"}
+    assert set(vibgym.rendering.__all__) == {"SurfacePainter", "View", "Window", "Zone", *RASTER}

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym import Part, Surface
-from vibgym.tasks import TASKS
+from vibgym.tasks import POSE_TASKS as TASKS
 
 PARTS = [
     Part.rectangle(0.050, 0.035, friction=0.58),

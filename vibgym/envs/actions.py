@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -21,13 +22,24 @@ def patch_size(surface: Surface, part: Part) -> int:
     return min(across, max(surface.rows, surface.columns))
 
 
+def largest_patch(surface: Surface, parts: Sequence[Part]) -> int:
+    """Elements along a side of the square patch that covers any of ``parts``."""
+    return max(patch_size(surface, part) for part in parts)
+
+
 class Action(ABC):
-    """Base: the shape, the space, the check, and :meth:`drive`."""
+    """Base: the shape, the space, the check, and :meth:`drive`.
+
+    Args:
+        surface: the table.
+        parts: the parts of a world, one or several.
+    """
 
     shape: tuple[int, ...]
 
-    def __init__(self, surface: Surface, part: Part) -> None:
+    def __init__(self, surface: Surface, parts: Part | Sequence[Part]) -> None:
         self.surface = surface
+        self.parts = (parts,) if isinstance(parts, Part) else tuple(parts)
         self.full_scale = surface.full_scale
 
     @property
@@ -60,58 +72,73 @@ class Action(ABC):
         return np.ascontiguousarray(values, dtype=np.float32)
 
     @abstractmethod
-    def drive(self, action: np.ndarray, pose: np.ndarray) -> Any:
-        """The drive that a checked batch means, for parts at ``pose`` (worlds, 1, 3)."""
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> Any:
+        """The drive that a checked batch means.
+
+        Args:
+            action: (worlds, *shape).
+            pose: (worlds, parts, 3) of the parts.
+            gone: (worlds, parts) whether a part has fallen or is not there: it commands nothing.
+        """
 
 
 class Element(Action):
     """(rows, columns, 2): amplitude [-1, 1] -> [0, max_amplitude] and phase [-1, 1] -> [-pi, pi] of every element."""
 
-    def __init__(self, surface: Surface, part: Part) -> None:
-        super().__init__(surface, part)
+    def __init__(self, surface: Surface, parts: Part | Sequence[Part]) -> None:
+        super().__init__(surface, parts)
         self.shape = (surface.rows, surface.columns, 2)
 
-    def drive(self, action: np.ndarray, pose: np.ndarray) -> ElementDrive:
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> ElementDrive:
         return ElementDrive(action, self.full_scale)
 
 
 class Phasor(Action):
     """(rows, columns, 2): amplitude x (cos, sin) phase of every element; longer vectors are shortened to length 1."""
 
-    def __init__(self, surface: Surface, part: Part) -> None:
-        super().__init__(surface, part)
+    def __init__(self, surface: Surface, parts: Part | Sequence[Part]) -> None:
+        super().__init__(surface, parts)
         self.shape = (surface.rows, surface.columns, 2)
 
-    def drive(self, action: np.ndarray, pose: np.ndarray) -> PhasorDrive:
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> PhasorDrive:
         return PhasorDrive(action, self.full_scale)
 
 
 class Patch(Action):
-    """(parts, k, k, 2): phasors of the k x k elements around the part, rows first; all others at rest."""
+    """(parts, k, k, 2): phasors of the k x k elements around each part, rows first; all others at rest.
 
-    def __init__(self, surface: Surface, part: Part) -> None:
-        super().__init__(surface, part)
-        self.size = patch_size(surface, part)
-        self.shape = (1, self.size, self.size, 2)
+    k suits the largest part. An element in several patches obeys the part whose centre is nearest to the element's centre,
+    of parts equally near the one with the lower index. Parts that have fallen or are not there command nothing.
+    """
 
-    def drive(self, action: np.ndarray, pose: np.ndarray) -> PatchDrive:
-        first = np.floor(pose[:, 0, 1::-1] / self.surface.element_size + (0.5 - 0.5 * self.size))
-        return PatchDrive(action, first.astype(np.int64), self.full_scale)
+    def __init__(self, surface: Surface, parts: Part | Sequence[Part]) -> None:
+        super().__init__(surface, parts)
+        self.size = largest_patch(surface, self.parts)
+        self.shape = (len(self.parts), self.size, self.size, 2)
+
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> PatchDrive:
+        centre = pose[:, :, 1::-1] / self.surface.element_size
+        first = np.floor(centre + (0.5 - 0.5 * self.size))
+        centre[gone] = np.inf
+        return PatchDrive(action, first.astype(np.int64), centre, self.full_scale)
 
 
 class Field(Action):
-    """(parts, 6): strengths of the fields around the part: uniform x, y, squeeze x, y, radial, tangential.
+    """(parts, 6): strengths of the fields around each part: uniform x, y, squeeze x, y, radial, tangential.
 
-    The fields are those of :mod:`vibgym.fields` centred on the part, with a reach of half the patch (k / 2 elements).
+    The fields are those of :mod:`vibgym.fields` centred on the part, with a reach of half the patch (k / 2 elements, k for
+    the largest part). Every element obeys the part whose centre is nearest to the element's centre, of parts equally near
+    the one with the lower index. Parts that have fallen or are not there command nothing.
     """
 
-    def __init__(self, surface: Surface, part: Part) -> None:
-        super().__init__(surface, part)
-        self.shape = (1, FIELD_STRENGTHS)
-        self.reach = 0.5 * patch_size(surface, part) * surface.element_size
+    def __init__(self, surface: Surface, parts: Part | Sequence[Part]) -> None:
+        super().__init__(surface, parts)
+        self.shape = (len(self.parts), FIELD_STRENGTHS)
+        self.reach = 0.5 * largest_patch(surface, self.parts) * surface.element_size
 
-    def drive(self, action: np.ndarray, pose: np.ndarray) -> FieldDrive:
-        centre = pose[:, 0, :2].copy()  # the pose moves on, the field stays where it was
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> FieldDrive:
+        centre = pose[:, :, :2].copy()  # the pose moves on, the field stays where it was
+        centre[gone] = np.inf
         return FieldDrive(action, centre, self.surface.element_size, self.reach, self.full_scale)
 
 

@@ -18,6 +18,8 @@ STATE_SIZE = 18
 COARSE, FINE = 0.050, 0.005  # m, scales of the position error
 COARSE_TURN, FINE_TURN = 0.5, 0.05  # rad, scales of the heading error
 SPIN_SCALE = 10.0  # rad/s
+LEAST_SPEED = 1e-3  # m/s, taken for the table's where that is slower
+PIXELS = 6  # along an element, in an image
 
 
 @jit
@@ -52,7 +54,7 @@ class StateObservation:
     def __init__(self, surface: Surface, part: Part, task: PoseTask) -> None:
         self.surface, self.part = surface, part
         self.size = np.array([surface.width, surface.height])
-        self.speed = max(surface.table_speed, 1e-3)
+        self.speed = max(surface.table_speed, LEAST_SPEED)
 
     @property
     def space(self) -> spaces.Space:
@@ -114,13 +116,11 @@ class ImageObservation:
     Channel 2: checkerboard of the elements, and the part's heading mark.
     """
 
-    PIXELS = 6
-
     def __init__(self, surface: Surface, part: Part, task: PoseTask) -> None:
         self.surface = surface
         self.outline = np.array(part.outline)
         self.unwrapped = task.has_heading and task.rules.heading_period == 0.0
-        self.shape = (surface.rows * self.PIXELS, surface.columns * self.PIXELS, 3)
+        self.shape = (surface.rows * PIXELS, surface.columns * PIXELS, 3)
 
     @property
     def space(self) -> spaces.Space:
@@ -142,7 +142,7 @@ class ImageObservation:
             self.surface.rows,
             self.surface.columns,
             self.surface.element_size,
-            self.PIXELS,
+            PIXELS,
             image,
         )
         return image

@@ -20,7 +20,7 @@ class VibgymVectorEnv(VectorEnv):
     """``num_envs`` worlds of one task; the same numbers, bit for bit, as that many single environments.
 
     Args:
-        task: ``"Transport"``, ``"Align"`` or ``"Rotate"``.
+        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"`` or ``"Singulate"``.
         num_envs: number of worlds.
         max_episode_steps: step limit, which truncates; None for no limit.
         autoreset_mode: NEXT_STEP (default), SAME_STEP (``final_obs`` and ``final_info`` in the info) or DISABLED (reset
@@ -140,7 +140,7 @@ class VibgymVectorEnv(VectorEnv):
 
     def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray:
         """Batched goal reward, see :meth:`vibgym.tasks.PoseTask.compute_reward`."""
-        return self.core.task.compute_reward(achieved_goal, desired_goal, info)
+        return self.core.compute_reward(achieved_goal, desired_goal, info)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the viewer."""
@@ -189,14 +189,9 @@ class VibgymVectorEnv(VectorEnv):
     def _info(self, mask: np.ndarray | None = None) -> dict[str, Any]:
         """Batched info with Gymnasium's ``_key`` masks; zeros outside ``mask``."""
         core = self.core
-        result, state = core.score, core.simulator.state
         here = np.ones(self.num_envs, dtype=bool) if mask is None else mask
-        values: dict[str, np.ndarray] = {"is_success": result.success, "position_error": result.distance}
-        if core.task.has_heading:
-            values["heading_error"] = np.abs(result.error[:, 2])
-        values["fallen"], values["diverged"] = state.fallen[:, 0], state.diverged
         info: dict[str, Any] = {}
-        for name, value in values.items():
+        for name, value in core.facts().items():
             info[name] = value.copy() if mask is None else np.where(mask, value, np.zeros((), value.dtype))
             info[f"_{name}"] = here.copy()
         terms: dict[str, Any] = {}

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from vibgym.envs.core import Core
-from vibgym.rendering import SurfacePainter, View, Window
+from vibgym.rendering import SurfacePainter, View, Window, Zone
+from vibgym.tasks import ManyTask, PoseTask
 
 TRAIL_STEPS = 250
 
@@ -14,38 +15,55 @@ class Viewer:
     """Draws worlds of a core and keeps their trails."""
 
     def __init__(self, core: Core, title: str, worlds: int = 1) -> None:
-        surface = core.surface
+        surface, task = core.surface, core.task
         self.core = core
+        self.zones: tuple[Zone, ...] = ()
+        kinds = None
+        if isinstance(task, ManyTask):
+            kinds = task.kind.tolist()
+            if task.zones is not None:
+                self.zones = tuple(
+                    Zone((zone[0], zone[1]), (zone[2], zone[3]), kind, name.replace("_", " "))
+                    for kind, (name, zone) in enumerate(zip(task.names, task.zones.tolist(), strict=True))
+                )
         self.painter = SurfacePainter(
-            surface.rows, surface.columns, surface.element_size, [np.array(core.part.outline)]
+            surface.rows,
+            surface.columns,
+            surface.element_size,
+            [np.array(part.outline) for part in core.parts],
+            kinds=kinds,
+            walls=core.simulator.walls,
         )
         self.window = Window(self.painter, 1.0 / (surface.period * core.periods), title)
-        self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]
+        self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
 
     def begin(self, world: int) -> None:
-        """Forget the trail of a world whose episode starts."""
-        self.trails[world] = [self.core.simulator.state.pose[world, 0, :2].copy()]
+        """Forget the trails of a world whose episode starts."""
+        self.trails[world] = [self._pose(world)[:, :2]]
 
     def follow(self, world: int) -> None:
-        """Extend the trail by the present position."""
+        """Extend the trails by the present positions."""
         trail = self.trails[world]
-        trail.append(self.core.simulator.state.pose[world, 0, :2].copy())
+        trail.append(self._pose(world)[:, :2])
         del trail[:-TRAIL_STEPS]
 
     def frame(self, world: int) -> np.ndarray:
         """uint8 (height, width, 3) picture of a world."""
         core, task = self.core, self.core.task
-        goal = core.goal[world] if task.has_heading else core.goal[world, :2]
-        caption = f"{type(task).__name__}   distance {1e3 * core.score.distance[world]:.1f} mm"
-        if task.has_heading:
-            caption += f"   heading {np.degrees(core.score.error[world, 2]):+.1f} deg to go"
+        trails = np.array(self.trails[world]).reshape(-1, len(core.parts), 2)
+        goal = tolerance = None
+        if isinstance(task, PoseTask):
+            goal = (core.goal[world] if task.has_heading else core.goal[world, :2]).copy()
+            tolerance = task.position_tolerance
         view = View(
-            pose=core.simulator.state.pose[world].copy(),
+            pose=self._pose(world),
             phasors=core.phasors(world),
-            goal_pose=goal.copy(),
-            goal_tolerance=task.position_tolerance,
-            trail=np.array(self.trails[world]).reshape(-1, 2),
-            caption=caption,
+            goal_pose=goal,
+            goal_tolerance=tolerance,
+            trail=trails[:, 0] if goal is not None else np.zeros((0, 2)),
+            caption=task.caption(core.score, world),
+            zones=self.zones,
+            trails=() if goal is not None else list(np.moveaxis(trails, 1, 0)),
         )
         return self.painter.paint(view)
 
@@ -56,3 +74,10 @@ class Viewer:
     def close(self) -> None:
         """Close the window, if one is open."""
         self.window.close()
+
+    def _pose(self, world: int) -> np.ndarray:
+        """(parts, 3) a copy; not a number where a part is absent, which is then not drawn."""
+        pose, score = self.core.simulator.state.pose[world].copy(), self.core.score
+        if isinstance(self.core.task, ManyTask):
+            pose[~score.present[world]] = np.nan
+        return pose

@@ -37,6 +37,15 @@ def inlined(function: Any) -> Any:
     return numba.njit(forceinline=True, **OPTIONS)(function)
 
 
+def borrowing(function: Any) -> Any:
+    """Like :func:`jit`, for small functions that only look at arrays which their callers hold: without reference counts.
+
+    Atomic counts would take longer than the functions themselves. Such a function must not make, keep or return arrays, nor
+    call one that returns arrays.
+    """
+    return numba.njit(_nrt=False, **OPTIONS)(function)
+
+
 def jit(function: Any) -> Any:
     """Compile ``function`` in nopython mode with the project's options."""
     kernel: Any = numba.njit(**OPTIONS)(function)

@@ -17,24 +17,33 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics._jit import jit
+from vibgym.physics._jit import borrowing, jit
 from vibgym.physics.careful import careful_span, contact_for, cuts_needed
 from vibgym.physics.foreign import call_foreign
 from vibgym.physics.hulls import BOTTOM, LEFT, RIGHT, farthest, hull_gap, place_hulls
+from vibgym.physics.neighbours import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.planar import bundle_moments, cut_lane, kutta_lanes, limits, place_ahead
 from vibgym.physics.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
 from vibgym.physics.records import body_of
 
-OVERLAP = 5e-6
-"""m that their velocities may add to the overlap of two parts in a step of the coupling. What friction's acceleration adds, at
-most ``2 mu g h^2``, is for the length of the step to keep small."""
+OVERLAP, SLOW_OVERLAP = 5e-6, 5e-5
+"""m that their velocities may add to the overlap of two parts in a step of the coupling: where they run into one another, and
+where they come together more slowly than ``JOLT``. What friction's acceleration adds, at most ``2 mu g h^2``, is for the
+length of the step to keep small."""
 
 SHORTEST = 1.0 / 2048.0
 """Length of the shortest step of the coupling, as a share of the longest."""
 
-JOLT = 0.06
+JOLT = 0.1
 """m/s; where contacts change a part's velocity by more, it has been hit, not held: what lies beneath it is looked at again, and
 the solver does not start from the impulses of that blow."""
+
+RESTING = 0.01
+"""m/s; parts that come together more slowly at the start of a step rest against one another, and do not rebound from what
+friction's acceleration adds in it: they would chatter without end. A rebound of this speed is over after 10 um."""
+
+CONTACT_FROM = 2e-6
+"""m of overlap from which the solver, whose shapes are a little smaller, sees a contact."""
 
 FAR_AWAY = 1e3
 """m; where the solver keeps parts that are not on the table."""
@@ -51,6 +60,7 @@ class Solver(NamedTuple):
     update: int  # void(body, float64 h): position by velocity and by what undoes overlap
     add: int  # (space, shape)
     remove: int  # (space, shape)
+    set_rebound: int  # void(shape, float64 square root of restitution)
     number_from: int  # void(space, int): number that the next shape gets
     last_step: int  # void(space, float64 h): the length that impulses of the last step are remembered for
     put_all: int  # batches: x, y, heading, vx, vy, spin
@@ -61,8 +71,9 @@ class Solver(NamedTuple):
     cursor: np.ndarray  # (1,) int32, where the next batch begins
     bodies: np.ndarray  # (parts,) int64
     shapes: np.ndarray  # (shapes,) int64
-    owner: np.ndarray  # (shapes,) int64, part
+    rebound: np.ndarray  # (shapes,) square root of restitution
     fixed: int  # shapes of the walls, which are numbered first
+    slop: float  # m of overlap that the solver leaves alone
 
 
 class Workshop(NamedTuple):
@@ -77,7 +88,9 @@ class Workshop(NamedTuple):
     spare: np.ndarray
     share: np.ndarray  # (groups, lane)
     held: np.ndarray  # (groups, lane)
-    pieces: np.ndarray  # flat (piece, field, lane)
+    most_square: np.ndarray  # (parts,) see limits
+    slow_rate: np.ndarray  # (parts,) m/s^2, slip below this times a substep is small
+    pieces: np.ndarray  # (groups, flat (piece, field, lane))
     rows: np.ndarray
     columns: np.ndarray
     known: np.ndarray  # (parts, slots, slots)
@@ -87,6 +100,10 @@ class Workshop(NamedTuple):
     stale: np.ndarray  # (parts,) bool: to be cut again
     placed: np.ndarray  # (corners, 4)
     settled: np.ndarray  # (parts, 3) poses before overlaps are undone
+    speed: np.ndarray  # (parts, 3) velocities, for the list of pairs
+    reach: np.ndarray  # (parts,) see near_pairs
+    order: np.ndarray  # (parts,)
+    close: np.ndarray  # (pairs,) bool: may touch in this step
 
 
 @jit
@@ -98,23 +115,33 @@ def new_workshop(table, bodies, hulls):
     slots = 1
     while slots < across:
         slots *= 2
+    most_square, slow_rate = np.empty(parts), np.empty(parts)
+    for p in range(parts):
+        most_square[p], least_square = limits(table, body_of(bodies, bodies.kind[p]), 1.0)
+        slow_rate[p] = math.sqrt(least_square)
     return Workshop(
         np.zeros((groups, 3 * LANES)), np.zeros((groups, 3 * LANES)),
         np.zeros((groups, 3 * LANES)), np.zeros((groups, 3 * LANES)), np.zeros((groups, 4 * LANES)),
         np.zeros((groups, MOMENT_ROWS * LANES)), np.zeros(MOMENT_ROWS * LANES),
-        np.zeros((groups, LANES)), np.zeros((groups, LANES), np.int64),
-        np.zeros((across * across + 1) * PIECE_FIELDS * LANES),
+        np.zeros((groups, LANES)), np.zeros((groups, LANES), np.int64), most_square, slow_rate,
+        np.zeros((groups, (across * across + 1) * PIECE_FIELDS * LANES)),
         np.zeros(across * across, np.int64), np.zeros(across * across, np.int64),
         np.zeros((parts, slots, slots), np.int64), np.zeros((parts, slots, slots)), np.zeros((parts, slots, slots)),
-        np.zeros(parts, np.bool_), np.zeros(parts, np.bool_), np.zeros(hulls.corner.shape), np.zeros((parts, 3)),
+        np.zeros(parts, np.bool_), np.zeros(parts, np.bool_), np.zeros(hulls.corner.shape),
+        np.zeros((parts, 3)), np.zeros((parts, 3)), np.zeros(parts), np.zeros(parts, np.int64), np.zeros(pair_capacity(parts), np.bool_),
     )  # fmt: skip
 
 
-@jit
+@borrowing
 def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
-    """How long friction may go on alone, at most ``h`` s, and whether anything may touch by then."""
+    """How long friction may go on alone, at most ``h`` s, and whether anything may touch by then: ``shop.close``.
+
+    Returns:
+        That time, s; whether any pair may touch; and whether such a pair comes together faster than ``RESTING``.
+    """
     pose, velocity, placed = shop.pose, shop.velocity, shop.placed
-    touching = False
+    touching, blow = False, False
+    shop.close[:n] = False
     width, height = table.columns * table.element_size, table.rows * table.element_size
     for pair in range(n):
         i, j = pairs[pair, 0], pairs[pair, 1]
@@ -139,8 +166,10 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
             for a in range(hulls.owner[i], hulls.owner[i + 1]):
                 gap = border - farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, 0.0)
                 later = border - farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
-                touching = touching or later < 0.5 * pull * h * h
-                least = min(gap, 0.0) - OVERLAP
+                if later < 0.5 * pull * h * h:
+                    touching = shop.close[pair] = True
+                    blow = blow or gap - later > RESTING * h
+                least = min(gap, 0.0) - (OVERLAP if gap - later > JOLT * h else SLOW_OVERLAP)
                 if later < least:
                     h = max(h * (gap - least) / (gap - later), shortest)
             continue
@@ -158,22 +187,45 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
                 gap, nx, ny = hull_gap(hulls, placed, a, b)
                 later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
                 later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
-                touching = touching or later < 0.5 * pull * h * h
-                least = min(gap, 0.0) - OVERLAP
+                if later < bow:
+                    touching = shop.close[pair] = True
+                    blow = blow or gap - later > RESTING * h
+                least = min(gap, 0.0) - (OVERLAP if gap - later > JOLT * h else SLOW_OVERLAP)
                 if later < least:
                     # The gap along a fixed direction is concave in time: its chord is met too early, never too late.
                     h = max(h * (gap - least) / (gap - later), shortest)
-    return h, touching
+    return h, touching, blow
 
 
-@jit
-def resolve(solver, hulls, away, sticking, shop, h, entered):
+@borrowing
+def smallest_gap(table, hulls, pairs, n, shop):
+    """Gap of the closest of the pairs that may touch, where the parts are placed now, m."""
+    smallest = math.inf
+    for pair in range(n):
+        if shop.close[pair]:
+            smallest = min(smallest, pair_gap(table, hulls, shop.placed, pairs[pair, 0], pairs[pair, 1]))
+    return smallest
+
+
+@borrowing
+def place_parts(hulls, away, shop):
+    """Place the hulls of all parts that are on the table."""
+    for p in range(away.shape[0]):
+        if not away[p]:
+            at, lane = shop.pose[p // LANES], p % LANES
+            place_hulls(hulls, p, at[lane], at[LANES + lane], at[2 * LANES + lane], shop.placed)
+
+
+@borrowing
+def resolve(solver, hulls, away, sticking, shop, h, entered, blow, undo):
     """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
 
     Args:
         away, sticking: (parts,) bool: not on the table; moving with it. A part that is pushed sticks no longer.
         h: s, the step's length.
         entered: whether the parts are in the solver already.
+        blow: whether parts rebound.
+        undo: whether any overlap is deep enough to be undone.
 
     Returns:
         Whether any part was hit: its velocity has changed by more than ``JOLT``. Such parts are marked as stale.
@@ -195,6 +247,8 @@ def resolve(solver, hulls, away, sticking, shop, h, entered):
             call_foreign(solver.update, (solver.bodies[p], 0.0))  # shapes are entered where their bodies are
         for k in range(solver.shapes.shape[0]):
             call_foreign(solver.add, (solver.space, solver.shapes[k]))
+    for k in range(solver.shapes.shape[0]):
+        call_foreign(solver.set_rebound, (solver.shapes[k], solver.rebound[k] if blow else 0.0))
     # The solver begins with the last step's impulses. It would scale them with the step, but not its record of them, and
     # parts would stick together by the difference.
     call_foreign(solver.last_step, (solver.space, h))
@@ -219,6 +273,8 @@ def resolve(solver, hulls, away, sticking, shop, h, entered):
             shop.stale[p] = True
             hit = True
     # What undoes overlap is a velocity of its own, which acts in this step only.
+    if not undo:
+        return hit
     cursor[0] = 0
     call_foreign(solver.each, (solver.space, solver.put, solver.put_velocity))
     for p in range(parts):
@@ -233,7 +289,7 @@ def resolve(solver, hulls, away, sticking, shop, h, entered):
     return hit
 
 
-@jit
+@borrowing
 def leave(solver):
     """Take the parts out of the solver, so that the next world finds it as this one did."""
     for k in range(solver.shapes.shape[0]):
@@ -244,45 +300,63 @@ def leave(solver):
 def cut_stale(table, bodies, drive, world, scheme, contact, state, away, shop, left):
     """Cut what lies under every stale part where it will be after half of ``left`` s, and bring its moments up to date."""
     parts = away.shape[0]
+    stale, careful, held, share = shop.stale, shop.careful, shop.held, shop.share
+    outline_x, outline_y, cells, box = contact.outline_x, contact.outline_y, contact.cells, contact.box
+    rows, columns = shop.rows, shop.columns
     for g in range(shop.pose.shape[0]):
-        any_stale = False
-        for p in range(g * LANES, min(parts, (g + 1) * LANES)):
-            any_stale = any_stale or shop.stale[p]
-        if not any_stale:
-            continue
-        # Lanes share one array of pieces, so the whole group is cut again.
-        for lane in range(LANES):
+        pose, velocity, pieces = shop.pose[g], shop.velocity[g], shop.pieces[g]
+        cut = False
+        for lane in range(min(LANES, parts - g * LANES)):
             p = g * LANES + lane
-            shop.held[g, lane], shop.share[g, lane] = 0, 0.0
-            if p >= parts or away[p]:
+            if not stale[p] or away[p]:
                 continue
-            shop.stale[p] = False
+            stale[p] = False
+            cut = True
             body = body_of(bodies, bodies.kind[p])
-            mine = contact_for(contact, body)
-            vx, vy, spin = shop.velocity[g, lane], shop.velocity[g, LANES + lane], shop.velocity[g, 2 * LANES + lane]
-            x, y = shop.pose[g, lane] + 0.5 * left * vx, shop.pose[g, LANES + lane] + 0.5 * left * vy
-            heading = shop.pose[g, 2 * LANES + lane] + 0.5 * left * spin
-            fate = place_ahead(table, body, x, y, heading, mine.outline_x, mine.outline_y)
+            corners = body.outline.shape[0]
+            vx, vy, spin = velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane]
+            x, y = pose[lane] + 0.5 * left * vx, pose[LANES + lane] + 0.5 * left * vy
+            heading = pose[2 * LANES + lane] + 0.5 * left * spin
+            fate = place_ahead(table, body, x, y, heading, outline_x[:corners], outline_y[:corners])
+            held[g, lane], share[g, lane] = 0, 0.0
             if fate == 0:
-                shop.careful[p] = scheme.pieces > 0 or cuts_needed(table, left, vx, vy, spin) > 1
-                shop.held[g, lane], shop.share[g, lane] = cut_lane(
-                    table, body, drive, world, lane, x, y, mine, shop.pieces, shop.rows, shop.columns,
-                    shop.known[p], shop.known_c[p], shop.known_s[p],
+                careful[p] = scheme.pieces > 0 or cuts_needed(table, left, vx, vy, spin) > 1
+                held[g, lane], share[g, lane] = cut_lane(
+                    table, body, drive, world, lane, x, y, outline_x[:corners], outline_y[:corners], cells, box,
+                    pieces, rows, columns, shop.known[p], shop.known_c[p], shop.known_s[p],
                 )  # fmt: skip
-                if shop.held[g, lane] == 0:
+                if held[g, lane] == 0:
                     fate = 1
             if fate > 0:
                 away[p] = True
                 state.fallen[world, p] = fate == 1
                 state.diverged[world] = state.diverged[world] or fate == 2
-        held_by = bundle_moments(
-            table, shop.pieces, shop.held[g], shop.share[g], shop.moments[g], shop.spare, scheme.lanes
-        )
-        for k in range(MOMENT_ROWS * LANES):
-            shop.moments[g, k] = held_by[k]
+        if cut:
+            moments = shop.moments[g]
+            held_by = bundle_moments(table, pieces, held[g], share[g], moments, shop.spare, scheme.lanes)
+            for k in range(MOMENT_ROWS * LANES):
+                moments[k] = held_by[k]
 
 
 @jit
+def rub_carefully(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h, p):
+    """What :func:`rub` does, for part ``p`` alone and by contact points."""
+    body = body_of(bodies, bodies.kind[p])
+    pose, velocity, lane = shop.pose[p // LANES], shop.velocity[p // LANES], p % LANES
+    x, y, heading, vx, vy, spin, stuck, supported = careful_span(
+        table, body, scheme.pieces, drive, world, phase, h, 1, contact_for(contact, body),
+        pose[lane], pose[LANES + lane], pose[2 * LANES + lane],
+        velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane], state.sticking[world, p],
+    )  # fmt: skip
+    pose[lane], pose[LANES + lane], pose[2 * LANES + lane] = x, y, heading
+    velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane] = vx, vy, spin
+    state.sticking[world, p] = stuck
+    if not supported:
+        away[p] = True
+        state.fallen[world, p] = True
+
+
+@borrowing
 def rub(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h):
     """Let friction alone move all parts for ``h`` s from ``phase = w t`` on."""
     parts = away.shape[0]
@@ -302,43 +376,47 @@ def rub(table, bodies, drive, world, scheme, contact, state, away, shop, phase, 
             gone = p >= parts or away[p]
             careful = False
             if not gone:
-                body = body_of(bodies, bodies.kind[p])
-                most_square, least_square = limits(table, body, h)
+                slow = shop.slow_rate[p] * h
                 total = 0.0
                 for k in range(lane, 3 * LANES, LANES):
                     total += pose[k] + velocity[k]
                 careful = (
                     shop.careful[p]
                     or state.sticking[world, p]
-                    or not (own[lane] <= most_square and own[LANES + lane] >= least_square and abs(total) < math.inf)
+                    or not (
+                        own[lane] <= shop.most_square[p] and own[LANES + lane] >= slow * slow and abs(total) < math.inf
+                    )
                 )
             if gone or careful:
                 for k in range(lane, 3 * LANES, LANES):
                     pose[k], velocity[k] = old_pose[k], old_velocity[k]
             if careful:
-                body = body_of(bodies, bodies.kind[p])
-                mine = contact_for(contact, body)
-                x, y, heading, vx, vy, spin, stuck, supported = careful_span(
-                    table, body, scheme.pieces, drive, world, phase, h, 1, mine,
-                    pose[lane], pose[LANES + lane], pose[2 * LANES + lane],
-                    velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane], state.sticking[world, p],
-                )  # fmt: skip
-                pose[lane], pose[LANES + lane], pose[2 * LANES + lane] = x, y, heading
-                velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane] = vx, vy, spin
-                state.sticking[world, p] = stuck
-                if not supported:
-                    away[p] = True
-                    state.fallen[world, p] = True
+                rub_carefully(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h, p)
 
 
 @jit
-def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, state, pairs, n, shop):
+def pairs_now(table, bodies, hulls, walls, away, shop, pairs):
+    """Write the pairs that may come to touch from now on into ``pairs``; returns their number."""
+    parts = away.shape[0]
+    for p in range(parts):
+        g, lane = p // LANES, p % LANES
+        for k in range(3):
+            shop.settled[p, k] = shop.pose[g, k * LANES + lane]
+            shop.speed[p, k] = shop.velocity[g, k * LANES + lane]
+    return near_pairs(
+        table, bodies, hulls, walls, shop.settled, shop.speed, away, JOLT * table.period, pairs, shop.reach, shop.order
+    )
+
+
+@jit
+def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, walls, state, pairs, n, shop):
     """Advance one world by a period with contacts, changing ``state`` in place.
 
     Args:
         scheme: ``steps`` cuts a period, and at least ``substeps`` steps of the coupling in each.
         contact: working arrays of the largest part.
-        pairs: (n, 2) what may come to touch, see :func:`vibgym.physics.neighbours.near_pairs`.
+        walls: set of walls, a bit each.
+        pairs: (capacity, 2) of which ``n`` may come to touch, see :func:`vibgym.physics.neighbours.near_pairs`; overwritten.
 
     Returns:
         How often the solver was called.
@@ -358,29 +436,38 @@ def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, 
             kind = bodies.kind[min(p, parts - 1)]
             shop.own[g, 2 * LANES + lane] = bodies.friction[kind]
             shop.own[g, 3 * LANES + lane] = 1.0 / bodies.gyration[kind]
-    calls, entered = 0, False
+    calls, entered, placed, pushed = 0, False, False, False
     for turn in range(scheme.steps):
         elapsed = 0.0
         shop.stale[:] = True
+        stale = True
         while elapsed < step:
-            cut_stale(table, bodies, drive, world, scheme, contact, state, away, shop, step - elapsed)
+            if pushed and stale:
+                # Parts now go where friction alone would not have taken them.
+                n = pairs_now(table, bodies, hulls, walls, away, shop, pairs)
+            if stale:
+                cut_stale(table, bodies, drive, world, scheme, contact, state, away, shop, step - elapsed)
+                stale = False
             left = step - elapsed
             h = left if left < (1.0 + 1e-9) * longest else longest
-            for p in range(parts):
-                if not away[p]:
-                    at, lane = shop.pose[p // LANES], p % LANES
-                    place_hulls(hulls, p, at[lane], at[LANES + lane], at[2 * LANES + lane], shop.placed)
-            h, touching = safe_step(table, bodies, hulls, pairs, n, away, shop, h, SHORTEST * longest)
+            if not placed:
+                place_parts(hulls, away, shop)
+            h, touching, blow = safe_step(table, bodies, hulls, pairs, n, away, shop, h, SHORTEST * longest)
             elapsed = step if h == left else elapsed + h
             rub(
                 table, bodies, drive, world, scheme, contact, state, away, shop, omega * (turn * step + step - left), h
             )  # fmt: skip
+            place_parts(hulls, away, shop)
+            placed = True
             if touching:
-                hit = resolve(solver, hulls, away, state.sticking[world], shop, h, entered)
-                calls += 1
-                entered = not hit
-                if hit:  # the impulses of a blow are no guess for those that follow
-                    leave(solver)
+                gap = smallest_gap(table, hulls, pairs, n, shop)
+                if gap < -CONTACT_FROM:
+                    undo = gap < -solver.slop
+                    hit = resolve(solver, hulls, away, state.sticking[world], shop, h, entered, blow, undo)
+                    calls += 1
+                    entered, placed, stale, pushed = not hit, not undo, hit, True
+                    if hit:  # the impulses of a blow are no guess for those that follow
+                        leave(solver)
     if entered:
         leave(solver)
     total = 0.0

@@ -17,7 +17,7 @@ import numpy as np
 from vibgym.physics._jit import jit
 from vibgym.physics.careful import cells_across, contact_arrays, most_split
 from vibgym.physics.contacts import collide_period, new_workshop
-from vibgym.physics.neighbours import NEAR, NEVER, TOUCHING, near_pairs, paths_cross, standing
+from vibgym.physics.neighbours import NEAR, NEVER, TOUCHING, near_pairs, pair_capacity, paths_cross, standing
 from vibgym.physics.planar import Scheme
 from vibgym.physics.records import State, body_of
 
@@ -44,7 +44,7 @@ def new_survey(worlds: int, kinds: int, parts: int, steps: int) -> Survey:
     flags = (worlds, parts)
     return Survey(
         mode=np.zeros(worlds, np.int64),
-        pairs=np.empty((worlds, parts * (parts - 1) // 2 + 4 * parts, 2), np.int64),
+        pairs=np.empty((worlds, pair_capacity(parts), 2), np.int64),
         found=np.zeros(worlds, np.int64),
         rows=np.empty((kinds, worlds * parts), np.int64),
         count=np.zeros(kinds, np.int64),
@@ -83,7 +83,7 @@ def survey(start, stop, table, bodies, hulls, walls, state, seen):
         if not state.diverged[world]:
             seen.found[w] = near_pairs(
                 table, bodies, hulls, walls, state.pose[world], state.velocity[world], state.fallen[world],
-                seen.pairs[w], reach, order,
+                0.0, seen.pairs[w], reach, order,
             )  # fmt: skip
         if seen.found[w] > 0:
             seen.mode[w] = standing(table, hulls, state.pose[world], seen.pairs[w], seen.found[w], placed)
@@ -135,6 +135,6 @@ def follow_up(start, stop, drive, table, bodies, hulls, scheme, solver, state, s
         if seen.mode[w] == TOUCHING:
             counts[world, CONTACT] += 1
             counts[world, CALLS] += collide_period(
-                world, drive, table, bodies, hulls, scheme.with_contacts, solver, contact, state,
+                world, drive, table, bodies, hulls, scheme.with_contacts, solver, contact, scheme.walls, state,
                 seen.pairs[w], seen.found[w], shop,
             )  # fmt: skip

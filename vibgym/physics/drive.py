@@ -146,8 +146,9 @@ def _patch(drive, world, row, column):
 def _field(drive, world, row, column):
     part, nearest = -1, math.inf
     for k in range(drive.action.shape[1]):
-        dx = (column + 0.5) * drive.element_size - drive.centre[world, k, 0]
-        dy = (row + 0.5) * drive.element_size - drive.centre[world, k, 1]
+        # In elements: a product shared with the lines below would be rounded differently, for a single part as well.
+        dx = column + 0.5 - drive.centre[world, k, 0] / drive.element_size
+        dy = row + 0.5 - drive.centre[world, k, 1] / drive.element_size
         square = dx * dx + dy * dy
         if square < nearest:
             part, nearest = k, square

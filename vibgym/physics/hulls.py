@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics._jit import jit
+from vibgym.physics._jit import borrowing, jit
 
 LEFT, RIGHT, BOTTOM, TOP = 0, 1, 2, 3
 """Walls along the borders: bits of a set of walls, and sides of :func:`wall_gap`."""
@@ -29,7 +29,7 @@ class Hulls(NamedTuple):
     radius: np.ndarray  # (parts,) m, of the circle about the centre of mass that holds the part
 
 
-@jit
+@borrowing
 def place_hulls(hulls, part, x, y, heading, placed):
     """Write corners and normals of a part at a pose, in the world frame, into ``placed`` (all corners, 4)."""
     cosine, sine = math.cos(heading), math.sin(heading)
@@ -42,7 +42,7 @@ def place_hulls(hulls, part, x, y, heading, placed):
         placed[k, 3] = sine * nx + cosine * ny
 
 
-@jit
+@borrowing
 def hull_gap(hulls, placed, a, b):
     """Gap between two placed hulls (negative: overlap), m, and the unit vector from ``a`` to ``b`` along which it is."""
     a0, a1, b0, b1 = hulls.first[a], hulls.first[a + 1], hulls.first[b], hulls.first[b + 1]
@@ -82,7 +82,7 @@ def hull_gap(hulls, placed, a, b):
     return best - hulls.rounding[a] - hulls.rounding[b], nx, ny
 
 
-@jit
+@borrowing
 def gap_along(hulls, placed, a, b, nx, ny):
     """Gap between the corners of two placed hulls along a unit vector from ``a`` to ``b``, without rounding."""
     low, high = math.inf, -math.inf
@@ -93,7 +93,7 @@ def gap_along(hulls, placed, a, b, nx, ny):
     return low - high
 
 
-@jit
+@borrowing
 def part_gap(hulls, placed, i, j):
     """Smallest gap between the placed hulls of two parts, m; negative: overlap."""
     smallest = math.inf
@@ -104,7 +104,7 @@ def part_gap(hulls, placed, i, j):
     return smallest
 
 
-@jit
+@borrowing
 def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
     """How far hull ``a`` reaches along ``(nx, ny)`` after moving for ``h`` with its part's velocity, rounding included.
 
@@ -119,7 +119,7 @@ def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
     return most + drift + hulls.rounding[a]
 
 
-@jit
+@borrowing
 def wall_gap(hulls, placed, part, wall, width, height):
     """Gap between a placed part and the wall along a border, m; negative: overlap."""
     smallest = math.inf

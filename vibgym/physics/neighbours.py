@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.physics._jit import jit
+from vibgym.physics._jit import borrowing, jit
 from vibgym.physics.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
 
 IN_TOUCH = 2e-4
@@ -19,7 +19,7 @@ NEVER, NEAR, TOUCHING = 0, 1, 2
 """What the broad phase says of a world."""
 
 
-@jit
+@borrowing
 def travel_bound(table, friction, vx, vy):
     """Largest distance, m, that a part can cover in a period while nothing but the table moves it."""
     speed = math.sqrt(vx * vx + vy * vy)
@@ -27,7 +27,7 @@ def travel_bound(table, friction, vx, vy):
     return min(speed * table.period + grip, max(speed, table.speed) * table.period)
 
 
-@jit
+@borrowing
 def wall_distance(table, wall, x, y):
     """Distance of a point from the wall along a border, m."""
     if wall == LEFT:
@@ -39,14 +39,15 @@ def wall_distance(table, wall, x, y):
     return table.rows * table.element_size - y
 
 
-@jit
-def near_pairs(table, bodies, hulls, walls, pose, velocity, away, pairs, reach, order):
+@borrowing
+def near_pairs(table, bodies, hulls, walls, pose, velocity, away, slack, pairs, reach, order):
     """Pairs of parts, and of parts and walls, of one world that may touch within a period.
 
     Args:
         walls: set of walls, a bit each.
         pose, velocity: (parts, 3).
         away: (parts,) bool, parts that have fallen.
+        slack: m that a part may go farther than friction takes it, since others push it.
         pairs: (capacity, 2) overwritten: part and part, or part and ``-1 - wall``.
         reach: (parts,) working array.
         order: (parts,) working array.
@@ -58,7 +59,7 @@ def near_pairs(table, bodies, hulls, walls, pose, velocity, away, pairs, reach, 
     n, largest = 0, 0.0
     for i in range(parts):
         mu = bodies.friction[bodies.kind[i]]
-        reach[i] = hulls.radius[i] + travel_bound(table, mu, velocity[i, 0], velocity[i, 1])
+        reach[i] = hulls.radius[i] + travel_bound(table, mu, velocity[i, 0], velocity[i, 1]) + slack
         if not away[i]:
             largest = max(largest, reach[i])
     for i in range(parts):  # sorted along x, the longer side of most tables, by insertion: it is nearly sorted often
@@ -92,7 +93,7 @@ def near_pairs(table, bodies, hulls, walls, pose, velocity, away, pairs, reach, 
     return n
 
 
-@jit
+@borrowing
 def pair_gap(table, hulls, placed, i, j):
     """Gap between two placed parts, or a part and a wall (``j = -1 - wall``), m."""
     if j >= 0:
@@ -100,7 +101,7 @@ def pair_gap(table, hulls, placed, i, j):
     return wall_gap(hulls, placed, i, -1 - j, table.columns * table.element_size, table.rows * table.element_size)
 
 
-@jit
+@borrowing
 def standing(table, hulls, pose, pairs, n, placed):
     """``TOUCHING`` if one of the pairs is in touch at these poses, else ``NEAR``."""
     for k in range(n):
@@ -113,7 +114,7 @@ def standing(table, hulls, pose, pairs, n, placed):
     return NEAR
 
 
-@jit
+@borrowing
 def bend(table, bodies, hulls, part, step):
     """How far a point of a part can be from the straight line between two poses ``step`` s apart, m."""
     kind = bodies.kind[part]
@@ -121,7 +122,7 @@ def bend(table, bodies, hulls, part, step):
     return 2.0 * friction * table.gravity * (1.0 + radius * radius / gyration) * step * step / 8.0
 
 
-@jit
+@borrowing
 def paths_cross(table, bodies, hulls, paths, steps, first, pairs, n, placed):
     """Whether one of the pairs may have touched on the way.
 
@@ -152,3 +153,9 @@ def paths_cross(table, bodies, hulls, paths, steps, first, pairs, n, placed):
             if not pair_gap(table, hulls, placed, i, j) > math.sqrt(dx * dx + dy * dy) + turned + slack:
                 return True
     return False
+
+
+@jit
+def pair_capacity(parts):
+    """Pairs that a world of so many parts can have: every part with every other and with every wall."""
+    return parts * (parts - 1) // 2 + 4 * parts

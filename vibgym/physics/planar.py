@@ -188,11 +188,13 @@ def place_ahead(table, body, x, y, heading, outline_x, outline_y):
 
 
 @inlined
-def cut_lane(table, body, drive, world, lane, x, y, contact, pieces, rows, columns, known, known_c, known_s):
+def cut_lane(
+    table, body, drive, world, lane, x, y, outline_x, outline_y, cells, box, pieces, rows, columns, known, known_c, known_s
+):  # fmt: skip
     """Cut the placed outline into the lane's pieces and read their phasors; returns their number and one over their area."""
     smallest = NEGLIGIBLE_PIECE * body.area / (table.element_size * table.element_size)
-    cut_outline(contact.outline_x, contact.outline_y, contact.cells, contact.box)
-    held, area = collect_pieces(contact.cells, contact.box, table, x, y, smallest, pieces, rows, columns, lane)
+    cut_outline(outline_x, outline_y, cells, box)
+    held, area = collect_pieces(cells, box, table, x, y, smallest, pieces, rows, columns, lane)
     read_phasors(drive, world, rows, columns, held, known, known_c, known_s, pieces, lane)
     return held, (1.0 / area if held > 0 else 0.0)
 
@@ -330,7 +332,8 @@ def prepare_step(table, body, scheme, drive, state, bundle, contact, step):
                 bundle.careful[lane] = True
             else:
                 bundle.held[lane], bundle.share[lane] = cut_lane(
-                    table, body, drive, world, lane, x, y, contact, bundle.pieces, bundle.rows, bundle.columns,
+                    table, body, drive, world, lane, x, y, contact.outline_x, contact.outline_y, contact.cells, contact.box,
+                    bundle.pieces, bundle.rows, bundle.columns,
                     bundle.known[lane], bundle.known_c[lane], bundle.known_s[lane],
                 )  # fmt: skip
                 if bundle.held[lane] > 0:

@@ -10,13 +10,20 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vibgym.rendering.raster import rasterise
-    from vibgym.rendering.view import SurfacePainter, View
+    from vibgym.rendering.raster import rasterise, rasterise_many
+    from vibgym.rendering.view import SurfacePainter, View, Zone
     from vibgym.rendering.window import Window
 
-__all__ = ["SurfacePainter", "View", "Window", "rasterise"]
+__all__ = ["SurfacePainter", "View", "Window", "Zone", "rasterise", "rasterise_many"]
 
-_HOMES = {"SurfacePainter": "view", "View": "view", "Window": "window", "rasterise": "raster"}
+_HOMES = {
+    "SurfacePainter": "view",
+    "View": "view",
+    "Window": "window",
+    "Zone": "view",
+    "rasterise": "raster",
+    "rasterise_many": "raster",
+}
 
 
 def __getattr__(name: str) -> object:

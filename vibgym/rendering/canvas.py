@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 import pygame
@@ -21,8 +23,24 @@ ARROW_LENGTH = 0.46
 ARROW_FROM = 0.03
 """Elements with less amplitude have no arrow."""
 
+WALL = 11
+"""Thickness of a wall in pixels; as thick as the margin can take beside the band under the table."""
+
+TAG, SMALLEST_TAG = 18, 10
+"""Size of a zone's label, and the smallest to which it is scaled down to fit."""
+
 TRAIL_POINTS = 400
 """Older centres are not drawn."""
+
+
+@lru_cache(maxsize=32)
+def _tag(label: str, room: float, colour: tuple[int, ...]) -> pygame.Surface | None:
+    """``label`` at most ``room`` wide, in fine pixels; None where it would be too small to read."""
+    text = legend.render_text(label, TAG * FINE, colour)
+    if text.get_width() <= room:
+        return text
+    size = math.floor(TAG * room / text.get_width())
+    return legend.render_text(label, size * FINE, colour) if size >= SMALLEST_TAG else None
 
 
 class Canvas:
@@ -33,9 +51,12 @@ class Canvas:
         columns: elements along x.
         element_size: edge of an element, m.
         pixels_per_metre: scale.
+        walls: borders at which a wall stands.
     """
 
-    def __init__(self, rows: int, columns: int, element_size: float, pixels_per_metre: float) -> None:
+    def __init__(
+        self, rows: int, columns: int, element_size: float, pixels_per_metre: float, walls: Sequence[str] = ()
+    ) -> None:
         self._shape = (rows, columns)
         self._scale = FINE * pixels_per_metre
         table = np.array([columns, rows]) * element_size * pixels_per_metre
@@ -54,6 +75,8 @@ class Canvas:
         for grow, colour in ((12, colours.FRAME), (3, colours.GAP)):
             rectangle = [*(low - grow), *(size + 2 * grow)]
             pygame.draw.rect(self._empty, colour, rectangle, border_radius=2 * grow)
+        for wall in walls:
+            pygame.draw.rect(self._empty, colours.INK, shapes.bar(wall, walls, low, low + size, FINE * WALL, 12))
         self._base = pygame.Surface(self.size, 0, 32)
         # Scaling darkens white a little; the band under the table has to match.
         self._base.fill(pygame.transform.smoothscale(self._empty, (self.size[0], table_bottom)).get_at((1, 1)))
@@ -90,6 +113,30 @@ class Canvas:
             for arrow, shade in zip(arrows.tolist(), shades, strict=True):
                 pygame.draw.polygon(self._fine, shade, arrow)
 
+    def zone(self, low: np.ndarray, high: np.ndarray, colour: tuple[int, ...], label: str) -> None:
+        """Rectangle from ``low`` to ``high`` (2,), m: a tint, a dashed border and a tag with ``label``."""
+        corners = self._to_pixels(np.array([[low[0], high[1]], high, [high[0], low[1]], low]))
+        corners = corners.clip(0.0, self._fine.get_size())
+        # Within the rectangle, so that zones side by side do not hide each other's borders.
+        inset = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]]) * 2.2 * FINE
+        pieces = shapes.dashes(corners + inset, 6.0 * FINE)
+        light = colours.is_light(colour)
+        contrast = colours.INK if light else colours.PAPER
+        tag = _tag(label, 0.8 * (corners[1, 0] - corners[0, 0]), contrast) if label else None
+
+        def draw(layer: pygame.Surface, origin: np.ndarray) -> None:
+            pygame.draw.polygon(layer, (*colour, 120 if light else 66), corners - origin)
+            for width, shade in ((3.8 * FINE, contrast), (2.2 * FINE, colour)):
+                for piece in pieces:
+                    shapes.stroke(layer, piece - origin, width, (*shade, 255))
+            if tag is not None:
+                place = pygame.Rect(corners[0] - origin, tag.get_size()).inflate(14 * FINE, 7 * FINE)
+                place.topleft = (0, 0)
+                pygame.draw.rect(layer, (*colour, 255), place, border_bottom_right_radius=5 * FINE)
+                layer.blit(tag, tag.get_rect(center=place.center))
+
+        shapes.blend(self._fine, corners, 0.0, draw)
+
     def goal(self, pose: np.ndarray, outline: np.ndarray, tolerance: float | None) -> None:
         """Ghost of ``outline`` at ``pose`` (3,) or a crosshair at ``pose`` (2,), and the circle of ``tolerance``, m."""
         if not np.isfinite(pose).all():
@@ -120,20 +167,25 @@ class Canvas:
 
         shapes.blend(self._fine, np.vstack([around, centre]), max(radius, 12.0 * FINE) + 4.0 * FINE, draw)
 
-    def trail(self, points: np.ndarray) -> None:
-        """Line through ``points`` (k, 2), m, oldest first, fading with age."""
+    def trail(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
+        """Line through ``points`` (k, 2), m, oldest first, fading with age; light colours get a dark edge."""
         points = self._to_pixels(points[-TRAIL_POINTS:])
         # What lies off the picture is not worth a layer, and pygame cannot take every number.
         points = points[((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1)]
         if len(points) < 2:
             return
-        alpha = np.rint(np.linspace(30.0, 240.0, len(points) - 1)).astype(int).tolist()
+        alpha = np.linspace(30.0, 240.0, len(points) - 1)
+        lines = [(2.4 * FINE, colour, 1.0)]
+        if colours.is_light(colour):
+            lines.insert(0, (4.4 * FINE, colours.INK, 0.7))
 
         def draw(layer: pygame.Surface, low: np.ndarray) -> None:
-            for start, end, strength in zip(points - low, points[1:] - low, alpha, strict=False):
-                shapes.segment(layer, start, end, 2.4 * FINE, (*colours.INK, strength))
+            for width, shade, share in lines:
+                strengths = np.rint(share * alpha).astype(int).tolist()
+                for start, end, strength in zip(points - low, points[1:] - low, strengths, strict=False):
+                    shapes.segment(layer, start, end, width, (*shade, strength))
 
-        shapes.blend(self._fine, points, 2.0 * FINE, draw)
+        shapes.blend(self._fine, points, 3.0 * FINE, draw)
 
     def part(self, pose: np.ndarray, outline: np.ndarray, colour: tuple[int, ...]) -> None:
         """Part with ``outline`` (n, 2) at ``pose`` (3,) and its heading mark, a wedge that points ahead."""
@@ -141,14 +193,14 @@ class Canvas:
             return
         body = self._placed(pose, outline)
         wedge = self._placed(pose, shapes.wedge(outline))
-        light = sum(colour) < 384
+        mark = colours.INK if colours.is_light(colour) else colours.PAPER
         shade = [round(0.45 * channel) for channel in colour]
 
         def draw(layer: pygame.Surface, low: np.ndarray) -> None:
             pygame.draw.polygon(layer, (*colours.INK, 60), body - low + 2.0 * FINE)
             pygame.draw.polygon(layer, (*colour, 240), body - low)
             shapes.stroke(layer, body - low, 1.6 * FINE, (*shade, 215), closed=True)
-            shapes.polygon_within(layer, wedge - low, body - low, colours.PAPER if light else colours.INK)
+            shapes.polygon_within(layer, wedge - low, body - low, mark)
 
         shapes.blend(self._fine, body, 4.0 * FINE, draw)
 

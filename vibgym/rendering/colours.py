@@ -10,12 +10,20 @@ GAP = (206, 210, 216)
 REST = (237, 239, 241)
 INK = (38, 44, 56)
 MUTED = (108, 115, 128)
-PARTS = ((52, 60, 76), (250, 247, 238), (122, 130, 145), (205, 200, 188))
-"""Fill of each kind of part: neutral, so that it stands out from the coloured field for every kind of colour vision."""
+PARTS = ((52, 60, 76), (196, 90, 36), (120, 70, 160), (250, 247, 238))
+"""Fill of each kind of part, darker than any element or, as the last one, lighter than any that moves.
+
+Every kind of colour vision tells them apart from each other and from the field.
+"""
 
 HUES = 720
 HUE_OF_PHASE_0 = np.radians(-15.0)
 """Puts left and right, the long axis of the table, on orange and blue, which red-green colour blindness keeps apart."""
+
+
+def is_light(colour: tuple[int, ...]) -> bool:
+    """Whether what is written on ``colour`` (r, g, b) has to be dark."""
+    return sum(colour) >= 384
 
 
 def _oklch(lightness: np.ndarray | float, chroma: np.ndarray | float, hue: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ _FINE = 4
 _BARS = np.outer(10.0 ** np.arange(-4, 2), [1.0, 2.0, 5.0]).ravel()
 
 
-def render_text(line: str, size: int, colour: tuple[int, int, int]) -> pygame.Surface:
+def render_text(line: str, size: int, colour: tuple[int, ...]) -> pygame.Surface:
     """``line`` on a transparent surface, in pygame's own font, which is the same on every machine."""
     pygame.font.init()
     # Scaled down from a larger size: at small ones, rounding to pixels spoils the font's spacing.

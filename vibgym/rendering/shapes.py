@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pygame
@@ -14,6 +14,21 @@ def wedge(outline: np.ndarray) -> np.ndarray:
     """Heading mark (3, 2) of a part with ``outline``, in its frame."""
     reach, half = outline[:, 0].max(), 0.2 * np.abs(outline).max()
     return np.array([[0.84 * reach, 0.0], [0.2 * reach, half], [0.2 * reach, -half]])
+
+
+def bar(
+    wall: str, walls: Sequence[str], low: np.ndarray, high: np.ndarray, thickness: float, frame: float
+) -> list[float]:
+    """Left, top, width and height of a wall outside the rectangle from ``low`` to ``high`` (2,).
+
+    It reaches past the rectangle's corners as far as the ``frame`` does, or the other one of ``walls`` it meets there.
+    """
+    left, right, top, bottom = (thickness if side in walls else frame for side in ("left", "right", "top", "bottom"))
+    if wall in ("left", "right"):
+        start = low[0] - thickness if wall == "left" else high[0]
+        return [start, low[1] - top, thickness, high[1] - low[1] + top + bottom]
+    start = low[1] - thickness if wall == "top" else high[1]
+    return [low[0] - left, start, high[0] - low[0] + left + right, thickness]
 
 
 def arrow_outlines(tails: np.ndarray, vectors: np.ndarray, thickness: float) -> np.ndarray:

@@ -25,14 +25,14 @@ from vibgym.scene.surface import Surface
 INSET = 1e-6
 """m; the solver's shapes are smaller all around, so that parts laid against one another by computed numbers do not overlap."""
 
-SLOP = 1e-5
+SLOP = 3e-5
 """m of overlap that is left alone; contacts that come and go would lose what the solver has learnt."""
 
 KEPT_PER_SECOND = 1e-150
 """Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
 
-ITERATIONS = 30
-"""Rounds of the solver over all contacts."""
+FEWEST_ITERATIONS = 10
+"""Rounds of the solver over all contacts; a blow has to find its way through all parts, so there is one more a part."""
 
 MATERIALS = 31
 """Different contact properties that walls can tell apart: bits of pymunk's shape filter."""
@@ -60,12 +60,12 @@ class ContactSpace:
             allowed = f"at most {MATERIALS} different pairs of restitution and contact_friction on a surface with walls"
             raise checks.refuse("parts", f"{len(materials)} pairs", allowed)
         self.space = space = pymunk.Space()
-        space.iterations = ITERATIONS
+        space.iterations = FEWEST_ITERATIONS + len(parts)
         space.collision_slop = SLOP
         space.collision_bias = KEPT_PER_SECOND
-        self._bodies, self._shapes, owner = [], [], []
+        self._bodies, self._shapes = [], []
         fixed = _wall_shapes(space, surface, walls, materials)
-        for index, part in enumerate(parts):
+        for part in parts:
             body = pymunk.Body(part.mass, part.mass * part.gyration)
             # Rebounds and friction come out as products over the two shapes.
             bit = 1 << materials.index((part.restitution, part.contact_friction)) % 32 if walls else 1
@@ -73,7 +73,6 @@ class ContactSpace:
                 shape.elasticity, shape.friction = math.sqrt(part.restitution), math.sqrt(part.contact_friction)
                 shape.filter = pymunk.ShapeFilter(categories=bit | 1 << 31)
                 self._shapes.append(shape)
-                owner.append(index)
             self._bodies.append(body)
             space.add(body)
         space.add(*self._shapes)
@@ -102,6 +101,7 @@ class ContactSpace:
             update=_function("cpBodyUpdatePosition"),
             add=_function("cpSpaceAddShape"),
             remove=_function("cpSpaceRemoveShape"),
+            set_rebound=_function("cpShapeSetElasticity"),
             number_from=_function("cpSpaceSetShapeIDCounter"),
             last_step=_function("cpSpaceSetCurrentTimeStep"),
             put_all=batch(place | speed),
@@ -112,8 +112,9 @@ class ContactSpace:
             cursor=np.frombuffer(ffi.buffer(floats, 4), dtype=np.int32),
             bodies=np.array([_address(body._body) for body in self._bodies]),
             shapes=np.array([_address(shape._shape) for shape in self._shapes]),
-            owner=np.array(owner),
+            rebound=np.array([shape.elasticity for shape in self._shapes]),
             fixed=fixed,
+            slop=SLOP,
         )
 
     def __reduce__(self) -> Any:

@@ -7,15 +7,18 @@ world has), and scores every step in one compiled pass over the worlds.
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.physics._jit import jit
+from vibgym.physics.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.tasks.base import Start, Task
 
 HOLD_STEPS = 10
 """Steps in a row within tolerance that make success."""
@@ -130,7 +133,7 @@ def score(rules, pose, goal, fallen, diverged, result):
         result.reward[world] = total
 
 
-class PoseTask(ABC):
+class PoseTask(Task):
     """One part and a goal pose. Subclasses set tolerances and draw start and goal.
 
     Args:
@@ -143,7 +146,8 @@ class PoseTask(ABC):
 
     position_tolerance: ClassVar[float]  # m
     heading_tolerance: ClassVar[float] = math.inf  # rad
-    draws: ClassVar[int]  # uniform numbers per episode
+    draws: ClassVar[int]
+    TERMS = TERMS
 
     FALL_REWARD: ClassVar[float] = -50.0
     """Goal reward of the step that ends on the floor: worse than a discounted episode (0.98) of steps outside."""
@@ -151,6 +155,7 @@ class PoseTask(ABC):
     def __init__(self, surface: Surface, part: Part) -> None:
         self.surface = surface
         self.part = part
+        self.parts = (part,)
         room = min(surface.width, surface.height) / 2
         if part.radius > room:
             raise checks.refuse(
@@ -159,6 +164,10 @@ class PoseTask(ABC):
                 f"a radius of at most {room:g} m on this surface",
             )
         self.rules = Rules(self.position_tolerance, self.heading_tolerance, self.heading_period())
+
+    @classmethod
+    def build(cls, surface: Surface, parts: Sequence[Part], settings: Mapping[str, Any]) -> PoseTask:
+        return cls(surface, parts[0])
 
     @property
     def has_heading(self) -> bool:
@@ -172,6 +181,31 @@ class PoseTask(ABC):
     @abstractmethod
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Start and goal poses, each (n, 3), from ``uniform`` (n, draws) in [0, 1)."""
+
+    def start(self, uniform: np.ndarray) -> Start:
+        pose, goal = self.draw(uniform)
+        return Start(pose[:, None, :], np.ones((len(pose), 1), dtype=bool), goal)
+
+    def new_score(self, worlds: int) -> Score:
+        return new_score(worlds)
+
+    def begin(self, state: State, start: Start, goal: np.ndarray, worlds: np.ndarray, result: Score) -> None:
+        begin(self.rules, state.pose, goal, worlds, result)
+
+    def score(self, state: State, goal: np.ndarray, result: Score) -> None:
+        score(self.rules, state.pose, goal, state.fallen, state.diverged, result)
+
+    def facts(self, state: State, result: Score) -> dict[str, np.ndarray]:
+        facts = {"is_success": result.success, "position_error": result.distance}
+        if self.has_heading:
+            facts["heading_error"] = np.abs(result.error[:, 2])
+        return {**facts, "fallen": state.fallen[:, 0], "diverged": state.diverged}
+
+    def caption(self, result: Score, world: int) -> str:
+        text = f"{type(self).__name__}   distance {1e3 * result.distance[world]:.1f} mm"
+        if self.has_heading:
+            text += f"   heading {np.degrees(result.error[world, 2]):+.1f} deg to go"
+        return text
 
     def somewhere(self, uniform: np.ndarray) -> np.ndarray:
         """Positions (n, 2) at which the part lies wholly on the surface, from ``uniform`` (n, 2)."""

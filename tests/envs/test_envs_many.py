@@ -1,0 +1,271 @@
+"""Environments with several parts: checkers, batch against single environments, ends of episodes."""
+
+import itertools
+import math
+import warnings
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_match import check_environments_match
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.env_checker import check_env as check_sb3_env
+
+from tests.envs.helpers import ACTIONS, WALLS, assert_same, batch, lay, single, sorted_pose, still
+from tests.envs.test_envs_parity import WORLDS, rows, side_by_side, trajectory
+from vibgym.envs import VibgymEnv, VibgymVectorEnv
+from vibgym.physics.hulls import all_gaps
+from vibgym.scene import workers
+
+NAMES = {"Sort": 750, "SortTwelve": 1500, "SortThreeKinds": 750, "SortCrowded": 750, "Singulate": 500}
+MODES = list(AutoresetMode)
+SMALL = {"rows": 8, "columns": 14}  # parts fall off soon
+EVERY = list(itertools.product(["Sort", "Singulate"], ACTIONS, ["state", "image"]))
+
+
+@pytest.fixture
+def strict(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@pytest.mark.usefixtures("strict")
+@pytest.mark.parametrize("task, action, observation", EVERY)
+def test_checkers(task, action, observation):
+    rendered = (action, observation) == ("field", "state")
+    check_env(single(task, action=action, observation=observation).unwrapped, skip_render_check=not rendered)
+    env = single(task, action=action, observation=observation, render_mode="rgb_array").unwrapped
+    check_sb3_env(env, warn=True, skip_render_check=not rendered)
+
+
+@pytest.mark.usefixtures("strict")
+@pytest.mark.parametrize("name", ["SortTwelve", "SortThreeKinds", "SortCrowded"])
+def test_checkers_of_the_other_environments(name):
+    check_env(single(name, action="field").unwrapped, skip_render_check=True)
+    check_sb3_env(single(name, action="field").unwrapped, warn=True, skip_render_check=True)
+    one, other = (single(name, action="patch").unwrapped for _ in range(2))
+    check_environments_match(one, other, num_steps=6, skip_render=True)
+
+
+@pytest.mark.parametrize("name, limit", NAMES.items())
+def test_registered(name, limit):
+    env = single(name, action="field")
+    assert env.spec.max_episode_steps == limit and isinstance(env.unwrapped, VibgymEnv)
+    many = batch(name, 2, action="field")
+    assert isinstance(many, VibgymVectorEnv) and many.max_episode_steps == limit
+    parts = {"SortTwelve": 12}.get(name, 6)
+    assert env.action_space.shape == (parts, 6) and env.observation_space.shape == (20 * parts,)
+    assert single(name, action="patch").action_space.shape == (parts, 4, 4, 2)
+    kinds = {"SortThreeKinds": ("steel_block", "aluminium_block", "disc")}.get(name, ("steel_block", "aluminium_block"))
+    task = env.unwrapped.core.task
+    assert task.names == kinds and (np.bincount(task.kind) == parts // len(kinds)).all()
+    assert task.kind[:2].tolist() == [0, 1]  # mixed, not one kind after the other
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("name", NAMES)
+def test_batch_and_single_give_the_same(name, mode):
+    settings = {"action": "field", "max_episode_steps": 6}
+    generator = np.random.default_rng(5)
+    shape = (WORLDS, *single(name, action="field").action_space.shape)
+    ends = side_by_side(name, mode, settings, lambda seen: generator.uniform(-1.5, 1.5, shape).astype(np.float32), 16)
+    assert ends["truncated"] + ends["fallen"] >= 2 * WORLDS
+
+
+@pytest.mark.parametrize("action, observation", [("element", "state"), ("phasor", "image"), ("patch", "state")])
+@pytest.mark.parametrize("mode", MODES)
+def test_other_actions_and_observations(action, observation, mode):
+    settings = {"action": action, "observation": observation, "max_episode_steps": 4, "walls": WALLS}
+    settings["randomize"] = {"parts": [1, 6]}
+    generator = np.random.default_rng(6)
+    shape = (WORLDS, *single("SortCrowded", action=action).action_space.shape)
+    choose = lambda seen: generator.uniform(-1, 1, shape).astype(np.float32)  # noqa: E731
+    assert side_by_side("SortCrowded", mode, settings, choose, 11)["truncated"] >= 2 * WORLDS
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_parts_that_fall(mode):
+    settings = {"action": "field", "surface": SMALL, "max_episode_steps": 60, "randomize": {"parts": [2, 4]}}
+    push = np.zeros((WORLDS, 6, 6), dtype=np.float32)
+    push[:, :, :2] = np.array([[1, 0], [0, -1], [-0.7, 0.7]])[:, None]
+    ends = side_by_side("Sort", mode, settings, lambda seen: push, 60)
+    assert ends["fallen"] >= 2 * WORLDS
+
+
+def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(monkeypatch):
+    worlds, steps = 40, 6
+    seeds = list(range(300, 300 + worlds))
+    actions = np.random.default_rng(8).uniform(-1, 1, (steps, worlds, 6, 6)).astype(np.float32)
+    settings = {"action": "field", "max_episode_steps": 4, "randomize": {"parts": [2, 6]}}
+    whole = trajectory(batch("SortCrowded", worlds, **settings), seeds, actions)
+    for chosen in ([0], [39], [33, 5], list(range(20))[::-1]):
+        part = trajectory(
+            batch("SortCrowded", len(chosen), **settings), [seeds[k] for k in chosen], actions[:, np.array(chosen)]
+        )
+        assert_same(rows(part, slice(None)), rows(whole, chosen))
+    monkeypatch.setattr(workers, "available_threads", lambda: 3)
+    assert_same(trajectory(batch("SortCrowded", worlds, **settings), seeds, actions), whole)
+
+
+def test_sorted_parts_are_a_success_after_ten_steps():
+    env = single("Sort", action="phasor")
+    env.reset(seed=1)
+    lay(env, sorted_pose())
+    for step in range(1, 11):
+        _, reward, terminated, truncated, info = env.step(still(env))
+        assert (terminated, info["is_success"]) == (step == 10, step == 10), step
+        assert info["parts_done"] == 6 and info["position_error"] == 0.0 and not truncated
+    assert info["reward_terms"]["success"] == 5.0
+    assert reward == pytest.approx(4.997 + info["reward_terms"]["inside"], abs=1e-12)
+
+
+def test_one_part_outside_is_no_success():
+    env = single("Sort", action="phasor")
+    env.reset(seed=1)
+    pose = sorted_pose()
+    pose[3, 0] = 0.5
+    lay(env, pose)
+    for _ in range(12):
+        *_, terminated, _, info = env.step(still(env))
+        assert not terminated and info["parts_done"] == 5
+    assert info["position_error"] == pytest.approx(26 * 0.026 - 0.5, abs=1e-3)
+
+
+def test_absent_parts_do_not_count():
+    """Success with those that are there; the others fell from no table."""
+    env = single("Sort", action="phasor", randomize={"parts": [2, 2]})
+    env.reset(seed=1)
+    core = env.unwrapped.core
+    present = core.score.present[0].copy()
+    assert present.sum() == 2
+    pose = np.where(present[:, None], sorted_pose(), core.simulator.pose[0])
+    core.simulator.place(np.array([0]), pose[None], np.where(present[:, None], core.idle, 0.0), 0.0, ~present)
+    for _ in range(10):
+        *_, terminated, _, info = env.step(still(env))
+    assert terminated and info["is_success"] and info["parts_done"] == 2 and not info["fallen"]
+
+
+def test_singulate_ends_with_room_between_all():
+    env = single("Singulate", action="phasor")
+    _, info = env.reset(seed=1)
+    assert info["touching"] >= 5 and 0.0 <= info["clearance"] < 1e-6
+    assert info["position_error"] == pytest.approx(math.sqrt(2) * 0.026, abs=1e-5)
+    lay(env, [[0.06 + 0.12 * k, 0.1, 0.5 * k] for k in range(6)])
+    for step in range(1, 11):
+        *_, terminated, _, info = env.step(still(env))
+        assert (terminated, info["is_success"]) == (step == 10, step == 10)
+    assert info["parts_done"] == 6 and info["position_error"] == 0.0 and info["touching"] == 0
+
+
+@pytest.mark.parametrize("task", ["Sort", "Singulate"])
+def test_any_part_that_falls_ends_the_episode(task):
+    env = single(task, action="phasor")
+    env.reset(seed=1)
+    lay(env, sorted_pose())
+    for _ in range(9):
+        env.step(still(env))
+    pose, velocity = sorted_pose(), env.unwrapped.core.idle.copy()
+    pose[4, 0], velocity[4] = 0.0005, [-0.5, 0.0, 0.0]
+    lay(env, pose, velocity=velocity)
+    seen, reward, terminated, truncated, info = env.step(still(env))
+    assert terminated and not truncated and info["fallen"] and not info["is_success"]
+    assert info["reward_terms"]["fallen"] == -5.0 and reward < -4.0
+    assert env.observation_space.contains(seen)
+
+
+@pytest.mark.parametrize("observation", ["state", "image"])
+@pytest.mark.parametrize("task", ["Sort", "Singulate"])
+def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
+    env = single(task, action="phasor", observation=observation)
+    env.reset(seed=1)
+    velocity = env.unwrapped.core.idle.copy()
+    velocity[2, 0] = math.nan
+    lay(env, sorted_pose(), velocity=velocity)
+    seen, reward, terminated, _, info = env.step(still(env))
+    assert terminated and info["diverged"] and not info["is_success"] and not info["fallen"]
+    assert env.observation_space.contains(seen)
+    assert np.isfinite([reward, info["position_error"], info["clearance"], *info["reward_terms"].values()]).all()
+    assert not env.reset()[1]["diverged"]
+    assert not env.step(still(env))[4]["diverged"]
+
+
+BOUNDS = {
+    "distance": (-1, 1),
+    "inside": (-1, 1),
+    "clearance": (-1, 1),
+    "time": (-0.003, 0.0),  # 0 in the step that resets
+    "success": (0, 5),
+    "fallen": (-5, 0),
+}
+
+
+@pytest.mark.parametrize("name", ["SortThreeKinds", "Singulate"])
+def test_reward_is_the_sum_of_its_bounded_terms(name):
+    env = batch(name, 12, action="field", max_episode_steps=25, randomize={"parts": [1, 6]})
+    env.reset(seed=2)
+    env.action_space.seed(1)
+    seen = {term: set() for term in BOUNDS}
+    for _ in range(60):
+        _, reward, _, _, info = env.step(env.action_space.sample())
+        terms = info["reward_terms"]
+        assert [key for key in terms if not key.startswith("_")] == list(BOUNDS)
+        assert reward == pytest.approx(sum(terms[term] for term in BOUNDS), abs=1e-12)
+        for term, (low, high) in BOUNDS.items():
+            assert (terms[term] >= low).all() and (terms[term] <= high).all(), term
+            seen[term] |= set(terms[term].tolist())
+    assert {0.0, -5.0} <= seen["fallen"]
+    assert len(seen["distance"] if name != "Singulate" else seen["clearance"]) > 100
+
+
+def test_info_agrees_with_the_state():
+    env = batch("SortCrowded", 8, action="field", walls=WALLS)
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    core = env.unwrapped.core
+    for _ in range(10):
+        *_, info = env.step(env.action_space.sample())
+        gaps = np.empty((8, 6, 6))
+        all_gaps(core.simulator.hulls, core.simulator.pose, gaps)
+        assert info["clearance"] == pytest.approx(gaps.min(axis=(1, 2)), abs=1e-12)
+        assert (info["touching"] == (gaps < 1e-4).sum(axis=(1, 2)) // 2).all()
+        assert info["touching"].dtype == info["parts_done"].dtype == np.int64
+    assert not info["fallen"].any()
+
+
+def test_walls_keep_parts_on_the_table():
+    push = np.zeros((6, 6), dtype=np.float32)
+    push[:, 1] = 1.0
+    for walls, falls in (([], True), (["top"], False)):
+        env = single("Sort", action="field", walls=walls)
+        env.reset(seed=4)
+        assert env.unwrapped.core.simulator.walls == tuple(walls)
+        ends = any(env.step(push)[2] for _ in range(60))
+        assert ends == falls
+
+
+@pytest.mark.parametrize("action", ["patch", "field"])
+def test_absent_parts_command_nothing(action):
+    env = single("Sort", action=action, randomize={"parts": [1, 1]})
+    env.reset(seed=2)
+    core = env.unwrapped.core
+    (part,) = np.flatnonzero(core.score.present[0])
+    generator = np.random.default_rng(0)
+    commands = generator.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    before = core.simulator.get_state()
+    env.step(commands)
+    moved, phasors = core.simulator.pose[0, part], core.phasors(0)
+    assert (np.hypot(*np.moveaxis(phasors, -1, 0)) > 0).sum() == (16 if action == "patch" else 256)
+    others = generator.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    others[part] = commands[part]
+    core.simulator.set_state(before)
+    env.step(others)
+    assert (core.simulator.pose[0, part] == moved).all() and (core.phasors(0) == phasors).all()
+    alone = single("Sort", action=action, parts=["steel_block" if part % 2 == 0 else "aluminium_block"])
+    alone.reset(seed=0)
+    lay(alone, before["pose"][0, [part]])
+    alone.step(commands[[part]])
+    assert alone.unwrapped.core.phasors(0) == pytest.approx(phasors, abs=1e-12)
+    # Without others the simulator divides the period otherwise, so this is but nearly the same.
+    assert alone.unwrapped.core.simulator.pose[0, 0] == pytest.approx(moved, abs=2e-5)

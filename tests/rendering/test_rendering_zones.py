@@ -1,0 +1,218 @@
+"""Pictures of several kinds of parts with their zones, trails and walls: sampled pixels, not whole images."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pygame")
+
+from tests.rendering.test_rendering_painter import BLOCK, COLUMNS, ELEMENT, EMPTY, REST, ROWS, looks_like, pixel
+from vibgym.rendering import SurfacePainter, View, Zone, colours
+
+WIDTH, HEIGHT = COLUMNS * ELEMENT, ROWS * ELEMENT
+LEFT, RIGHT = (0.0, 0.0), (27 * ELEMENT, 0.0)
+ZONES = (Zone(LEFT, (5 * ELEMENT, HEIGHT), 0, "50 x 40"), Zone(RIGHT, (WIDTH, HEIGHT), 1))
+POSES = np.array([[0.2, 0.05, 0.0], [0.3, 0.15, 0.0], [0.45, 0.05, 0.0], [0.6, 0.15, 0.0]])
+LOST = np.full((4, 3), np.nan)
+
+
+def paint(painter: SurfacePainter, **changes: Any) -> np.ndarray:
+    return painter.paint(dataclasses.replace(EMPTY, **{"pose": LOST, **changes})).astype(int)
+
+
+@pytest.fixture(scope="module")
+def painter() -> SurfacePainter:
+    return SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK] * 4, kinds=[1, 0, 3, 1])
+
+
+def test_parts_have_the_colours_of_their_kinds(painter: SurfacePainter) -> None:
+    picture = paint(painter, pose=POSES)
+    for pose, kind in zip(POSES, (1, 0, 3, 1), strict=True):
+        assert looks_like(picture, (pose[0] - 0.01, pose[1]), colours.PARTS[kind])
+    by_hand = [(200, 30, 30), (30, 200, 30), (30, 30, 200), (90, 90, 90)]
+    other = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK] * 4, colours=by_hand, kinds=[1, 0, 3, 1])
+    picture = paint(other, pose=POSES)
+    for pose, colour in zip(POSES, by_hand, strict=True):
+        assert looks_like(picture, (pose[0] - 0.01, pose[1]), colour)
+    lost = POSES.copy()
+    lost[1, 2] = np.nan
+    changed = (paint(painter, pose=POSES) != paint(painter, pose=lost)).any(axis=-1)
+    assert changed[pixel(0.29, 0.15)]
+    assert not any(changed[pixel(x, y)] for x, y in POSES[[0, 2, 3], :2])
+
+
+def test_zone_tints_its_elements_and_no_others(painter: SurfacePainter) -> None:
+    plain, zoned = paint(painter), paint(painter, zones=ZONES)
+    for zone in ZONES:
+        colour = np.array(colours.PARTS[zone.kind])
+        for at in (0.3, 0.5, 0.7):
+            inside = pixel(*(np.array(zone.low) + at * (np.array(zone.high) - zone.low) + 0.3 * ELEMENT))
+            change = zoned[inside] - plain[inside]
+            towards = colour - plain[inside]
+            share = change @ towards / (towards @ towards)
+            assert 0.15 < share < 0.6, "a tint that leaves the element's own colour visible"
+            np.testing.assert_allclose(change, share * towards, atol=3.0)
+    changed = np.flatnonzero((plain != zoned).any(axis=(0, 2)))
+    left, right = pixel(5 * ELEMENT, 0.1)[1], pixel(27 * ELEMENT, 0.1)[1]
+    assert ((changed <= left + 1) | (changed >= right - 1)).all()
+    rows = np.flatnonzero((plain != zoned).any(axis=(1, 2)))
+    assert rows.min() >= pixel(0.0, HEIGHT)[0] - 1 and rows.max() <= pixel(0.0, 0.0)[0] + 1
+
+
+def test_zone_has_a_dashed_border_and_its_label(painter: SurfacePainter) -> None:
+    zoned = paint(painter, zones=ZONES)
+    column = pixel(5 * ELEMENT, 0.1)[1] - 2
+    rows = np.arange(pixel(0.0, 0.18)[0], pixel(0.0, 0.02)[0])
+    dark = (np.abs(zoned[rows, column] - colours.PARTS[0]) < 40).all(axis=-1)
+    light = (zoned[rows, column] > 160).all(axis=-1)
+    assert 0.25 < dark.mean() < 0.75
+    assert np.count_nonzero(np.diff(dark.astype(int))) > 10
+    assert light.any()
+    bare = dataclasses.replace(ZONES[0], label="")
+    rows, columns = np.nonzero((zoned != paint(painter, zones=(bare, ZONES[1]))).any(axis=-1))
+    top, left = pixel(0.0, HEIGHT)
+    assert rows.min() >= top - 1 and columns.min() >= left - 1
+    assert rows.max() < top + 30 and columns.max() < left + 100
+    tag = zoned[rows.min() : rows.max(), columns.min() : columns.max()]
+    assert (np.abs(tag - colours.PARTS[0]) < 10).all(axis=-1).mean() > 0.4, "the tag has the kind's colour"
+    assert (tag > 200).all(axis=-1).mean() > 0.04, "the writing is light on a dark kind"
+
+
+def test_zone_of_a_kind_without_parts_and_label_without_room(painter: SurfacePainter) -> None:
+    high = (10 * ELEMENT + 0.012, 0.1)
+    one, two = (paint(painter, zones=(Zone((10 * ELEMENT, 0.0), high, 6, text),)) for text in ("", "far too long"))
+    np.testing.assert_array_equal(one, two)
+    middle = pixel(10 * ELEMENT + 0.006, 0.055)
+    assert one[middle][1] < paint(painter)[middle][1] - 20, "kind 6 has the colour of kind 2"
+
+
+def test_zones_lie_under_parts_and_off_the_table_do_no_harm(painter: SurfacePainter) -> None:
+    pose = np.vstack([[[0.07, 0.1, 0.3]], LOST[1:]])
+    assert looks_like(paint(painter, pose=pose, zones=ZONES), (0.065, 0.1), colours.PARTS[1])
+    far = tuple(Zone((at, at), (at + 0.5, at + 0.5), 0, "far") for at in (-1e12, -2.0, 2.0, 1e12))
+    np.testing.assert_array_equal(paint(painter, zones=far), paint(painter))
+    # One that covers everything is cut at the picture.
+    assert paint(painter, zones=(Zone((-1e9, -1e9), (1e9, 1e9), 0, "all"),)).shape == paint(painter).shape
+
+
+def test_trails_have_the_colours_of_their_parts(painter: SurfacePainter) -> None:
+    along = np.linspace(0.1, 0.7, 200)
+    trails = [np.stack([along, np.full(200, y)], axis=1) for y in (0.04, 0.09, 0.143, 0.17)]
+    plain, drawn = paint(painter), paint(painter, trails=trails)
+    for y, kind in zip((0.04, 0.09, 0.143, 0.17), (1, 0, 3, 1), strict=True):
+        here, old = pixel(0.68, y), pixel(0.15, y)
+        assert np.abs(drawn[here] - colours.PARTS[kind]).max() < 50
+        if kind != 3:  # the light one is told by its edge, below
+            assert np.abs(drawn[old] - plain[old]).sum() < 0.5 * np.abs(drawn[here] - plain[here]).sum()
+    row, column = pixel(0.68, 0.143)
+    across = drawn[row - 4 : row + 5, column].sum(axis=-1)
+    assert across.min() < plain[row, column].sum() - 150, "a light trail has a dark edge"
+    ink = paint(painter, trail=trails[0], trails=[np.zeros((0, 2))] * 3 + [trails[3]])
+    assert np.abs(ink[pixel(0.68, 0.04)] - colours.INK).max() < 50
+    assert np.abs(ink[pixel(0.68, 0.17)] - colours.PARTS[1]).max() < 50
+    np.testing.assert_array_equal(ink[pixel(0.68, 0.09)], plain[pixel(0.68, 0.09)])
+
+
+@pytest.mark.parametrize("walls", [("left",), ("right",), ("bottom",), ("top",), ("left", "top"), ("right", "bottom")])
+def test_walls_are_dark_bars_outside_the_surface(walls: tuple[str, ...]) -> None:
+    picture = paint(SurfacePainter(ROWS, COLUMNS, ELEMENT, [], walls=walls), pose=np.zeros((0, 3)))
+    plain = paint(SurfacePainter(ROWS, COLUMNS, ELEMENT, []), pose=np.zeros((0, 3)))
+    out = 0.006
+    sides = {
+        "left": [(-out, at * HEIGHT) for at in (0.01, 0.5, 0.99)],
+        "right": [(WIDTH + out, at * HEIGHT) for at in (0.01, 0.5, 0.99)],
+        "bottom": [(at * WIDTH, -out) for at in (0.01, 0.5, 0.99)],
+        "top": [(at * WIDTH, HEIGHT + out) for at in (0.01, 0.5, 0.99)],
+    }
+    for side, points in sides.items():
+        for point in points:
+            assert looks_like(picture, point, colours.INK) == (side in walls)
+            assert not looks_like(plain, point, colours.INK)
+    (top, left), (bottom, right) = pixel(0.0, HEIGHT), pixel(WIDTH, 0.0)
+    inside = np.s_[top + 1 : bottom - 1, left + 1 : right - 1]
+    np.testing.assert_array_equal(picture[inside], plain[inside])
+    corners: dict[tuple[str, ...], tuple[float, float]] = {
+        ("left", "top"): (-out, HEIGHT + out),
+        ("right", "bottom"): (WIDTH + out, -out),
+    }
+    corner = corners.get(walls)
+    assert corner is None or looks_like(picture, corner, colours.INK), "walls that meet leave no gap"
+
+
+def seen(colour: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """CIELAB of sRGB ``colour`` (..., 3), 0 to 255, as seen through a colour deficiency's ``matrix``."""
+    share = np.asarray(colour) / 255.0
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    linear = (linear @ matrix.T).clip(0.0, 1.0)
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    root = np.cbrt(linear @ to_xyz.T / to_xyz.sum(axis=1))
+    x, y, z = np.moveaxis(root, -1, 0)
+    return np.stack([116.0 * y, 500.0 * (x - y), 200.0 * (y - z)], axis=-1)
+
+
+# Machado, Oliveira and Fernandes 2009, full severity.
+SIGHT = {
+    "normal": np.eye(3),
+    "no red": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "no green": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]]
+    ),
+    "no blue": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]]
+    ),
+}
+
+
+@pytest.mark.parametrize("matrix", SIGHT.values(), ids=SIGHT.keys())
+def test_kinds_are_told_apart_by_every_kind_of_sight(matrix: np.ndarray) -> None:
+    kinds = seen(np.array(colours.PARTS), matrix)
+    between = np.linalg.norm(kinds[:, None] - kinds, axis=-1)
+    assert between[~np.eye(len(kinds), dtype=bool)].min() > 20.0
+    phase = np.radians(np.arange(0.0, 360.0, 3.0))
+    unit = np.stack([np.cos(phase), np.sin(phase)], axis=-1)
+    tints = np.concatenate([colours.element_colours(amplitude * unit) for amplitude in (0.0, 0.3, 0.6, 1.0)])
+    # The last kind is lighter than the field and lives by its dark outline where the elements rest.
+    away = np.linalg.norm(kinds[:-1, None] - seen(tints, matrix), axis=-1)
+    assert away.min() > 18.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"kinds": [0]}, "kinds"),
+        ({"kinds": [0, -1]}, r"kinds\[1\]"),
+        ({"kinds": [0, 1.5]}, r"kinds\[1\]"),
+        ({"colours": [(1, 2, 3)]}, "colours"),
+        ({"walls": ["left", "middle"]}, r"walls\[1\].*'middle'.*'bottom'"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments: dict[str, Any], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, BLOCK], **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (((0.0, 0.0), (0.1, 0.0), 0), "high"),
+        (((0.0, np.nan), (0.1, 0.1), 0), "low"),
+        (((0.0, 0.0), (0.1, 0.1, 0.1), 0), "high"),
+        (((0.0, 0.0), (0.1, 0.1), -1), "kind"),
+    ],
+)
+def test_bad_zones_are_refused(arguments: tuple[Any, ...], named: str) -> None:
+    with pytest.raises(ValueError, match=f"^{named}:"):
+        Zone(*arguments)
+
+
+def test_one_trail_for_each_part_or_none(painter: SurfacePainter) -> None:
+    with pytest.raises(ValueError, match="trails: got '2 trails'"):
+        paint(painter, trails=[np.zeros((0, 2))] * 2)
+    view = View(LOST, REST, None, None)
+    np.testing.assert_array_equal(painter.paint(view), paint(painter))

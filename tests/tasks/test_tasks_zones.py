@@ -1,0 +1,110 @@
+"""Kinds, zones and room: what is taken, and what is refused with which words."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.tasks.test_tasks_arrange import ALUMINIUM, DISC, ELL, SIX, STEEL, SURFACE
+from vibgym import Part, Surface
+from vibgym.tasks import Singulate, Sort
+
+WIDTH, HEIGHT, COLUMN = 0.832, 0.208, 0.026
+
+
+def test_default_zones_are_six_columns_at_the_ends_and_in_the_middle():
+    task = Sort(SURFACE, [STEEL, DISC, ALUMINIUM, STEEL])
+    assert task.names == ("steel", "disc", "aluminium") and task.kind.tolist() == [0, 1, 2, 0]
+    columns = task.zones[:, [0, 2]] / COLUMN
+    assert columns == pytest.approx(np.array([[0, 6], [26, 32], [13, 19]]))
+    assert task.zones[:, [1, 3]] == pytest.approx(np.array([[0, HEIGHT]] * 3))
+    assert task.rules.zone == pytest.approx(task.zones[[0, 1, 2, 0]])
+    assert task.rules.slow == 0.020 and task.rules.hold == 10
+
+
+def test_zones_of_ones_own():
+    zones = {"steel": [0.4, 0.0, WIDTH, 0.208], "aluminium": (0, 0, 0.3, 0.2)}
+    task = Sort(SURFACE, SIX, zones=zones)
+    assert task.zones.tolist() == [[0.4, 0.0, WIDTH, 0.208], [0.0, 0.0, 0.3, 0.2]]
+    halves = {"steel": [0, 0, 0.416, HEIGHT], "aluminium": [0.416, 0, 32 * 0.026, HEIGHT]}  # share a border
+    assert Sort(SURFACE, SIX, zones=halves).zones.shape == (2, 4)
+
+
+def test_singulate_has_no_zones():
+    task = Singulate(SURFACE, SIX)
+    assert task.zones is None and task.rules.apart == pytest.approx(0.036770, abs=1e-6)
+    assert (task.rules.zone[:, :2] == -np.inf).all() and (task.rules.zone[:, 2:] == np.inf).all()
+
+
+LEFT, RIGHT = [0.0, 0.0, 0.156, HEIGHT], [0.676, 0.0, WIDTH, HEIGHT]
+FOUR_KINDS = [STEEL, ALUMINIUM, DISC, ELL]
+BAD = [
+    ({"zones": {"steel": LEFT, "aluminium": RIGHT, "gold": LEFT}}, r"zones: got .*'gold'.*'steel', 'aluminium'"),
+    ({"zones": {"steel": LEFT}}, r"zones: got .*no zone for 'aluminium'"),
+    ({"zones": [LEFT, RIGHT]}, r"zones: "),
+    ({"zones": "left"}, r"zones: "),
+    ({"zones": {"steel": LEFT[:3], "aluminium": RIGHT}}, r"zones\['steel'\]: .*0\.832 x 0\.208 m"),
+    ({"zones": {"steel": "left", "aluminium": RIGHT}}, r"zones\['steel'\]: "),
+    ({"zones": {"steel": 0.1, "aluminium": RIGHT}}, r"zones\['steel'\]: "),
+    ({"zones": {"steel": [0, 0, "a", 1], "aluminium": RIGHT}}, r"zones\['steel'\]: "),
+    ({"zones": {"steel": [0, 0, np.nan, 0.2], "aluminium": RIGHT}}, r"zones\['steel'\]: .*finite"),
+    ({"zones": {"steel": [0.156, 0, 0, 0.2], "aluminium": RIGHT}}, r"zones\['steel'\]: .*x_low < x_high"),
+    ({"zones": {"steel": [0, 0.1, 0.2, 0.1], "aluminium": RIGHT}}, r"zones\['steel'\]: .*y_low < y_high"),
+    ({"zones": {"steel": [-0.001, 0, 0.2, 0.2], "aluminium": RIGHT}}, r"zones\['steel'\]: .*on the surface"),
+    ({"zones": {"steel": LEFT, "aluminium": [0.5, 0, 0.8321, 0.2]}}, r"zones\['aluminium'\]: .*on the surface"),
+    ({"zones": {"steel": LEFT, "aluminium": [0.155, 0, WIDTH, 0.2]}}, r"zones\['aluminium'\]: .*overlap.*'steel'"),
+    ({"zones": {"steel": [0, 0, 0.13, 0.1], "aluminium": RIGHT}}, r"zones\['steel'\]: got .*3 parts.*at most 2 parts"),
+    ({"zones": {"steel": [0, 0, 0.05, 0.1], "aluminium": RIGHT}}, r"zones\['steel'\]: got .*3 parts.*at most 0 parts"),
+    ({"parts": FOUR_KINDS}, r"parts: got .*4 kinds: steel, aluminium, disc, ell.*at most 3"),
+    ({"parts": [STEEL] * 37}, r"parts: got .*37 parts \(steel\).*allowed: at most 36 on this surface, 0\.832 x 0\.208 m"),
+    ({"parts": [STEEL] * 37, "start": "crowded"}, r"parts: got .*37 parts .*at most 36"),
+    ({"parts": [Part.disc(0.105, friction=0.5)]}, r"parts: got .*at most 0"),
+    ({"parts": SIX, "start": "piled"}, r"start: got 'piled'; allowed: 'scattered', 'crowded'"),
+    ({"slots": 5}, r"slots: got 5; allowed: a whole number >= 6"),
+    ({"slots": 6.0}, r"slots: "),
+    ({"randomize": {"friction": [0.1, 0.2]}}, r"randomize: got .*friction.*allowed: .*parts"),
+    ({"randomize": {"parts": [1, 6], "mass": [1, 2]}}, r"randomize: "),
+    ({"randomize": "all"}, r"randomize: "),
+    ({"randomize": {"parts": 3}}, r"randomize\['parts'\]: "),
+    ({"randomize": {"parts": "36"}}, r"randomize\['parts'\]: "),
+    ({"randomize": {"parts": [1, 2, 3]}}, r"randomize\['parts'\]: "),
+    ({"randomize": {"parts": [0, 6]}}, r"randomize\['parts'\]\[0\]: got 0"),
+    ({"randomize": {"parts": [1, 7]}}, r"randomize\['parts'\]\[1\]: got 7; allowed: .*<= 6"),
+    ({"randomize": {"parts": [4, 3]}}, r"randomize\['parts'\]\[1\]: got 3; allowed: .*>= 4"),
+    ({"randomize": {"parts": [1.0, 3]}}, r"randomize\['parts'\]\[0\]: "),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("settings, words", BAD, ids=lambda each: str(each)[:60])
+def test_bad_settings(settings, words):
+    settings = {"parts": SIX, **settings}
+    with pytest.raises(ValueError, match=f"^{words}") as error:
+        Sort(SURFACE, settings.pop("parts"), **settings)
+    assert "; allowed: " in str(error.value) and "\n" not in str(error.value)
+
+
+def test_surfaces_too_small():
+    with pytest.raises(ValueError, match=r"^zones: got .*2 kinds on 11 columns.*at least 12 columns"):
+        Sort(Surface(columns=11), SIX)
+    with pytest.raises(ValueError, match=r"^parts: got .*6 parts \(steel, aluminium\).*at most 4 on this surface"):
+        Sort(Surface(rows=6, columns=6), SIX)
+    with pytest.raises(ValueError, match=r"^parts: got .*17 parts .*36\.8 mm apart.*at most 16 on this surface"):
+        Singulate(SURFACE, [STEEL] * 17)
+
+
+def test_parts_that_are_never_there_at_once_need_no_room_at_once():
+    task = Sort(SURFACE, [STEEL] * 40, zones={"steel": [0, 0, WIDTH, HEIGHT]}, randomize={"parts": [1, 30]})
+    assert len(task.parts) == 40
+    narrow = {"steel": [0, 0, 0.13, 0.1], "aluminium": RIGHT}  # room for two
+    assert Sort(SURFACE, SIX, zones=narrow, randomize={"parts": [1, 2]}).most == 2
+
+
+@given(st.integers(1, 12), st.integers(1, 3))
+def test_kinds_are_names_in_order_of_appearance(count, kinds):
+    pool = [STEEL, DISC, ALUMINIUM][:kinds]
+    parts = [pool[(7 * k + 1) % kinds] for k in range(count)]
+    task = Sort(SURFACE, parts, zones={part.name: [0.27 * k, 0, 0.27 * (k + 1), HEIGHT] for k, part in enumerate(pool)
+                                       if part in parts})  # fmt: skip
+    assert [task.names[kind] for kind in task.kind] == [part.name for part in parts]
+    first_seen = [task.kind.tolist().index(kind) for kind in range(len(task.names))]
+    assert first_seen == sorted(first_seen)
