@@ -2,8 +2,8 @@
 
 Friction moves the parts for a short while as if they were alone; then the solver changes their velocities by the impulses of
 the contacts, and their positions as far as they overlap. The solver only sees contacts once outlines overlap, so the while is
-cut short whenever parts would run into one another by more than ``OVERLAP``: fast parts meet at the right time and place and
-never pass through one another, and parts at rest against one another do not need short steps. In a while in which
+cut short whenever parts would run into one another by more than a small overlap: fast parts meet at the right time and
+place and never pass through one another, and parts at rest against one another do not need short steps. In a while in which
 nothing can touch, the solver is not called.
 
 The solver starts each world's period afresh from poses and velocities: it keeps nothing from one period to the next, so a
@@ -20,16 +20,14 @@ import numpy as np
 from vibgym.physics._jit import borrowing, jit
 from vibgym.physics.careful import careful_span, contact_for, cuts_needed
 from vibgym.physics.foreign import call_foreign
-from vibgym.physics.hulls import BOTTOM, LEFT, RIGHT, farthest, hull_gap, place_hulls
+from vibgym.physics.hulls import A_FACE, B_FACE, BOTTOM, LEFT, RIGHT, approach, farthest, hull_contact, place_hulls
 from vibgym.physics.neighbours import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.planar import bundle_moments, cut_lane, kutta_lanes, limits, place_ahead
 from vibgym.physics.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
 from vibgym.physics.records import body_of
 
-OVERLAP, SLOW_OVERLAP = 5e-6, 5e-5
-"""m that their velocities may add to the overlap of two parts in a step of the coupling: where they run into one another, and
-where they come together more slowly than ``JOLT``. What friction's acceleration adds, at most ``2 mu g h^2``, is for the
-length of the step to keep small."""
+FAST, SLOWLY = 0.02, 10.0
+"""m/s; where parts come together more slowly, so many times the overlap of a blow is allowed."""
 
 SHORTEST = 1.0 / 2048.0
 """Length of the shortest step of the coupling, as a share of the longest."""
@@ -128,13 +126,19 @@ def new_workshop(table, bodies, hulls):
         np.zeros(across * across, np.int64), np.zeros(across * across, np.int64),
         np.zeros((parts, slots, slots), np.int64), np.zeros((parts, slots, slots)), np.zeros((parts, slots, slots)),
         np.zeros(parts, np.bool_), np.zeros(parts, np.bool_), np.zeros(hulls.corner.shape),
-        np.zeros((parts, 3)), np.zeros((parts, 3)), np.zeros(parts), np.zeros(parts, np.int64), np.zeros(pair_capacity(parts), np.bool_),
+        np.zeros((parts, 3)), np.zeros((parts, 3)), np.zeros(parts), np.zeros(parts, np.int64),
+        np.zeros(pair_capacity(parts), np.bool_),
     )  # fmt: skip
 
 
 @borrowing
-def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
+def safe_step(table, bodies, hulls, overlap, pairs, n, away, shop, h, shortest):
     """How long friction may go on alone, at most ``h`` s, and whether anything may touch by then: ``shop.close``.
+
+    Args:
+        overlap: m that velocities may add to the overlap of two parts. What friction's acceleration adds in a step, at most
+            ``2 mu g h^2``, is for ``h`` to keep small.
+        h, shortest: s, longest and shortest step.
 
     Returns:
         That time, s; whether any pair may touch; and whether such a pair comes together faster than ``RESTING``.
@@ -152,6 +156,7 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
         ui, wi, si = velocity[gi, li], velocity[gi, LANES + li], velocity[gi, 2 * LANES + li]
         pull = 2.0 * bodies.friction[bodies.kind[i]] * table.gravity
         if j < 0:
+            pull += si * si * hulls.radius[i]
             nx, ny, border = 0.0, 0.0, 0.0
             if j == -1 - LEFT:
                 nx = -1.0
@@ -169,7 +174,7 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
                 if later < 0.5 * pull * h * h:
                     touching = shop.close[pair] = True
                     blow = blow or gap - later > RESTING * h
-                least = min(gap, 0.0) - (OVERLAP if gap - later > JOLT * h else SLOW_OVERLAP)
+                least = min(gap, 0.0) - (overlap if gap - later > FAST * h else SLOWLY * overlap)
                 if later < least:
                     h = max(h * (gap - least) / (gap - later), shortest)
             continue
@@ -177,6 +182,8 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
         xj, yj = pose[gj, lj], pose[gj, LANES + lj]
         uj, wj, sj = velocity[gj, lj], velocity[gj, LANES + lj], velocity[gj, 2 * LANES + lj]
         pull += 2.0 * bodies.friction[bodies.kind[j]] * table.gravity
+        # What straight lines leave out: friction's acceleration, and the circles on which points of spinning parts go.
+        pull += si * si * hulls.radius[i] + sj * sj * hulls.radius[j]
         bow = 0.5 * pull * h * h
         dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
         clear = hulls.radius[i] + hulls.radius[j] + math.sqrt(du * du + dw * dw) * h + bow
@@ -184,13 +191,23 @@ def safe_step(table, bodies, hulls, pairs, n, away, shop, h, shortest):
             continue
         for a in range(hulls.owner[i], hulls.owner[i + 1]):
             for b in range(hulls.owner[j], hulls.owner[j + 1]):
-                gap, nx, ny = hull_gap(hulls, placed, a, b)
-                later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
-                later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
+                gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
+                # An edge takes its normal along when its part turns: seen from there, only the other hull moves.
+                if owner == A_FACE:
+                    vx, vy = du - sj * (yi - yj), dw + sj * (xi - xj)
+                    now = approach(hulls, placed, b, nx, ny, xi, yi, vx, vy, sj - si, 0.0)
+                    later = approach(hulls, placed, b, nx, ny, xi, yi, vx, vy, sj - si, h) - now + gap
+                elif owner == B_FACE:
+                    vx, vy = -du - si * (yj - yi), -dw + si * (xj - xi)
+                    now = approach(hulls, placed, a, -nx, -ny, xj, yj, vx, vy, si - sj, 0.0)
+                    later = approach(hulls, placed, a, -nx, -ny, xj, yj, vx, vy, si - sj, h) - now + gap
+                else:
+                    later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
+                    later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
                 if later < bow:
                     touching = shop.close[pair] = True
                     blow = blow or gap - later > RESTING * h
-                least = min(gap, 0.0) - (OVERLAP if gap - later > JOLT * h else SLOW_OVERLAP)
+                least = min(gap, 0.0) - (overlap if gap - later > FAST * h else SLOWLY * overlap)
                 if later < least:
                     # The gap along a fixed direction is concave in time: its chord is met too early, never too late.
                     h = max(h * (gap - least) / (gap - later), shortest)
@@ -409,11 +426,12 @@ def pairs_now(table, bodies, hulls, walls, away, shop, pairs):
 
 
 @jit
-def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, walls, state, pairs, n, shop):
+def collide_period(world, drive, table, bodies, hulls, scheme, overlap, solver, contact, walls, state, pairs, n, shop):
     """Advance one world by a period with contacts, changing ``state`` in place.
 
     Args:
         scheme: ``steps`` cuts a period, and at least ``substeps`` steps of the coupling in each.
+        overlap: m, see :func:`safe_step`.
         contact: working arrays of the largest part.
         walls: set of walls, a bit each.
         pairs: (capacity, 2) of which ``n`` may come to touch, see :func:`vibgym.physics.neighbours.near_pairs`; overwritten.
@@ -452,7 +470,7 @@ def collide_period(world, drive, table, bodies, hulls, scheme, solver, contact, 
             h = left if left < (1.0 + 1e-9) * longest else longest
             if not placed:
                 place_parts(hulls, away, shop)
-            h, touching, blow = safe_step(table, bodies, hulls, pairs, n, away, shop, h, SHORTEST * longest)
+            h, touching, blow = safe_step(table, bodies, hulls, overlap, pairs, n, away, shop, h, SHORTEST * longest)
             elapsed = step if h == left else elapsed + h
             rub(
                 table, bodies, drive, world, scheme, contact, state, away, shop, omega * (turn * step + step - left), h

@@ -18,6 +18,9 @@ from vibgym.physics._jit import borrowing, jit
 LEFT, RIGHT, BOTTOM, TOP = 0, 1, 2, 3
 """Walls along the borders: bits of a set of walls, and sides of :func:`wall_gap`."""
 
+CORNERS, A_FACE, B_FACE = 0, 1, 2
+"""What two hulls face each other with, see :func:`hull_contact`."""
+
 
 class Hulls(NamedTuple):
     """The convex hulls of all parts of a world, in their own frames."""
@@ -43,10 +46,13 @@ def place_hulls(hulls, part, x, y, heading, placed):
 
 
 @borrowing
-def hull_gap(hulls, placed, a, b):
-    """Gap between two placed hulls (negative: overlap), m, and the unit vector from ``a`` to ``b`` along which it is."""
+def hull_contact(hulls, placed, a, b):
+    """Gap between two placed hulls (negative: overlap), m, the unit vector from ``a`` to ``b`` along it, and its owner.
+
+    The owner is ``A_FACE`` or ``B_FACE`` if an edge of ``a`` or ``b`` is normal to the vector, and ``CORNERS`` otherwise.
+    """
     a0, a1, b0, b1 = hulls.first[a], hulls.first[a + 1], hulls.first[b], hulls.first[b + 1]
-    best, nx, ny = -math.inf, 1.0, 0.0
+    best, nx, ny, owner = -math.inf, 1.0, 0.0, CORNERS
     if a1 - a0 > 1:
         for i in range(a0, a1):
             ex, ey = placed[i, 2], placed[i, 3]
@@ -54,7 +60,7 @@ def hull_gap(hulls, placed, a, b):
             for j in range(b0, b1):
                 reach = min(reach, ex * (placed[j, 0] - placed[i, 0]) + ey * (placed[j, 1] - placed[i, 1]))
             if reach > best:
-                best, nx, ny = reach, ex, ey
+                best, nx, ny, owner = reach, ex, ey, A_FACE
     if b1 - b0 > 1:
         for j in range(b0, b1):
             ex, ey = placed[j, 2], placed[j, 3]
@@ -62,7 +68,7 @@ def hull_gap(hulls, placed, a, b):
             for i in range(a0, a1):
                 reach = min(reach, ex * (placed[i, 0] - placed[j, 0]) + ey * (placed[i, 1] - placed[j, 1]))
             if reach > best:
-                best, nx, ny = reach, -ex, -ey
+                best, nx, ny, owner = reach, -ex, -ey, B_FACE
     if best > 0.0 or a1 - a0 == 1 or b1 - b0 == 1:  # corner to corner, where no edge faces the other hull
         nearest, cx, cy = math.inf, 1.0, 0.0
         for i in range(a0, a1):
@@ -76,10 +82,17 @@ def hull_gap(hulls, placed, a, b):
             cx, cy = cx / length, cy / length
             along = gap_along(hulls, placed, a, b, cx, cy)
             if along > best:
-                best, nx, ny = along, cx, cy
+                best, nx, ny, owner = along, cx, cy, CORNERS
         elif a1 - a0 == 1 and b1 - b0 == 1:
             best = 0.0
-    return best - hulls.rounding[a] - hulls.rounding[b], nx, ny
+    return best - hulls.rounding[a] - hulls.rounding[b], nx, ny, owner
+
+
+@borrowing
+def hull_gap(hulls, placed, a, b):
+    """Gap between two placed hulls (negative: overlap), m, and the unit vector from ``a`` to ``b`` along which it is."""
+    gap, nx, ny, _ = hull_contact(hulls, placed, a, b)
+    return gap, nx, ny
 
 
 @borrowing
@@ -117,6 +130,24 @@ def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
         rx, ry = placed[k, 0] - x, placed[k, 1] - y
         most = max(most, nx * placed[k, 0] + ny * placed[k, 1] + h * spin * (ny * rx - nx * ry))
     return most + drift + hulls.rounding[a]
+
+
+@borrowing
+def approach(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
+    """How far hull ``a`` reaches against ``(nx, ny)`` after moving for ``h``, seen from a body that it moves against.
+
+    Args:
+        x, y: m, the point about which ``spin`` turns.  vx, vy, spin: velocity of ``a``'s points relative to that body.
+
+    Returns:
+        The least ``n . (p + h (v + spin x (p - (x, y))))`` of its corners, m, less the rounding.
+    """
+    least = math.inf
+    for k in range(hulls.first[a], hulls.first[a + 1]):
+        px, py = placed[k, 0], placed[k, 1]
+        along = nx * (vx - spin * (py - y)) + ny * (vy + spin * (px - x))
+        least = min(least, nx * px + ny * py + h * along)
+    return least - hulls.rounding[a]
 
 
 @borrowing

@@ -27,7 +27,10 @@ FEWEST_STEPS = 4
 """With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
 
 
-CONTACT_STEPS = 20
+CONTACT_OVERLAP = 5e-6
+"""m that a blow may make two parts overlap unless asked for otherwise."""
+
+CONTACT_STEPS = 10
 """Fewest steps of the coupling between friction and contacts in a period unless asked for otherwise."""
 
 
@@ -84,11 +87,16 @@ def crowd_method(
     substeps: int | str = "auto",
     pieces: int | str = "auto",
     contact_steps: int | str = "auto",
+    contact_overlap: float | str = "auto",
 ) -> CrowdMethod:
     """The planar model for several parts: each kind by itself as :func:`planar_method` says, and steps for contacts.
 
-    ``contact_steps``: fewest steps of the coupling in a period with contacts.
+    ``contact_steps``: fewest steps of the coupling in a period with contacts. ``contact_overlap``: m, how far parts may run into
+    one another before the solver sees the blow; steps are cut short for it.
     """
+    overlap = CONTACT_OVERLAP
+    if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
+        overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
     alone = [planar_method(surface, part, steps=steps, substeps=substeps, pieces=pieces).scheme for part in kinds]
     finest = max(alone, key=lambda scheme: scheme.steps)
     coupled = _chosen("contact_steps", contact_steps) or CONTACT_STEPS
@@ -97,6 +105,7 @@ def crowd_method(
         crowd=CrowdScheme(
             steps=np.array([scheme.steps for scheme in alone]),
             with_contacts=finest._replace(substeps=math.ceil(coupled / finest.steps)),
+            overlap=overlap,
             walls=sum(1 << WALLS.index(name) for name in walls),
         ),
     )
