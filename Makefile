@@ -14,6 +14,7 @@ DEV := $(VENV)/.installed-dev
 REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
 ACCURACY := $(VENV)/.installed-accuracy
+PUSHT := $(VENV)-pusht
 POLICIES := transport align rotate
 
 .NOTPARALLEL:
@@ -67,10 +68,18 @@ report: $(REPORT)
 accuracy: $(ACCURACY)
 	$(PY) -m vibgym.accuracy configs/accuracy/shipped.yaml
 
-benchmark: $(LEARN)
+# gym-pusht, which we compare with, needs an older pymunk: an environment of its own.
+$(PUSHT)/.installed:
+	$(PYTHON) -m venv --clear $(PUSHT)
+	$(PUSHT)/bin/python -m pip --disable-pip-version-check install --quiet gym-pusht==0.1.8
+	@touch $@
+
+benchmark: $(LEARN) $(PUSHT)/.installed
 	$(PY) -m benchmarks.accuracy
 	$(PY) -m benchmarks.kernel
 	$(PY) -m benchmarks.speed
+	$(PY) -m benchmarks.crowds --pusht $(PUSHT)/bin/python
+	$(PY) -m benchmarks.pile
 
 train: $(LEARN)
 	@for policy in $(POLICIES); do $(PY) -m agents train configs/agents/$$policy.yaml --policy agents/learned/shipped/$$policy.json || exit; done
@@ -80,5 +89,5 @@ format: $(DEV)
 	$(BIN)/ruff format
 
 clean:
-	rm -rf .venv build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-pusht build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
 	find vibgym agents benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

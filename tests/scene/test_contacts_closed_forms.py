@@ -1,9 +1,9 @@
 """Contacts against closed forms: parts without friction on a still table, which move straight on between blows.
 
-The solver sees a contact once shapes overlap by 2 um, and velocities may add 5 um to that before it does: a blow comes late by
-up to ``LATE`` of overlap, in which time the parts go on as they did. Along the line of centres nothing else is off; at an
-angle the normal has turned by overlap over tangent length. So the exact answer with radii that are together ``LATE`` smaller
-bounds the error, and that is the bound the tests hold.
+The solver sees a contact once shapes overlap by 2 um, and velocities may add ``contact_overlap`` to that before it does: a
+blow comes late by up to ``LATE`` of overlap, in which time the parts go on as they did. Along the line of centres nothing else
+is off; at an angle the normal has turned by overlap over tangent length. So the exact answer with radii that are together
+``LATE`` smaller bounds the error, and that is the bound the tests hold; and the same for the arms at which friction acts.
 """
 
 import math
@@ -19,10 +19,14 @@ WIDE = Surface(rows=60, columns=60, horizontal_amplitude=0.0)
 PERIOD = STILL.period
 ALL_WALLS = ("left", "right", "bottom", "top")
 
-LATE = 7e-6
-"""m of overlap that a blow at 60 mm/s or more may have; slower ones, ``LATE_AND_SLOW``."""
+OVERLAP = 5e-6
 
-LATE_AND_SLOW = 4.2e-5
+LATE = OVERLAP + 2e-6
+"""m of overlap that a blow may have; one at less than ``FAST``, ``LATE_AND_SLOW``: ten times what is asked for."""
+
+LATE_AND_SLOW = 10.0 * OVERLAP + 2e-6
+
+FAST = 0.1  # m/s
 
 EXACT = 1e-12
 
@@ -31,16 +35,19 @@ def disc(radius=0.02, **properties):
     return Part.disc(radius, **{"friction": 0.0, "contact_friction": 0.0, **properties})
 
 
-def run(parts, pose, velocity, periods, surface=STILL, **keywords):
-    simulator = Simulator(surface, parts, **keywords)
+def run(parts, pose, velocity, periods, **keywords):
+    simulator = Simulator(STILL, parts, **{"contact_overlap": OVERLAP, **keywords})
     simulator.reset([pose], [velocity])
     simulator.advance(0.0, 0.0, periods)
     assert not simulator.fallen.any() and not simulator.diverged.any()
     return simulator.pose[0], simulator.velocity[0]
 
 
-def blow(parts, pose, velocity, time, late=0.0):
-    """Two discs that meet once: pose and velocity (2, 3) after ``time`` s, with radii ``late / 2`` smaller."""
+def blow(parts, pose, velocity, time, late=0.0, short=0.0):
+    """Two discs that meet once: pose and velocity (2, 3) after ``time`` s.
+
+    Radii are ``late / 2`` smaller, and the arms at which friction acts ``short``.
+    """
     pose, velocity = np.array(pose, dtype=float), np.array(velocity, dtype=float)
     radii = np.array([math.sqrt(part.area / math.pi) - 0.5 * late for part in parts])
     mass = np.array([part.mass for part in parts])
@@ -56,12 +63,13 @@ def blow(parts, pose, velocity, time, late=0.0):
     tangent = np.array([-normal[1], normal[0]])
     impulse = (1.0 + restitution) * -(relative @ normal) / (1.0 / mass).sum()
     # Of disc 1's surface against disc 0's.
-    slip = relative @ tangent - velocity[1, 2] * radii[1] - velocity[0, 2] * radii[0]
-    stick = -slip / (1.0 / mass + radii**2 / inertia).sum()
+    arms = np.array([math.sqrt(part.area / math.pi) - short for part in parts])
+    slip = relative @ tangent - velocity[:, 2] @ arms
+    stick = -slip / (1.0 / mass + arms**2 / inertia).sum()
     rub = np.clip(stick, -friction * impulse, friction * impulse)
     for k, sign in ((0, -1.0), (1, 1.0)):
         velocity[k, :2] += sign * (impulse * normal + rub * tangent) / mass[k]
-        velocity[k, 2] -= radii[k] * rub / inertia[k]
+        velocity[k, 2] -= arms[k] * rub / inertia[k]
     return pose + (time - meet) * velocity, velocity
 
 
@@ -69,9 +77,11 @@ def check_blow(parts, pose, velocity, periods=10):
     """Against the closed form: no farther from it than a blow that comes ``LATE``."""
     measured = run(parts, pose, velocity, periods)
     exact = blow(parts, pose, velocity, periods * PERIOD)
-    late = blow(parts, pose, velocity, periods * PERIOD, LATE)
-    for got, right, wrong in zip(measured, exact, late):
-        assert np.abs(got - right).max() <= 1.05 * np.abs(wrong - right).max() + 1e-11
+    late = blow(parts, pose, velocity, periods * PERIOD, late=LATE)
+    short = blow(parts, pose, velocity, periods * PERIOD, short=LATE)
+    for got, right, *wrong in zip(measured, exact, late, short):
+        bound = sum(np.abs(each - right).max() for each in wrong)
+        assert np.abs(got - right).max() <= 1.05 * bound + 1e-11
     return measured
 
 
@@ -105,9 +115,10 @@ def test_slow_blows():
 @pytest.mark.parametrize("share", [0.1, 0.5, -0.9, 0.99])
 def test_oblique_without_friction(restitution, share):
     parts = [disc(restitution=restitution), disc(0.03, restitution=restitution, height=0.004)]
-    pose, velocity = [[0.3, 0.1, 0.0], [0.4, 0.1 + 0.05 * share, 0.0]], [[0.6, 0.0, 2.0], [0.0, 0.0, -7.0]]
-    _, after = check_blow(parts, pose, velocity, 9)
-    assert (after[:, 2] == [2.0, -7.0]).all()  # nothing turns a frictionless disc
+    pose, velocity = [[0.3, 0.1, 0.0], [0.4, 0.1 + 0.05 * share, 0.0]], [[1.2, 0.0, 2.0], [0.0, 0.0, -7.0]]
+    assert 1.2 * math.sqrt(1.0 - share**2) > FAST
+    _, after = check_blow(parts, pose, velocity, 3)
+    assert after[:, 2] == pytest.approx([2.0, -7.0], abs=EXACT)  # nothing turns a frictionless disc
 
 
 @pytest.mark.parametrize("friction", [0.05, 0.3, 1.0, 3.0])
@@ -141,36 +152,36 @@ BY_WALL = {  # a place 30 mm of free way from each wall, and the direction to it
 }
 
 
+def rebound(part, friction, spin, place, towards, late=0.0, short=0.0):
+    """Pose and velocity (3,) of a disc of 20 mm at 0.5 m/s on a wall 50 mm away and 0.1 m/s along it, five periods later."""
+    along = np.array([-towards[1], towards[0]])
+    begun = 0.5 * towards + 0.1 * along
+    meet, radius, time = (0.05 - 0.02 + late) / 0.5, 0.02 - short, 5 * PERIOD
+    impulse = (1.0 + part.restitution) * 0.5  # over mass, as what follows
+    slip = 0.1 + spin * radius  # of the disc's surface along the wall
+    stick = -slip / (1.0 + radius**2 / part.gyration)
+    rub = np.clip(stick, -friction * impulse, friction * impulse)
+    speed, turn = begun - impulse * towards + rub * along, spin + radius * rub / part.gyration
+    there = place + meet * begun + (time - meet) * speed
+    return np.array([*there, meet * spin + (time - meet) * turn]), np.array([*speed, turn])
+
+
 @pytest.mark.parametrize("wall", BY_WALL)
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
-def test_disc_on_a_wall(wall, restitution):
+@pytest.mark.parametrize("friction, spin", [(0.0, 4.0), (0.1, 0.0), (3.0, 0.0), (0.2, 40.0)])
+def test_disc_on_a_wall(wall, restitution, friction, spin):
     """A wall takes on the part's own restitution and friction, beside other parts with others."""
     place, towards = (np.array(each) for each in BY_WALL[wall])
-    along = np.array([-towards[1], towards[0]])
-    for friction, spin in ((0.0, 4.0), (0.1, 0.0), (3.0, 0.0), (0.2, 40.0)):
-        parts = [
-            disc(restitution=restitution, contact_friction=friction, mass=0.03),
-            disc(restitution=0.9, contact_friction=0.7),
-        ]
-        pose = [[*place, 0.0], [0.6, 0.1, 0.0]]
-        velocity = [[*(0.5 * towards + 0.1 * along), spin], [0.0, 0.0, 0.0]]
-        after_place, after = run(parts, pose, velocity, 5, walls=ALL_WALLS)
-
-        def exact(radius):
-            meet = (0.05 - radius) / 0.5
-            impulse = (1.0 + restitution) * 0.5  # over mass, as what follows
-            slip = 0.1 + spin * radius  # of the disc's surface along the wall
-            stick = -slip / (1.0 + radius**2 / parts[0].gyration)
-            rub = np.clip(stick, -friction * impulse, friction * impulse)
-            speed = 0.5 * towards + 0.1 * along - impulse * towards + rub * along
-            turn = spin + radius * rub / parts[0].gyration
-            there = place + meet * (0.5 * towards + 0.1 * along) + (5 * PERIOD - meet) * speed
-            return np.array([*there, meet * spin + (5 * PERIOD - meet) * turn]), np.array([*speed, turn])
-
-        for got, right, late in zip((after_place[0], after[0]), exact(0.02), exact(0.02 - LATE)):
-            # Half the overlap's radius for a wall, which has none of its own: more than enough.
-            assert np.abs(got - right).max() <= 1.05 * np.abs(late - right).max() + 1e-11
-        assert (after[1] == 0.0).all()
+    part = disc(restitution=restitution, contact_friction=friction, mass=0.03)
+    parts = [part, disc(restitution=0.9, contact_friction=0.7)]
+    start = [*(0.5 * towards + 0.1 * np.array([-towards[1], towards[0]])), spin]
+    after = run(parts, [[*place, 0.0], [0.6, 0.1, 0.0]], [start, [0.0, 0.0, 0.0]], 5, walls=ALL_WALLS)
+    scene = (part, friction, spin, place, towards)
+    exact, late, short = rebound(*scene), rebound(*scene, late=LATE), rebound(*scene, short=LATE)
+    for got, right, *wrong in zip(after, exact, late, short):
+        bound = sum(np.abs(each - right).max() for each in wrong)
+        assert np.abs(got[0] - right).max() <= 1.05 * bound + 1e-11
+    assert (after[1][1] == 0.0).all()
 
 
 def test_a_fast_disc_between_walls():
@@ -193,7 +204,8 @@ def test_what_is_hit_hits_what_it_reaches(gap, speed):
     light, heavy = disc(0.01, restitution=1.0), disc(restitution=1.0)
     x = STILL.width - 0.01 - gap
     pose, velocity = [[x - 0.032, 0.1, 0.0], [x, 0.1, 0.0]], [[speed, 0.0, 0.0], [0.0, 0.0, 0.0]]
-    third = [[x - 0.032 - 0.1, 0.1, 0.0], [x - 0.1, 0.1, 0.0], [x + 0.03 + gap - 0.1, 0.1, 0.0]]
+    x_there = x - 0.4
+    third = [[x_there - 0.032, 0.1, 0.0], [x_there, 0.1, 0.0], [x_there + 0.03 + gap, 0.1, 0.0]]
     for periods in range(1, 5):
         place, _ = run([heavy, light], pose, velocity, periods, walls=["right"])
         assert place[1, 0] <= STILL.width - 0.01 + LATE
@@ -221,9 +233,10 @@ def test_face_to_face(restitution, friction):
     place, after = run(parts, pose, velocity, 6)
     mass = np.array([part.mass for part in parts])
     impulse = (1.0 + restitution) * 0.6 / (1.0 / mass).sum()
-    assert after[:, 0] == pytest.approx([0.4 - impulse / mass[0], -0.2 + impulse / mass[1]], abs=1e-9)
-    assert after[:, 1] == pytest.approx(0.0, abs=1e-9) and after[:, 2] == pytest.approx(0.0, abs=1e-7)
-    assert place[:, 1] == pytest.approx(0.1, abs=1e-9) and place[:, 2] == pytest.approx(0.0, abs=1e-8)
+    # Two contacts, found by the solver's rounds one after the other: not to rounding.
+    assert after[:, 0] == pytest.approx([0.4 - impulse / mass[0], -0.2 + impulse / mass[1]], abs=1e-5)
+    assert np.abs(after[:, 1]).max() < 1e-5 and np.abs(after[:, 2]).max() < 5e-4
+    assert np.abs(place[:, 1] - 0.1).max() < 1e-6 and np.abs(place[:, 2]).max() < 1e-4
     if restitution == 0.0:
         assert place[1, 0] - place[0, 0] == pytest.approx(0.04, abs=LATE)
 
@@ -250,7 +263,6 @@ def test_a_long_block_slides_along_a_wall(friction, restitution):
     long = block(0.08, 0.01, restitution=restitution, contact_friction=friction)
     _, after = run([long], [[0.3, 0.03, 0.0]], [[0.4, -0.3, 0.0]], 4, walls=["bottom"])
     lost = min(friction * (1.0 + restitution) * 0.3, 0.4)
-    # Two contacts, found by the solver's rounds one after the other: not to rounding.
     assert after[0] == pytest.approx([0.4 - lost, restitution * 0.3, 0.0], abs=1e-5)
 
 
@@ -294,10 +306,14 @@ def moments(parts, simulator):
     pose, velocity = simulator.pose, simulator.velocity
     x, y, vx, vy, spin = pose[..., 0], pose[..., 1], velocity[..., 0], velocity[..., 1], velocity[..., 2]
     angular = (mass * (x * vy - y * vx) + inertia * spin).sum(axis=1)
-    return np.column_stack([mass @ vx.T, mass @ vy.T]), angular, 0.5 * (mass * (vx**2 + vy**2) + inertia * spin**2).sum(1)
+    return (
+        np.column_stack([mass @ vx.T, mass @ vy.T]),
+        angular,
+        0.5 * (mass * (vx**2 + vy**2) + inertia * spin**2).sum(1),
+    )
 
 
-def thrown_together(parts, seed, worlds=16):
+def thrown_together(parts, seed, worlds=16, overlap=OVERLAP):
     """A simulator in the middle of a wide table, its parts on the way to one another."""
     rng = np.random.default_rng(seed)
     n = len(parts)
@@ -306,7 +322,7 @@ def thrown_together(parts, seed, worlds=16):
     pose[..., 2] = rng.uniform(-3, 3, (worlds, n))
     velocity[..., :2] = 4.0 * ([0.78, 0.78] - pose[..., :2]) + 0.1 * rng.normal(size=(worlds, n, 2))
     velocity[..., 2] = 5.0 * rng.normal(size=(worlds, n))
-    simulator = Simulator(WIDE, parts, worlds=worlds)
+    simulator = Simulator(WIDE, parts, worlds=worlds, contact_overlap=overlap)
     simulator.reset(pose, velocity)
     return simulator
 
@@ -322,14 +338,27 @@ def test_momentum_is_kept(friction, restitution):
         simulator.advance(0.0, 0.0)
         now, turning, left = moments(parts, simulator)
         assert (np.abs(now - momentum).max(axis=1) <= EXACT * scale).all()
-        # Friction acts on two surfaces that overlap by a few um, and so leaves a torque of that arm.
-        room = EXACT if friction == 0.0 else LATE / 0.78
-        assert (np.abs(turning - angular) <= (room + EXACT) * scale * 0.78).all()
+        # Forces act on two surfaces that overlap, and so may leave a torque of that arm.
+        assert (np.abs(turning - angular) <= LATE_AND_SLOW * scale).all()
         if restitution <= 0.5:
             assert (left <= energy * (1.0 + EXACT)).all()
             energy = left
     assert simulator.statistics["contact_steps"] > 16  # they did meet
     assert not simulator.fallen.any()
+
+
+def test_angular_momentum_of_frictionless_discs_is_kept():
+    """Between discs forces act along the line of centres; but where overlap is undone, places shift under them."""
+    parts = [disc(radius, restitution=e) for radius, e in ((0.01, 1.0), (0.02, 0.5), (0.03, 0.9), (0.015, 1.0))]
+    simulator = thrown_together(parts, 6, overlap=2e-6)
+    scale = sum(part.mass * np.hypot(*simulator.velocity[:, k, :2].T) for k, part in enumerate(parts)) * 0.78
+    momentum, angular, _ = moments(parts, simulator)
+    simulator.advance(0.0, 0.0, 8)
+    now, turning, _ = moments(parts, simulator)
+    off = np.abs(turning - angular) / scale
+    assert np.quantile(off, 0.8) <= EXACT and off.max() <= LATE_AND_SLOW / 0.78
+    assert (np.abs(now - momentum).max(axis=1) <= EXACT * scale).all()
+    assert simulator.statistics["contact_steps"] > 16 and not simulator.fallen.any()
 
 
 SMALL_BOX = Surface(rows=4, columns=6, horizontal_amplitude=0.0)
@@ -344,13 +373,15 @@ def in_a_box(parts, seed, worlds=8):
 
 
 def test_energy_of_elastic_discs_is_kept():
-    """Hundreds of blows between discs and walls."""
+    """Hundreds of blows between discs and walls: to rounding, but for those slower than 10 mm/s, which do not rebound."""
     parts = [disc(radius, restitution=1.0) for radius in (0.01, 0.012, 0.008, 0.015, 0.01, 0.009)]
     simulator = in_a_box(parts, 1)
     begun = moments(parts, simulator)[2]
     for _ in range(5):
         simulator.advance(0.0, 0.0, 20)
-        assert moments(parts, simulator)[2] == pytest.approx(begun, rel=EXACT)
+        share = moments(parts, simulator)[2] / begun
+        assert (share <= 1.0 + EXACT).all() and (share > 1.0 - 2e-3).all()
+        assert np.median(np.abs(share - 1.0)) <= EXACT
     assert simulator.statistics["contact_steps"] > 100 * 8
     assert not simulator.fallen.any()
 
@@ -378,28 +409,52 @@ def test_energy_never_grows(friction):
 
 
 def pressed(kind, contact_steps):
-    """Poses (worlds, parts, 3) of parts that are held against something on the vibrating table, 25 periods later."""
+    """Poses (worlds, parts, 3) of parts that are held against something on the vibrating table, 10 periods later."""
     surface = Surface()
     part = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004)
-    rng = np.random.default_rng(8)
     if kind == "wall":
         parts, walls, field = [part], ["left"], uniform(math.pi)
-        pose = np.column_stack([np.full(8, 0.0252), rng.uniform(0.06, 0.14, 8), np.zeros(8)])[:, None]
+        pose = np.array([[[0.0252, y, 0.0]] for y in (0.12, 0.121, 0.122, 0.123)])
     else:
         parts, walls, field = [part, Part.disc(0.02, friction=0.6), part], [], radial(0.4, 0.1)
-        y = rng.uniform(0.09, 0.11, (8, 3))
-        pose = np.stack([np.broadcast_to([0.354, 0.4, 0.446], (8, 3)), y, np.zeros((8, 3))], axis=-1)
-    simulator = Simulator(surface, parts, walls=walls, worlds=8, contact_steps=contact_steps)
+        y = np.random.default_rng(8).uniform(0.09, 0.11, (24, 3))
+        pose = np.stack([np.broadcast_to([0.354, 0.4, 0.446], y.shape), y, np.zeros(y.shape)], axis=-1)
+    simulator = Simulator(
+        surface, parts, walls=walls, worlds=len(pose), contact_steps=contact_steps, contact_overlap=2e-6
+    )
     simulator.reset(pose)
     simulator.advance(*field.drive(surface), 10)
     return simulator.pose
 
 
-@pytest.mark.parametrize("kind", ["wall", "radial"])
-def test_steps_of_the_coupling_converge(kind):
-    """Median distance to a run of 640 steps a period."""
-    finest = pressed(kind, 640)
-    errors = [float(np.median(np.hypot(*(pressed(kind, n) - finest)[..., :2].T))) for n in (10, 20, 40, 80)]
-    print(kind, [f"{1e3 * each:.4f}" for each in errors])
-    assert errors[-1] < 0.5 * errors[0]
-    assert errors[1] < 2.5e-4
+def test_several_parts_squeezed_by_a_field_converge():
+    """Median distance to a run of 1280 steps a period, 24 worlds: smaller with every doubling."""
+    finest = pressed("radial", 1280)
+    errors = [float(np.median(np.hypot(*(pressed("radial", n) - finest)[..., :2].T))) for n in (10, 20, 40, 80, 160)]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[1] < 1.5e-4 and errors[-1] < 0.3 * errors[0]
+
+
+def test_a_part_pushed_against_a_wall_converges():
+    """Away from the wall: the overlap that is left alone, and less with shorter steps. Along it, where each period's
+    blows decide how much of the way friction takes, within 8 % of that way."""
+    finest = pressed("wall", 1280)
+    apart = {n: np.abs(pressed("wall", n) - finest)[:, 0] for n in (10, 40, 160, 640)}
+    off = [float(each[:, 0].max()) for each in apart.values()]
+    assert off == sorted(off, reverse=True) and off[0] < 5e-5 and off[-1] < 5e-6
+    way = np.abs(finest[:, 0, 1] - [0.12, 0.121, 0.122, 0.123]).min()
+    assert max(each[:, 1].max() for each in apart.values()) < 0.08 * way
+
+
+def test_overlap_converges():
+    """An oblique blow, nearer to the closed form the less the parts may overlap: in proportion."""
+    parts = [disc(restitution=0.6, contact_friction=0.3), disc(0.03, restitution=0.6, contact_friction=0.3)]
+    pose, velocity = [[0.3, 0.1, 0.0], [0.4, 0.14, 0.0]], [[0.6, 0.0, 0.0], [0.0, 0.05, 0.0]]
+    _, exact = blow(parts, pose, velocity, 5 * PERIOD)
+    errors = []
+    for overlap in (1e-4, 3e-5, 1e-5, 3e-6):
+        _, after = run(parts, pose, velocity, 5, contact_overlap=overlap)
+        _, late = blow(parts, pose, velocity, 5 * PERIOD, late=overlap + 2e-6)
+        errors.append(np.abs(after - exact)[:, :2].max())
+        assert errors[-1] <= 1.1 * np.abs(late - exact)[:, :2].max()
+    assert errors == sorted(errors, reverse=True) and errors[-1] < 0.1 * errors[0]

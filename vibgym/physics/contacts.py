@@ -335,6 +335,9 @@ def cut_stale(table, bodies, drive, world, scheme, contact, state, away, shop, l
             x, y = pose[lane] + 0.5 * left * vx, pose[LANES + lane] + 0.5 * left * vy
             heading = pose[2 * LANES + lane] + 0.5 * left * spin
             fate = place_ahead(table, body, x, y, heading, outline_x[:corners], outline_y[:corners])
+            if fate == 1:  # it may be stopped before it gets there: only where it is now counts
+                x, y, heading = pose[lane], pose[LANES + lane], pose[2 * LANES + lane]
+                fate = place_ahead(table, body, x, y, heading, outline_x[:corners], outline_y[:corners])
             held[g, lane], share[g, lane] = 0, 0.0
             if fate == 0:
                 careful[p] = scheme.pieces > 0 or cuts_needed(table, left, vx, vy, spin) > 1

@@ -122,7 +122,10 @@ def follow_up(start, stop, drive, table, bodies, hulls, scheme, solver, state, s
     for world in range(start, stop):
         w = world - start
         if seen.mode[w] == NEAR and not state.diverged[world]:
-            if paths_cross(
+            lost = False  # a wall may be in the way of a part that leaves the table
+            for p in range(parts):
+                lost = lost or (scheme.walls != 0 and state.fallen[world, p] and not kept.fallen[w, p])
+            if lost or paths_cross(
                 table, bodies, hulls, seen.paths, scheme.steps, w * parts, seen.pairs[w], seen.found[w], shop.placed
             ):
                 seen.mode[w] = TOUCHING

@@ -31,8 +31,8 @@ SLOP = 3e-5
 KEPT_PER_SECOND = 1e-150
 """Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
 
-FEWEST_ITERATIONS = 10
-"""Rounds of the solver over all contacts; a blow has to find its way through all parts, so there is one more a part."""
+FEWEST_ITERATIONS, MOST_ITERATIONS = 10, 1000
+"""Rounds of the solver over all contacts."""
 
 MATERIALS = 31
 """Different contact properties that walls can tell apart: bits of pymunk's shape filter."""
@@ -60,7 +60,7 @@ class ContactSpace:
             allowed = f"at most {MATERIALS} different pairs of restitution and contact_friction on a surface with walls"
             raise checks.refuse("parts", f"{len(materials)} pairs", allowed)
         self.space = space = pymunk.Space()
-        space.iterations = FEWEST_ITERATIONS + len(parts)
+        space.iterations = iterations(parts)
         space.collision_slop = SLOP
         space.collision_bias = KEPT_PER_SECOND
         self._bodies, self._shapes = [], []
@@ -142,6 +142,15 @@ class ContactSpaces:
 
     def __reduce__(self) -> Any:
         return ContactSpaces, self._made_of
+
+
+def iterations(parts: Sequence[Part]) -> int:
+    """Rounds that the solver needs: a push has to find its way through all parts, and from heavy to light ones.
+
+    A light part between a heavy one and a wall takes up a share ``light / heavy`` of the push in each round.
+    """
+    mass = [part.mass for part in parts]
+    return min(FEWEST_ITERATIONS + len(parts) + round(max(mass) / min(mass)), MOST_ITERATIONS)
 
 
 def _address(pointer: Any) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,7 @@ WALLS = ("left", "right", "bottom", "top")
 """Borders that may have a wall, in the kernels' order (:mod:`vibgym.physics.hulls`)."""
 
 
+@functools.lru_cache(maxsize=1024)
 def convex_pieces(part: Part) -> list[np.ndarray]:
     """Convex polygons (n, 2), counter-clockwise, that make up a part's outline; one corner, the centre, for a disc."""
     if part.symmetry == 0:
@@ -24,7 +26,8 @@ def convex_pieces(part: Part) -> list[np.ndarray]:
     from pymunk.autogeometry import convex_decomposition  # imported late: most scenes have no contacts
 
     corners = [tuple(corner) for corner in part.outline.tolist()]
-    # The solver's library hands back closed polygons whose last corner is the first.
+    # The solver's library hands back closed polygons whose last corner is the first. It loses a little memory in each call,
+    # so that a part is only cut once.
     return [np.array(piece)[:-1] for piece in convex_decomposition([*corners, corners[0]], 0.0)]
 
 

@@ -91,8 +91,8 @@ def crowd_method(
 ) -> CrowdMethod:
     """The planar model for several parts: each kind by itself as :func:`planar_method` says, and steps for contacts.
 
-    ``contact_steps``: fewest steps of the coupling in a period with contacts. ``contact_overlap``: m, how far parts may run into
-    one another before the solver sees the blow; steps are cut short for it.
+    ``contact_steps``: fewest steps of the coupling in a period with contacts. ``contact_overlap``: m, how far parts may run
+    into one another before the solver sees the blow; steps are cut short for it.
     """
     overlap = CONTACT_OVERLAP
     if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):

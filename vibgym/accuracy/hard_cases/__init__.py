@@ -6,7 +6,7 @@ order of the scheme, not from what the model happens to do.
 
 from __future__ import annotations
 
-from vibgym.accuracy.hard_cases import bounds, drives, endurance, geometry, thresholds
+from vibgym.accuracy.hard_cases import bounds, crowds, drives, endurance, geometry, thresholds
 from vibgym.accuracy.hard_cases.case import HardCase, Outcome, run_case, run_suite
 
 __all__ = ["CASES", "HardCase", "Outcome", "run_all", "run_case"]
@@ -17,6 +17,7 @@ CASES: tuple[HardCase, ...] = (
     *drives.CASES,
     *endurance.CASES,
     *bounds.CASES,
+    *crowds.CASES,
 )
 
 

@@ -1,0 +1,247 @@
+"""Bad input to simulators with several parts or walls: one clear error, and nothing has changed."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shapely import affinity
+from shapely.geometry import Polygon
+
+from vibgym import Part, Simulator, Surface
+
+SURFACE = Surface()
+STEEL = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel")
+ALUMINIUM = Part.rectangle(0.05, 0.035, friction=0.58, mass=0.0945, name="aluminium")
+DISC = Part.disc(0.02, friction=0.6, name="disc")
+PARTS = [STEEL, ALUMINIUM, DISC]
+ALL_WALLS = ("left", "right", "bottom", "top")
+APART = [[0.1, 0.1, 0.2], [0.3, 0.1, -0.4], [0.5, 0.1, 0.0]]
+
+
+def simulator(worlds=3, **keywords):
+    made = Simulator(SURFACE, PARTS, worlds=worlds, **keywords)
+    made.reset(APART, [0.01, 0.02, 0.3])
+    return made
+
+
+def snapshot(made):
+    return {name: np.array(value) for name, value in made.get_state().items()} | {"time": np.array(made.time)}
+
+
+def refused(made, action, *words):
+    """``action`` raises a ValueError of one line with all ``words``; the state is what it was, bit for bit."""
+    before = snapshot(made)
+    with pytest.raises(ValueError) as error:
+        action()
+    message = str(error.value)
+    assert "\n" not in message and "; allowed: " in message
+    for word in words:
+        assert word in message, (word, message)
+    after = snapshot(made)
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+
+
+# -- where parts start -------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 2), st.floats(0.11e-3, 0.03), st.booleans())
+def test_overlap_names_both_parts_amount_and_world(world, depth, round_part):
+    made = simulator()
+    pose = np.tile(APART, (3, 1, 1))
+    second = 2 if round_part else 1
+    half = 0.02 if round_part else 0.025
+    pose[world, 0] = [0.2, 0.1, 0.0]
+    pose[world, second] = [0.2 + 0.025 + half - depth, 0.1, 0.0]
+    pose[world, 3 - second] = [0.6, 0.1, 0.0]
+    names = [f"part {k} ({PARTS[k].name!r})" for k in (0, second)]
+    refused(made, lambda: made.reset(pose), "pose: got", *names, f"{1e3 * depth:.3g} mm", f"world {world};")
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_shapely_and_reset_agree(seed):
+    """Any poses: accepted exactly where no two outlines overlap by more than 0.1 mm."""
+    rng = np.random.default_rng(seed)
+    made = Simulator(SURFACE, [STEEL, ALUMINIUM])
+    pose = np.array([[0.4, 0.1, 0.0], [0.4, 0.1, 0.0]]) + rng.uniform([-0.04, -0.04, -4], [0.04, 0.04, 4], (2, 3))
+    one, other = (
+        affinity.translate(affinity.rotate(Polygon(part.outline), turn, origin=(0, 0), use_radians=True), x, y)
+        for part, (x, y, turn) in zip(made.parts, pose)
+    )
+    if one.distance(other) > 0.0:
+        made.reset(pose)
+        assert (made.pose[0] == pose).all()
+    elif one.intersection(other).area > 0.1e-3 * 0.1:  # deeper than 0.1 mm, whatever the shape of the overlap
+        refused(made, lambda: made.reset(pose), "part 0 ('steel')", "part 1 ('aluminium')")
+
+
+def test_touching_is_allowed():
+    made = simulator()
+    made.reset([[0.1, 0.1, 0.0], [0.15, 0.1, 0.0], [0.195, 0.1, 0.0]])
+    made.reset([[0.1, 0.1, 0.0], [0.15 - 0.9e-4, 0.1, 0.0], [0.195, 0.1, 0.0]])
+    refused(made, lambda: made.reset([[0.1, 0.1, 0.0], [0.15 - 1.1e-4, 0.1, 0.0], [0.195, 0.1, 0.0]]), "0.11 mm")
+
+
+def test_small_parts_may_overlap_less():
+    """A quarter of the smaller radius: tenths of a millimetre are all there is of a part of that size."""
+    made = Simulator(SURFACE, [Part.disc(1e-4, friction=0.6, name="grain"), STEEL])
+    made.reset([[0.125 + 0.8e-4, 0.1, 0.0], [0.1, 0.1, 0.0]])
+    refused(made, lambda: made.reset([[0.125 + 0.7e-4, 0.1, 0.0], [0.1, 0.1, 0.0]]), "'grain'", "'steel'", "0.03 mm")
+
+
+@pytest.mark.parametrize("wall", ALL_WALLS)
+def test_overlap_with_a_wall(wall):
+    inside = {
+        "left": [0.024, 0.1, 0.0],
+        "right": [SURFACE.width - 0.024, 0.1, 0.0],
+        "bottom": [0.7, 0.019, 0.0],
+        "top": [0.7, SURFACE.height - 0.019, 0.0],
+    }
+    made = simulator(walls=[wall])
+    pose = np.tile(APART, (3, 1, 1))
+    pose[1, 0] = inside[wall]
+    refused(made, lambda: made.reset(pose), "part 0 ('steel')", f"the {wall} wall", "1 mm", "world 1;")
+    # Where there is no wall, parts may stick out.
+    other = simulator(walls=[each for each in ALL_WALLS if each != wall])
+    other.reset(pose)
+    assert (other.pose == pose).all()
+
+
+def test_a_single_part_and_a_wall():
+    made = Simulator(SURFACE, DISC, walls=["left"])
+    refused(made, lambda: made.reset([0.0199 - 1e-5, 0.1, 0.0]), "part 0 ('disc')", "the left wall", "0.11 mm")
+    made.reset([0.02, 0.1, 0.0])
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, 1e9, -0.01])
+def test_parts_start_on_the_surface(bad):
+    made = simulator()
+    pose = np.array(APART)
+    pose[1, 0] = bad
+    refused(made, lambda: made.reset(pose), "pose: got")
+
+
+def test_shapes_that_do_not_fit():
+    made = simulator()
+    refused(made, lambda: made.reset(np.zeros((3, 2, 3))), "pose: got", "(3, 2, 3)")
+    refused(made, lambda: made.reset([0.4, 0.1, 0.0]), "overlapping by")  # one pose for all parts
+    refused(made, lambda: made.advance(np.zeros((2, 8, 32)), 0.0), "amplitude: got")
+    refused(made, lambda: made.advance(1e-4, 0.0, periods=0), "periods: got 0")
+
+
+# -- states ------------------------------------------------------------------------------------------------------------
+
+
+def test_states_with_parts_in_one_place():
+    made = simulator()
+    made.advance(1e-4, 0.3, 3)
+    state = made.get_state()
+    state["pose"][2, 1] = state["pose"][2, 0]
+    refused(made, lambda: made.set_state(state), "state['pose']: got", "'steel'", "'aluminium'", "world 2;")
+
+
+def test_states_may_overlap_as_far_as_contacts_let_them():
+    made = simulator(walls=["left"])
+    state = made.get_state()
+    state["pose"][:] = [[0.1, 0.1, 0.0], [0.15 - 0.9e-3, 0.1, 0.0], [0.4, 0.1, 0.0]]
+    made.set_state(state)
+    state["pose"][1, 1, 0] -= 0.2e-3
+    refused(made, lambda: made.set_state(state), "1.1 mm", "world 1;")
+    state["pose"][1] = [[0.0239, 0.1, 0.0], [0.3, 0.1, 0.0], [0.4, 0.1, 0.0]]
+    refused(made, lambda: made.set_state(state), "1.1 mm", "the left wall", "world 1;")
+    # Parts that have fallen, and worlds that diverged, touch nothing.
+    state["fallen"][1, 0] = True
+    made.set_state(state)
+    state["fallen"][1, 0], state["diverged"][1] = False, True
+    made.set_state(state)
+
+
+def test_bad_states():
+    made = simulator()
+    good = made.get_state()
+    for name, bad in [("pose", np.full((3, 3, 3), math.nan)), ("velocity", np.zeros((3, 2, 3))), ("periods", -1)]:
+        refused(made, lambda name=name, bad=bad: made.set_state({**good, name: bad}), name)
+    missing = {name: value for name, value in good.items() if name != "fallen"}
+    refused(made, lambda: made.set_state(missing), "state: got")
+    refused(made, lambda: made.set_state({**good, "contacts": 3}), "state: got", "contacts")
+
+
+# -- what is built -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "walls, words",
+    [
+        (["north"], ["walls: got 'north'", "'left', 'right', 'bottom', 'top'"]),
+        (["Left"], ["walls: got 'Left'"]),
+        ([0], ["walls: got 0"]),
+        (["left", "left"], ["walls: got ['left', 'left']", "different names"]),
+        (["top", "left", "top"], ["walls: got", "different names"]),
+        ("left", ["walls: got 'left'", "a list of different names"]),
+        ("all", ["walls: got 'all'", "a list of different names"]),
+        (None, ["walls: got None"]),
+        ({"left": True}, ["walls: got"]),
+    ],
+)
+def test_walls(walls, words):
+    with pytest.raises(ValueError) as error:
+        Simulator(SURFACE, PARTS, walls=walls)
+    assert all(word in str(error.value) for word in words), error.value
+
+
+def test_too_many_materials_for_walls():
+    def materials(count):
+        return [Part.disc(0.005, friction=0.6, restitution=k / 100.0) for k in range(count)]
+
+    assert Simulator(SURFACE, materials(31), walls=["left"]).worlds == 1
+    with pytest.raises(ValueError, match="parts: got '32 pairs'; allowed: at most 31 different pairs of restitution"):
+        Simulator(SURFACE, materials(32), walls=["left"])
+    # Without walls there is no such limit; nor does it count parts of one material.
+    assert len(Simulator(SURFACE, materials(32)).parts) == 32
+    assert len(Simulator(SURFACE, materials(1) * 40, walls=ALL_WALLS).parts) == 40
+
+
+@pytest.mark.parametrize("keywords", [{"parts": PARTS}, {"parts": STEEL, "walls": ["left"]}])
+def test_the_averaged_model_has_one_part_and_no_walls(keywords):
+    with pytest.raises(ValueError, match="^model: got 'averaged'; allowed: 'planar' with several parts or walls"):
+        Simulator(SURFACE, model="averaged", **keywords)
+
+
+@pytest.mark.parametrize(
+    "knobs, words",
+    [
+        ({"contact_step": 20}, ["contact_step: got 20", "steps, substeps, pieces, contact_steps"]),
+        ({"order": 2}, ["order: got 2"]),
+        ({"tolerance": 1e-4}, ["tolerance: got 0.0001"]),
+        ({"contact_steps": 0}, ["contact_steps", "got 0", ">= 1"]),
+        ({"contact_steps": -3}, ["contact_steps", "got -3"]),
+        ({"contact_steps": 2.5}, ["contact_steps", "got 2.5", "whole number"]),
+        ({"contact_steps": "many"}, ["contact_steps", "'many'", "auto"]),
+        ({"contact_steps": True}, ["contact_steps", "True"]),
+        ({"contact_steps": None}, ["contact_steps", "None"]),
+        ({"contact_overlap": 0.0}, ["contact_overlap", "got 0.0"]),
+        ({"contact_overlap": 1e-3}, ["contact_overlap", "got 0.001"]),
+        ({"contact_overlap": math.nan}, ["contact_overlap", "nan"]),
+        ({"contact_overlap": "none"}, ["contact_overlap", "'none'", "auto"]),
+        ({"steps": 2}, ["steps: got 2"]),
+    ],
+)
+def test_knobs(knobs, words):
+    with pytest.raises(ValueError) as error:
+        Simulator(SURFACE, PARTS, **knobs)
+    assert all(word in str(error.value) for word in words), error.value
+
+
+def test_contact_steps_are_for_contacts():
+    with pytest.raises(ValueError, match="^contact_steps: got 20; allowed: the knobs of model='planar'"):
+        Simulator(SURFACE, STEEL, contact_steps=20)
+    Simulator(SURFACE, STEEL, walls=["left"], contact_steps=20)
+    with pytest.raises(ValueError, match="contact_steps: got 20; allowed: the knobs of model='auto'"):
+        Simulator(SURFACE, PARTS, model="auto", contact_steps=20)
+
+
+@pytest.mark.parametrize("parts", [[], (), [STEEL, None], "disc", {STEEL: 1}, [STEEL, [DISC]]])
+def test_parts(parts):
+    with pytest.raises(ValueError, match="^parts: got .*a list of them"):
+        Simulator(SURFACE, parts)
