@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.physics.careful import cut_into_points, new_contact, place_outline
+from vibgym.physics.careful import cells_across, contact_arrays, cut_into_points, place_outline
 from vibgym.physics.contact_area import cut_outline
 from vibgym.physics.drive import PolarDrive
 from vibgym.physics.friction import expanded_wrench, sliding_wrench
@@ -50,7 +50,7 @@ def errors(part, variation, seed, lane=3):
     ux, uy, c, s = 0.4 * math.cos(angle), 0.4 * math.sin(angle), math.cos(t), math.sin(t)
     spin = variation * 0.4 / part.radius * rng.choice([-1.0, 1.0])
 
-    contact = new_contact(table, body, 12)
+    contact = contact_arrays(len(body.outline), cells_across(table, body, 12))
     n = cut_into_points(table, body, 12, drive, 0, x, y, heading, contact)
     exact = sliding_wrench(*contact.points, contact.phasor_c, contact.phasor_s, n, SURFACE.gravity, c, s, ux, uy, spin)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from vibgym.accuracy.hard_cases.case import HardCase, Outcome, at_most
 from vibgym.accuracy.hard_cases.motion import one_element, random_drive, sound, threshold
-from vibgym.physics.careful import cut_into_points, new_contact
+from vibgym.physics.careful import cells_across, contact_arrays, cut_into_points
 from vibgym.physics.drive import PolarDrive
 from vibgym.physics.friction import sliding_wrench
 from vibgym.scene.parts import Part
@@ -84,7 +84,7 @@ def power() -> Outcome:
     table, w = surface.table(), surface.angular_frequency
     for part in (Part.rectangle(0.05, 0.035, friction=0.6), Part.disc(0.02, friction=2.0)):
         body = part.body()
-        contact = new_contact(table, body, 2)
+        contact = contact_arrays(len(body.outline), cells_across(table, body, 2))
         amplitude, phase = random_drive(surface, 17)
         drive = PolarDrive(amplitude[None], phase[None], w)
         for _ in range(400):
