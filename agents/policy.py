@@ -1,7 +1,8 @@
 """The protocol every policy follows, and how one is made from its name.
 
 A policy has the call that Stable-Baselines3 models have, for one environment or a batch. It sees observations only; of the
-scene it may know what an engineer would: the surface, the part and the task, never the goal behind the observation.
+scene it may know what an engineer would: the surface, the parts, their zones and the task, never the state behind the
+observation.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from vibgym.envs.actions import ACTIONS
 from vibgym.envs.crowd_observations import BLOCK_SIZE
 from vibgym.envs.observations import STATE_SIZE
 from vibgym.scene import Part, Surface
-from vibgym.tasks import ManyTask, Task
+from vibgym.tasks import MANY_TASKS, POSE_TASKS, ManyTask, Task
 
 
 class Policy(Protocol):
@@ -83,6 +84,21 @@ class Situation:
         """Whether the task is one for several parts."""
         return self.slots > 0
 
+    def check_served(self, policy: str, many: bool) -> None:
+        """Refuse a task that a policy does not serve.
+
+        Args:
+            policy: its name.
+            many: whether it is for tasks with several parts.
+
+        Raises:
+            ValueError: the task is of the other sort.
+        """
+        if self.many != many:
+            served = ", ".join(MANY_TASKS if many else POSE_TASKS)
+            allowed = f"tasks for {'several parts' if many else 'one part'} ({served})"
+            raise checks.refuse(f"policy {policy!r}", f"the task {self.task}", allowed)
+
     @property
     def state_size(self) -> int:
         """Length of one state observation."""
@@ -95,7 +111,7 @@ class Foreign:
     Args:
         model: has ``predict``, and ``action_space`` whose shape is that of an action, flattened or not. Where element and
             phasor actions would both fit, it is taken for ``"element"``. It reads ``"state"`` observations.
-        situation: surface and part.
+        situation: surface and parts.
 
     Raises:
         ValueError: no action has that shape.
@@ -106,7 +122,7 @@ class Foreign:
     def __init__(self, model: Any, situation: Situation) -> None:
         self.model = model
         got = getattr(getattr(model, "action_space", None), "shape", None)
-        shapes = {name: make(situation.surface, situation.part).shape for name, make in ACTIONS.items()}
+        shapes = {name: make(situation.surface, situation.parts).shape for name, make in ACTIONS.items()}
         fitting = [name for name, shape in shapes.items() if got in (shape, (math.prod(shape),))]
         if not fitting:
             allowed = "attributes 'action' and 'observation', or an action_space of a shape among "
@@ -123,14 +139,17 @@ class Foreign:
 
 
 def make_policy(policy: Any, situation: Situation, seed: int = 0) -> Policy:
-    """A policy from ``"zero"``, ``"random"``, ``"open_loop"``, ``"local_field"``, the path of a trained one's JSON file,
-    a mapping ``{"kind": name, **arguments}``, or anything that has ``predict``.
+    """A policy from a name, the path of a trained one's JSON file, a mapping ``{"kind": name, **arguments}``, or anything that
+    has ``predict``.
+
+    Names: ``"zero"`` and ``"random"`` for all tasks, ``"open_loop"`` and ``"local_field"`` for one part, ``"local_fields"`` and
+    ``"planner"`` for several.
 
     ``{"kind": "trained", "path": "agents/learned/shipped/{task}.json"}``: ``{task}`` is replaced by the task's name in
     lower case.
 
     Raises:
-        ValueError: unknown name or arguments, or a file that is not a trained policy for this task.
+        ValueError: unknown name or arguments, a policy that does not serve this task, or a file that holds none for it.
     """
     from agents.classical import CLASSICAL
     from agents.learned.trained import load_trained

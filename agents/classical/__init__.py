@@ -19,4 +19,12 @@ CLASSICAL: dict[str, Any] = {
     "planner": PlannerPolicy,
 }
 
-__all__ = ["CLASSICAL", "LocalFieldPolicy", "LocalFieldsPolicy", "OpenLoopPolicy", "PlannerPolicy", "RandomPolicy", "ZeroPolicy"]
+__all__ = [
+    "CLASSICAL",
+    "LocalFieldPolicy",
+    "LocalFieldsPolicy",
+    "OpenLoopPolicy",
+    "PlannerPolicy",
+    "RandomPolicy",
+    "ZeroPolicy",
+]

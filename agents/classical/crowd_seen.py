@@ -23,6 +23,7 @@ class CrowdSeen:
     heading: np.ndarray  # rad, modulo the part's symmetry; 0 for a disc
     velocity: np.ndarray  # mean over the last period, m/s
     spin: np.ndarray  # rad/s
+    gap: np.ndarray  # distance to the nearest other part, m; capped at 0.3 m
     single: bool  # whether one observation without batch axis was given
 
 
@@ -46,6 +47,7 @@ def see_crowd(observation: Any, situation: Situation) -> CrowdSeen:
         heading=np.where(turns, np.arctan2(blocks[..., 7], blocks[..., 6]) / symmetry, 0.0),
         velocity=blocks[..., 14:16] * max(surface.table_speed, LEAST_SPEED),
         spin=blocks[..., 16] * SPIN_SCALE,
+        gap=np.arctanh(np.minimum(blocks[..., 17], 1.0 - 1e-7)) * math.sqrt(2.0) * surface.element_size,
         single=values.ndim == 1,
     )
 

@@ -34,6 +34,7 @@ class LocalFieldPolicy:
     def __init__(
         self, situation: Situation, response: float = 0.06, braking: float = 0.6, approach: float = 7.0
     ) -> None:
+        situation.check_served("local_field", many=False)
         surface, part = situation.surface, situation.part
         self.surface, self.part = surface, part
         self.response = checks.number("response", response, above=0.0)

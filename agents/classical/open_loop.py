@@ -33,6 +33,7 @@ class OpenLoopPolicy:
     def __init__(
         self, situation: Situation, turn_rate: float = 11.5, gather_time: float = 2.0, centring: float = 0.2
     ) -> None:
+        situation.check_served("open_loop", many=False)
         self.situation = situation
         self.turn_rate = checks.number("turn_rate", turn_rate, above=0.0)
         self.gather_time = checks.number("gather_time", gather_time, least=0.0)

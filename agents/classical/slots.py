@@ -23,9 +23,9 @@ def axis(low: float, high: float, pitch: float) -> np.ndarray:
 
 
 def lattice(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, least: int) -> np.ndarray:
-    """Centres (n, 2) m, at least ``least``, for parts of ``size`` (2,) m that lie straight: ``spacing`` apart where there is room.
+    """Centres (n, 2) m, at least ``least``, for parts of ``size`` (2,) m that lie straight: ``spacing`` apart if there is room.
 
-    Where there is not, they are as far apart as the number of parts allows, by one row or column after the other.
+    Where there is not, rows or columns are added until they suffice, each where it costs the least distance.
     """
     pitch = SPARE * (size + spacing)
     while True:
@@ -57,14 +57,19 @@ class Slots:
         self.situation = situation
         self.kind = np.array(situation.kind)
         self.spacing = math.sqrt(2.0) * surface.element_size
+        radius = np.array([part.radius for part in situation.parts])
+        edge = min(
+            edge, radius.max()
+        )  # small surfaces and zones hold parts by their circles, and so do these rectangles
         self.low, self.high = np.full(2, edge), np.array([surface.width, surface.height]) - edge
-        self.size = np.array([np.ptp(part.outline, axis=0) for part in situation.parts])
+        # Twice the reach from the centre, on the larger side, so that parts of any shape in neighbouring slots are clear.
+        self.size = np.array([2.0 * np.abs(part.outline).max(axis=0) for part in situation.parts])
         self.slots = []
         if situation.zones is not None:
             for kind, zone in enumerate(situation.zones):
                 own = self.kind == kind
-                low, high = np.maximum(zone[:2] + inset, self.low), np.minimum(zone[2:] - inset, self.high)
-                low, high = np.minimum(low, 0.5 * (low + high)), np.maximum(high, 0.5 * (low + high))
+                border = min(inset, radius[own].max())
+                low, high = np.maximum(zone[:2] + border, self.low), np.minimum(zone[2:] - border, self.high)
                 self.slots.append(lattice(low, high, self.size[own].max(axis=0), self.spacing, int(own.sum())))
 
     def give(self, centre: np.ndarray, present: np.ndarray) -> np.ndarray:
@@ -95,7 +100,7 @@ class Slots:
 
 
 def swap(kind: np.ndarray, present: np.ndarray, centre: np.ndarray, target: np.ndarray, gain: float) -> None:
-    """Let parts of a kind swap targets, in place, where that shortens their ways: cubes added up, by more than ``gain`` (m) each.
+    """Let parts of a kind swap targets, in place, where their ways, each cubed with ``gain`` (m) more, then add up to less.
 
     Args:
         centre, target: (worlds, parts, 2) m.

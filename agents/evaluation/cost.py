@@ -1,16 +1,18 @@
-"""What one period costs against the number of parts: simulation and control apart, one world on one processor.
+"""What one period costs against the number of parts: simulation and control apart, one world on one thread.
 
 The question of section 7.3.1 of the thesis (table 7.1), asked of this simulator and of our controllers.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import os
+import subprocess
+import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -67,12 +69,24 @@ class Cost:
 
     period: float  # s, that one period lasts in the world
     repetitions: int
-    curves: tuple[Curve, ...] = field(default=())
+    curves: tuple[Curve, ...]
 
     def as_values(self) -> dict[str, Any]:
         """For JSON."""
         curves = [{**vars(curve), "exponent": curve.exponent} for curve in self.curves]
         return {"period_s": self.period, "repetitions": self.repetitions, "curves": curves}
+
+    @classmethod
+    def from_values(cls, values: Mapping[str, Any]) -> Cost:
+        """From what :meth:`as_values` gave."""
+        curves = []
+        for each in values["curves"]:
+            content: dict[str, Any] = {
+                name: tuple(value) if isinstance(value, list) else value for name, value in each.items()
+            }
+            del content["exponent"]  # follows from the others
+            curves.append(Curve(**content))
+        return cls(values["period_s"], values["repetitions"], tuple(curves))
 
 
 def block_kinds(count: int, rows: int) -> list[int]:
@@ -111,14 +125,18 @@ def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray | None:
     return np.column_stack([chosen, np.random.default_rng(len(parts)).uniform(-math.pi, math.pi, len(parts))])
 
 
+def idle(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
+    """Velocities (parts, 3) with which parts slide in place."""
+    return np.array([np.append(surface.idle_velocity(part.friction), 0.0) for part in parts])
+
+
 class Simulating:
     """Times periods of the simulation under random fields, a new one every period."""
 
     def __init__(self, surface: Surface, parts: Sequence[Part], pose: np.ndarray) -> None:
         self.simulator = Simulator(surface, list(parts), threads=1)
         self.pose = pose
-        idle = [np.append(surface.idle_velocity(part.friction), 0.0) for part in parts]
-        self.velocity = np.array(idle)
+        self.velocity = idle(surface, parts)
         random = np.random.default_rng(0).uniform(-1.0, 1.0, (WARM_UP + PERIODS, 1, surface.rows, surface.columns, 2))
         self.drives = [ElementDrive(each, surface.full_scale) for each in random.astype(np.float32)]
 
@@ -141,20 +159,11 @@ class Controlling:
         zones = {BLOCKS[0]: (0.0, 0.0, half, surface.height), BLOCKS[1]: (half, 0.0, surface.width, surface.height)}
         zones = {name: zones[name] for name in dict.fromkeys(part.name for part in parts)}
         names = [part.name for part in parts]
-        situation = Situation.of(Core(Sort, 1, surface=surface, parts=names, zones=zones).task)
-        self.policy = make_policy(policy, situation)
-        self.core = Core(
-            Sort,
-            1,
-            surface=surface,
-            parts=names,
-            zones=zones,
-            action=self.policy.action,
-            observation=self.policy.observation,
-        )
-        idle = [np.append(surface.idle_velocity(part.friction), 0.0) for part in parts]
+        settings: dict[str, Any] = {"surface": surface, "parts": names, "zones": zones}
+        self.policy = make_policy(policy, Situation.of(Core(Sort, 1, **settings).task))
+        self.core = Core(Sort, 1, **settings, action=self.policy.action, observation=self.policy.observation)
         self.start = Start(pose[None], np.ones((1, len(parts)), dtype=bool), np.zeros((1, 3)))
-        self.velocity = np.array(idle)[None]
+        self.velocity = idle(surface, parts)[None]
 
     def seconds(self) -> float:
         """Of one call, mean over a run."""
@@ -170,20 +179,6 @@ class Controlling:
                 total += time.perf_counter() - began
             core.step(core.action.check(action, 1))
         return total / PERIODS
-
-
-@contextmanager
-def one_processor() -> Iterator[None]:
-    """Keep this process on one processor, where the system can: libraries may have threads of their own."""
-    if not hasattr(os, "sched_setaffinity"):
-        yield
-        return
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(before)})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
 
 
 def measure(
@@ -223,12 +218,11 @@ def measure(
     times: dict[tuple[tuple[str, int, bool], int], list[float]] = {
         (key, count): [] for key, bench in benches.items() for count in bench
     }
-    with one_processor():
-        for repetition in tqdm(range(repetitions + 1), desc="cost of one period", unit="round", disable=quiet):
-            for (key, count), found in times.items():
-                seconds = benches[key][count].seconds()
-                if repetition > 0:  # the first one may compile kernels
-                    found.append(seconds)
+    for repetition in tqdm(range(repetitions + 1), desc="cost of one period", unit="round", disable=quiet):
+        for (key, count), found in times.items():
+            seconds = benches[key][count].seconds()
+            if repetition > 0:  # the first one may compile kernels
+                found.append(seconds)
     curves = [
         Curve(
             what,
@@ -241,3 +235,17 @@ def measure(
         for (what, index, touching), bench in benches.items()
     ]
     return Cost(surfaces[0].period, repetitions, tuple(curves))
+
+
+def measure_alone(quiet: bool = False, counts: Sequence[int] = COUNTS, repetitions: int = REPETITIONS) -> Cost:
+    """:func:`measure` in a process of its own, in which no library has more than one thread."""
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    code = f"from agents.evaluation.cost import main; main({quiet}, {list(counts)}, {repetitions})"
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True, check=True)
+    return Cost.from_values(json.loads(done.stdout))
+
+
+def main(quiet: bool, counts: Sequence[int], repetitions: int) -> None:
+    """Print what :func:`measure` finds, as JSON."""
+    print(json.dumps(measure(quiet, counts, repetitions=repetitions).as_values()))

@@ -35,16 +35,16 @@ def size_of(curve: Curve) -> str:
 
 
 def growth(exponent: float | None) -> str:
-    """What an exponent means, in words."""
+    """How time grows with this exponent, in words."""
     if exponent is None:
-        return "too few points for an exponent"
+        return "–"
     if exponent < PROPORTIONAL[0]:
-        return "grows more slowly than the number of parts"
+        return "more slowly than the number of parts"
     if exponent <= PROPORTIONAL[1]:
-        return "grows in proportion to the parts, not to the pairs"
+        return "in proportion to the parts, not to the pairs"
     if exponent < PAIRS:
-        return "grows faster than the number of parts, but more slowly than the pairs"
-    return "grows like the number of pairs or faster"
+        return "faster than the parts, more slowly than the pairs"
+    return "like the number of pairs, or faster"
 
 
 def section(cost: Cost) -> dict[str, Any]:
@@ -56,6 +56,7 @@ def section(cost: Cost) -> dict[str, Any]:
             "size": size_of(curve),
             "least": _time(curve.seconds[0]),
             "most": _time(curve.seconds[-1]),
+            "fewest": "1 part" if curve.parts[0] == 1 else f"{curve.parts[0]} parts",
             "parts": curve.parts[-1],
             "exponent": "–" if curve.exponent is None else f"{curve.exponent:.2f}",
             "growth": growth(curve.exponent),
@@ -79,7 +80,7 @@ def _time(seconds: float) -> str:
 
 def draw(cost: Cost) -> bytes:
     """Simulation and control side by side, on the same logarithmic axes, with lines of slope 1."""
-    figure = figures.new_figure(8.6, 3.9)
+    figure = figures.new_figure(8.6, 4.4)
     axes = figure.subplots(1, 2, sharey=True)
     simulation = [curve for curve in cost.curves if curve.what == "simulation"]
     control = [curve for curve in cost.curves if curve.what != "simulation"]
@@ -129,6 +130,6 @@ def _frame(axes: Axes, cost: Cost, curves: list[Curve], title: str) -> None:
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
     axes.plot([], [], color="#9aa1ac", linewidth=0.9, linestyle=(0, (1, 2)), label="slope 1")
-    legend = axes.legend(loc="lower right", frameon=False, fontsize=7.5, handlelength=2.2)
+    legend = axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2, frameon=False, fontsize=7.5)
     for text in legend.get_texts():
         text.set_color(figures.INK)

@@ -144,7 +144,7 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
     """Run every policy on every task and compare them; writes nothing."""
     settings = evaluation.settings
     level, resamples = settings.confidence, settings.resamples
-    measured = cost.measure(quiet) if settings.cost_per_period else None
+    measured = cost.measure_alone(quiet) if settings.cost_per_period else None
     rollouts = {
         (task, name): run(policy, task, settings.seed_list(task), settings.environment, name, quiet)
         for (task, name), policy in evaluation.policies.items()

@@ -71,7 +71,7 @@ def page(results: Results, quiet: bool = False) -> str:
             }
             for task, facts in results.tasks.items()
         ],
-        comparisons=[_compared(each) for each in _against_best(results)],
+        comparisons=[_compared(each) for each in against_best(results)],
         examples=[_example(results, tasks) for tasks in (singles, crowds) if tasks and settings.animations],
         colours={name: figures.policy_colour(results, name) for name in results.policies},
         cost=None if results.cost is None else cost_figure.section(results.cost),
@@ -138,7 +138,7 @@ def _card(results: Results, row: Row, share: int) -> dict[str, Any]:
         f"environment {thousands(row.environment_steps_per_second)}",
         "seed": film.seed,
         "outcome": _outcome(film, crowd),
-        "throughput": quantity(row.throughput_median_parts_per_s, 1.0, 2, "/s"),
+        "throughput": quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s"),
         "throughputs": _range(row.throughput_q25_parts_per_s, row.throughput_q75_parts_per_s, 1.0),
         "collisions": number(row.collisions_mean, 1),
         "clearance": _millimetres(row.clearance_median_m),
@@ -189,7 +189,7 @@ def best_policy(results: Results, task: str) -> str:
     return min(rows, key=lambda row: (-row.successes, np.nan_to_num(row.time_to_goal_median_s, nan=np.inf))).policy
 
 
-def _against_best(results: Results) -> list[Comparison]:
+def against_best(results: Results) -> list[Comparison]:
     """Comparisons of every task's best policy with each other one, the best one first."""
     found = []
     for each in results.comparisons:
@@ -210,7 +210,7 @@ def _compared(each: Comparison) -> dict[str, Any]:
         "second": each.second,
         "success": _signed(100 * each.success_difference, 1),
         "success_interval": f"{_signed(low, 1)} to {_signed(high, 1)}",
-        "clear": low > 0.0 or high < 0.0,
+        "success_clear": low > 0.0 or high < 0.0,
         "both": each.both,
         "time": f"{_signed(each.time_difference, 2)} s" if each.both else "–",
         "time_interval": "" if time is None else f"{_signed(time.low, 2)} to {_signed(time.high, 2)}",

@@ -76,10 +76,11 @@ class EvaluationSettings(Settings):
 
     def seed_list(self, task: str | None = None) -> list[int]:
         """The seed of every episode of a task; of None, those of tasks without an own number."""
+        own = None if task is None else self.task_episodes.get(task)
         if self.seeds is not None:
-            return self.seeds[: self.task_episodes.get(task)]
+            return self.seeds[:own]
         first = DEFAULT_FIRST_SEED if self.first_seed is None else self.first_seed
-        return list(range(first, first + self.task_episodes.get(task, self.episodes or DEFAULT_EPISODES)))
+        return list(range(first, first + (own or self.episodes or DEFAULT_EPISODES)))
 
     def entries(self) -> list[PolicyEntry]:
         """The policies, each with its tasks."""
@@ -114,10 +115,11 @@ def _entry(policy: Any, field: str, tasks: list[str]) -> PolicyEntry:
     content = dict(policy)
     own = content.pop("tasks", None)
     if own is not None:
-        if isinstance(own, str) or not isinstance(own, list | tuple) or not own or len(set(own)) != len(own):
-            raise checks.refuse(f"{field}.tasks", own, "a list of different tasks")
-        for task in own:
-            checks.choice(f"{field}.tasks", task, tuple(tasks))
+        allowed = f"a list of different tasks among {', '.join(tasks)}"
+        if not isinstance(own, list | tuple) or not own:
+            raise checks.refuse(f"{field}.tasks", own, allowed)
+        if any(task not in tasks or own.count(task) > 1 for task in own):
+            raise checks.refuse(f"{field}.tasks", own, allowed)
     subject: Any = content
     default = content.get("kind")
     if "policy" in content:

@@ -201,7 +201,7 @@ def test_policies_are_made_from_names_mappings_and_objects():
 
 
 @pytest.mark.parametrize("policy, named", [
-    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'trained'"),
+    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'local_fields', 'planner', 'trained'"),
     (3, "policy.*3"), (None, "policy.*None"), ({}, "policy.kind.*None"), ({"kind": 3}, "policy.kind"),
     ({"kind": "zero", "colour": 1}, "policy 'zero'.*colour"),
     ({"kind": "local_field", "response": -1}, "response.*-1"),

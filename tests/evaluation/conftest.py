@@ -1,4 +1,4 @@
-"""A small evaluation that runs once for all tests of this folder."""
+"""Two small evaluations that run once for all tests of this folder: of one part, and of several."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from agents import evaluation
+from agents.evaluation.cost import Cost, measure
+from vibgym import Surface
 
 STATE_ERROR = slice(8, 10)  # tanh of goal minus centre in 50 mm, see the environment's table
 
@@ -76,3 +78,70 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
 def written(found: evaluation.Results) -> Path:
     """Directory with the files of these results."""
     return evaluation.write(found, quiet=True).parent
+
+
+class Shepherd:
+    """Pushes every part towards its zone, and away from a near neighbour and from the long borders."""
+
+    action, observation = "field", "state"
+    name = "shepherd"
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> Any:
+        seen = np.asarray(observation)
+        blocks = seen.reshape(*seen.shape[:-1], -1, 20)
+        near = np.maximum(0.8 - blocks[..., 17:18], 0.0)  # tanh of the distance in largest element sizes
+        centre = blocks[..., 8:10]
+        border = np.sign(centre) * np.maximum(np.abs(centre) - 0.6, 0.0)
+        action = np.zeros((*blocks.shape[:-1], 6), dtype=np.float32)
+        way = 0.5 * np.sign(blocks[..., 12:14])  # not less near the zone: parts shall cross its border, not creep to it
+        push = way - 0.5 * blocks[..., 14:16] - 0.25 * near * blocks[..., 18:20]
+        action[..., 0:2] = push - border * [0.0, 1.0]
+        return action, state
+
+
+class LazyShepherd(Shepherd):
+    """Leaves the parts where they are."""
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> Any:
+        action, state = super().predict(observation)
+        return 0.0 * action, state
+
+
+@pytest.fixture(scope="session")
+def crowds(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
+    """Results on tasks for several parts beside one for one part, and a small measurement of the cost of a period."""
+    directory: Path = tmp_path_factory.mktemp("crowds") / "report"
+    settings = evaluation.settings_from(
+        {
+            "tasks": ["Transport", "Sort", "Singulate"],
+            "policies": [
+                {"name": "pusher", "policy": Pusher(), "tasks": ["Transport"]},
+                {"name": "shepherd", "policy": Shepherd(), "tasks": ["Sort", "Singulate"]},
+                {"name": "lazy shepherd", "policy": LazyShepherd(), "tasks": ["Sort", "Singulate"]},
+            ],
+            "episodes": 5,
+            "task_episodes": {"Sort": 6},
+            "first_seed": 300,
+            "resamples": 200,
+            "cost_per_period": True,
+            "output": str(directory),
+        }
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("agents.evaluation.cost.measure_alone", small_cost)
+        return evaluation.evaluate(evaluation.prepare(settings), quiet=True)
+
+
+def small_cost(quiet: bool) -> Cost:
+    """Up to four parts on the prototype."""
+    return measure(quiet, counts=(1, 2, 4), surfaces=[Surface()], policies=["local_fields"], repetitions=2)
+
+
+@pytest.fixture(scope="session")
+def written_crowds(crowds: evaluation.Results) -> Path:
+    """Directory with the files of these results."""
+    return evaluation.write(crowds, quiet=True).parent

@@ -21,10 +21,39 @@ GOOD: dict[str, Any] = {
 
 BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
     "unknown key": ({"taks": ["Rotate"]}, ["taks", "tasks"]),
-    "unknown task": ({"tasks": ["Sort"]}, ["tasks.0", "Sort", "Rotate"]),
+    "unknown task": ({"tasks": ["Stack"]}, ["tasks.0", "Stack", "Rotate", "Sort"]),
+    "task of wrong type": ({"tasks": [3]}, ["tasks.0", "3"]),
     "task twice": ({"tasks": ["Align", "Align"]}, ["tasks", "Align", "once"]),
     "no tasks": ({"tasks": []}, ["tasks"]),
     "unknown policy": ({"policies": ["fuzzy"]}, ["policies (fuzzy on Rotate)", "fuzzy", "local_field"]),
+    "tasks of wrong type": ({"policies": [{"kind": "zero", "tasks": "Rotate"}]}, ["policies.0.tasks", "list"]),
+    "no tasks of a policy": ({"policies": [{"kind": "zero", "tasks": []}]}, ["policies.0.tasks", "list"]),
+    "unhashable task": ({"policies": [{"kind": "zero", "tasks": [[1]]}]}, ["policies.0.tasks", "[1]"]),
+    "task of a policy twice": (
+        {"policies": [{"kind": "zero", "tasks": 2 * ["Rotate"]}]},
+        ["policies.0.tasks", "different"],
+    ),
+    "task that does not run": (
+        {"policies": [{"kind": "zero", "tasks": ["Align"]}]},
+        ["policies.0.tasks", "Align", "Rotate"],
+    ),
+    "policy that does not serve": (
+        {"tasks": ["Rotate", "Sort"], "policies": ["zero", {"kind": "open_loop", "tasks": ["Sort"]}]},
+        ["policies (open_loop on Sort)", "Sort"],
+    ),
+    "policy that serves nothing": ({"tasks": ["Sort"], "policies": ["zero", "open_loop"]}, ["open_loop", "Sort"]),
+    "task without a policy": (
+        {"tasks": ["Rotate", "Sort"], "policies": [{"kind": "zero", "tasks": ["Rotate"]}]},
+        ["policies", "zero", "serves Sort"],
+    ),
+    "object that is none": ({"policies": [{"policy": "zero"}]}, ["policies.0", "predict()"]),
+    "episodes of another task": ({"task_episodes": {"Align": 2}}, ["task_episodes", "Align", "Rotate"]),
+    "episodes of wrong type": ({"task_episodes": {"Rotate": "many"}}, ["task_episodes.Rotate", "many"]),
+    "more episodes than seeds": (
+        {"seeds": [1, 2], "episodes": None, "first_seed": None, "task_episodes": {"Rotate": 3}},
+        ["task_episodes.Rotate", "3", "2"],
+    ),
+    "zones without a task for them": ({"environment": {"zones": {}}}, ["environment", "zones"]),
     "unknown argument": ({"policies": [{"kind": "zero", "gain": 1}]}, ["gain"]),
     "argument out of range": ({"policies": [{"kind": "local_field", "braking": 7}]}, ["braking", "7", "<= 1"]),
     "policy of wrong type": ({"policies": [3]}, ["policies.0", "3", "kind"]),

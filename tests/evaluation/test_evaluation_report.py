@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from agents import evaluation
-from agents.evaluation import animation
+from agents.evaluation import animation, report
 from vibgym.files import write_atomically
 
 
@@ -62,6 +62,14 @@ def test_page_says_what_was_found(found: evaluation.Results, written: Path) -> N
     for row in found.rows:
         assert f"{100 * row.success_rate:.1f} %" in text
         assert f"Seed {found.rollouts[row.task, row.policy].film.seed}" in text
+
+
+def test_bold_differences_are_those_that_are_clear(found: evaluation.Results, written: Path) -> None:
+    text = (written / "report.html").read_text(encoding="utf-8")
+    intervals = [each.success_interval for each in report.against_best(found)]
+    intervals += [each.time_interval for each in report.against_best(found) if each.time_interval is not None]
+    clear = [each.low > 0.0 or each.high < 0.0 for each in intervals]
+    assert text.count('<td class="clear">') == sum(clear) and not all(clear)
 
 
 def test_json_holds_everything(found: evaluation.Results, written: Path) -> None:

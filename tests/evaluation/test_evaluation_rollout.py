@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation.rollout import WATCHED_AMONG, farthest_goal
+from agents.evaluation.log import WATCHED_AMONG, farthest_goal
 
 
 def alone(policy: Any, task: str, seed: int) -> dict[str, Any]:
@@ -42,12 +42,14 @@ def test_same_numbers_as_single_environments(found: evaluation.Results, task: st
         assert rollout.returns[k] == pytest.approx(one["return"], rel=1e-12, abs=1e-12)
         assert rollout.position_error[k] == one["position_error"]
         assert rollout.path_length[k] == pytest.approx(one["path_length"], rel=1e-12)
-        np.testing.assert_array_equal(rollout.poses[k, : one["steps"] + 1], one["poses"].astype(np.float32))
+        np.testing.assert_array_equal(rollout.poses[k, : one["steps"] + 1, 0], one["poses"].astype(np.float32))
         assert np.isnan(rollout.poses[k, one["steps"] + 1 :]).all()
         if task == "Align":
             assert rollout.heading_error[k] == one["heading_error"]
         else:
             assert np.isnan(rollout.heading_error[k])
+    for each in (rollout.parts_done, rollout.throughput, rollout.collisions, rollout.clearance):
+        assert np.isnan(each).all()
 
 
 def test_times_and_outcomes(found: evaluation.Results) -> None:
@@ -77,7 +79,7 @@ def test_film_is_the_watched_episode(found: evaluation.Results) -> None:
     for rollout in found.rollouts.values():
         film = rollout.film
         world = rollout.seeds.index(film.seed)
-        assert film.poses.shape == (rollout.steps[world] + 1, 3)
+        assert film.poses.shape == (rollout.steps[world] + 1, 1, 3)
         assert film.phasors.shape == (len(film.poses), 8, 32, 2)
         assert not film.phasors[0].any()
         assert film.success == rollout.success[world]

@@ -1,0 +1,71 @@
+"""Which policies run on which tasks, and how often."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from agents import evaluation
+from tests.evaluation.conftest import Pusher, Shepherd
+
+
+def settings(**changes: Any) -> evaluation.EvaluationSettings:
+    return evaluation.settings_from({"tasks": ["Transport", "Sort"], "policies": ["zero"], "first_seed": 9, **changes})
+
+
+def test_episodes_of_a_task() -> None:
+    found = settings(episodes=5, task_episodes={"Sort": 2})
+    assert found.seed_list() == found.seed_list("Transport") == [9, 10, 11, 12, 13]
+    assert found.seed_list("Sort") == [9, 10]
+    found = settings(first_seed=None, seeds=[7, 3, 5], task_episodes={"Sort": 1})
+    assert found.seed_list("Transport") == [7, 3, 5] and found.seed_list("Sort") == [7]
+    assert len(settings().seed_list("Sort")) == 100
+
+
+def test_episodes_from_the_command_line_are_those_of_all_tasks() -> None:
+    data = {"tasks": ["Transport", "Sort"], "policies": ["zero"], "episodes": 5, "task_episodes": {"Sort": 3}}
+    found = evaluation.settings_from(data, episodes=4)
+    assert len(found.seed_list("Transport")) == len(found.seed_list("Sort")) == 4
+
+
+def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
+    prepared = evaluation.prepare(
+        settings(
+            policies=[
+                "open_loop",
+                {"name": "mine", "policy": Pusher(), "tasks": ["Transport"]},
+                Shepherd(),
+                {"kind": "zero", "name": "still", "tasks": ["Sort"]},
+                "local_fields",
+                "zero",
+            ]
+        )
+    )
+    pairs = [
+        ("Transport", "open_loop"),
+        ("Transport", "mine"),
+        ("Transport", "shepherd"),  # nobody knows what an object serves
+        ("Transport", "zero"),
+        ("Sort", "shepherd"),
+        ("Sort", "still"),
+        ("Sort", "local_fields"),
+        ("Sort", "zero"),
+    ]
+    assert list(prepared.policies) == pairs
+
+
+def test_every_environment_can_be_evaluated() -> None:
+    prepared = evaluation.prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_fields"]))
+    facts = prepared.tasks["SortThreeKinds"]
+    assert list(facts.zones) == ["steel_block", "aluminium_block", "disc"] and facts.step_limit == 750
+    assert prepared.scenes["SortThreeKinds"].kinds == (0, 1, 2, 0, 1, 2)
+    assert prepared.scenes["SortThreeKinds"].inventory() == (
+        "two steel blocks (50 × 40 mm, friction 0.64), two aluminium blocks (50 × 35 mm, friction 0.58) "
+        "and two discs (40 × 40 mm, friction 0.6)"
+    )
+
+
+def test_one_error_names_what_does_not_fit() -> None:
+    with pytest.raises(ValueError, match=r"policies \(local_fields on Transport\)"):
+        evaluation.prepare(settings(policies=["zero", {"kind": "local_fields", "tasks": ["Transport"]}]))
