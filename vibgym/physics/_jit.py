@@ -43,7 +43,8 @@ def borrowing(function: Any) -> Any:
     Atomic counts would take longer than the functions themselves. Such a function must not make, keep or return arrays, nor
     call one that returns arrays.
     """
-    return numba.njit(_nrt=False, **OPTIONS)(function)
+    options: Any = {**OPTIONS, "_nrt": False}
+    return numba.njit(**options)(function)
 
 
 def jit(function: Any) -> Any:

@@ -13,9 +13,11 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 
-@intrinsic
-def call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
-    """``address(*arguments)``, its result thrown away. ``arguments``: tuple of int64 (integers, pointers) and float64."""
+def _call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
+    """``call_foreign(address, arguments)`` in a kernel: ``address(*arguments)``, its result thrown away.
+
+    ``arguments`` is a tuple of int64 (integers, pointers) and float64.
+    """
     if not isinstance(arguments, types.BaseTuple) or not all(
         each in (types.int64, types.float64) for each in arguments.types
     ):
@@ -29,3 +31,6 @@ def call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
         return context.get_dummy_value()
 
     return types.none(types.int64, arguments), generate
+
+
+call_foreign: Any = intrinsic(_call_foreign)

@@ -60,15 +60,15 @@ def check(
         gaps.transpose(0, 2, 1)[away] = np.inf
         excess = gaps + np.minimum(allowed, 0.25 * np.minimum.outer(radius, radius))
         if excess.min() < 0.0:
-            world, i, j = np.unravel_index(int(excess.argmin()), excess.shape)
-            raise _refuse(name, int(world), parts, int(i), f"part {j} ({parts[j].name!r})", -gaps[world, i, j])
+            world, i, j = (int(k) for k in np.unravel_index(int(excess.argmin()), excess.shape))
+            raise _refuse(name, world, parts, i, f"part {j} ({parts[j].name!r})", -gaps[world, i, j])
     placed = np.empty_like(hulls.corner)
     for wall in walls:
-        for world, part in np.argwhere(~away):
+        for world, part in np.argwhere(~away).tolist():
             place_hulls(hulls, part, *pose[world, part], placed)
             gap = wall_gap(hulls, placed, part, WALLS.index(wall), surface.width, surface.height)
             if gap < -min(allowed, 0.25 * radius[part]):
-                raise _refuse(name, int(world), parts, int(part), f"the {wall} wall", -gap)
+                raise _refuse(name, world, parts, part, f"the {wall} wall", -gap)
 
 
 def _refuse(name: str, world: int, parts: Sequence[Part], i: int, other: str, amount: float) -> ValueError:
