@@ -359,12 +359,12 @@ def cut_stale(table, bodies, drive, world, scheme, contact, state, away, shop, l
 
 
 @jit
-def rub_carefully(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h, p):
-    """What :func:`rub` does, for part ``p`` alone and by contact points."""
+def rub_carefully(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h, substeps, p):
+    """What :func:`rub` does in ``substeps`` of ``h`` s, for part ``p`` alone and by contact points."""
     body = body_of(bodies, bodies.kind[p])
     pose, velocity, lane = shop.pose[p // LANES], shop.velocity[p // LANES], p % LANES
     x, y, heading, vx, vy, spin, stuck, supported = careful_span(
-        table, body, scheme.pieces, drive, world, phase, h, 1, contact_for(contact, body),
+        table, body, scheme.pieces, drive, world, phase, substeps * h, substeps, contact_for(contact, body),
         pose[lane], pose[LANES + lane], pose[2 * LANES + lane],
         velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane], state.sticking[world, p],
     )  # fmt: skip
@@ -378,11 +378,11 @@ def rub_carefully(table, bodies, drive, world, scheme, contact, state, away, sho
 
 @borrowing
 def rub(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h):
-    """Let friction alone move all parts for ``h`` s from ``phase = w t`` on."""
+    """Let friction alone move all parts for ``h`` s from ``phase = w t`` on, in the scheme's Runge-Kutta steps or shorter."""
     parts = away.shape[0]
+    substeps = int(math.ceil(h * scheme.steps * scheme.substeps / table.period - 1e-9))
+    h /= substeps
     third = 2.0 * math.pi / table.period * h / 3.0
-    c = math.cos(phase), math.cos(phase + third), math.cos(phase + 2.0 * third), math.cos(phase + 3.0 * third)
-    s = math.sin(phase), math.sin(phase + third), math.sin(phase + 2.0 * third), math.sin(phase + 3.0 * third)
     for g in range(shop.pose.shape[0]):
         pose, velocity, own = shop.pose[g], shop.velocity[g], shop.own[g]
         old_pose, old_velocity = shop.old_pose[g], shop.old_velocity[g]
@@ -390,7 +390,11 @@ def rub(table, bodies, drive, world, scheme, contact, state, away, shop, phase, 
             old_pose[k], old_velocity[k] = pose[k], velocity[k]
         for lane in range(LANES):
             own[lane], own[LANES + lane] = 0.0, math.inf
-        kutta_lanes(shop.moments[g], table.gravity, table.speed, h, c, s, pose, velocity, own, scheme.lanes)
+        for k in range(substeps):
+            at = phase + 3 * k * third
+            c = math.cos(at), math.cos(at + third), math.cos(at + 2.0 * third), math.cos(at + 3.0 * third)
+            s = math.sin(at), math.sin(at + third), math.sin(at + 2.0 * third), math.sin(at + 3.0 * third)
+            kutta_lanes(shop.moments[g], table.gravity, table.speed, h, c, s, pose, velocity, own, scheme.lanes)
         for lane in range(LANES):
             p = g * LANES + lane
             gone = p >= parts or away[p]
@@ -411,7 +415,7 @@ def rub(table, bodies, drive, world, scheme, contact, state, away, shop, phase, 
                 for k in range(lane, 3 * LANES, LANES):
                     pose[k], velocity[k] = old_pose[k], old_velocity[k]
             if careful:
-                rub_carefully(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h, p)
+                rub_carefully(table, bodies, drive, world, scheme, contact, state, away, shop, phase, h, substeps, p)
 
 
 @jit
@@ -429,11 +433,14 @@ def pairs_now(table, bodies, hulls, walls, away, shop, pairs):
 
 
 @jit
-def collide_period(world, drive, table, bodies, hulls, scheme, overlap, solver, contact, walls, state, pairs, n, shop):
+def collide_period(
+    world, drive, table, bodies, hulls, scheme, couplings, overlap, solver, contact, walls, state, pairs, n, shop
+):
     """Advance one world by a period with contacts, changing ``state`` in place.
 
     Args:
-        scheme: ``steps`` cuts a period, and at least ``substeps`` steps of the coupling in each.
+        scheme: cuts a period, and Runge-Kutta steps in each.
+        couplings: fewest steps of the coupling from cut to cut.
         overlap: m, see :func:`safe_step`.
         contact: working arrays of the largest part.
         walls: set of walls, a bit each.
@@ -445,7 +452,7 @@ def collide_period(world, drive, table, bodies, hulls, scheme, overlap, solver, 
     parts = state.pose.shape[1]
     omega = 2.0 * math.pi / table.period
     step = table.period / scheme.steps
-    longest = step / scheme.substeps
+    longest = step / couplings
     away = state.fallen[world].copy()
     shop.known[:] = -1
     for g in range(shop.pose.shape[0]):

@@ -60,7 +60,8 @@ class CrowdScheme(NamedTuple):
     """Steps, and what may be hit."""
 
     steps: np.ndarray  # (kinds,) without contacts
-    with_contacts: Scheme  # ``steps`` cuts a period, and at least ``substeps`` steps of the coupling in each
+    with_contacts: Scheme  # of all parts where there are contacts
+    couplings: int  # fewest steps of the coupling from cut to cut
     overlap: float  # m that a blow may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 
@@ -139,6 +140,6 @@ def follow_up(start, stop, drive, table, bodies, hulls, scheme, solver, state, s
         if seen.mode[w] == TOUCHING:
             counts[world, CONTACT] += 1
             counts[world, CALLS] += collide_period(
-                world, drive, table, bodies, hulls, scheme.with_contacts, scheme.overlap, solver, contact, scheme.walls, state,
+                world, drive, table, bodies, hulls, scheme.with_contacts, scheme.couplings, scheme.overlap, solver, contact, scheme.walls, state,
                 seen.pairs[w], seen.found[w], shop,
             )  # fmt: skip

@@ -18,7 +18,7 @@ def _call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
 
     ``arguments`` is a tuple of int64 (integers, pointers) and float64.
     """
-    if not isinstance(arguments, types.BaseTuple) or not all(
+    if not isinstance(arguments, types.BaseTuple) or not all(  # type: ignore[attr-defined]
         each in (types.int64, types.float64) for each in arguments.types
     ):
         return None

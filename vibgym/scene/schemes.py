@@ -104,7 +104,8 @@ def crowd_method(
         alone=tuple(alone),
         crowd=CrowdScheme(
             steps=np.array([scheme.steps for scheme in alone]),
-            with_contacts=finest._replace(substeps=math.ceil(coupled / finest.steps)),
+            with_contacts=finest,
+            couplings=math.ceil(coupled / finest.steps),
             overlap=overlap,
             walls=sum(1 << WALLS.index(name) for name in walls),
         ),
