@@ -140,6 +140,6 @@ def follow_up(start, stop, drive, table, bodies, hulls, scheme, solver, state, s
         if seen.mode[w] == TOUCHING:
             counts[world, CONTACT] += 1
             counts[world, CALLS] += collide_period(
-                world, drive, table, bodies, hulls, scheme.with_contacts, scheme.couplings, scheme.overlap, solver, contact, scheme.walls, state,
-                seen.pairs[w], seen.found[w], shop,
+                world, drive, table, bodies, hulls, scheme.with_contacts, scheme.couplings, scheme.overlap, solver, contact,
+                scheme.walls, state, seen.pairs[w], seen.found[w], shop,
             )  # fmt: skip

@@ -18,9 +18,8 @@ def _call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
 
     ``arguments`` is a tuple of int64 (integers, pointers) and float64.
     """
-    if not isinstance(arguments, types.BaseTuple) or not all(  # type: ignore[attr-defined]
-        each in (types.int64, types.float64) for each in arguments.types
-    ):
+    kinds = getattr(arguments, "types", ())  # of a tuple
+    if not kinds or not all(each in (types.int64, types.float64) for each in kinds):
         return None
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
