@@ -69,6 +69,7 @@ class Solver(NamedTuple):
     cursor: np.ndarray  # (1,) int32, where the next batch begins
     bodies: np.ndarray  # (parts,) int64
     shapes: np.ndarray  # (shapes,) int64
+    owner: np.ndarray  # (parts + 1,) first shape of each part
     rebound: np.ndarray  # (shapes,) square root of restitution
     fixed: int  # shapes of the walls, which are numbered first
     slop: float  # m of overlap that the solver leaves alone
@@ -307,6 +308,16 @@ def resolve(solver, hulls, away, sticking, shop, h, entered, blow, undo):
 
 
 @borrowing
+def forget_blows(solver, shop):
+    """Make the solver forget the impulses on parts that were hit: those of a blow are no guess for what follows."""
+    for p in range(shop.stale.shape[0]):
+        if shop.stale[p]:
+            for k in range(solver.owner[p], solver.owner[p + 1]):
+                call_foreign(solver.remove, (solver.space, solver.shapes[k]))
+                call_foreign(solver.add, (solver.space, solver.shapes[k]))
+
+
+@borrowing
 def leave(solver):
     """Take the parts out of the solver, so that the next world finds it as this one did."""
     for k in range(solver.shapes.shape[0]):
@@ -493,9 +504,9 @@ def collide_period(
                     undo = gap < -solver.slop
                     hit = resolve(solver, hulls, away, state.sticking[world], shop, h, entered, blow, undo)
                     calls += 1
-                    entered, placed, stale, pushed = not hit, not undo, hit, True
-                    if hit:  # the impulses of a blow are no guess for those that follow
-                        leave(solver)
+                    entered, placed, stale, pushed = True, not undo, hit, True
+                    if hit:
+                        forget_blows(solver, shop)
     if entered:
         leave(solver)
     total = 0.0

@@ -63,7 +63,7 @@ class ContactSpace:
         space.iterations = iterations(parts)
         space.collision_slop = SLOP
         space.collision_bias = KEPT_PER_SECOND
-        self._bodies, self._shapes = [], []
+        self._bodies, self._shapes, owner = [], [], [0]
         fixed = _wall_shapes(space, surface, walls, materials)
         for part in parts:
             body = pymunk.Body(part.mass, part.mass * part.gyration)
@@ -73,6 +73,7 @@ class ContactSpace:
                 shape.elasticity, shape.friction = math.sqrt(part.restitution), math.sqrt(part.contact_friction)
                 shape.filter = pymunk.ShapeFilter(categories=bit | 1 << 31)
                 self._shapes.append(shape)
+            owner.append(len(self._shapes))
             self._bodies.append(body)
             space.add(body)
         space.add(*self._shapes)
@@ -112,6 +113,7 @@ class ContactSpace:
             cursor=np.frombuffer(ffi.buffer(floats, 4), dtype=np.int32),
             bodies=np.array([_address(body._body) for body in self._bodies]),
             shapes=np.array([_address(shape._shape) for shape in self._shapes]),
+            owner=np.array(owner),
             rebound=np.array([shape.elasticity for shape in self._shapes]),
             fixed=fixed,
             slop=SLOP,
