@@ -147,12 +147,12 @@ class ContactSpaces:
 
 
 def iterations(parts: Sequence[Part]) -> int:
-    """Rounds that the solver needs: a push has to find its way through all parts, and from heavy to light ones.
+    """Rounds that the solver needs: a push has to find its way through a heap, and from heavy to light parts.
 
     A light part between a heavy one and a wall takes up a share ``light / heavy`` of the push in each round.
     """
     mass = [part.mass for part in parts]
-    return min(FEWEST_ITERATIONS + len(parts) + round(max(mass) / min(mass)), MOST_ITERATIONS)
+    return min(FEWEST_ITERATIONS + round(2.0 * math.sqrt(len(parts)) + max(mass) / min(mass)), MOST_ITERATIONS)
 
 
 def _address(pointer: Any) -> int:

@@ -12,8 +12,8 @@ from vibgym.physics.hulls import Hulls
 from vibgym.physics.planar import slide_rows
 from vibgym.physics.records import State
 from vibgym.scene.collisions import ContactSpaces
+from vibgym.scene.crowd_schemes import build_crowd
 from vibgym.scene.parts import Part, bodies_of, kinds_of
-from vibgym.scene.schemes import build_crowd
 from vibgym.scene.surface import Surface
 
 STATISTICS = {"free": FREE, "near": LOOKED, "contact": CONTACT, "contact_steps": CALLS}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,10 +12,8 @@ import numpy as np
 from vibgym import checks
 from vibgym.physics import averaged, planar
 from vibgym.physics.averaged_contact import AveragedScheme
-from vibgym.physics.crowd import CrowdScheme
 from vibgym.physics.pressure_moments import LANES
 from vibgym.scene import averages_tables
-from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -27,13 +25,6 @@ FEWEST_STEPS = 4
 """With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
 
 
-CONTACT_OVERLAP = 5e-6
-"""m that a blow may make two parts overlap unless asked for otherwise."""
-
-CONTACT_STEPS = 10
-"""Fewest steps of the coupling between friction and contacts in a period unless asked for otherwise."""
-
-
 class Method(NamedTuple):
     """``advance(start, stop, drive, table, body, scheme, state, periods)`` and its scheme."""
 
@@ -41,7 +32,7 @@ class Method(NamedTuple):
     scheme: Any
 
 
-def _chosen(name: str, value: Any, most: int | None = None) -> int | None:
+def chosen(name: str, value: Any, most: int | None = None) -> int | None:
     """A count, or None for ``"auto"``."""
     if isinstance(value, str) and value == "auto":
         return None
@@ -53,63 +44,22 @@ def planar_method(
 ) -> Method:
     """Resolved in time: the contact area is cut ``steps`` times a period, friction takes ``substeps`` in each."""
     travel = 2.0 * math.pi * surface.horizontal_amplitude
-    cuts = _chosen("steps", steps) or (5 if part.gyration >= travel**2 else 9)
+    cuts = chosen("steps", steps) or (5 if part.gyration >= travel**2 else 9)
     if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
         raise checks.refuse(
             "steps",
             cuts,
             f"a whole number >= {FEWEST_STEPS} on several elements: fewer cuts a period miss what lies beneath",
         )
-    inner = _chosen("substeps", substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
+    inner = chosen("substeps", substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
         allowed = (
             f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
         )
         raise checks.refuse("substeps", inner, allowed)
-    cells = _chosen("pieces", pieces, most=64) or 0
+    cells = chosen("pieces", pieces, most=64) or 0
     phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))
     return Method(planar.advance_worlds, planar.Scheme(cuts, inner, cells, LANES, np.cos(phase), np.sin(phase)))
-
-
-class CrowdMethod(NamedTuple):
-    """Schemes for several parts: each kind's own without contacts, and what goes for all with them."""
-
-    alone: tuple[planar.Scheme, ...]  # one a kind
-    crowd: CrowdScheme
-
-
-def crowd_method(
-    surface: Surface,
-    kinds: Sequence[Part],
-    walls: Sequence[str],
-    *,
-    steps: int | str = "auto",
-    substeps: int | str = "auto",
-    pieces: int | str = "auto",
-    contact_steps: int | str = "auto",
-    contact_overlap: float | str = "auto",
-) -> CrowdMethod:
-    """The planar model for several parts: each kind by itself as :func:`planar_method` says, and steps for contacts.
-
-    ``contact_steps``: fewest steps of the coupling in a period with contacts. ``contact_overlap``: m, how far parts may run
-    into one another before the solver sees the blow; steps are cut short for it.
-    """
-    overlap = CONTACT_OVERLAP
-    if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
-        overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
-    alone = [planar_method(surface, part, steps=steps, substeps=substeps, pieces=pieces).scheme for part in kinds]
-    finest = max(alone, key=lambda scheme: scheme.steps)
-    coupled = _chosen("contact_steps", contact_steps) or CONTACT_STEPS
-    return CrowdMethod(
-        alone=tuple(alone),
-        crowd=CrowdScheme(
-            steps=np.array([scheme.steps for scheme in alone]),
-            with_contacts=finest,
-            couplings=math.ceil(coupled / finest.steps),
-            overlap=overlap,
-            walls=sum(1 << WALLS.index(name) for name in walls),
-        ),
-    )
 
 
 def averaged_method(
@@ -118,7 +68,7 @@ def averaged_method(
     """Averaged over the period: ``steps`` in each span of ``stride`` periods."""
     order = checks.count("order", order, most=2)
     stride = checks.count("stride", stride)
-    cuts = _chosen("steps", steps) or 1
+    cuts = chosen("steps", steps) or 1
     check_sliding(surface, part)
     return Method(averaged.advance_worlds, AveragedScheme(order, stride, cuts, averages_tables.averages()))
 
@@ -146,25 +96,12 @@ def build(model: str, surface: Surface, part: Part, knobs: Mapping[str, Any]) ->
         ValueError: an unknown model, a knob that it does not have, a bad value, or a scene that it does not cover.
     """
     checks.choice("model", model, tuple(MODELS))
-    _check_knobs(model, MODELS[model], knobs)
+    check_knobs(model, MODELS[model], knobs)
     return MODELS[model](surface, part, **knobs)
 
 
-def build_crowd(
-    model: str, surface: Surface, kinds: Sequence[Part], walls: Sequence[str], knobs: Mapping[str, Any]
-) -> CrowdMethod:
-    """Schemes of ``model`` for several parts or walls.
-
-    Raises:
-        ValueError: as for :func:`build`.
-    """
-    if model != "planar":
-        raise checks.refuse("model", model, "'planar' with several parts or walls: contacts are resolved in time")
-    _check_knobs(model, crowd_method, knobs)
-    return crowd_method(surface, kinds, walls, **knobs)
-
-
-def _check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any]) -> None:
+def check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any]) -> None:
+    """Refuse knobs that are not keyword arguments of ``make``."""
     known = [name for name, each in inspect.signature(make).parameters.items() if each.kind is each.KEYWORD_ONLY]
     for name, value in knobs.items():
         if name not in known:
