@@ -54,5 +54,6 @@ def jit(function: Any) -> Any:
         kernel.enable_caching()
         # numba has no public way to say what else a kernel depends on. Were this name to change, the error says so here.
         index = kernel._cache._cache_file
-        index._source_stamp = (index._source_stamp, SOURCES)
+        # The version is looked at before anything else is read, which may no longer be readable.
+        index._version = f"{index._version} {SOURCES}"
     return kernel
