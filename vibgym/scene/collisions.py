@@ -17,7 +17,7 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
-from vibgym.physics.contacts import Solver
+from vibgym.physics.contact_solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
