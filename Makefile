@@ -74,10 +74,11 @@ $(PUSHT)/.installed:
 	$(PUSHT)/bin/python -m pip --disable-pip-version-check install --quiet gym-pusht==0.1.8
 	@touch $@
 
-benchmark: $(LEARN) $(PUSHT)/.installed
+benchmark: $(LEARN) $(ACCURACY) $(PUSHT)/.installed
 	$(PY) -m benchmarks.accuracy
 	$(PY) -m benchmarks.kernel
 	$(PY) -m benchmarks.speed
+	$(PY) -m benchmarks.contacts
 	$(PY) -m benchmarks.crowds --pusht $(PUSHT)/bin/python
 	$(PY) -m benchmarks.pile
 

@@ -6,8 +6,8 @@ infinity meaningful in comparisons. ``math.isfinite`` is no such guard: it looks
 in threads.
 
 numba caches a compiled kernel by the file that holds it and does not notice when a kernel that it calls has changed in
-another file: it would go on with the old physics. So the stamp of every cached kernel also holds a digest of all files of
-this folder. ``VIBGYM_CACHE=0`` switches the cache off.
+another file: it would go on with the old physics. So the version of every cached kernel also holds a digest of all files
+of this folder. ``VIBGYM_CACHE=0`` switches the cache off.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ import numpy as np
 from vibgym.physics._jit import borrowing, jit
 from vibgym.physics.careful import careful_span, contact_for, cuts_needed
 from vibgym.physics.contact_solver import JOLT, forget_blows, leave, resolve
-from vibgym.physics.hulls import A_FACE, B_FACE, BOTTOM, LEFT, RIGHT, approach, farthest, hull_contact, place_hulls
+from vibgym.physics.hulls import A_FACE, B_FACE, BOTTOM, LEFT, RIGHT, farthest, hull_contact, place_hulls
 from vibgym.physics.neighbours import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.planar import bundle_moments, cut_lane, kutta_lanes, limits, place_ahead
 from vibgym.physics.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
@@ -161,12 +161,12 @@ def safe_step(table, bodies, hulls, overlap, pairs, n, away, shop, h, shortest):
                 # An edge takes its normal along when its part turns: seen from there, only the other hull moves.
                 if owner == A_FACE:
                     vx, vy = du - sj * (yi - yj), dw + sj * (xi - xj)
-                    now = approach(hulls, placed, b, nx, ny, xi, yi, vx, vy, sj - si, 0.0)
-                    later = approach(hulls, placed, b, nx, ny, xi, yi, vx, vy, sj - si, h) - now + gap
+                    now = farthest(hulls, placed, b, -nx, -ny, xi, yi, vx, vy, sj - si, 0.0)
+                    later = gap + now - farthest(hulls, placed, b, -nx, -ny, xi, yi, vx, vy, sj - si, h)
                 elif owner == B_FACE:
                     vx, vy = -du - si * (yj - yi), -dw + si * (xj - xi)
-                    now = approach(hulls, placed, a, -nx, -ny, xj, yj, vx, vy, si - sj, 0.0)
-                    later = approach(hulls, placed, a, -nx, -ny, xj, yj, vx, vy, si - sj, h) - now + gap
+                    now = farthest(hulls, placed, a, nx, ny, xj, yj, vx, vy, si - sj, 0.0)
+                    later = gap + now - farthest(hulls, placed, a, nx, ny, xj, yj, vx, vy, si - sj, h)
                 else:
                     later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
                     later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)

@@ -119,10 +119,10 @@ def part_gap(hulls, placed, i, j):
 
 @borrowing
 def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
-    """How far hull ``a`` reaches along ``(nx, ny)`` after moving for ``h`` with its part's velocity, rounding included.
+    """How far hull ``a`` reaches along ``(nx, ny)`` after moving for ``h`` in a straight line, rounding included.
 
     Args:
-        x, y: m, centre of mass.  vx, vy, spin: velocity, m/s and rad/s.  h: s.
+        x, y: m, the point about which ``spin`` (rad/s) turns.  vx, vy: its velocity, m/s.  h: s.
     """
     drift = (nx * vx + ny * vy) * h
     most = -math.inf
@@ -130,24 +130,6 @@ def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
         rx, ry = placed[k, 0] - x, placed[k, 1] - y
         most = max(most, nx * placed[k, 0] + ny * placed[k, 1] + h * spin * (ny * rx - nx * ry))
     return most + drift + hulls.rounding[a]
-
-
-@borrowing
-def approach(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
-    """How far hull ``a`` reaches against ``(nx, ny)`` after moving for ``h``, seen from a body that it moves against.
-
-    Args:
-        x, y: m, the point about which ``spin`` turns.  vx, vy, spin: velocity of ``a``'s points relative to that body.
-
-    Returns:
-        The least ``n . (p + h (v + spin x (p - (x, y))))`` of its corners, m, less the rounding.
-    """
-    least = math.inf
-    for k in range(hulls.first[a], hulls.first[a + 1]):
-        px, py = placed[k, 0], placed[k, 1]
-        along = nx * (vx - spin * (py - y)) + ny * (vy + spin * (px - x))
-        least = min(least, nx * px + ny * py + h * along)
-    return least - hulls.rounding[a]
 
 
 @borrowing

@@ -1,8 +1,8 @@
 """Which parts can come to touch: pairs that are near before a period, and paths that have come near after it.
 
-Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g`` and never beyond the table's
-speed, which bounds how far it gets. Parts whose circumscribed circles stay apart under that bound are not near. After a period
-without contacts the paths are known, and the outlines' distances along them say whether anything came to touch.
+Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g``, which bounds how far it gets.
+Parts whose circumscribed circles stay apart under that bound are not near. After a period without contacts the paths are
+known, and the outlines' distances along them say whether anything came to touch.
 """
 
 from __future__ import annotations
@@ -22,9 +22,8 @@ NEVER, NEAR, TOUCHING = 0, 1, 2
 @borrowing
 def travel_bound(table, friction, vx, vy):
     """Largest distance, m, that a part can cover in a period while nothing but the table moves it."""
-    speed = math.sqrt(vx * vx + vy * vy)
-    grip = friction * table.gravity * table.period * table.period  # half of 2 mu g T^2
-    return min(speed * table.period + grip, max(speed, table.speed) * table.period)
+    # Not less for parts at the table's speed: what spins on an uneven pressure may become faster than the table.
+    return (math.sqrt(vx * vx + vy * vy) + friction * table.gravity * table.period) * table.period
 
 
 @borrowing
@@ -48,12 +47,12 @@ def near_pairs(table, bodies, hulls, walls, pose, velocity, away, slack, pairs, 
         pose, velocity: (parts, 3).
         away: (parts,) bool, parts that have fallen.
         slack: m that a part may go farther than friction takes it, since others push it.
-        pairs: (capacity, 2) overwritten: part and part, or part and ``-1 - wall``.
+        pairs: (:func:`pair_capacity`, 2) overwritten: part and part, or part and ``-1 - wall``.
         reach: (parts,) working array.
         order: (parts,) working array.
 
     Returns:
-        Number of pairs; where there are more than ``pairs`` holds, only so many are written.
+        Number of pairs.
     """
     parts = pose.shape[0]
     n, largest = 0, 0.0
@@ -81,14 +80,12 @@ def near_pairs(table, bodies, hulls, walls, pose, velocity, away, slack, pairs, 
                 continue
             dy, sum_of_both = pose[j, 1] - pose[i, 1], reach[i] + reach[j]
             if dx * dx + dy * dy <= sum_of_both * sum_of_both:
-                if n < pairs.shape[0]:
-                    pairs[n, 0], pairs[n, 1] = min(i, j), max(i, j)
+                pairs[n, 0], pairs[n, 1] = min(i, j), max(i, j)
                 n += 1
         if walls != 0:
             for wall in range(4):
                 if (walls >> wall) & 1 and wall_distance(table, wall, pose[i, 0], pose[i, 1]) <= reach[i]:
-                    if n < pairs.shape[0]:
-                        pairs[n, 0], pairs[n, 1] = i, -1 - wall
+                    pairs[n, 0], pairs[n, 1] = i, -1 - wall
                     n += 1
     return n
 

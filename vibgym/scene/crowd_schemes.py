@@ -70,7 +70,7 @@ def build_crowd(
     """Schemes of ``model`` for several parts or walls.
 
     Raises:
-        ValueError: as for :func:`build`.
+        ValueError: as for :func:`vibgym.scene.schemes.build`.
     """
     if model != "planar":
         raise checks.refuse("model", model, "'planar' with several parts or walls: contacts are resolved in time")

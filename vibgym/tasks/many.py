@@ -17,7 +17,7 @@ from vibgym.tasks.arrange import CLEAR, START_NUMBERS, TRIES, Room, draw_starts,
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.crowd import TERMS, CrowdRules, CrowdScore, begin_crowd, new_crowd_score, score_crowd
 from vibgym.tasks.pose import HOLD_STEPS
-from vibgym.tasks.zones import check_room, kinds_of, zones_from
+from vibgym.tasks.zones import check_room, kinds_by_name, zones_from
 
 STARTS = tuple(START_NUMBERS)
 
@@ -61,7 +61,7 @@ class ManyTask(Task):
     ) -> None:
         self.surface, self.parts = surface, tuple(parts)
         checks.choice("start", start, STARTS)
-        self.names, self.kind = kinds_of(self.parts)
+        self.names, self.kind = kinds_by_name(self.parts)
         self.fewest, self.most = _number_present(randomize, len(self.parts))
         self.slots = len(self.parts) if slots is None else checks.count("slots", slots, least=len(self.parts))
         apart = self.apart()

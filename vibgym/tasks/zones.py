@@ -21,7 +21,7 @@ ZONE_COLUMNS = 6
 ROUNDING = 1e-9  # m, that a zone may stick out: borders are products of a size and a number of elements
 
 
-def kinds_of(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
+def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
     """Names of the kinds in order of appearance, and each part's kind (parts,). Parts with the same name are of one kind.
 
     Raises:
