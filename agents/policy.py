@@ -151,7 +151,7 @@ def make_policy(policy: Any, situation: Situation, seed: int = 0) -> Policy:
     Raises:
         ValueError: unknown name or arguments, a policy that does not serve this task, or a file that holds none for it.
     """
-    from agents.classical import CLASSICAL
+    from agents.control import CLASSICAL
     from agents.learned.trained import load_trained
 
     if hasattr(policy, "predict"):

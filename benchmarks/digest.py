@@ -3,8 +3,9 @@
     python -m benchmarks.digest write   # benchmarks/digest.json, on the machine at hand
     python -m benchmarks.digest check   # names every scene and column that differs from it, and by how much
 
-Bits hold on one kind of processor and one version of numba only; on another, write the file at a commit that is trusted and check
-at the one in question. A change of the code that means to change results says in its commit which rows it changes and why.
+Bits hold on one kind of processor and one version of numba only; on another, write the file at a commit that is trusted and
+check at the one in question. A change of the code that means to change results says in its commit which rows it changes and
+why.
 """
 
 from __future__ import annotations
@@ -196,8 +197,8 @@ SCENES: dict[str, Callable[[], dict]] = {
     "heap of mixed parts": together(CROWD, 21, 0.11, surface=Surface(rows=16, columns=16), calls=25),
     "heavy and light": together(["heavy", "disc", "disc", "heavy"], 22, 0.0505),
     "one part and walls": together(["steel"], 23, 0.0, surface=Surface(rows=3, columns=4), calls=15, walls=WALLS),
-    "corner": together(["steel", "disc", "bouncy"], 24, 0.06, surface=Surface(rows=6, columns=6), calls=15, walls=["left", "top"]),
-    "heap, finer coupling": together(["aluminium"] * 4, 25, 0.0545, contact_steps=40),
+    "corner": together(["steel", "disc", "bouncy"], 24, 0.06, surface=Surface(rows=6, columns=6), calls=15, walls=["left",
+    "top"]), "heap, finer coupling": together(["aluminium"] * 4, 25, 0.0545, contact_steps=40),
     "heap, sticking": together(["steel", "bar", "disc"], 26, 0.105, surface=Surface(rows=16, columns=16, frequency=9.0)),
     "heap, auto": together(["steel"] * 3, 27, 0.0545, model="auto"),
     "Rotate, element": played("Rotate", 31),
@@ -216,8 +217,8 @@ SCENES: dict[str, Callable[[], dict]] = {
     "Sort, element": played("Sort", 44),
     "Sort, field": played("Sort", 45, action="field"),
     "Sort, patch, image": played("Sort", 46, action="patch", observation="image"),
-    "Sort, phasor, walls, varying parts": played("Sort", 47, action="phasor", walls=["left", "top"], randomize={"parts": [2, 6]}, slots=8),
-    "SortTwelve, field": played("SortTwelve", 48, action="field", steps=25),
+    "Sort, phasor, walls, varying parts": played("Sort", 47, action="phasor", walls=["left", "top"], randomize={"parts": [2,
+    6]}, slots=8), "SortTwelve, field": played("SortTwelve", 48, action="field", steps=25),
     "SortThreeKinds, field": played("SortThreeKinds", 49, action="field"),
     "SortCrowded, element": played("SortCrowded", 50),
     "SortCrowded, patch, image": played("SortCrowded", 51, action="patch", observation="image", steps=30),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import Field, lead_angle, radial, squeeze, tangential, uniform
-from vibgym.physics.drive import PolarDrive, all_phasors
+from vibgym.physics.core.drive import PolarDrive, all_phasors
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

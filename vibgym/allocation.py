@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.averaged_contact import AveragedScheme
-from vibgym.physics.averaged_map import acceleration_map, elements_under, mean_accelerations, mean_states
-from vibgym.physics.drive import PolarDrive
-from vibgym.scene.averages_tables import averages
+from vibgym.physics.averaged.contact import AveragedScheme
+from vibgym.physics.averaged.map import acceleration_map, elements_under, mean_accelerations, mean_states
+from vibgym.physics.core.drive import PolarDrive
 from vibgym.scene.parts import Part
-from vibgym.scene.schemes import check_sliding
 from vibgym.scene.surface import Surface
+from vibgym.simulation.averages_tables import averages
+from vibgym.simulation.schemes import check_sliding
 
 ITERATIONS = 12
 SCALINGS = 20

@@ -21,8 +21,9 @@ from tqdm import tqdm
 from agents.policy import Situation, make_policy
 from vibgym.config import part_from
 from vibgym.envs.core import Core
-from vibgym.physics.drive import ElementDrive
-from vibgym.scene import Part, Simulator, Surface
+from vibgym.physics.core.drive import ElementDrive
+from vibgym.scene import Part, Surface
+from vibgym.simulation import Simulator
 from vibgym.tasks import Sort
 from vibgym.tasks.arrange import lattice
 from vibgym.tasks.base import Start

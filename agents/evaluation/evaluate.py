@@ -13,7 +13,7 @@ import gymnasium as gym
 from tqdm import tqdm
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.classical import CLASSICAL
+from agents.control import CLASSICAL
 from agents.evaluation import animation, cost, report, tables
 from agents.evaluation.provenance import provenance
 from agents.evaluation.results import Results, TaskFacts, row_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibgym.envs.core import Core
-from vibgym.physics.hulls import all_gaps
+from vibgym.physics.collision.hulls import all_gaps
 from vibgym.tasks import ManyTask
 from vibgym.tasks.crowd import TOUCHING
 

@@ -15,7 +15,7 @@ from vibgym.accuracy.candidates import Candidate, Outcome, model_candidate, prep
 from vibgym.accuracy.orders import fitted_order
 from vibgym.accuracy.scenes import scenes_from
 from vibgym.accuracy.settings import TruthSettings
-from vibgym.scene import choice
+from vibgym.simulation import choice
 
 NUMBERS = st.one_of(st.floats(1e-6, 1e6), st.sampled_from([1.0, 2.0, math.inf, math.nan]))
 POINTS = st.lists(st.tuples(NUMBERS, NUMBERS), max_size=12)

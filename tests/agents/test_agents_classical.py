@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import vibgym
-from agents.classical.seen import see, started
+from agents.control.seen import see, started
 from agents.policy import Situation, make_policy
 from tests.agents.helpers import TASKS, situation, successes
 from tests.envs.helpers import batch, put, single

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from agents.classical.crowd_seen import see_crowd, wrap
-from agents.classical.sharing import DAMPING, RULES, Sharing, area_samples, cover
+from agents.control.crowd_seen import see_crowd, wrap
+from agents.control.sharing import DAMPING, RULES, Sharing, area_samples, cover
 from agents.policy import Situation, make_policy
 from tests.agents.helpers import situation
 from tests.envs.helpers import batch, single

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.classical.motions import (
+from agents.control.motions import (
     ASIDE,
     LANE,
     MOTIONS,
@@ -18,8 +18,8 @@ from agents.classical.motions import (
     follow,
     set_velocity,
 )
-from agents.classical.planner import PlannerPolicy
-from agents.classical.slots import Slots, assign, lattice, swap
+from agents.control.planner import PlannerPolicy
+from agents.control.slots import Slots, assign, lattice, swap
 from agents.policy import Situation, make_policy
 from tests.agents.test_agents_crowd_fields import ALUMINIUM, DISC, STEEL, SURFACE, facing
 from tests.envs.helpers import batch, single

@@ -14,8 +14,8 @@ from stable_baselines3.common.env_checker import check_env as check_sb3_env
 from tests.envs.helpers import ACTIONS, WALLS, assert_same, batch, lay, single, sorted_pose, still
 from tests.envs.test_envs_parity import WORLDS, rows, side_by_side, trajectory
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
-from vibgym.physics.hulls import all_gaps
-from vibgym.scene import workers
+from vibgym.physics.collision.hulls import all_gaps
+from vibgym.simulation import threads as workers
 
 NAMES = {"Sort": 750, "SortTwelve": 1500, "SortThreeKinds": 750, "SortCrowded": 750, "Singulate": 500}
 MODES = list(AutoresetMode)

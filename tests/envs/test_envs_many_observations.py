@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import WALLS, batch, lay, single, sorted_pose, still
-from vibgym.physics.hulls import all_gaps
+from vibgym.physics.collision.hulls import all_gaps
 
 SIZE, WIDTH, HEIGHT, SPEED = 0.026, 0.832, 0.208, 2.7e-3 * 2 * math.pi * 25.0
 PIXEL = SIZE / 6

@@ -11,7 +11,7 @@ from agents.policy import Situation, make_policy
 from tests.envs.helpers import ACTIONS, SMALL, TASKS, assert_same, batch, single
 from vibgym import Surface
 from vibgym.config import part_from
-from vibgym.scene import workers
+from vibgym.simulation import threads as workers
 
 WORLDS = 3
 MODES = list(AutoresetMode)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Simulator, Surface
-from vibgym.physics.averaged import exponential
-from vibgym.physics.drive import PhasorDrive
+from vibgym.physics.averaged.integrator import exponential
+from vibgym.physics.core.drive import PhasorDrive
 from vibgym.scene.parts import shipped_part
 
 SURFACE = Surface()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import IntegrationWarning, quad
 
-from vibgym.physics.averages import (
+from vibgym.physics.averaged.averages import (
     POLYNOMIAL_END,
     first_order,
     gather_moments,
@@ -18,7 +18,7 @@ from vibgym.physics.averages import (
     second_order,
     wobble,
 )
-from vibgym.scene.averages_tables import (
+from vibgym.simulation.averages_tables import (
     COUPLING_NODES,
     COUPLING_STEP,
     EVEN,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from shapely.geometry import MultiPoint, Point, Polygon, box
 from shapely.geometry.polygon import orient
 
-from vibgym.physics.contact_area import MOMENTS, NEGLIGIBLE_PIECE, contact_points, cut_outline, support_holds
+from vibgym.physics.contact_area.outline import MOMENTS, NEGLIGIBLE_PIECE, contact_points, cut_outline, support_holds
 
 PITCH = 0.026
 L_SHAPE = [(0, 0), (60, 0), (60, 30), (30, 30), (30, 60), (0, 60)]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibgym.physics.drive import (
+from vibgym.physics.core.drive import (
     ElementDrive,
     FieldDrive,
     PatchDrive,

@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.physics.careful import cells_across, contact_arrays, cut_into_points, place_outline
-from vibgym.physics.contact_area import cut_outline
-from vibgym.physics.drive import PolarDrive
-from vibgym.physics.friction import expanded_wrench, sliding_wrench
-from vibgym.physics.planar import LARGEST_VARIATION
-from vibgym.physics.pressure_moments import (
+from vibgym.physics.contact_area.outline import cut_outline
+from vibgym.physics.contact_area.pressure_moments import (
     LANES,
     MOMENT_ROWS,
     PIECE_FIELDS,
@@ -20,6 +16,10 @@ from vibgym.physics.pressure_moments import (
     pressure_moments,
     read_phasors,
 )
+from vibgym.physics.core.drive import PolarDrive
+from vibgym.physics.friction.by_points import cells_across, contact_arrays, cut_into_points, place_outline
+from vibgym.physics.friction.planar import LARGEST_VARIATION
+from vibgym.physics.friction.wrench import expanded_wrench, sliding_wrench
 
 SURFACE = Surface()
 PARTS = {

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Simulator, Surface
-from vibgym.scene import choice
 from vibgym.scene.parts import shipped_part
+from vibgym.simulation import choice
 
 BLOCK = shipped_part("aluminium_block")
 PROTOTYPE = Surface()

@@ -10,7 +10,7 @@ import pytest
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial, uniform
 from vibgym.scene.hulls import WALLS, gaps_between
-from vibgym.scene.workers import available_threads
+from vibgym.simulation.threads import available_threads
 
 SURFACE = Surface()
 STEEL = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel")

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibgym import Part, Surface
-from vibgym.physics.hulls import all_gaps
+from vibgym.physics.collision.hulls import all_gaps
 from vibgym.tasks import MANY_TASKS, ManyTask, Singulate, Sort
 from vibgym.tasks.arrange import TRIES, lattice
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.tasks.test_tasks_arrange import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
-from vibgym.physics.records import State
+from vibgym.physics.core.records import State
 from vibgym.tasks import MANY_TASKS, Singulate, Sort
 from vibgym.tasks.crowd import TERMS
 

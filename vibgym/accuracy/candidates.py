@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym.accuracy.scenes import Scene
-from vibgym.physics.drive import PolarDrive
-from vibgym.scene.simulator import Simulator
+from vibgym.physics.core.drive import PolarDrive
+from vibgym.simulation.simulator import Simulator
 
 
 class Outcome(NamedTuple):

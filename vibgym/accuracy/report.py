@@ -16,8 +16,8 @@ from vibgym.accuracy.peers import peer_candidate
 from vibgym.accuracy.provenance import provenance
 from vibgym.accuracy.scenes import Scene, scenes_from
 from vibgym.accuracy.settings import ReportSettings
-from vibgym.scene import schemes
-from vibgym.scene.simulator import Simulator
+from vibgym.simulation import schemes
+from vibgym.simulation.simulator import Simulator
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.scene import schemes
 from vibgym.scene.parts import shipped_part
 from vibgym.scene.surface import Surface
+from vibgym.simulation import schemes
 
 MODELS = ("planar", "averaged")
 PEERS: dict[str, dict[str, Any]] = {

@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym.physics.drive import FIELD_STRENGTHS, ElementDrive, FieldDrive, PatchDrive, PhasorDrive
+from vibgym.physics.core.drive import FIELD_STRENGTHS, ElementDrive, FieldDrive, PatchDrive, PhasorDrive
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 

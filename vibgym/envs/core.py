@@ -12,9 +12,9 @@ from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS, Action
 from vibgym.envs.crowd_observations import CROWD_OBSERVATIONS
 from vibgym.envs.observations import OBSERVATIONS
-from vibgym.physics.drive import all_phasors
+from vibgym.physics.core.drive import all_phasors
 from vibgym.scene.parts import Part
-from vibgym.scene.simulator import Simulator
+from vibgym.simulation.simulator import Simulator
 from vibgym.tasks import ManyTask, PoseTask, Task
 
 SETTINGS = "surface, parts, model, action, observation, actuators, sensor, randomize, periods_per_step"

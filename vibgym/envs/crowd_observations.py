@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym.envs.observations import COARSE, LEAST_SPEED, PIXELS, SPIN_SCALE
-from vibgym.physics._jit import jit
+from vibgym.physics.core.jit import jit
 from vibgym.rendering.raster import rasterise_many
 from vibgym.scene.surface import Surface
 from vibgym.tasks.crowd import CrowdScore

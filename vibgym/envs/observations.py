@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from vibgym.physics._jit import jit
+from vibgym.physics.core.jit import jit
 from vibgym.rendering.raster import rasterise
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

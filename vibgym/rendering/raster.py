@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from vibgym.physics._jit import jit
+from vibgym.physics.core.jit import jit
 
 GRID_EVEN, GRID_ODD, MARK = 64, 128, 255
 """Values of channel 2: elements with even and odd row + column, heading mark."""

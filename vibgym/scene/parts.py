@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.records import Bodies, Body
+from vibgym.physics.core.records import Bodies, Body
 from vibgym.scene import outlines
 
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass

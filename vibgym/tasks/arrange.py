@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics._jit import jit
-from vibgym.physics.hulls import hull_gap, part_gap, place_hulls, wall_gap
+from vibgym.physics.collision.hulls import hull_gap, part_gap, place_hulls, wall_gap
+from vibgym.physics.core.jit import jit
 
 TRIES = 20
 """Random poses, or directions of approach, for each part."""

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics._jit import jit
-from vibgym.physics.hulls import part_gap, place_hulls
+from vibgym.physics.collision.hulls import part_gap, place_hulls
+from vibgym.physics.core.jit import jit
 
 TERMS = ("distance", "inside", "clearance", "time", "success", "fallen")
 """Reward terms in order. Each is bounded by 1 in magnitude, but for success (5) and fallen (-5)."""

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.records import State
+from vibgym.physics.core.records import State
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

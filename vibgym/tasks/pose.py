@@ -14,8 +14,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics._jit import jit
-from vibgym.physics.records import State
+from vibgym.physics.core.jit import jit
+from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import Start, Task

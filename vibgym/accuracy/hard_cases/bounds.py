@@ -8,12 +8,12 @@ import numpy as np
 
 from vibgym.accuracy.hard_cases.case import HardCase, Outcome, at_most
 from vibgym.accuracy.hard_cases.motion import one_element, random_drive, sound, threshold
-from vibgym.physics.careful import cells_across, contact_arrays, cut_into_points
-from vibgym.physics.drive import PolarDrive
-from vibgym.physics.friction import sliding_wrench
+from vibgym.physics.core.drive import PolarDrive
+from vibgym.physics.friction.by_points import cells_across, contact_arrays, cut_into_points
+from vibgym.physics.friction.wrench import sliding_wrench
 from vibgym.scene.parts import Part
-from vibgym.scene.simulator import Simulator
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 
 def kinetic_energy(part: Part, velocity: np.ndarray) -> np.ndarray:
