@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from vibgym.scene.parts import Part
 from vibgym.tasks.pose import PoseTask
 
 
@@ -16,7 +17,7 @@ class Rotate(PoseTask):
     heading_tolerance = math.radians(2.0)
     draws = 4
 
-    def heading_period(self) -> float:
+    def heading_period(self, part: Part) -> float:
         return 0.0  # a full turn is not the same as none
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Where many parts start: scattered over the surface, or crowded together and in touch.
+"""Where parts start: scattered over the surface, or in a heap and in touch.
 
 All is computed from uniform numbers, which the environments draw, so an episode's start depends on nothing but them. Where
 chance finds no room within a number of tries, parts go to a lattice that has been checked to hold them.
@@ -7,12 +7,18 @@ chance finds no room within a number of tries, parts go to a lattice that has be
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.physics.collision.hulls import hull_gap, part_gap, place_hulls, wall_gap
 from vibgym.physics.core.jit import jit
+from vibgym.scene.hulls import hulls_of
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.tasks.lattice import lattice
 
 TRIES = 20
 """Random poses, or directions of approach, for each part."""
@@ -39,21 +45,6 @@ class Room(NamedTuple):
         np.ndarray
     )  # (n, 2) m, centres of cells that hold any part, column by column, each from the bottom to the top
     clear: float  # m, smallest distance between scattered parts
-
-
-def lattice(low: np.ndarray, high: np.ndarray, radius: float, gap: float) -> np.ndarray:
-    """Centres (n, 2) of circles of ``radius`` at least ``gap`` apart in a rectangle, m: as many as a square lattice holds.
-
-    They are spread evenly, column by column, each from the bottom to the top.
-    """
-    axes = []
-    for least, most in zip(low, high, strict=True):
-        length = most - least - 2.0 * radius
-        count = math.floor(length / (2.0 * radius + gap) + 1e-9) + 1 if length > -1e-12 else 0
-        middle = 0.5 * (least + most)
-        axes.append(middle + max(length, 0.0) * (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(count)))
-    x, y = np.meshgrid(*axes, indexing="ij")
-    return np.column_stack([x.ravel(), y.ravel()])
 
 
 @jit
@@ -165,8 +156,8 @@ def is_on_surface(hulls, placed, part, room):
 
 
 @jit
-def crowd(hulls, room, order, count, numbers, placed, pose):
-    """Put the parts ``order[:count]`` down in one cluster: each comes from afar towards the first and stops where it touches.
+def heap(hulls, room, order, count, numbers, placed, pose):
+    """Put the parts ``order[:count]`` down in one heap: each comes from afar towards the first and stops where it touches.
 
     The first lies near a random point. A part that would stick out of the surface tries another direction and heading.
 
@@ -215,12 +206,27 @@ def push_together(hulls, room, order, count, numbers, placed, pose):
 
 
 @jit
-def draw_starts(hulls, room, crowded, low, high, uniform, pose, present):
+def chosen_first(present, order):
+    """Let ``order`` begin with the parts that are present, as they stand; returns their number."""
+    count = 0
+    for k in range(order.shape[0]):
+        if present[order[k]]:
+            first = order[k]
+            for at in range(k, count, -1):
+                order[at] = order[at - 1]
+            order[count] = first
+            count += 1
+    return count
+
+
+@jit
+def draw_starts(hulls, room, heaped, low, high, given, uniform, pose, present):
     """Starts of n worlds.
 
     Args:
-        crowded: whether parts start in one cluster; else they are scattered.
+        heaped: whether parts start in one heap; else they are scattered.
         low, high: smallest and largest number of parts present.
+        given: whether ``present`` says which parts there are; else it is drawn.
         uniform: (n, 1 + parts + parts * TRIES * numbers per try): how many, which, and the tries.
         pose: (n, parts, 3), overwritten; of absent parts beside the surface.
         present: (n, parts) bool, overwritten.
@@ -229,13 +235,79 @@ def draw_starts(hulls, room, crowded, low, high, uniform, pose, present):
     order, placed = np.empty(parts, np.int64), np.empty_like(hulls.corner)
     for world in range(pose.shape[0]):
         count = choose_present(low, high, uniform[world], order)
+        if given:
+            count = chosen_first(present[world], order)
         pose[world], present[world] = 0.0, False
         for k in range(parts):
             pose[world, k, 0], pose[world, k, 1] = -room.width, -room.height
         for k in range(count):
             present[world, order[k]] = True
         tries = uniform[world, 1 + parts :].reshape((parts, TRIES, -1))
-        if crowded:
-            crowd(hulls, room, order, count, tries, placed, pose[world])
+        if heaped:
+            heap(hulls, room, order, count, tries, placed, pose[world])
         else:
             scatter(hulls, room, order, count, tries, placed, pose[world])
+
+
+class Starts:
+    """Draws where the parts of an episode lie, and which there are.
+
+    Args:
+        surface, parts: the scene.
+        arrangement: ``"scattered"`` (random poses at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
+        randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there; None: all.
+        apart: m, distance that the surface has to have room for between parts.
+
+    Attributes:
+        most: largest number of parts in an episode.
+        draws: uniform numbers for an episode.
+
+    Raises:
+        ValueError: a bad setting, or too little room.
+    """
+
+    def __init__(
+        self, surface: Surface, parts: Sequence[Part], arrangement: str, randomize: Any = None, apart: float = 0.0
+    ) -> None:
+        checks.choice("start", arrangement, tuple(START_NUMBERS))
+        self.parts, self.heaped = tuple(parts), arrangement == "crowded"
+        self.fewest, self.most = _number_present(randomize, len(parts))
+        self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[arrangement])
+        gap = max(0.0 if self.heaped else CLEAR, apart)
+        radius = max(part.radius for part in parts)
+        cells = lattice(np.zeros(2), np.array([surface.width, surface.height]), radius, gap)
+        if len(cells) < self.most:
+            names = ", ".join(dict.fromkeys(part.name for part in parts))
+            raise checks.refuse(
+                "parts",
+                f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart",
+                f"at most {len(cells)} on this surface, {surface.width:g} x {surface.height:g} m",
+            )
+        self._hulls = hulls_of(parts)
+        self._room = Room(surface.width, surface.height, cells, CLEAR)
+
+    def draw(self, uniform: np.ndarray, present: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, parts, 3) and which parts are there (n, parts), from ``uniform`` (n, draws) in [0, 1).
+
+        Args:
+            present: (n, parts) bool to say which are there; None: drawn.
+        """
+        shape = (len(uniform), len(self.parts))
+        pose, given = np.empty((*shape, 3)), present is not None
+        there = np.array(present) if present is not None else np.empty(shape, dtype=bool)
+        draw_starts(self._hulls, self._room, self.heaped, self.fewest, self.most, given, uniform, pose, there)
+        return pose, there
+
+
+def _number_present(randomize: Any, parts: int) -> tuple[int, int]:
+    """Smallest and largest number of parts in an episode."""
+    allowed = f"None, or {{'parts': [low, high]}} with whole numbers 1 <= low <= high <= {parts}"
+    if randomize is None or randomize == {}:
+        return parts, parts
+    if not isinstance(randomize, Mapping) or set(randomize) != {"parts"}:
+        raise checks.refuse("randomize", randomize, allowed)
+    bounds = randomize["parts"]
+    if isinstance(bounds, str) or not isinstance(bounds, Sequence) or len(bounds) != 2:
+        raise checks.refuse("randomize['parts']", bounds, allowed)
+    low = checks.count("randomize['parts'][0]", bounds[0], most=parts)
+    return low, checks.count("randomize['parts'][1]", bounds[1], least=low, most=parts)
