@@ -13,7 +13,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.averaged.map import acceleration_map, elements_under, mean_accelerations, mean_states
-from vibgym.physics.core.drive import PolarDrive
+from vibgym.physics.core.drive import Drive, polar_drive
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.averages_tables import averages
@@ -146,7 +146,7 @@ def mean_state(
 
 def _driven(
     surface: Surface, part: Part, pose: Any, velocity: Any, amplitude: Any, phase: Any
-) -> tuple[np.ndarray, np.ndarray, PolarDrive]:
+) -> tuple[np.ndarray, np.ndarray, Drive]:
     """Checked pose, velocity and drive."""
     check_sliding(surface, part)
     pose, velocity = _aligned(pose=pose, velocity=velocity)
@@ -154,7 +154,7 @@ def _driven(
     assert surface.max_amplitude is not None
     amplitude = checks.array("amplitude", amplitude, full, least=0.0, most=surface.max_amplitude * (1.0 + 1e-12))
     phase = checks.array("phase", phase, full)
-    drive = PolarDrive(np.ascontiguousarray(amplitude), np.ascontiguousarray(phase), surface.angular_frequency)
+    drive = polar_drive(amplitude, phase, surface.angular_frequency)
     return pose, velocity, drive
 
 

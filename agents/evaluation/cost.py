@@ -21,7 +21,7 @@ from tqdm import tqdm
 from agents.policy import Situation, make_policy
 from vibgym.config import part_from
 from vibgym.envs.core import Core
-from vibgym.physics.core.drive import ElementDrive
+from vibgym.physics.core.drive import element_drive
 from vibgym.scene import Part, Surface
 from vibgym.simulation import Simulator
 from vibgym.tasks import Sort
@@ -138,8 +138,8 @@ class Simulating:
         self.simulator = Simulator(surface, list(parts), threads=1)
         self.pose = pose
         self.velocity = idle(surface, parts)
-        random = np.random.default_rng(0).uniform(-1.0, 1.0, (WARM_UP + PERIODS, 1, surface.rows, surface.columns, 2))
-        self.drives = [ElementDrive(each, surface.full_scale) for each in random.astype(np.float32)]
+        random = np.random.default_rng(0).uniform(-1.0, 1.0, (WARM_UP + PERIODS, 1, surface.rows * surface.columns * 2))
+        self.drives = [element_drive(each, surface.columns, surface.full_scale) for each in random.astype(np.float32)]
 
     def seconds(self) -> float:
         """Of one period, mean over a run."""

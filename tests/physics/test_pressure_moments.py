@@ -16,7 +16,7 @@ from vibgym.physics.contact_area.pressure_moments import (
     pressure_moments,
     read_phasors,
 )
-from vibgym.physics.core.drive import PolarDrive
+from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.friction.by_points import cells_across, contact_arrays, cut_into_points, place_outline
 from vibgym.physics.friction.planar import LARGEST_VARIATION
 from vibgym.physics.friction.wrench import expanded_wrench, sliding_wrench
@@ -40,7 +40,7 @@ def errors(part, variation, seed, lane=3):
     rng = np.random.default_rng(seed)
     table, body = SURFACE.table(), part.body()
     shape = (1, SURFACE.rows, SURFACE.columns)
-    drive = PolarDrive(
+    drive = polar_drive(
         rng.uniform(0, SURFACE.max_amplitude, shape), rng.uniform(-3, 3, shape), SURFACE.angular_frequency
     )
     x, y, heading = rng.uniform(0.2, 0.6), rng.uniform(0.09, 0.12), rng.uniform(-3, 3)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym.accuracy.scenes import Scene
-from vibgym.physics.core.drive import PolarDrive
+from vibgym.physics.core.drive import polar_drive
 from vibgym.simulation.simulator import Simulator
 
 
@@ -77,10 +77,7 @@ def prepare_model(scene: Scene, model: str, knobs: Mapping[str, Any], threads: i
 def prepare_simulator(scene: Scene, simulator: Simulator) -> Runner:
     """The run of a scene on a simulator that has as many worlds."""
     w = scene.surface.angular_frequency
-    drives = [
-        (PolarDrive(np.ascontiguousarray(each.amplitude), np.ascontiguousarray(each.phase), w), each.periods)
-        for each in scene.segments
-    ]
+    drives = [(polar_drive(each.amplitude, each.phase, w), each.periods) for each in scene.segments]
 
     def run() -> Outcome:
         simulator.reset(scene.pose[:, None], scene.velocity[:, None])

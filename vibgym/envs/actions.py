@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym.physics.core.drive import FIELD_STRENGTHS, ElementDrive, FieldDrive, PatchDrive, PhasorDrive
+from vibgym.physics.core.drive import FIELD_STRENGTHS, Drive, element_drive, field_drive, patch_drive, phasor_drive
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -72,7 +72,7 @@ class Action(ABC):
         return np.ascontiguousarray(values, dtype=np.float32)
 
     @abstractmethod
-    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> Any:
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> Drive:
         """The drive that a checked batch means.
 
         Args:
@@ -89,8 +89,8 @@ class Element(Action):
         super().__init__(surface, parts)
         self.shape = (surface.rows, surface.columns, 2)
 
-    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> ElementDrive:
-        return ElementDrive(action, self.full_scale)
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> Drive:
+        return element_drive(action.reshape(len(action), -1), self.surface.columns, self.full_scale)
 
 
 class Phasor(Action):
@@ -100,8 +100,8 @@ class Phasor(Action):
         super().__init__(surface, parts)
         self.shape = (surface.rows, surface.columns, 2)
 
-    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> PhasorDrive:
-        return PhasorDrive(action, self.full_scale)
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> Drive:
+        return phasor_drive(action.reshape(len(action), -1), self.surface.columns, self.full_scale)
 
 
 class Patch(Action):
@@ -116,11 +116,11 @@ class Patch(Action):
         self.size = largest_patch(surface, self.parts)
         self.shape = (len(self.parts), self.size, self.size, 2)
 
-    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> PatchDrive:
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> Drive:
         centre = pose[:, :, 1::-1] / self.surface.element_size
         first = np.floor(centre + (0.5 - 0.5 * self.size))
         centre[gone] = np.inf
-        return PatchDrive(action, first.astype(np.int64), centre, self.full_scale)
+        return patch_drive(action.reshape(len(action), -1), first.astype(np.int64), centre, self.size, self.full_scale)
 
 
 class Field(Action):
@@ -136,10 +136,11 @@ class Field(Action):
         self.shape = (len(self.parts), FIELD_STRENGTHS)
         self.reach = 0.5 * largest_patch(surface, self.parts) * surface.element_size
 
-    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> FieldDrive:
+    def drive(self, action: np.ndarray, pose: np.ndarray, gone: np.ndarray) -> Drive:
         centre = pose[:, :, :2].copy()  # the pose moves on, the field stays where it was
         centre[gone] = np.inf
-        return FieldDrive(action, centre, self.surface.element_size, self.reach, self.full_scale)
+        values = action.reshape(len(action), -1)
+        return field_drive(values, centre, self.surface.element_size, self.reach, self.full_scale)
 
 
 ACTIONS: dict[str, type[Action]] = {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field}

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.averaged import integrator as averaged
+from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.friction import planar
 from vibgym.scene.parts import Part

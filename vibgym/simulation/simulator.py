@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.core.drive import PolarDrive
+from vibgym.physics.core.drive import Drive, polar_drive
 from vibgym.physics.friction.planar import State
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
@@ -191,11 +191,9 @@ class Simulator:
         if amplitude.max() > _limit(surface):
             raise _too_large(surface, float(amplitude.max()))
         phase = checks.array("phase", phase, shape)
-        self.run(
-            PolarDrive(np.ascontiguousarray(amplitude), np.ascontiguousarray(phase), surface.angular_frequency), periods
-        )
+        self.run(polar_drive(amplitude, phase, surface.angular_frequency), periods)
 
-    def run(self, drive: Any, periods: int = 1) -> None:
+    def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
         periods = checks.count("periods", periods)
         state, crowd = self._state, self._crowd

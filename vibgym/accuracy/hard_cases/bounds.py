@@ -8,7 +8,7 @@ import numpy as np
 
 from vibgym.accuracy.hard_cases.case import HardCase, Outcome, at_most
 from vibgym.accuracy.hard_cases.motion import one_element, random_drive, sound, threshold
-from vibgym.physics.core.drive import PolarDrive
+from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.friction.by_points import cells_across, contact_arrays, cut_into_points
 from vibgym.physics.friction.wrench import sliding_wrench
 from vibgym.scene.parts import Part
@@ -86,7 +86,7 @@ def power() -> Outcome:
         body = part.body()
         contact = contact_arrays(len(body.outline), cells_across(table, body, 2))
         amplitude, phase = random_drive(surface, 17)
-        drive = PolarDrive(amplitude[None], phase[None], w)
+        drive = polar_drive(amplitude[None], phase[None], w)
         for _ in range(400):
             x, y, heading = rng.uniform([0, 0, -3], [surface.width, surface.height, 3])
             n = cut_into_points(table, body, int(rng.integers(1, 3)), drive, 0, x, y, heading, contact)

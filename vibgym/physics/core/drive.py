@@ -3,9 +3,9 @@
 With ``A = a_v w^2`` the normal acceleration over an element is ``g - C cos wt + S sin wt``, where ``C = A cos(alpha)`` and
 ``S = A sin(alpha)`` (m/s^2): linear in ``(C, S)``, and lift-off is the disc ``C^2 + S^2 = g^2``.
 
-A drive says how the phasors of a batch of worlds are written down. Each form is a named tuple with its own reader, and
-:func:`element_phasor` picks the reader when the kernel is compiled. Nothing is converted for the whole surface: a part
-rests on about nine of 256 elements, so only these are read, once per call.
+A drive says how the phasors of a batch of worlds are written down. There is one record for all of them, with a mode, so that
+the kernels that read it are compiled once. Nothing is converted for the whole surface: a part rests on about nine of 256
+elements, so only these are read, once per call, and the mode costs a branch in each reading.
 """
 
 from __future__ import annotations
@@ -14,71 +14,125 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core import types
-from numba.extending import overload
 
-from vibgym.physics.core.jit import OPTIONS, jit
+from vibgym.physics.core.jit import jit
 
 FIELD_STRENGTHS = 6
-"""Length of one part's row in :class:`FieldDrive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
+"""Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
+
+POLAR, ELEMENT, PHASOR, PATCH, FIELD = range(5)
+"""How a drive is written down; see the function of that name, such as :func:`polar_drive`."""
 
 
-class PolarDrive(NamedTuple):
-    """Amplitude ``a_v`` (m) and phase ``alpha`` (rad) of every element."""
+class Drive(NamedTuple):
+    """The elements' motion in a batch of worlds; the mode says which fields count, and the others are empty.
 
-    amplitude: np.ndarray  # (worlds, rows, columns), any strides
-    phase: np.ndarray  # (worlds, rows, columns), any strides
-    angular_frequency: float  # rad/s
+    Made by :func:`polar_drive`, :func:`element_drive`, :func:`phasor_drive`, :func:`patch_drive` and :func:`field_drive`.
+    """
 
-
-class ElementDrive(NamedTuple):
-    """Amplitude and phase of every element as actions in [-1, 1] (clipped)."""
-
-    action: np.ndarray  # (worlds, rows, columns, 2) float32
-    full_scale: float  # a_v w^2 at the largest amplitude, m/s^2
-
-
-class PhasorDrive(NamedTuple):
-    """Amplitude times (cos, sin) of phase of every element, shortened to the unit disc."""
-
-    action: np.ndarray  # (worlds, rows, columns, 2) float32
-    full_scale: float  # m/s^2
+    mode: int
+    values: np.ndarray  # (worlds, n) float32, numbers in [-1, 1] (clipped): all modes but POLAR
+    amplitude: np.ndarray  # (worlds, rows, columns) m: POLAR
+    phase: np.ndarray  # (worlds, rows, columns) rad: POLAR
+    origin: np.ndarray  # (worlds, parts, 2) int64, row and column of a patch's first element: PATCH
+    centre: np.ndarray  # (worlds, parts, 2), of the parts; PATCH: rows, columns in elements; FIELD: x, y in m
+    size: int  # elements along a side of a patch: PATCH
+    columns: int  # of the surface: ELEMENT, PHASOR
+    full_scale: float  # a_v w^2 at the largest amplitude, m/s^2: all modes but POLAR
+    angular_frequency: float  # rad/s: POLAR
+    element_size: float  # m: FIELD
+    reach: float  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
 
 
-class PatchDrive(NamedTuple):
+def _plain(values: Any, kind: type) -> np.ndarray:
+    """The values as an array of the one layout that kernels are compiled for: in C order and writeable."""
+    if isinstance(values, np.ndarray) and values.dtype == kind and values.flags.carray:
+        return values
+    return np.array(values, dtype=kind, order="C")
+
+
+_NO_VALUES = np.zeros((0, 0), dtype=np.float32)
+_NO_MOTION = np.zeros((0, 0, 0))
+_NO_ORIGIN = np.zeros((0, 0, 0), dtype=np.int64)
+
+
+def polar_drive(amplitude: np.ndarray, phase: np.ndarray, angular_frequency: float) -> Drive:
+    """Amplitude ``a_v`` (m) and phase ``alpha`` (rad) of every element, each (worlds, rows, columns)."""
+    amplitude, phase = _plain(amplitude, np.float64), _plain(phase, np.float64)
+    return Drive(
+        POLAR, _NO_VALUES, amplitude, phase, _NO_ORIGIN, _NO_MOTION, 0, 0, 0.0, float(angular_frequency), 0.0, 0.0
+    )
+
+
+def element_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
+    """Amplitude [-1, 1] -> [0, largest] and phase [-1, 1] -> [-pi, pi] of every element.
+
+    Args:
+        values: (worlds, rows * columns * 2) float32.
+        columns: of the surface.
+        full_scale: ``a_v w^2`` at the largest amplitude, m/s^2.
+    """
+    return _of_values(ELEMENT, values, _NO_ORIGIN, _NO_MOTION, 0, columns, full_scale)
+
+
+def phasor_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
+    """Amplitude times (cos, sin) of phase of every element, shortened to the unit disc; see :func:`element_drive`."""
+    return _of_values(PHASOR, values, _NO_ORIGIN, _NO_MOTION, 0, columns, full_scale)
+
+
+def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size: int, full_scale: float) -> Drive:
     """Phasors of the k x k elements around each part, all others at rest.
 
     An element in several patches obeys the part whose centre is nearest to the element's centre; ties go to the lower index.
     A part whose centre is infinitely far away commands nothing.
+
+    Args:
+        values: (worlds, parts * k * k * 2) float32, rows first.
+        origin: (worlds, parts, 2) row and column of each patch's first element.
+        centre: (worlds, parts, 2) of each part along rows and columns, in elements.
+        size: k.
+        full_scale: m/s^2.
     """
-
-    action: np.ndarray  # (worlds, parts, k, k, 2) float32
-    origin: np.ndarray  # (worlds, parts, 2) row and column of the patch's first element
-    centre: (
-        np.ndarray
-    )  # (worlds, parts, 2) of the part, along rows and columns, in elements; infinite: commands nothing
-    full_scale: float  # m/s^2
+    return _of_values(PATCH, values, _plain(origin, np.int64), centre, size, 0, full_scale)
 
 
-class FieldDrive(NamedTuple):
+def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, reach: float, full_scale: float) -> Drive:
     """Strengths of the basic fields around each part, on the whole surface: those of :mod:`vibgym.fields`.
 
-    The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push:
-    ``reach`` is the distance at which squeeze, radial and tangential fields are at full strength. Every element obeys the
-    part whose centre is nearest to its own; ties go to the lower index. A part whose centre is infinitely far away commands
-    nothing, and where none commands the elements rest.
-    """
+    The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push. Every element
+    obeys the part whose centre is nearest to its own; ties go to the lower index. A part whose centre is infinitely far away
+    commands nothing, and where none commands the elements rest.
 
-    action: np.ndarray  # (worlds, parts, 6) float32
-    centre: np.ndarray  # (worlds, parts, 2) x and y, m; infinite: commands nothing
-    element_size: float  # m
-    reach: float  # m
-    full_scale: float  # m/s^2
+    Args:
+        values: (worlds, parts * FIELD_STRENGTHS) float32.
+        centre: (worlds, parts, 2) x and y of each part, m.
+        element_size: m.
+        reach: m, distance at which squeeze, radial and tangential fields are at full strength.
+        full_scale: m/s^2.
+    """
+    return _of_values(FIELD, values, _NO_ORIGIN, centre, 0, 0, full_scale, element_size, reach)
+
+
+def _of_values(
+    mode: int,
+    values: np.ndarray,
+    origin: np.ndarray,
+    centre: np.ndarray,
+    size: int,
+    columns: int,
+    full_scale: float,
+    element_size: float = 0.0,
+    reach: float = 0.0,
+) -> Drive:
+    return Drive(
+        mode, _plain(values, np.float32), _NO_MOTION, _NO_MOTION, origin, _plain(centre, np.float64),
+        int(size), int(columns), float(full_scale), 0.0, float(element_size), float(reach),
+    )  # fmt: skip
 
 
 @jit
-def _clip(value, low, high):
-    return min(max(value, low), high)
+def _clipped(value):
+    return min(max(np.float64(value), -1.0), 1.0)
 
 
 @jit
@@ -106,25 +160,22 @@ def _polar(drive, world, row, column):
 
 
 @jit
-def _element(drive, world, row, column):
-    amplitude = _clip(np.float64(drive.action[world, row, column, 0]), -1.0, 1.0)
-    phase = math.pi * _clip(np.float64(drive.action[world, row, column, 1]), -1.0, 1.0)
-    normal = 0.5 * (1.0 + amplitude) * drive.full_scale
+def _element(drive, world, at):
+    normal = 0.5 * (1.0 + _clipped(drive.values[world, at])) * drive.full_scale
+    phase = math.pi * _clipped(drive.values[world, at + 1])
     return normal * math.cos(phase), normal * math.sin(phase)
 
 
 @jit
-def _phasor(drive, world, row, column):
-    first = _clip(np.float64(drive.action[world, row, column, 0]), -1.0, 1.0)
-    second = _clip(np.float64(drive.action[world, row, column, 1]), -1.0, 1.0)
-    return unit_phasor(first, second, drive.full_scale)
+def _phasor(drive, world, at):
+    return unit_phasor(_clipped(drive.values[world, at]), _clipped(drive.values[world, at + 1]), drive.full_scale)
 
 
 @jit
 def _patch(drive, world, row, column):
-    size = drive.action.shape[2]
+    size = drive.size
     part, nearest = -1, math.inf
-    for k in range(drive.action.shape[1]):
+    for k in range(drive.centre.shape[1]):
         i = row - drive.origin[world, k, 0]
         j = column - drive.origin[world, k, 1]
         if i >= 0 and j >= 0 and i < size and j < size:
@@ -137,15 +188,13 @@ def _patch(drive, world, row, column):
         return 0.0, 0.0
     i = row - drive.origin[world, part, 0]
     j = column - drive.origin[world, part, 1]
-    first = _clip(np.float64(drive.action[world, part, i, j, 0]), -1.0, 1.0)
-    second = _clip(np.float64(drive.action[world, part, i, j, 1]), -1.0, 1.0)
-    return unit_phasor(first, second, drive.full_scale)
+    return _phasor(drive, world, ((part * size + i) * size + j) * 2)
 
 
 @jit
 def _field(drive, world, row, column):
     part, nearest = -1, math.inf
-    for k in range(drive.action.shape[1]):
+    for k in range(drive.centre.shape[1]):
         # In elements: a product shared with the lines below would be rounded differently, for a single part as well.
         dx = column + 0.5 - drive.centre[world, k, 0] / drive.element_size
         dy = row + 0.5 - drive.centre[world, k, 1] / drive.element_size
@@ -154,45 +203,33 @@ def _field(drive, world, row, column):
             part, nearest = k, square
     if part < 0:
         return 0.0, 0.0
-    strength = drive.action[world, part]
+    values, at = drive.values, part * FIELD_STRENGTHS
     dx = (column + 0.5) * drive.element_size - drive.centre[world, part, 0]
     dy = (row + 0.5) * drive.element_size - drive.centre[world, part, 1]
     far = max(math.sqrt(dx * dx + dy * dy), drive.reach)
-    radial = _clip(np.float64(strength[4]), -1.0, 1.0) / far
-    turn = _clip(np.float64(strength[5]), -1.0, 1.0) / far
-    squeeze_x = _clip(np.float64(strength[2]), -1.0, 1.0) * _clip(dx / drive.reach, -1.0, 1.0)
-    squeeze_y = _clip(np.float64(strength[3]), -1.0, 1.0) * _clip(dy / drive.reach, -1.0, 1.0)
+    radial = _clipped(values[world, at + 4]) / far
+    tangential = _clipped(values[world, at + 5]) / far
+    squeeze_x = _clipped(values[world, at + 2]) * _clipped(dx / drive.reach)
+    squeeze_y = _clipped(values[world, at + 3]) * _clipped(dy / drive.reach)
     return push_phasor(
-        _clip(np.float64(strength[0]), -1.0, 1.0) - squeeze_x - radial * dx - turn * dy,
-        _clip(np.float64(strength[1]), -1.0, 1.0) - squeeze_y - radial * dy + turn * dx,
+        _clipped(values[world, at]) - squeeze_x - radial * dx - tangential * dy,
+        _clipped(values[world, at + 1]) - squeeze_y - radial * dy + tangential * dx,
         drive.full_scale,
     )
 
 
-READERS: dict[type, Any] = {
-    PolarDrive: _polar,
-    ElementDrive: _element,
-    PhasorDrive: _phasor,
-    PatchDrive: _patch,
-    FieldDrive: _field,
-}
-
-
-def element_phasor(drive: Any, world: int, row: int, column: int) -> tuple[float, float]:
+@jit
+def element_phasor(drive, world, row, column):
     """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
-    return READERS[type(drive)](drive, world, row, column)
-
-
-@overload(element_phasor, jit_options=OPTIONS)
-def _element_phasor(drive, world, row, column):
-    if not isinstance(drive, types.NamedTuple):
-        return None
-    reader = READERS[drive.instance_class]
-
-    def read(drive, world, row, column):
-        return reader(drive, world, row, column)
-
-    return read
+    if drive.mode == POLAR:
+        return _polar(drive, world, row, column)
+    if drive.mode == ELEMENT:
+        return _element(drive, world, (row * drive.columns + column) * 2)
+    if drive.mode == PHASOR:
+        return _phasor(drive, world, (row * drive.columns + column) * 2)
+    if drive.mode == PATCH:
+        return _patch(drive, world, row, column)
+    return _field(drive, world, row, column)
 
 
 @jit
