@@ -12,7 +12,7 @@ from vibgym.simulation import Simulator
 __version__ = "0.1.0"
 __all__ = ["Part", "Simulator", "Surface"]
 
-_ROOMS = ("config", "envs", "fields", "rendering", "tasks")
+_ROOMS = ("actuators", "config", "envs", "fields", "rendering", "sensing", "tasks")
 
 register_environments()
 

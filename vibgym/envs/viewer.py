@@ -1,40 +1,36 @@
-"""From the core's state to a picture: the only place where environments meet rendering."""
+"""From an environment's state to a picture: the only place where environments meet rendering."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vibgym.envs.core import Core
+from vibgym.envs.shared import SharedInterface
 from vibgym.rendering import SurfacePainter, View, Window, Zone
-from vibgym.tasks import ManyTask, PoseTask
 
 TRAIL_STEPS = 250
 
 
 class Viewer:
-    """Draws worlds of a core and keeps their trails."""
+    """Draws worlds of an environment and keeps their trails."""
 
-    def __init__(self, core: Core, title: str, worlds: int = 1) -> None:
-        surface, task = core.surface, core.task
-        self.core = core
+    def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
+        surface, task = env.surface, env.task
+        self.env = env
         self.zones: tuple[Zone, ...] = ()
-        kinds = None
-        if isinstance(task, ManyTask):
-            kinds = task.kind.tolist()
-            if task.zones is not None:
-                self.zones = tuple(
-                    Zone((zone[0], zone[1]), (zone[2], zone[3]), kind, name.replace("_", " "))
-                    for kind, (name, zone) in enumerate(zip(task.names, task.zones.tolist(), strict=True))
-                )
+        if task.zones is not None:
+            self.zones = tuple(
+                Zone((zone[0], zone[1]), (zone[2], zone[3]), kind, name.replace("_", " "))
+                for kind, (name, zone) in enumerate(zip(task.kinds, task.zones.tolist(), strict=True))
+            )
         self.painter = SurfacePainter(
             surface.rows,
             surface.columns,
             surface.element_size,
-            [np.array(part.outline) for part in core.parts],
-            kinds=kinds,
-            walls=core.simulator.walls,
+            [np.array(part.outline) for part in env.parts],
+            kinds=task.kind.tolist(),
+            walls=env.walls,
         )
-        self.window = Window(self.painter, 1.0 / (surface.period * core.periods), title)
+        self.window = Window(self.painter, 1.0 / env.step_time, title)
         self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
 
     def begin(self, world: int) -> None:
@@ -49,11 +45,11 @@ class Viewer:
 
     def frame(self, world: int) -> np.ndarray:
         """uint8 (height, width, 3) picture of a world."""
-        core, task = self.core, self.core.task
+        core, task = self.env.core, self.env.task
         trails = np.array(self.trails[world]).reshape(-1, len(core.parts), 2)
         goal = tolerance = None
-        if isinstance(task, PoseTask):
-            goal = (core.goal[world] if task.has_heading else core.goal[world, :2]).copy()
+        if task.has_goal:
+            goal = core.episode.goal[world, 0, : 3 if task.has_heading else 2].copy()
             tolerance = task.position_tolerance
         view = View(
             pose=self._pose(world),
@@ -61,7 +57,7 @@ class Viewer:
             goal_pose=goal,
             goal_tolerance=tolerance,
             trail=trails[:, 0] if goal is not None else np.zeros((0, 2)),
-            caption=task.caption(core.score, world),
+            caption=self.env.caption(world),
             zones=self.zones,
             trails=() if goal is not None else list(np.moveaxis(trails, 1, 0)),
         )
@@ -77,7 +73,7 @@ class Viewer:
 
     def _pose(self, world: int) -> np.ndarray:
         """(parts, 3) a copy; not a number where a part is absent, which is then not drawn."""
-        pose, score = self.core.simulator.state.pose[world].copy(), self.core.score
-        if isinstance(self.core.task, ManyTask):
-            pose[~score.present[world]] = np.nan
+        core = self.env.core
+        pose = core.simulator.state.pose[world].copy()
+        pose[~core.episode.present[world]] = np.nan
         return pose

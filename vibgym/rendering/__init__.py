@@ -10,19 +10,19 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vibgym.rendering.raster import rasterise, rasterise_many
+    from vibgym.rendering.raster import Marks, rasterise
     from vibgym.rendering.view import SurfacePainter, View, Zone
     from vibgym.rendering.window import Window
 
-__all__ = ["SurfacePainter", "View", "Window", "Zone", "rasterise", "rasterise_many"]
+__all__ = ["Marks", "SurfacePainter", "View", "Window", "Zone", "rasterise"]
 
 _HOMES = {
+    "Marks": "raster",
     "SurfacePainter": "view",
     "View": "view",
     "Window": "window",
     "Zone": "view",
     "rasterise": "raster",
-    "rasterise_many": "raster",
 }
 
 

@@ -63,6 +63,9 @@ class Task(ABC):
     FEATURES: ClassVar[tuple[str, ...]]
     """Of a part in the state observation, among :data:`vibgym.envs.layout.NAMES`."""
 
+    HAS_WALLS: ClassVar[bool] = True
+    """Whether borders may have walls."""
+
     has_goal: ClassVar[bool] = False
     """Whether every part has a goal pose of its own, drawn for each episode."""
 
@@ -104,6 +107,10 @@ class Task(ABC):
         Args:
             present: (n, parts) bool, which parts there are; None: as the task has it.
         """
+
+    def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
+        """Goals (n, parts, 3) of a drawn start whose parts were put down at ``pose`` (n, parts, 3) instead."""
+        return start.goal
 
     def rules(self, periods: int) -> Rules:
         """The task's numbers for the kernels, with ``periods`` oscillation periods a step."""

@@ -42,6 +42,7 @@ class PoseTask(Task):
         "element", "heading", "position", "way", "way_coarse", "way_fine", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin",
     )  # fmt: skip
+    HAS_WALLS = False
     has_goal = True
 
     FALL_REWARD: ClassVar[float] = -50.0
