@@ -33,7 +33,8 @@ parts.
 - distance: by how much the mean distance has shrunk, per 100 mm; approach: the same of tanh(mean distance / 10 mm)
 - turn: by how much the mean heading error has shrunk, per rad; alignment: the same of tanh(heading error / 0.15 rad)
 - inside: change of the share of parts whose centre is at its goal
-- within: 1 if all parts are where and as they should be; clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
+- within: 1 if all parts are where and as they should be
+- clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
 - time: -1, success: 1, fallen: -1 if a part has fallen
 """
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN) = range(len(QUANTITIES))
