@@ -112,6 +112,11 @@ class Core:
         self.drive: Any = None
         self.began = False
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
+        vars(self).update(state)
+        self.facts = self.task.facts(self.simulator.state.diverged, self.episode)
+
     @property
     def draws(self) -> int:
         """Uniform numbers that an episode's start takes from its world's generator."""
