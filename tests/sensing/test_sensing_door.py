@@ -93,7 +93,7 @@ def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth
     assert (
         shifted.compute_reward(seen[0]["achieved_goal"], goal, None)[shift[:, 0] > PoseTask.position_tolerance] <= 0
     ).all()
-    far, near = batch(1, sensor={"kind": "shifted", "most": 0.2}), batch(1)
+    far, near = batch(1, sensor={"kind": "shifted", "most": 2.5}), batch(1)
     for env in (far, near):
         env.reset(seed=11, options={"pose": [0.3, 0.1, 0.0]})
         env.step(np.ones(env.action_space.shape, dtype=np.float32))
