@@ -170,6 +170,20 @@ def wrapped(difference, period):
 
 
 @jit
+def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
+    """Whether poses miss their goals, by goal minus pose.
+
+    Args:
+        difference: (n, 2) m, or (n, 3) with the heading, rad.
+        result: (n,) bool, overwritten.
+    """
+    for k in range(difference.shape[0]):
+        away = math.sqrt(difference[k, 0] * difference[k, 0] + difference[k, 1] * difference[k, 1])
+        turned = abs(wrapped(difference[k, 2], heading_period)) if difference.shape[1] > 2 else 0.0
+        result[k] = away > position_tolerance or turned > heading_tolerance
+
+
+@jit
 def relate_gaps(far, hulls, pose, gone, present, world, placed, relations):
     """Nearest neighbours in one world; parts that are gone are out of the way.
 
