@@ -6,16 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from agents.policy import Situation
+from agents.control.measured import check_state
+from agents.task_info import TaskInfo
 from vibgym import checks
-from vibgym.physics.core.drive import FIELD_STRENGTHS
-
-
-def _lead(observation: Any, size: int) -> tuple[int, ...]:
-    shape = np.shape(observation)
-    if not shape or shape[-1] != size:
-        raise checks.refuse("observation", f"array of shape {shape}", f"shape (..., {size})")
-    return shape[:-1]
+from vibgym.envs.actions import Element, Field
 
 
 class ZeroPolicy:
@@ -23,15 +17,16 @@ class ZeroPolicy:
 
     action, observation = "field", "state"
 
-    def __init__(self, situation: Situation) -> None:
-        self.size = situation.state_size
-        self.shape = (len(situation.parts), FIELD_STRENGTHS)
+    def __init__(self, info: TaskInfo) -> None:
+        self.layout = info.layout
+        self.size = Field(info.surface, info.parts).size
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """No push, whatever is seen."""
-        return np.zeros((*_lead(observation, self.size), *self.shape), dtype=np.float32), state
+        lead = check_state(observation, self.layout).shape[:-1]
+        return np.zeros((*lead, self.size), dtype=np.float32), state
 
 
 class RandomPolicy:
@@ -39,14 +34,14 @@ class RandomPolicy:
 
     action, observation = "element", "state"
 
-    def __init__(self, situation: Situation, seed: int = 0) -> None:
-        self.size = situation.state_size
-        self.shape = (situation.surface.rows, situation.surface.columns, 2)
+    def __init__(self, info: TaskInfo, *, seed: int = 0) -> None:
+        self.layout = info.layout
+        self.size = Element(info.surface, info.parts).size
         self.generator = np.random.default_rng(checks.count("seed", seed, least=0))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Uniform random amplitudes and phases."""
-        values = self.generator.random((*_lead(observation, self.size), *self.shape), dtype=np.float32)
-        return 2.0 * values - np.float32(1.0), state
+        lead = check_state(observation, self.layout).shape[:-1]
+        return 2.0 * self.generator.random((*lead, self.size), dtype=np.float32) - np.float32(1.0), state

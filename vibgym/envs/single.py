@@ -28,8 +28,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     parts" below.
 
     ## Action space
-    A flat float32 box in [-1, 1] of as many numbers as the shape below has, in C order; ``step`` takes an array of either shape.
-    Values outside are clipped, NaN, infinity and wrong shapes raise ``ValueError``.
+    A flat float32 box in [-1, 1] of as many numbers as the shape below has, in C order; ``step`` takes an array of either
+    shape. Values outside are clipped, NaN, infinity and wrong shapes raise ``ValueError``.
 
     | ``action=`` | shape | meaning |
     |---|---|---|
@@ -165,7 +165,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         Args:
             seed: of this and the following episodes; None goes on with the generator.
             options: what to set of the start instead of drawing it: ``"pose"``, broadcastable to (parts, 3): x, y (m), heading
-                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"parts"``, numbers of those that are there, or booleans.
+                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"parts"``, numbers of those that are there, or
+                booleans.
 
         Raises:
             ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.

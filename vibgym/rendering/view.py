@@ -223,7 +223,13 @@ class Scenery:
         return SurfacePainter(*table, kinds=self.kinds, walls=self.walls)
 
     def view(
-        self, pose: np.ndarray, present: np.ndarray, goal: np.ndarray, phasors: np.ndarray, trail: np.ndarray, caption: str
+        self,
+        pose: np.ndarray,
+        present: np.ndarray,
+        goal: np.ndarray,
+        phasors: np.ndarray,
+        trail: np.ndarray,
+        caption: str,
     ) -> View:
         """What is to be seen of a world.
 
