@@ -11,6 +11,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import vibgym  # noqa: F401 - registers the environments
+
 pytest.importorskip("pygame")
 
 COPIES: list[Callable[[Any], Any]] = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
