@@ -188,12 +188,12 @@ class Core:
 
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
-        shape = (self.worlds, self.surface.rows, self.surface.columns, 2)
-        if self.drive is None or self.surface.full_scale == 0.0:
-            return np.zeros(shape[1:])
-        phasors = np.empty(shape)
-        all_phasors(self.drive, phasors)
-        return phasors[world] / self.surface.full_scale
+        phasors = np.zeros((1, self.surface.rows, self.surface.columns, 2))
+        if self.drive is not None and self.surface.full_scale > 0.0:
+            own = (each[world : world + 1] if isinstance(each, np.ndarray) else each for each in self.drive)
+            all_phasors(type(self.drive)(*own), phasors)
+            phasors /= self.surface.full_scale
+        return phasors[0]
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit, but the generators."""
