@@ -139,7 +139,7 @@ def played(task: str, seed: int, steps: int = 50, worlds: int = 10, limit: int =
         )
         observation, info = env.reset(seed=seed)
         random = np.random.default_rng(seed)
-        shape = env.action_space.shape
+        shape = (worlds, *env.unwrapped.core.action.shape)
         simulator = env.unwrapped.core.simulator
         seen, states, rewards, facts, terms, ends = [observation], [], [], [], [], []
         action = np.zeros(shape, np.float32)

@@ -27,9 +27,10 @@ from vibgym.sensing import sensor_from
 from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, restored
 from vibgym.tasks import TASKS, Start, Task
-from vibgym.tasks.episode import Relations, new_episode, new_relations, relate_worlds, score_worlds
+from vibgym.tasks.episode import new_relations
+from vibgym.tasks.scoring import Scoring
 
-ALL = np.zeros(0, dtype=np.int64)
+NONE = np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ class Options:
 def refuse_unknown(unknown: Mapping[str, Any], more: tuple[str, ...]) -> None:
     """Refuse keyword arguments that no environment has; ``more`` are known besides the options."""
     if unknown:
-        known = ", ".join((*(field.name for field in fields(Options)), *more))
+        known = ", ".join((*(field.name for field in fields(Options)[1:]), *more))
         raise checks.refuse("keyword arguments", sorted(unknown), known)
 
 
@@ -93,34 +94,28 @@ class Core:
         if options.walls is not None and not cls.HAS_WALLS:
             raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
         walls = () if options.walls is None else options.walls
-        self.simulator = Simulator(
-            self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs
-        )
+        self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs)
         self.identity = _identity(options, self)
         velocity = [np.append(self.surface.idle_velocity(part.friction), 0.0) for part in self.parts]
         self.idle = np.array(velocity)
-        self.relations = new_relations(worlds, len(self.parts))
-        self.episode = new_episode(worlds, len(self.parts), len(self.task.TERMS))
+        state = (
+            self.simulator.state
+        )  # its arrays, as those of the scoring, live as long as the core and change in place
+        self.scoring = Scoring(self.task, state, self.periods)
+        self.episode, self.relations = self.scoring.episode, self.scoring.relations
+        # A sensor that tells the truth needs no relations of its own.
+        self._measured = self.relations if self.sensor.exact else new_relations(worlds, len(self.parts))
+        self.facts = self.task.facts(state.diverged, self.episode)
         self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
         if self.observation.goal_reward:
             self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
-        self._bind()
         self.drive: Any = None
         self.began = False
 
-    def _bind(self) -> None:
-        """Kernels' arguments and what ``info`` shows: arrays that live as long as the core and are changed in place."""
-        state, task, episode = self.simulator.state, self.task, self.episode
-        rules, hulls = task.rules(self.periods), task.hulls
-        self._score = (
-            state.pose, state.mean_velocity, state.fallen, state.diverged, *self.relations, *episode, *rules, *hulls
-        )  # fmt: skip
-        # A sensor that tells the truth needs no relations of its own.
-        self._measured = self.relations
-        if not self.sensor.exact:
-            self._measured = new_relations(self.worlds, len(self.parts))
-        self._relate = (episode.goal, episode.present, *self._measured, *rules, *hulls)
-        self.facts = task.facts(state.diverged, episode)
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
+        vars(self).update(state)
+        self.facts = self.task.facts(self.simulator.state.diverged, self.episode)
 
     @property
     def draws(self) -> int:
@@ -143,8 +138,7 @@ class Core:
         start = self.start_of(worlds, uniform[:, :own], starting)
         velocity = np.where(start.present[..., None], self.idle, 0.0)
         self.simulator.place(worlds, start.pose, velocity, 0.0, ~start.present)
-        self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
-        score_worlds(worlds, *self._score)
+        self.scoring.begin(worlds, start)
         if self.observation.goal_reward:
             self.terms[worlds] = 0.0
         self.actuators.reset(worlds, uniform[:, own:driven])
@@ -173,7 +167,7 @@ class Core:
                 if elapsed + periods == instant:
                     self.sensor.look(state)
             elapsed += periods
-        score_worlds(ALL, *self._score)
+        self.scoring.score()
         self._look()
         if self.observation.goal_reward:
             reached = self.observation.reached  # type: ignore[attr-defined]
@@ -186,7 +180,7 @@ class Core:
         """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
         if not self.sensor.exact:
             measured = self.sensor.measurement
-            relate_worlds(measured.pose, measured.gone, *self._relate)
+            self.scoring.relate(measured.pose, measured.gone, self._measured)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""
@@ -194,12 +188,12 @@ class Core:
 
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
-        shape = (self.worlds, self.surface.rows, self.surface.columns, 2)
-        if self.drive is None or self.surface.full_scale == 0.0:
-            return np.zeros(shape[1:])
-        phasors = np.empty(shape)
-        all_phasors(self.drive, phasors)
-        return phasors[world] / self.surface.full_scale
+        phasors = np.zeros((1, self.surface.rows, self.surface.columns, 2))
+        if self.drive is not None and self.surface.full_scale > 0.0:
+            own = (each[world : world + 1] if isinstance(each, np.ndarray) else each for each in self.drive)
+            all_phasors(type(self.drive)(*own), phasors)
+            phasors /= self.surface.full_scale
+        return phasors[0]
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit, but the generators."""
@@ -232,7 +226,7 @@ class Core:
         self.sensor.set_state(sensor)
         if began:
             if self.sensor.exact:
-                self.sensor.reset(ALL, self.simulator.state, np.zeros((0, self.sensor.draws)))
+                self.sensor.reset(NONE, self.simulator.state, np.zeros((0, self.sensor.draws)))
             self._look()
         self.drive, self.began = None, began
 
@@ -260,10 +254,14 @@ def _task_settings(options: Options, cls: type[Task]) -> dict[str, Any]:
         del settings["randomize"]
     for name, value in settings.items():
         if name not in known:
-            raise checks.refuse(name, value, f"nothing for {options.task}, which has {', '.join(known) or 'no settings'}")
+            raise checks.refuse(
+                name, value, f"nothing for {options.task}, which has {', '.join(known) or 'no settings'}"
+            )
     more = {} if options.task_settings is None else options.task_settings
     if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
-        raise checks.refuse("task_settings", more, f"a mapping with keys among {', '.join(known) or '(none)'}, each once")
+        raise checks.refuse(
+            "task_settings", more, f"a mapping with keys among {', '.join(known) or '(none)'}, each once"
+        )
     return {**settings, **more}
 
 
@@ -291,4 +289,3 @@ def _difference(theirs: Any, mine: str) -> tuple[str, str]:
         return f"a state of another environment, with {name}={other.get(name)!r}", f"{name}={own[name]!r}"
     except (TypeError, ValueError, AttributeError, StopIteration):
         return repr(theirs), "the description of an environment with these settings"
-

@@ -167,9 +167,7 @@ class GoalObservation(StateObservation):
     @property
     def space(self) -> spaces.Space:
         goals = (spaces.Box(self.low, self.high, dtype=np.float32) for _ in range(2))
-        return spaces.Dict(
-            {"observation": super().space, "achieved_goal": next(goals), "desired_goal": next(goals)}
-        )
+        return spaces.Dict({"observation": super().space, "achieved_goal": next(goals), "desired_goal": next(goals)})
 
     def reached(self, pose: np.ndarray) -> np.ndarray:
         """Poses (worlds, parts, 3) as goals (worlds, goal_size)."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 
 from vibgym import checks
 from vibgym.envs import generators, layout
@@ -28,8 +29,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     parts" below.
 
     ## Action space
-    A flat float32 box in [-1, 1] of as many numbers as the shape below has, in C order; ``step`` takes an array of either shape.
-    Values outside are clipped, NaN, infinity and wrong shapes raise ``ValueError``.
+    A flat float32 box in [-1, 1] of as many numbers as the shape below has, in C order; ``step`` takes an array of either
+    shape. Values outside are clipped, NaN, infinity and wrong shapes raise ``ValueError``.
 
     | ``action=`` | shape | meaning |
     |---|---|---|
@@ -165,7 +166,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         Args:
             seed: of this and the following episodes; None goes on with the generator.
             options: what to set of the start instead of drawing it: ``"pose"``, broadcastable to (parts, 3): x, y (m), heading
-                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"parts"``, numbers of those that are there, or booleans.
+                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"parts"``, numbers of those that are there, or
+                booleans.
 
         Raises:
             ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.
@@ -174,7 +176,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             seed = checks.count("seed", seed, least=0)
         starting = wishes(options, self.core)
         if starting is not None:  # try it first: a start that cannot be must change nothing
-            generator = gym.utils.seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
+            generator = seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
             uniform = generator.random((1, self.core.task.draws))
             self.core.start_of(_FIRST, uniform, starting)
         super().reset(seed=seed)

@@ -31,9 +31,9 @@ def new_measurement(worlds: int, parts: int) -> Measurement:
 class Sensor(ABC):
     """Base of all sensors: batched, with a delay in periods.
 
-    A sensor of your own is a subclass with :meth:`measure`, and ``vibgym.sensing.SENSORS.register`` gives it a name. It looks at
-    the true state once a step, ``delay`` periods before the step's end or at the end of an earlier step; the base class keeps
-    what it saw until it is due. Just after a reset that is what it saw then.
+    A sensor of your own is a subclass with :meth:`measure`, and ``vibgym.sensing.SENSORS.register`` gives it a name. It
+    looks at the true state once a step, ``delay`` periods before the step's end or at the end of an earlier step; the base
+    class keeps what it saw until it is due. Just after a reset that is what it saw then.
 
     Args:
         surface: the table.

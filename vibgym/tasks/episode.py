@@ -33,7 +33,8 @@ parts.
 - distance: by how much the mean distance has shrunk, per 100 mm; approach: the same of tanh(mean distance / 10 mm)
 - turn: by how much the mean heading error has shrunk, per rad; alignment: the same of tanh(heading error / 0.15 rad)
 - inside: change of the share of parts whose centre is at its goal
-- within: 1 if all parts are done; clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
+- within: 1 if all parts are where and as they should be
+- clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
 - time: -1, success: 1, fallen: -1 if a part has fallen
 """
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN) = range(len(QUANTITIES))
@@ -169,6 +170,20 @@ def wrapped(difference, period):
 
 
 @jit
+def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
+    """Whether poses miss their goals, by goal minus pose.
+
+    Args:
+        difference: (n, 2) m, or (n, 3) with the heading, rad.
+        result: (n,) bool, overwritten.
+    """
+    for k in range(difference.shape[0]):
+        away = math.sqrt(difference[k, 0] * difference[k, 0] + difference[k, 1] * difference[k, 1])
+        turned = abs(wrapped(difference[k, 2], heading_period)) if difference.shape[1] > 2 else 0.0
+        result[k] = away > position_tolerance or turned > heading_tolerance
+
+
+@jit
 def relate_gaps(far, hulls, pose, gone, present, world, placed, relations):
     """Nearest neighbours in one world; parts that are gone are out of the way.
 
@@ -221,15 +236,18 @@ def relate_world(rules, hulls, pose, gone, goal, present, world, placed, relatio
 
 @jit
 def judge_world(rules, mean_velocity, fallen, world, clearance, touching, relations, episode):
-    """Which parts of one world are done, and its errors; returns whether all are.
+    """Which parts of one world are done, and its errors.
 
     Args:
         clearance, touching: from :func:`relate_world`.
+
+    Returns:
+        Whether all parts are done, and whether all are where and as they should be, be it on the floor.
     """
     limit, number = rules.limit, episode.number[world]
     apart = limit[APART]
     error, clear = max(apart - clearance, 0.0), 0.0
-    down, count, done, distance, turn, inside, most_turned = False, 0, 0, 0.0, 0.0, 0.0, 0.0
+    down, count, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
     for i in range(mean_velocity.shape[1]):
         episode.done[world, i] = False
         if not episode.present[world, i]:
@@ -241,10 +259,12 @@ def judge_world(rules, mean_velocity, fallen, world, clearance, touching, relati
         count, distance, turn, inside = count + 1, distance + away, turn + turned, inside + (ex == 0.0 and ey == 0.0)
         if apart > 0.0:
             clear += min(max(gap, 0.0), apart) / apart
-        there = away <= limit[POSITION] and turned <= limit[HEADING]
+        slow = vx * vx + vy * vy < limit[SLOW] * limit[SLOW]
+        fitting = away <= limit[POSITION] and turned <= limit[HEADING] and slow and gap > apart
+        fit += fitting
         if fallen[world, i]:
             down = True
-        elif there and vx * vx + vy * vy < limit[SLOW] * limit[SLOW] and gap > apart:
+        elif fitting:
             episode.done[world, i] = True
             done += 1
     share = float(max(count, 1))
@@ -253,16 +273,16 @@ def judge_world(rules, mean_velocity, fallen, world, clearance, touching, relati
     number[POSITION_ERROR], number[HEADING_ERROR], number[SMALLEST_GAP] = error, most_turned, clearance
     episode.count[world, PARTS_DONE], episode.count[world, IN_TOUCH] = done, touching
     episode.flag[world, DOWN] = down
-    return done == count
+    return done == count, fit == count
 
 
 @jit
-def reward_world(rules, before, complete, world, episode, quantity):
+def reward_world(rules, before, within, world, episode, quantity):
     """Reward terms of one world and their sum.
 
     Args:
         before: the first columns of ``episode.number`` before the step.
-        complete: whether all parts are done.
+        within: whether all parts are where and as they should be.
         quantity: (QUANTITIES,) scratch.
     """
     now, flag = episode.number[world], episode.flag[world]
@@ -273,14 +293,16 @@ def reward_world(rules, before, complete, world, episode, quantity):
     quantity[TURN] = _limited((before[MEAN_TURN] - now[MEAN_TURN]) / TURN_SCALE)
     quantity[ALIGNMENT] = math.tanh(before[MEAN_TURN] / ALIGNMENT_SCALE) - math.tanh(now[MEAN_TURN] / ALIGNMENT_SCALE)
     quantity[INSIDE] = now[SHARE_INSIDE] - before[SHARE_INSIDE]
-    quantity[WITHIN] = 1.0 if complete else 0.0
+    quantity[WITHIN] = 1.0 if within else 0.0
     quantity[CLEARANCE] = now[SHARE_CLEAR] - before[SHARE_CLEAR]
     quantity[TIME] = -1.0
     quantity[SUCCESS] = 1.0 if flag[SUCCEEDED] else 0.0
     quantity[FALLEN] = -1.0 if flag[DOWN] else 0.0
-    terms, total = episode.terms[world], 0.0
+    terms = episode.terms[world]
     for k in range(terms.shape[0]):
         terms[k] = rules.weight[k] * quantity[rules.term[k]]
+    total = 0.0
+    for k in range(terms.shape[0]):
         total += terms[k]
     now[REWARD] = total
 
@@ -329,7 +351,7 @@ def score_worlds(
         for i in range(4):
             before[i] = number[world, i]
         clearance, touching = relate_world(rules, hulls, pose, fallen, goal, present, world, placed, relations)
-        complete = judge_world(rules, mean_velocity, fallen, world, clearance, touching, relations, episode)
+        complete, within = judge_world(rules, mean_velocity, fallen, world, clearance, touching, relations, episode)
         if starting:
             held[HELD], ends[SUCCEEDED], ends[ENDED] = 0, False, False
             terms[world], number[world, REWARD] = 0.0, 0.0
@@ -338,4 +360,4 @@ def score_worlds(
         held[HELD] = held[HELD] + int(limit[PERIODS]) if sound and complete else 0
         ends[SUCCEEDED] = held[HELD] >= limit[HOLD]
         ends[ENDED] = ends[SUCCEEDED] or not sound
-        reward_world(rules, before, complete, world, episode, quantity)
+        reward_world(rules, before, within, world, episode, quantity)

@@ -1,4 +1,4 @@
-"""The rasteriser of several parts against a point-in-polygon test of every pixel centre, part by part."""
+"""The rasteriser with several parts, goals and zones against a point-in-polygon test of every pixel centre."""
 
 from __future__ import annotations
 
@@ -9,42 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.rendering.test_rendering_raster import BLOCK, COLUMNS, ELEMENT, ELL, ROWS, inside, star
-from vibgym.rendering import rasterise, rasterise_many
+from tests.rendering.test_rendering_raster import BLOCK, COLUMNS, ELEMENT, ELL, PIXEL, PIXELS, ROWS, inside, star
+from tests.rendering.test_rendering_raster import rasterised as draw
 
-PIXELS = 6
-PIXEL = ELEMENT / PIXELS
 HEIGHT, WIDTH = ROWS * PIXELS, COLUMNS * PIXELS
 OUTLINES = [BLOCK, ELL, 1.2 * BLOCK[::-1], star(5, 0.4)]
 ZONES = np.array([[0.0, 0.0, 5 * ELEMENT, ROWS * ELEMENT], [27 * ELEMENT, 0.0, COLUMNS * ELEMENT, ROWS * ELEMENT]])
-
-
-def draw(
-    pose: np.ndarray,
-    outlines: Sequence[np.ndarray],
-    value: Sequence[int],
-    present: np.ndarray | None = None,
-    zone: np.ndarray | None = None,
-    zone_value: Sequence[int] = (),
-) -> np.ndarray:
-    """Images (worlds, H, W, 3) of parts at ``pose`` (worlds, parts, 3); what was in the image before is noise."""
-    first = np.concatenate([[0], np.cumsum([len(outline) for outline in outlines])]).astype(np.int64)
-    image = np.random.default_rng(0).integers(0, 256, (len(pose), HEIGHT, WIDTH, 3), dtype=np.uint8)
-    rasterise_many(
-        np.ascontiguousarray(pose),
-        np.ones(pose.shape[:2], dtype=bool) if present is None else present,
-        np.concatenate(list(outlines)),
-        first,
-        np.array(value, dtype=np.uint8),
-        np.zeros((0, 4)) if zone is None else zone,
-        np.array(zone_value, dtype=np.uint8),
-        ROWS,
-        COLUMNS,
-        ELEMENT,
-        PIXELS,
-        image,
-    )
-    return image
 
 
 def centres() -> tuple[np.ndarray, np.ndarray]:
@@ -137,11 +107,16 @@ def test_absent_and_lost_parts_are_as_if_they_were_not_there() -> None:
     assert not draw(pose, OUTLINES, value, present=np.zeros((16, 4), dtype=bool))[..., 0].any()
 
 
-def test_one_part_is_drawn_as_by_the_rasteriser_for_one() -> None:
-    pose = np.random.default_rng(4).uniform([0.0, 0.0, -3.0], [0.8, 0.2, 3.0], (20, 3))
-    image = np.empty((20, HEIGHT, WIDTH, 3), dtype=np.uint8)
-    rasterise(pose, ELL, pose, np.zeros(20, dtype=np.uint8), ROWS, COLUMNS, ELEMENT, PIXELS, image)
-    np.testing.assert_array_equal(draw(pose[:, None], [ELL], [255]), image)
+def test_every_part_has_a_goal_of_its_own() -> None:
+    rng = np.random.default_rng(4)
+    pose, goal = (rng.uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0], (9, 4, 3)) for _ in range(2))
+    goal_value, present = rng.integers(0, 256, (9, 4)).astype(np.uint8), rng.random((9, 4)) < 0.7
+    image = draw(pose, OUTLINES, [10, 20, 30, 40], present=present, goal=goal, goal_value=goal_value)
+    # The parts of a picture with the goals for poses show where the goals are.
+    there = present & (goal_value > 0)
+    wanted = [draw(goal[k : k + 1], OUTLINES, goal_value[k], present=there[k : k + 1])[0, ..., 0] for k in range(9)]
+    np.testing.assert_array_equal(image[..., 1], wanted)
+    np.testing.assert_array_equal(image[..., [0, 2]], draw(pose, OUTLINES, [10, 20, 30, 40], present)[..., [0, 2]])
 
 
 def test_zones_fill_their_elements_and_only_channel_1() -> None:
@@ -168,7 +143,7 @@ def test_zone_has_the_pixels_with_their_centre_inside(one: tuple[float, float], 
 
 def test_zones_side_by_side_share_no_pixel_and_leave_none_out() -> None:
     # The common border runs through the centres of a column of pixels.
-    middle = (90 + 0.5) * PIXEL
+    middle = (120 + 0.5) * PIXEL
     left, right = [0.0, 0.0, middle, 0.208], [middle, 0.0, 0.832, 0.208]
     images = [
         draw(np.zeros((1, 0, 3)), [np.zeros((0, 2))], [0], zone=np.array([zone]), zone_value=[1])[0, ..., 1]

@@ -1,4 +1,4 @@
-"""The scoring kernel of tasks for many parts against a plain reference."""
+"""Scoring of zones and distances against a plain reference."""
 
 import math
 from typing import Any
@@ -6,28 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.tasks.test_tasks_arrange import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
-from vibgym.physics.core.records import State
-from vibgym.tasks import MANY_TASKS, Singulate, Sort
-from vibgym.tasks.crowd import TERMS
+from tests.tasks.helpers import Judge, assert_only
+from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
+from vibgym.tasks import TASKS, Singulate, Sort
+
+ARRANGED = {"Sort": Sort, "Singulate": Singulate}
 
 RULE = math.sqrt(2) * 0.026
 FAR = math.hypot(0.832, 0.208)
-
-
-def state_of(pose, mean_velocity=0.0, fallen=False, diverged=False):
-    worlds, parts = pose.shape[:2]
-    spread = lambda value, *shape: np.array(np.broadcast_to(value, shape))  # noqa: E731
-    off = spread(False, worlds, parts)
-    return State(
-        pose=pose.copy(),
-        velocity=np.full(pose.shape, np.nan),  # scores look at the mean only
-        mean_velocity=spread(mean_velocity, worlds, parts, 3),
-        fallen=spread(fallen, worlds, parts),
-        sticking=off,
-        doubtful=off,
-        diverged=spread(diverged, worlds),
-    )
 
 
 class Reference:
@@ -95,16 +81,16 @@ def settled(task, generator, worlds):
 
 
 @pytest.mark.parametrize("parts", [SIX, MIXED, [STEEL, DISC]], ids=["six", "mixed", "two"])
-@pytest.mark.parametrize("name", MANY_TASKS)
+@pytest.mark.parametrize("name", ARRANGED)
 def test_score_kernel(name, parts):
     worlds, steps = 30, 40
     generator = np.random.default_rng(2)
-    task = MANY_TASKS[name](SURFACE, parts, randomize={"parts": [1, len(parts)]})
+    task = ARRANGED[name](SURFACE, parts, randomize={"parts": [1, len(parts)]})
     whole = Sort(SURFACE, parts, start="crowded") if name == "Sort" else Singulate(SURFACE, parts)
     start = task.start(generator.random((worlds, task.draws)))
-    result = task.new_score(worlds)
-    goal = np.zeros((worlds, 3))
-    task.begin(state_of(start.pose, fallen=~start.present), start, goal, np.arange(worlds), result)
+    judge = Judge(task, worlds)
+    judge.begin(start)
+    result = judge.episode
     reference = [Reference(task, parts, start.present[k], start.pose[k]) for k in range(worlds)]
     seen = {"success": 0, "fallen": 0, "diverged": 0, "touching": 0, "alone": 0}
     base = settled(task, generator, worlds)
@@ -117,25 +103,28 @@ def test_score_kernel(name, parts):
         )
         fallen = ~start.present | (generator.random(start.present.shape) < 0.003)
         diverged = generator.random(worlds) < 0.01
-        task.score(state_of(pose, velocity, fallen, diverged), goal, result)
+        judge.score(pose, velocity, fallen, diverged)
         for k in range(worlds):
             terms, success, ended = reference[k].step(pose[k], velocity[k], fallen[k], diverged[k])
             where = (step, k)
-            assert list(terms) == list(TERMS) and task.TERMS == TERMS
+            assert list(terms) == list(task.TERMS)
             overlap = reference[k].clearance <= 0.0  # shapely tells that two overlap, but not how far
             assert result.terms[k] == pytest.approx(list(terms.values()), abs=1e-9), where
             assert result.reward[k] == pytest.approx(math.fsum(terms.values()), abs=1e-9)
             assert (result.success[k], result.ended[k]) == (success, ended), where
             assert result.fallen[k] == (start.present[k] & fallen[k]).any()
-            assert (result.done[k], result.touching[k]) == (reference[k].done, reference[k].touching), where
-            assert result.way[k] == pytest.approx(np.array(list(reference[k].way.values())), abs=1e-12)
+            assert (result.parts_done[k], result.touching[k]) == (reference[k].done, reference[k].touching), where
+            assert result.done[k].sum() == reference[k].done
+            assert judge.relations.error[k, :, :2] == pytest.approx(
+                np.array(list(reference[k].way.values())), abs=1e-12
+            )
             if overlap:
                 assert result.clearance[k] <= 1e-12
             else:
-                assert result.distance[k] == pytest.approx(reference[k].error, abs=1e-9)
+                assert result.position_error[k] == pytest.approx(reference[k].error, abs=1e-9)
                 assert result.clearance[k] == pytest.approx(reference[k].clearance, abs=1e-9)
-                assert result.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
-                near = {p: int(other) for p, other in enumerate(result.neighbour[k]) if other >= 0}
+                assert judge.relations.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
+                near = {p: int(other) for p, other in enumerate(judge.relations.neighbour[k]) if other >= 0}
                 for p, other in reference[k].neighbour.items():  # or another one, just as near
                     pair = [p, near[p]]
                     between = distances([parts[q] for q in pair], pose[k, pair])[0, 1]
@@ -151,12 +140,12 @@ def test_score_kernel(name, parts):
 
 def scored(task, pose, steps=1, **state: Any):
     """The score after steps at one pose (parts, 3)."""
-    result = task.new_score(1)
+    judge = Judge(task, 1)
     start = task.start(np.full((1, task.draws), 0.5))._replace(pose=pose[None], present=np.ones((1, len(pose)), bool))
-    task.begin(state_of(pose[None]), start, np.zeros((1, 3)), np.zeros(1, dtype=np.int64), result)
+    judge.begin(start)
     for _ in range(steps):
-        task.score(state_of(pose[None], **state), np.zeros((1, 3)), result)
-    return result
+        judge.score(pose[None], **state)
+    return judge
 
 
 @pytest.mark.parametrize("speed, done", [(0.0199, 2), (0.0201, 0)])
@@ -165,29 +154,30 @@ def test_sort_asks_for_slow_parts(speed, done):
     pose = np.array([[0.05, 0.1, 0.0], [0.78, 0.1, 0.0]])
     for direction in (0.3, 2.0):
         moving = speed * np.array([math.cos(direction), math.sin(direction), 1e6])  # whatever the spin
-        assert scored(task, pose, mean_velocity=moving).done[0] == done
+        assert scored(task, pose, mean_velocity=moving).episode.parts_done[0] == done
 
 
 @pytest.mark.parametrize("x, done", [(0.1559, 2), (0.1561, 1)])
 def test_sort_counts_centres(x, done):
-    result = scored(Sort(SURFACE, [STEEL, ALUMINIUM]), np.array([[x, 0.1, 0.0], [0.78, 0.1, 0.0]]))
-    assert result.done[0] == done
-    assert result.distance[0] == pytest.approx(max(x - 0.156, 0.0), abs=1e-12)
+    result = scored(Sort(SURFACE, [STEEL, ALUMINIUM]), np.array([[x, 0.1, 0.0], [0.78, 0.1, 0.0]])).episode
+    assert result.parts_done[0] == done
+    assert result.position_error[0] == pytest.approx(max(x - 0.156, 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize("beyond, success", [(1e-6, True), (-1e-6, False)])
 def test_singulate_asks_for_more_than_an_elements_diagonal(beyond, success):
     task = Singulate(SURFACE, [STEEL, ALUMINIUM, STEEL])
     pose = np.array([[0.1, 0.1, 0.0], [0.15 + RULE + beyond, 0.1, 0.0], [0.6, 0.1, 0.0]])
-    assert scored(task, pose, steps=9).success[0] is np.False_
-    result = scored(task, pose, steps=10)
-    assert result.success[0] == success and result.done[0] == (3 if success else 1)
-    assert result.distance[0] == pytest.approx(max(-beyond, 0.0), abs=1e-12)
+    assert not scored(task, pose, steps=9).episode.success[0]
+    result = scored(task, pose, steps=10).episode
+    assert result.success[0] == success and result.parts_done[0] == (3 if success else 1)
+    assert result.position_error[0] == pytest.approx(max(-beyond, 0.0), abs=1e-12)
 
 
 def test_a_part_on_its_own_has_all_the_room():
     result = scored(Singulate(SURFACE, [STEEL]), np.array([[0.1, 0.1, 0.0]]))
-    assert result.clearance[0] == FAR and result.neighbour[0, 0] == -1 and result.done[0] == 1
+    assert result.episode.clearance[0] == FAR and result.relations.neighbour[0, 0] == -1
+    assert result.episode.parts_done[0] == 1
 
 
 def test_a_whole_episode_costs_less_than_a_fall():
@@ -195,20 +185,20 @@ def test_a_whole_episode_costs_less_than_a_fall():
     from vibgym.registration import ENVIRONMENTS
 
     for limit, settings in ENVIRONMENTS.values():
-        if settings["task"] in MANY_TASKS:
-            assert limit * 0.003 <= 5.0
+        cost = TASKS[settings["task"]].TERMS
+        assert limit * cost["time"][1] <= cost["fallen"][1]
 
 
-@pytest.mark.parametrize("name", MANY_TASKS)
+@pytest.mark.parametrize("name", ARRANGED)
 def test_begin_touches_the_given_worlds_only(name):
-    task = MANY_TASKS[name](SURFACE, SIX)
+    task = ARRANGED[name](SURFACE, SIX)
     start = task.start(np.random.default_rng(0).random((4, task.draws)))
-    result = task.new_score(4)
-    for values in result:
+    judge = Judge(task, 4)
+    judge.state.pose[...] = start.pose
+    for values in (*judge.episode, *judge.relations):
         values[...] = 7
-    one = start._replace(pose=start.pose[2:3], present=start.present[2:3])
-    task.begin(state_of(start.pose), one, np.zeros((4, 3)), np.array([2]), result)
-    for values in result:
-        assert (values[[0, 1, 3]] == np.array(7).astype(values.dtype)).all()
-    assert result.held[2] == 0 and not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all()
+    judge.begin(type(start)(*(each[2:3] for each in start)), [2])
+    assert_only(judge, 2, before=7)
+    result = judge.episode
+    assert not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all()
     assert result.present[2].all() and result.reward[2] == 0.0

@@ -10,8 +10,11 @@ from hypothesis import strategies as st
 
 from vibgym import Part, Surface
 from vibgym.physics.collision.hulls import all_gaps
-from vibgym.tasks import MANY_TASKS, ManyTask, Singulate, Sort
-from vibgym.tasks.arrange import TRIES, lattice
+from vibgym.tasks import ArrangedTask, Singulate, Sort
+from vibgym.tasks.lattice import lattice
+from vibgym.tasks.starts import TRIES
+
+ARRANGED = {"Sort": Sort, "Singulate": Singulate}
 
 STEEL = Part.rectangle(0.050, 0.040, friction=0.64, name="steel")
 ALUMINIUM = Part.rectangle(0.050, 0.035, friction=0.58, name="aluminium")
@@ -104,10 +107,8 @@ def test_crowds_differ_in_who_is_in_the_middle():
     assert set(inner.tolist()) == set(range(6))
 
 
-class Anywhere(ManyTask):
+class Anywhere(ArrangedTask):
     """Parts on a surface with hardly more room than they need."""
-
-    ZONES = False
 
 
 TIGHT = Surface(rows=7, columns=7)
@@ -133,7 +134,7 @@ def test_the_lattice_is_used_where_chance_fails():
     parts = [DISC] * 9
     surface = Surface(rows=6, columns=6)  # 156 mm: three discs and 2 mm between them fit along a side
     task = Anywhere(surface, parts)
-    cells = {tuple(cell) for cell in task._room.cells.round(9).tolist()}
+    cells = {tuple(cell) for cell in task.starts._room.cells.round(9).tolist()}
     assert len(cells) == 9
     start = starts(task, 50)
     met = [{tuple(at) for at in pose[:, :2].round(9).tolist()} == cells for pose in start.pose]
@@ -183,9 +184,9 @@ def test_any_numbers_give_a_sound_start(way, data):
         assert between.min() > -1e-12 and linked(between) == len(here)
 
 
-@pytest.mark.parametrize("task", MANY_TASKS)
+@pytest.mark.parametrize("task", ARRANGED)
 def test_numbers_of_parts(task):
-    made = MANY_TASKS[task](SURFACE, SIX, randomize={"parts": [2, 5]})
+    made = ARRANGED[task](SURFACE, SIX, randomize={"parts": [2, 5]})
     start = starts(made, 4000)
     count = start.present.sum(axis=1)
     assert np.bincount(count, minlength=7)[2:6] / 4000 == pytest.approx(0.25, abs=0.04)  # 6 standard deviations

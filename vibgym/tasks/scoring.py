@@ -1,0 +1,56 @@
+"""The episodes of a batch of worlds, bound to the state that they are judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vibgym.physics.core.records import State
+from vibgym.tasks.base import Start, Task
+from vibgym.tasks.episode import Relations, new_episode, new_relations, relate_worlds, score_worlds
+
+_ALL = np.zeros(0, dtype=np.int64)
+
+
+class Scoring:
+    """Begins and scores the episodes of all worlds of a task.
+
+    Args:
+        task: with its parts.
+        state: true state of the worlds; its arrays live as long as this and are changed in place.
+        periods: oscillation periods of a step.
+
+    Attributes:
+        episode: progress of every world.
+        relations: how parts stand to their goals and to one another, by the true state.
+    """
+
+    def __init__(self, task: Task, state: State, periods: int) -> None:
+        worlds, parts = state.pose.shape[:2]
+        self.relations, self.episode = new_relations(worlds, parts), new_episode(worlds, parts, len(task.TERMS))
+        self._constants: Sequence[np.ndarray] = (*task.rules(periods), *task.hulls)
+        self._arguments = (
+            state.pose, state.mean_velocity, state.fallen, state.diverged,
+            *self.relations, *self.episode, *self._constants,
+        )  # fmt: skip
+
+    def begin(self, worlds: np.ndarray, start: Start) -> None:
+        """Start the episodes of ``worlds`` (index array), whose parts have been put down."""
+        self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
+        if len(worlds):
+            score_worlds(worlds, *self._arguments)
+
+    def score(self) -> None:
+        """Score one step of every world against the one before."""
+        score_worlds(_ALL, *self._arguments)
+
+    def relate(self, pose: np.ndarray, gone: np.ndarray, relations: Relations) -> None:
+        """How parts at other poses than the true ones stand to their goals and to one another.
+
+        Args:
+            pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
+            relations: overwritten.
+        """
+        episode = self.episode
+        relate_worlds(pose, gone, episode.goal, episode.present, *relations, *self._constants)
