@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.control.law import Steering
-from agents.control.measured import Measured, recall
+from agents.control.measured import recall
 from agents.control.motion_choice import STAY, Preferences, Scene, choose_motions
 from agents.control.targets import Targets, swap
 from agents.task_info import TaskInfo
@@ -105,7 +105,7 @@ class PlannerPolicy(Steering):
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Phasors from the measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured, period = Measured.of(observation, self.info), self.info.step_time
+        measured, period = self.measure(observation), self.info.step_time
         centre, present = np.ascontiguousarray(measured.centre), measured.present
         (target, motion, waited), new = recall(state, episode_start, self.initial(len(centre)))
         if self.info.has_goal:
