@@ -47,7 +47,9 @@ class Foreign:
             raise checks.refuse("policy", got, f"attributes 'action' and 'observation', or an action_space of {shapes}")
         if action is None and len(fitting) > 1:
             which = " or ".join(f"'action': {name!r}" for name in fitting)
-            raise checks.refuse("policy", got, f"{{'policy': model, {which}}}, or an attribute 'action': both would fit")
+            raise checks.refuse(
+                "policy", got, f"{{'policy': model, {which}}}, or an attribute 'action': both would fit"
+            )
         self.action = fitting[0] if action is None else action
 
     def predict(

@@ -77,7 +77,9 @@ def make_policy(policy: Any, info: TaskInfo, seed: int = 0) -> Policy:
     if "policy" in arguments:
         model = arguments.pop("policy")
         if not hasattr(model, "predict") or not set(arguments) <= {"action"}:
-            raise checks.refuse("policy", dict(policy), "'policy', an object with predict(), and 'action', what it speaks")
+            raise checks.refuse(
+                "policy", dict(policy), "'policy', an object with predict(), and 'action', what it speaks"
+            )
         return Foreign(model, info, **arguments)
     kind = arguments.pop("kind", None)
     make = CONTROLLERS.choose("policy.kind", kind)

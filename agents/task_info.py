@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,8 +46,6 @@ class TaskInfo:
         """
         base, spec = env.unwrapped, env.spec
         task = base.task
-        if name is None:
-            name = task.name if spec is None else re.sub(r"^.*/|-v\d+$", "", spec.id)
         limit = getattr(base, "max_episode_steps", None)  # the vector environment's own
         if spec is not None and limit is None:
             more = step_limit(base.periods_per_step, spec.kwargs.get("max_episode_periods"))
@@ -57,7 +54,7 @@ class TaskInfo:
         if zones is not None:
             zones.setflags(write=False)
         return cls(
-            name=name,
+            name=name or (task.name if spec is None else spec.name),
             summary=" ".join((type(task).__doc__ or "").strip().split("\n\n")[0].split()),
             surface=base.surface,
             parts=base.parts,
@@ -84,4 +81,6 @@ class TaskInfo:
             ValueError: names the policy and the task.
         """
         if not self.has_goal and self.zones is None and self.apart is None:
-            raise checks.refuse(f"policy {policy!r}", f"the task {self.name}", "tasks with goals, zones or a distance to keep")
+            raise checks.refuse(
+                f"policy {policy!r}", f"the task {self.name}", "tasks with goals, zones or a distance to keep"
+            )

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from agents.control.allocation import Allocator
-from agents.control.measured import Measured, wrap
+from agents.control.measured import Measured, measure, wrap
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.layout import LEAST_SPEED
@@ -79,13 +79,13 @@ class Steering:
         self.turn_push = self.push / self.allocator.gyration  # rad/s^2
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
-    def measure(self, observation: Any) -> Measured:
+    def expected(self, observation: Any) -> Measured:
         """What an observation says, with the parts moved on by :attr:`ahead`.
 
         Raises:
             ValueError: an observation of another shape.
         """
-        measured = Measured.of(observation, self.info)
+        measured = measure(observation, self.info)
         if self.ahead == 0.0:
             return measured
         moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin

@@ -36,7 +36,7 @@ class LocalFieldPolicy(Steering):
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Phasors from the measured poses and mean velocities; the policy has no memory."""
-        measured = self.measure(observation)
+        measured = self.expected(observation)
         way = self.targets(measured) - measured.centre
         distance = np.sqrt((way**2).sum(axis=-1))
         speed = self.stopping_speed(distance) / np.maximum(distance, 1e-12)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.layout import Layout
 
-Memory = TypeVar("Memory", bound=NamedTuple)
+Memory = TypeVar("Memory", bound=tuple)
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,31 +29,31 @@ class Measured:
     gap: np.ndarray  # distance to the nearest other part, m, capped at about eight elements; infinite for one part
     single: bool  # whether one observation without batch axis was given
 
-    @classmethod
-    def of(cls, observation: Any, info: TaskInfo) -> Measured:
-        """Decode one state observation or a batch of them.
 
-        Raises:
-            ValueError: the array is not (size,) or (batch, size).
-        """
-        layout, values = info.layout, check_state(observation, info.layout)
-        rows = np.atleast_2d(values)
-        none = np.zeros((len(rows), len(info.parts), 1))
+def measure(observation: Any, info: TaskInfo) -> Measured:
+    """Decode one state observation or a batch of them.
 
-        def quantity(name: str, default: np.ndarray = none) -> np.ndarray:
-            return layout.quantity(rows, name) if name in layout else default
+    Raises:
+        ValueError: the array is not (size,) or (batch, size).
+    """
+    layout, values = info.layout, check_state(observation, info.layout)
+    rows = np.atleast_2d(values)
+    none = np.zeros((len(rows), len(info.parts), 1))
 
-        return cls(
-            present=quantity("present", none + 1.0)[..., 0] > 0.5,
-            centre=quantity("position"),
-            heading=quantity("heading")[..., 0],
-            way=quantity("way"),
-            turn=quantity("turn")[..., 0],
-            velocity=quantity("velocity"),
-            spin=quantity("spin")[..., 0],
-            gap=quantity("gap", none + math.inf)[..., 0],
-            single=values.ndim == 1,
-        )
+    def quantity(name: str, default: np.ndarray = none) -> np.ndarray:
+        return layout.quantity(rows, name) if name in layout else default
+
+    return Measured(
+        present=quantity("present", none + 1.0)[..., 0] > 0.5,
+        centre=quantity("position"),
+        heading=quantity("heading")[..., 0],
+        way=quantity("way", np.repeat(none, 2, axis=-1)),
+        turn=quantity("turn")[..., 0],
+        velocity=quantity("velocity"),
+        spin=quantity("spin")[..., 0],
+        gap=quantity("gap", none + math.inf)[..., 0],
+        single=values.ndim == 1,
+    )
 
 
 def check_state(observation: Any, layout: Layout) -> np.ndarray:
@@ -86,16 +86,26 @@ def started(state: Any, episode_start: Any, batch: int) -> np.ndarray:
     return np.broadcast_to(np.asarray(episode_start, dtype=bool), (batch,))
 
 
-def recall(state: Memory | None, episode_start: Any, initial: Memory) -> tuple[Memory, np.ndarray]:
-    """A controller's memory at the beginning of a step, a copy of its own, and whose episode has just begun.
+def recall(state: Any, episode_start: Any, initial: Memory) -> tuple[Memory, np.ndarray]:
+    """A controller's memory at the beginning of a step, a copy of its own, and (batch,) whose episode has just begun.
 
     Args:
         state: what the controller returned last; None at the very start.
         episode_start: (batch,) bool, see :meth:`agents.policy.Policy.predict`.
-        initial: what ``initial(batch)`` of the controller gives: arrays (batch, ...).
+        initial: what the controller's ``initial(batch)`` gives: arrays (batch, ...).
+
+    Raises:
+        ValueError: a memory of another controller or batch.
     """
-    new = started(state, episode_start, len(initial[0]))
+    batch = len(initial[0])
+    new = started(state, episode_start, batch)
     if state is None:
         return initial, new
+    if type(state) is not type(initial) or len(state[0]) != batch:
+        got = (
+            f"{type(state).__name__} of {len(state[0])}" if isinstance(state, tuple) and state else type(state).__name__
+        )
+        raise checks.refuse("state", got, f"None, or what predict() returned for {batch}: {type(initial).__name__}")
+    make: Any = type(initial)
     kept = (np.where(new.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(initial, state, strict=True))
-    return type(initial)(*kept), new
+    return make(*kept), new

@@ -105,7 +105,7 @@ class PlannerPolicy(Steering):
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Phasors from the measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured, period = self.measure(observation), self.info.step_time
+        measured, period = self.expected(observation), self.info.step_time
         centre, present = np.ascontiguousarray(measured.centre), measured.present
         (target, motion, waited), new = recall(state, episode_start, self.initial(len(centre)))
         if self.info.has_goal:

@@ -29,7 +29,9 @@ def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, 
         centres = pitch * lattice(low / pitch, high / pitch, 0.0, 1.0)
         if len(centres) >= least:
             return centres
-        tight = (high - low) / [len(np.unique(column)) for column in centres.T]  # the pitch that gains a column, or a row
+        tight = (high - low) / [
+            len(np.unique(column)) for column in centres.T
+        ]  # the pitch that gains a column, or a row
         k = int(np.argmax(tight / size))
         pitch[k] = tight[k]
 
@@ -57,7 +59,9 @@ class Targets:
         self.zones, self.kind = info.zones, np.array(info.kind)
         self.spacing = max(math.sqrt(2.0) * surface.element_size, info.apart or 0.0)
         radius = np.array([part.radius for part in parts])
-        edge = min(edge, radius.max())  # small surfaces and zones hold parts by their circles, and so do these rectangles
+        edge = min(
+            edge, radius.max()
+        )  # small surfaces and zones hold parts by their circles, and so do these rectangles
         self.low, self.high = np.full(2, edge), np.array([surface.width, surface.height]) - edge
         # Twice the reach from the centre, on the larger side, so that parts of any shape in neighbouring places are clear.
         self.size = np.array([2.0 * np.abs(part.outline).max(axis=0) for part in parts])

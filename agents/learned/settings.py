@@ -7,12 +7,11 @@ from typing import Any, Literal
 
 import gymnasium as gym
 from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.tasks import TASKS
-
-ENVIRONMENT = "vibgym/{}-v0"
 
 
 class PPOSettings(Settings):
@@ -35,8 +34,8 @@ class PPOSettings(Settings):
 class TrainSettings(Settings):
     """One training run: task, environment, algorithm, length.
 
-    ``task`` is the name of a registered environment without ``vibgym/`` and version, such as ``"SortTwelve"``, or of a task in
-    :data:`vibgym.tasks.TASKS`, which may be one of your own.
+    ``task`` is the name of an environment of vibgym without version, such as ``"SortTwelve"``, the whole name of one of your
+    own, or the name of a task in :data:`vibgym.tasks.TASKS`.
     """
 
     task: str
@@ -48,13 +47,19 @@ class TrainSettings(Settings):
     output: str | None = None  # directory; default: runs/<name of the file>
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
 
+    @property
+    def environment_name(self) -> str:
+        """Under which Gymnasium may know the environment."""
+        return self.task if "/" in self.task else f"vibgym/{self.task}-v0"
+
     @field_validator("task")
     @classmethod
-    def _known(cls, name: str) -> str:
-        known = [spec.name for spec in gym.registry.values() if spec.namespace == "vibgym"]
-        if name not in (*known, *TASKS):
-            raise ValueError(f"got {name!r}; allowed: {', '.join(dict.fromkeys((*known, *TASKS)))}")
-        return name
+    def _known(cls, task: str) -> str:
+        own = [spec.name for spec in gym.registry.values() if spec.namespace == "vibgym"]
+        known = tuple(dict.fromkeys((*own, *TASKS)))
+        if task not in known and not ("/" in task and task in gym.registry):
+            raise PydanticCustomError("task", ", ".join(map(repr, known)))  # type: ignore[arg-type]
+        return task
 
 
 def load_settings(path: Path) -> TrainSettings:

@@ -17,7 +17,7 @@ from tqdm import tqdm
 import vibgym
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.settings import ENVIRONMENT, TrainSettings, load_settings
+from agents.learned.settings import TrainSettings, load_settings
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
@@ -28,7 +28,7 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The batch of worlds that a run trains on; policies are trained and act on the flat state."""
     checks.choice("observation", settings.environment.get("observation", "state"), ("state",))
     arguments: dict[str, Any] = {"num_envs": settings.worlds, "autoreset_mode": "SameStep", **settings.environment}
-    name = ENVIRONMENT.format(settings.task)
+    name = settings.environment_name
     env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
     assert isinstance(env, VibgymVectorEnv)
     return StableBaselinesAdapter(env)
