@@ -8,6 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from agents.control.constant import RandomPolicy, ZeroPolicy
+from agents.control.local_field import LocalFieldPolicy
+from agents.control.open_loop import OpenLoopPolicy
+from agents.control.planner import PlannerPolicy
 from agents.foreign import Foreign
 from agents.policy import Policy
 from agents.task_info import TaskInfo
@@ -33,14 +36,18 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
     {
         "zero": ZeroPolicy,
         "random": RandomPolicy,
+        "open_loop": OpenLoopPolicy,
+        "local_field": LocalFieldPolicy,
+        "local_fields": LocalFieldPolicy,
+        "planner": PlannerPolicy,
         "trained": trained,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.
 
-``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` one part with a goal pose, ``"planner"`` tasks with zones or
-distances to keep. ``"local_field"`` and ``"local_fields"`` are one law under the names of its two uses: one part, or several
-at once.
+``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose. ``"local_field"`` and
+``"local_fields"`` are one law under the names of its two uses, one part and several at once; it and ``"planner"`` serve every
+task that asks for places: goals, zones, or a distance to keep.
 """
 
 POLICIES = CONTROLLERS
@@ -74,11 +81,9 @@ def make_policy(policy: Any, info: TaskInfo, seed: int = 0) -> Policy:
         return Foreign(model, info, **arguments)
     kind = arguments.pop("kind", None)
     make = CONTROLLERS.choose("policy.kind", kind)
-    known = inspect.signature(make).parameters
-    if "seed" in known:
+    if "seed" in inspect.signature(make).parameters:
         arguments.setdefault("seed", seed)
     try:
-        inspect.signature(make).bind(info, **arguments)
+        return make(info, **arguments)
     except TypeError as error:
-        raise checks.refuse(f"policy {kind!r}", arguments, f"its own arguments ({error})") from None
-    return make(info, **arguments)
+        raise checks.refuse(f"policy {kind!r}", arguments, f"its own arguments ({error})") from error

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vibgym import Part, Surface
+from vibgym import Part, Surface, checks
 from vibgym.envs.layout import Layout
 from vibgym.envs.shared import step_limit
 
@@ -76,3 +76,12 @@ class TaskInfo:
             layout=Layout(base.surface, base.parts, task.FEATURES, task.slots),
             step_limit=limit,
         )
+
+    def check_places(self, policy: str) -> None:
+        """Refuse a task that asks for no place of a part: neither goals nor zones nor a distance to keep.
+
+        Raises:
+            ValueError: names the policy and the task.
+        """
+        if not self.has_goal and self.zones is None and self.apart is None:
+            raise checks.refuse(f"policy {policy!r}", f"the task {self.name}", "tasks with goals, zones or a distance to keep")

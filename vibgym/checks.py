@@ -107,8 +107,10 @@ def _first(values: np.ndarray, bad: np.ndarray) -> str:
 def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
     """Kind and settings from a name, or from a mapping with ``kind`` and settings."""
     if isinstance(value, Mapping):
+        if "kind" not in value:
+            raise refuse(argument, dict(value), f"a mapping with 'kind', one of {', '.join(map(repr, kinds))}")
         settings = dict(value)
-        return choice(f"{argument}['kind']", settings.pop("kind", None), kinds), settings
+        return choice(f"{argument}['kind']", settings.pop("kind"), kinds), settings
     return choice(argument, value, kinds), {}
 
 

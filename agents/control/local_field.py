@@ -1,9 +1,4 @@
-"""Local fields steered by the measured pose: a uniform field that carries the part, a tangential one that turns it.
-
-Near rest a push of strength 1 accelerates a part by about ``mu g / 2`` and friction brakes it at the rate
-``mu g / (2 a_h w)`` (first-order average, thesis eqs. 5.60 and 5.61). The law asks for the velocity from which the part can
-still stop at the goal, ``sqrt(2 a d)`` far away and proportional to the distance near it, and pushes towards that velocity.
-"""
+"""Local fields steered by the measured pose: every part straight to its own target, as if it were alone."""
 
 from __future__ import annotations
 
@@ -11,64 +6,58 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.seen import see
-from agents.policy import Situation
+from agents.control.law import Steering
+from agents.control.measured import Measured
+from agents.task_info import TaskInfo
 from vibgym import checks
-from vibgym.envs.actions import patch_size
-from vibgym.fields import lead_angle
-from vibgym.physics.core.drive import FIELD_STRENGTHS
 
 
-class LocalFieldPolicy:
-    """Uniform and tangential field around the part, as ``"field"`` actions.
+class LocalFieldPolicy(Steering):
+    """Every part steered straight to its target, whatever is in the way, as ``"phasor"`` actions.
+
+    The target is the goal position; or the point of the own zone nearest to the part, a margin inside; or, where parts shall
+    only be apart, it lies straight away from the other parts that are too near.
 
     Args:
-        situation: task, surface and part.
-        response: s, time in which the velocity follows its set value.
-        braking: share of the available acceleration that the stopping law counts on.
-        approach: 1/s, rate at which the remaining error shrinks near the goal.
+        info: task and scene.
+        margin: m, how far inside zones and borders targets lie.
+        **law: ``rule``, ``response``, ``braking``, ``approach`` of :class:`Steering`.
+
+    Raises:
+        ValueError: a task that asks for no place, or a bad argument.
     """
 
-    action, observation = "field", "state"
-
-    def __init__(
-        self, situation: Situation, response: float = 0.06, braking: float = 0.6, approach: float = 7.0
-    ) -> None:
-        situation.check_served("local_field", many=False)
-        surface, part = situation.surface, situation.part
-        self.surface, self.part = surface, part
-        self.response = checks.number("response", response, above=0.0)
-        self.braking = checks.number("braking", braking, above=0.0, most=1.0)
-        self.approach = checks.number("approach", approach, above=0.0)
-        self.push = 0.5 * part.friction * surface.full_scale  # m/s^2 of a push of strength 1
-        self.drag = 0.5 * part.friction * surface.gravity / max(surface.table_speed, 1e-9)  # 1/s
-        # A tangential field grows with the distance from the centre, so its torque over inertia is push / reach.
-        self.turn_push = self.push / (0.5 * patch_size(surface, part) * surface.element_size)  # rad/s^2
-        self.lead = lead_angle(surface, part.friction)
-
-    def _strength(self, speed: np.ndarray, velocity: np.ndarray, push: float) -> np.ndarray:
-        """Strength that takes the velocity to the set ``speed`` and makes up for friction's braking."""
-        wanted = (speed - velocity) / self.response + self.drag * velocity
-        return wanted / push
-
-    def _rate(self, distance: np.ndarray, push: float) -> np.ndarray:
-        """Set speed at a distance from the goal."""
-        return np.minimum(np.sqrt(2.0 * self.braking * push * distance), self.approach * distance)
+    def __init__(self, info: TaskInfo, *, margin: float = 0.03, **law: Any) -> None:
+        super().__init__(info, **law)
+        self.margin = checks.number("margin", margin, least=0.0)
+        info.check_places("local_field")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Field strengths from the measured pose and mean velocity; the policy has no memory."""
-        seen = see(observation, self.surface, self.part)
-        distance = np.hypot(*seen.error.T)[:, None]
-        direction = seen.error / np.maximum(distance, 1e-12)
-        speed = self._rate(distance, self.push) * direction
-        push = self._strength(speed, seen.velocity, self.push)
-        push /= np.maximum(np.hypot(*push.T)[:, None], 1.0)
-        cosine, sine = np.cos(self.lead), np.sin(self.lead)
-        rate = self._rate(np.abs(seen.turn), self.turn_push) * np.sign(seen.turn)
-        action = np.zeros((len(distance), 1, FIELD_STRENGTHS), dtype=np.float32)
-        action[:, 0, 0] = push[:, 0] * cosine + push[:, 1] * sine
-        action[:, 0, 1] = push[:, 1] * cosine - push[:, 0] * sine
-        action[:, 0, 5] = np.clip(self._strength(rate, seen.spin, self.turn_push), -1.0, 1.0)
-        return (action[0] if seen.single else action), state
+        """Phasors from the measured poses and mean velocities; the policy has no memory."""
+        measured = self.measure(observation)
+        way = self.targets(measured) - measured.centre
+        distance = np.sqrt((way**2).sum(axis=-1))
+        speed = self.stopping_speed(distance) / np.maximum(distance, 1e-12)
+        return self.steer(measured, speed[..., None] * way), state
+
+    def targets(self, measured: Measured) -> np.ndarray:
+        """Where the parts are heading, (batch, parts, 2) m."""
+        info, centre = self.info, measured.centre
+        if info.has_goal:
+            return centre + measured.way
+        if info.zones is not None:
+            zone = info.zones[list(info.kind)]
+            inset = np.minimum(self.margin, 0.5 * (zone[:, 2:] - zone[:, :2]))
+            return np.clip(centre, zone[:, :2] + inset, zone[:, 2:] - inset)
+        assert info.apart is not None
+        between = centre[:, :, None] - centre[:, None]
+        distance = np.sqrt((between**2).sum(axis=-1))
+        radius = np.array([part.radius for part in info.parts])
+        enough = radius[:, None] + radius + info.apart
+        lack = np.maximum(enough - distance, 0.0) * measured.present[:, None] * ~np.eye(len(radius), dtype=bool)
+        away = (lack / np.maximum(distance, 1e-9))[..., None] * between
+        size = np.array([info.surface.width, info.surface.height])
+        edge = min(self.margin, 0.5 * size.min())
+        return np.clip(centre + away.sum(axis=2), edge, size - edge)

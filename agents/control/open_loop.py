@@ -2,64 +2,83 @@
 
 The goal and where the part was put down are known (the first observation of an episode); after that nothing is looked at.
 A radial field brings the part to the goal from wherever it is. To align it, a squeeze field towards a line through the
-goal, along the wanted heading, follows. To turn it, a tangential field acts for the time that the turn takes at its steady
-rate: friction lets the spin build up and run out with the same lag, so the two cancel.
+goal, along the wanted heading, follows. To turn it by more than can be seen of a heading, a tangential field acts for the time
+that the turn takes at its steady rate: friction lets the spin build up and run out with the same lag, so the two cancel.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.seen import see, started
-from agents.policy import Situation
+from agents.control.measured import Measured, recall
+from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.fields import radial, squeeze, tangential
+
+
+class Plan(NamedTuple):
+    """What is known from the start of the episodes on."""
+
+    goal: np.ndarray  # (batch, 3) m, m, rad
+    turn: np.ndarray  # (batch,) rad, from the heading at the start to the goal's
+    time: np.ndarray  # (batch,) s, since the start
 
 
 class OpenLoopPolicy:
     """Whole-surface fields around the goal, as ``"phasor"`` actions.
 
     Args:
-        situation: task, surface and part.
+        info: task, scene and step time.
         turn_rate: rad/s, steady angular velocity in the tangential field.
         gather_time: s, time that the radial field gets before the squeeze field aligns the part.
         centring: strength of the radial field beside the squeeze field.
+
+    Raises:
+        ValueError: a task for several parts or without goal pose, or a bad argument.
     """
 
     action, observation = "phasor", "state"
 
     def __init__(
-        self, situation: Situation, turn_rate: float = 11.5, gather_time: float = 2.0, centring: float = 0.2
+        self, info: TaskInfo, *, turn_rate: float = 11.5, gather_time: float = 2.0, centring: float = 0.2
     ) -> None:
-        situation.check_served("open_loop", many=False)
-        self.situation = situation
+        if not info.has_goal or len(info.parts) != 1:
+            allowed = "tasks for one part with a goal pose"
+            raise checks.refuse("policy 'open_loop'", f"the task {info.name}", allowed)
+        self.info = info
         self.turn_rate = checks.number("turn_rate", turn_rate, above=0.0)
         self.gather_time = checks.number("gather_time", gather_time, least=0.0)
         self.centring = checks.number("centring", centring, least=0.0, most=1.0)
 
+    def initial(self, batch: int) -> Plan:
+        """Memory at the very start, before anything has been seen."""
+        return Plan(np.zeros((batch, 3)), np.zeros(batch), np.zeros(batch))
+
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Field of the goal latched at the episode's start; the state counts the steps since."""
-        surface, part = self.situation.surface, self.situation.part
-        seen = see(observation, surface, part)
-        new = started(state, episode_start, len(seen.error))
-        plan = np.zeros((len(new), 5)) if state is None else state.copy()  # goal x, y, heading, turn, steps
-        plan[new] = np.column_stack(
-            [seen.centre + seen.error, seen.heading + seen.turn, seen.turn, np.zeros(len(new))]
-        )[new]
-        x, y, heading, turn, step = (column[:, None, None] for column in plan.T)
-        time = step * surface.period
-        if self.situation.task == "Rotate":
-            turning = time < np.abs(turn) / self.turn_rate
-            field = radial(x, y, turning) + tangential(x, y, np.sign(turn) * turning)
-        elif self.situation.task == "Align":
-            gathering = time < self.gather_time
-            field = radial(x, y, np.where(gathering, 1.0, self.centring)) + squeeze(x, y, heading, 1.0 * ~gathering)
-        else:
+        """Field of the goal latched at the episode's start; the state is a :class:`Plan`."""
+        info, measured = self.info, Measured.of(observation, self.info)
+        plan, new = recall(state, episode_start, self.initial(len(measured.centre)))
+        plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
+        plan.goal[new, 2] = (measured.heading + measured.turn)[new, 0]
+        plan.turn[new] = measured.turn[new, 0]
+        x, y, heading = (column[:, None, None] for column in plan.goal.T)
+        if not info.has_heading:
             field = radial(x, y)
-        plan[:, 4] += 1.0
-        action = field.phasors(surface, friction=part.friction).astype(np.float32)
-        return (action[0] if seen.single else action), plan
+        elif info.wraps:
+            gathering = self._share(plan, np.full(len(new), self.gather_time))
+            field = radial(x, y, self.centring + (1.0 - self.centring) * gathering)
+            field = field + squeeze(x, y, heading, 1.0 - gathering)
+        else:
+            turning = self._share(plan, np.abs(plan.turn) / self.turn_rate)
+            field = radial(x, y, turning) + tangential(x, y, np.sign(plan.turn)[:, None, None] * turning)
+        phasors = field.phasors(info.surface, friction=info.parts[0].friction)
+        action = np.broadcast_to(phasors, (len(new), *phasors.shape[-3:])).reshape(len(new), -1).astype(np.float32)
+        return (action[0] if measured.single else action), plan._replace(time=plan.time + info.step_time)
+
+    def _share(self, plan: Plan, until: np.ndarray) -> np.ndarray:
+        """Share (batch, 1, 1) of this step that lies before a time (batch,): a time need not be a whole number of steps."""
+        return np.clip((until - plan.time) / self.info.step_time, 0.0, 1.0)[:, None, None]

@@ -5,9 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+import gymnasium as gym
+from pydantic import Field, field_validator
 
+import vibgym  # noqa: F401 - registers the environments
 from vibgym.config import Settings, load_yaml, parse
+from vibgym.tasks import TASKS
+
+ENVIRONMENT = "vibgym/{}-v0"
 
 
 class PPOSettings(Settings):
@@ -28,9 +33,13 @@ class PPOSettings(Settings):
 
 
 class TrainSettings(Settings):
-    """One training run: task, environment, algorithm, length."""
+    """One training run: task, environment, algorithm, length.
 
-    task: Literal["Transport", "Align", "Rotate"]
+    ``task`` is the name of a registered environment without ``vibgym/`` and version, such as ``"SortTwelve"``, or of a task in
+    :data:`vibgym.tasks.TASKS`, which may be one of your own.
+    """
+
+    task: str
     environment: dict[str, Any] = {"action": "patch"}
     worlds: int = Field(512, ge=1)
     steps: int = Field(ge=1)
@@ -38,6 +47,14 @@ class TrainSettings(Settings):
     checkpoint_steps: int = Field(500_000, ge=1)
     output: str | None = None  # directory; default: runs/<name of the file>
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
+
+    @field_validator("task")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        known = [spec.name for spec in gym.registry.values() if spec.namespace == "vibgym"]
+        if name not in (*known, *TASKS):
+            raise ValueError(f"got {name!r}; allowed: {', '.join(dict.fromkeys((*known, *TASKS)))}")
+        return name
 
 
 def load_settings(path: Path) -> TrainSettings:

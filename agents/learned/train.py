@@ -17,7 +17,7 @@ from tqdm import tqdm
 import vibgym
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.settings import TrainSettings, load_settings
+from agents.learned.settings import ENVIRONMENT, TrainSettings, load_settings
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
@@ -27,12 +27,9 @@ ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The batch of worlds that a run trains on; policies are trained and act on the flat state."""
     checks.choice("observation", settings.environment.get("observation", "state"), ("state",))
-    env = gym.make_vec(
-        f"vibgym/{settings.task}-v0",
-        num_envs=settings.worlds,
-        autoreset_mode="SameStep",
-        **settings.environment,
-    )
+    arguments: dict[str, Any] = {"num_envs": settings.worlds, "autoreset_mode": "SameStep", **settings.environment}
+    name = ENVIRONMENT.format(settings.task)
+    env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
     assert isinstance(env, VibgymVectorEnv)
     return StableBaselinesAdapter(env)
 

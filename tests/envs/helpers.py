@@ -5,6 +5,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+import vibgym  # noqa: F401 - registers the environments
+
 TASKS = ("Transport", "Align", "Rotate")
 ACTIONS = ("element", "phasor", "patch", "field")
 OBSERVATIONS = ("state", "goal", "image")

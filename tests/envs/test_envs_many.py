@@ -56,11 +56,11 @@ def test_registered(name, limit):
     many = batch(name, 2, action="field")
     assert isinstance(many, VibgymVectorEnv) and many.max_episode_steps == limit
     parts = {"SortTwelve": 12}.get(name, 6)
-    assert env.action_space.shape == (parts, 6) and env.observation_space.shape == (20 * parts,)
-    assert single(name, action="patch").action_space.shape == (parts, 4, 4, 2)
+    assert env.action_space.shape == (parts * 6,) and env.observation_space.shape == (20 * parts,)
+    assert single(name, action="patch").unwrapped.action_shape == (parts, 4, 4, 2)
     kinds = {"SortThreeKinds": ("steel_block", "aluminium_block", "disc")}.get(name, ("steel_block", "aluminium_block"))
     task = env.unwrapped.core.task
-    assert task.names == kinds and (np.bincount(task.kind) == parts // len(kinds)).all()
+    assert task.kinds == kinds and (np.bincount(task.kind) == parts // len(kinds)).all()
     assert task.kind[:2].tolist() == [0, 1]  # mixed, not one kind after the other
 
 
@@ -252,12 +252,12 @@ def test_absent_parts_command_nothing(action):
     core = env.unwrapped.core
     (part,) = np.flatnonzero(core.episode.present[0])
     generator = np.random.default_rng(0)
-    commands = generator.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    commands = generator.uniform(-1, 1, env.unwrapped.action_shape).astype(np.float32)
     before = core.simulator.get_state()
     env.step(commands)
     moved, phasors = core.simulator.pose[0, part], core.phasors(0)
     assert (np.hypot(*np.moveaxis(phasors, -1, 0)) > 0).sum() == (16 if action == "patch" else 256)
-    others = generator.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    others = generator.uniform(-1, 1, env.unwrapped.action_shape).astype(np.float32)
     others[part] = commands[part]
     core.simulator.set_state(before)
     env.step(others)

@@ -73,7 +73,7 @@ def test_settings_are_taken():
     )
     assert core.parts[0].area == pytest.approx(0.05**2 - 0.02**2) and core.parts[0].static_friction == 0.55
     default = single("Align").unwrapped.core
-    assert (default.surface.rows, default.surface.columns, default.part.name) == (8, 32, "aluminium_block")
+    assert (default.surface.rows, default.surface.columns, default.parts[0].name) == (8, 32, "aluminium_block")
     assert single("Align", parts=["steel_block"]).unwrapped.core.parts[0].friction == 0.64
     assert single("Align", surface=vibgym.Surface(rows=5)).unwrapped.core.surface.rows == 5
     disc = vibgym.Part.disc(0.02, friction=0.3)

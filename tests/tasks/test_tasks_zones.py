@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, ELL, SIX, STEEL, SURFACE
 
+from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, ELL, SIX, STEEL, SURFACE
 from vibgym import Part, Surface
 from vibgym.tasks import Singulate, Sort
 from vibgym.tasks.episode import LIMITS

@@ -12,7 +12,7 @@ from vibgym import checks
 
 def state_of(generator: np.random.Generator) -> dict[str, Any]:
     """The generator's state, as plain values."""
-    return copy.deepcopy(generator.bit_generator.state)
+    return copy.deepcopy(dict(generator.bit_generator.state))
 
 
 def generator_from(name: str, state: Any) -> np.random.Generator:

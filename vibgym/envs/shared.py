@@ -61,6 +61,11 @@ class SharedInterface:
         return self.core.task
 
     @property
+    def action_shape(self) -> tuple[int, ...]:
+        """What the numbers of an action mean, such as (parts, k, k, 2); the space is flat, and ``step`` takes either."""
+        return self.core.action.shape
+
+    @property
     def periods_per_step(self) -> int:
         """Oscillation periods of a step."""
         return self.core.periods

@@ -8,6 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 
 from vibgym import checks
 from vibgym.envs import generators, layout
@@ -175,7 +176,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             seed = checks.count("seed", seed, least=0)
         starting = wishes(options, self.core)
         if starting is not None:  # try it first: a start that cannot be must change nothing
-            generator = gym.utils.seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
+            generator = seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
             uniform = generator.random((1, self.core.task.draws))
             self.core.start_of(_FIRST, uniform, starting)
         super().reset(seed=seed)

@@ -201,8 +201,9 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         value = self._attribute(name)
         if callable(value):
             value = value(*args, **kwargs)
-        each = isinstance(value, tuple | list | np.ndarray) and len(value) == self.num_envs and self.num_envs > 1
-        return tuple(value) if each else (value,) * self.num_envs
+        if isinstance(value, tuple | list | np.ndarray) and len(value) == self.num_envs and self.num_envs > 1:
+            return tuple(value)
+        return (value,) * self.num_envs
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """An attribute, once for every world; see :meth:`call`."""

@@ -33,7 +33,8 @@ parts.
 - distance: by how much the mean distance has shrunk, per 100 mm; approach: the same of tanh(mean distance / 10 mm)
 - turn: by how much the mean heading error has shrunk, per rad; alignment: the same of tanh(heading error / 0.15 rad)
 - inside: change of the share of parts whose centre is at its goal
-- within: 1 if all parts are where and as they should be; clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
+- within: 1 if all parts are where and as they should be
+- clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
 - time: -1, success: 1, fallen: -1 if a part has fallen
 """
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN) = range(len(QUANTITIES))
@@ -166,6 +167,20 @@ def wrapped(difference, period):
     if period > 0.0:
         return difference - period * math.floor(difference / period + 0.5)
     return difference
+
+
+@jit
+def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
+    """Whether poses miss their goals, by goal minus pose.
+
+    Args:
+        difference: (n, 2) m, or (n, 3) with the heading, rad.
+        result: (n,) bool, overwritten.
+    """
+    for k in range(difference.shape[0]):
+        away = math.sqrt(difference[k, 0] * difference[k, 0] + difference[k, 1] * difference[k, 1])
+        turned = abs(wrapped(difference[k, 2], heading_period)) if difference.shape[1] > 2 else 0.0
+        result[k] = away > position_tolerance or turned > heading_tolerance
 
 
 @jit

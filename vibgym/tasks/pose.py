@@ -12,7 +12,7 @@ from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import Start, Task
-from vibgym.tasks.episode import Episode, Relations
+from vibgym.tasks.episode import Episode, Relations, misses_goal
 
 
 class PoseTask(Task):
@@ -97,13 +97,9 @@ class PoseTask(Task):
             if value.ndim == 0 or value.shape[-1] != size:
                 raise checks.refuse(name, f"array of shape {value.shape}", f"shape (..., {size})")
         difference = desired - achieved
-        outside = np.hypot(difference[..., 0], difference[..., 1]) > self.position_tolerance
-        if self.has_heading:
-            turn = difference[..., 2]
-            period = self.heading_period(self.parts[0])
-            if period > 0.0:
-                turn = turn - period * np.floor(turn / period + 0.5)
-            outside = outside | (np.abs(turn) > self.heading_tolerance)
+        outside = np.empty(difference.shape[:-1], dtype=bool)
+        tolerances = (self.position_tolerance, self.heading_tolerance, self.heading_period(self.parts[0]))
+        misses_goal(np.ascontiguousarray(difference.reshape(-1, size)), *tolerances, outside.reshape(-1))
         fallen = np.broadcast_to(_fallen(info), outside.shape)
         return np.where(fallen, self.FALL_REWARD, -outside.astype(np.float64))
 

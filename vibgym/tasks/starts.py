@@ -295,6 +295,7 @@ class Starts:
         shape = (len(uniform), len(self.parts))
         pose, given = np.empty((*shape, 3)), present is not None
         there = np.array(present) if present is not None else np.empty(shape, dtype=bool)
+        uniform = np.ascontiguousarray(uniform)
         draw_starts(self._hulls, self._room, self.heaped, self.fewest, self.most, given, uniform, pose, there)
         return pose, there
 

@@ -8,11 +8,11 @@ serves it alone. For those under several there are three rules, see :data:`RULES
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from agents.policy import Situation
-from vibgym import checks
+from vibgym import Surface, checks
 from vibgym.fields import lead_angle
 from vibgym.physics.core.jit import jit
 from vibgym.scene.parts import Part
@@ -153,22 +153,22 @@ def add_fields(share, lever, centre, element_size, nearest, command, push):
                     push[w, row, column, 0], push[w, row, column, 1] = x / length, y / length
 
 
-class Sharing:
+class Allocator:
     """Turns wanted accelerations into ``"phasor"`` actions.
 
     Args:
-        situation: surface and parts.
+        surface, parts: the scene.
         rule: among :data:`RULES`.
     """
 
-    def __init__(self, situation: Situation, rule: str) -> None:
-        self.surface, self.parts = situation.surface, situation.parts
+    def __init__(self, surface: Surface, parts: Sequence[Part], rule: str) -> None:
+        self.surface, self.parts = surface, tuple(parts)
         self.rule = checks.choice("rule", rule, RULES)
         samples = [area_samples(part) for part in self.parts]
         self.samples = np.concatenate(samples)
         self.first = np.cumsum([0, *(len(each) for each in samples)])
-        self.gyration = np.sqrt([part.gyration for part in self.parts])
-        self.lead = np.array([lead_angle(self.surface, part.friction) for part in self.parts])
+        self.gyration = np.sqrt([part.gyration for part in self.parts])  # radii, m
+        self.lead = np.array([lead_angle(surface, part.friction) for part in self.parts])
 
     def pushes(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray) -> np.ndarray:
         """Pushes (worlds, rows, columns, 2) in the unit disc that give the parts what they want, as far as possible.
@@ -196,8 +196,9 @@ class Sharing:
         return push
 
     def actions(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Phasors (worlds, rows, columns, 2) float32 of :meth:`pushes`, turned back by the parts' lead angles."""
+        """Actions (worlds, n) float32, the phasors of :meth:`pushes`, turned back by the parts' lead angles."""
         cosine, sine = np.cos(self.lead), np.sin(self.lead)
         x, y, turn = np.where(present[..., None], wanted, 0.0).transpose(2, 0, 1)
         wanted = np.stack([x * cosine + y * sine, y * cosine - x * sine, turn], axis=-1)
-        return -self.pushes(pose, present, wanted)[..., ::-1].astype(np.float32)
+        phasors = -self.pushes(pose, present, wanted)[..., ::-1]
+        return phasors.astype(np.float32).reshape(len(phasors), -1)
