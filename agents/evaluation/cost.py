@@ -18,7 +18,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
-from vibgym.tasks.arrange import lattice
 
 import vibgym  # noqa: F401 - registers the environments
 from agents.registry import make_policy
@@ -167,7 +166,7 @@ class Controlling:
             "zones": {name: zones[name] for name in dict.fromkeys(names)},
         }
         self.policy = make_policy(policy, TaskInfo.of(gym.make_vec("vibgym/Sort-v0", **settings)))
-        spoken = {"action": self.policy.action, "observation": self.policy.observation}
+        spoken: dict[str, Any] = {"action": self.policy.action, "observation": self.policy.observation}
         self.env = gym.make_vec("vibgym/Sort-v0", **settings, **spoken)
         self.pose = pose
 
