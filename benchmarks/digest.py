@@ -13,8 +13,11 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import platform
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -263,7 +266,13 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("command", choices=("write", "check"))
     parser.add_argument("--only", default="", help="scenes whose name holds this text")
     parser.add_argument("--file", type=Path, default=FILE)
+    parser.add_argument("--warm", action="store_true", help="with the kernels that are cached, not from an empty cache")
     arguments = parser.parse_args(argv)
+    if not arguments.warm:
+        # Which kernels were compiled here and which loaded can show in the last bit, so all are compiled, in one process.
+        with tempfile.TemporaryDirectory() as cache:
+            command = [sys.executable, "-m", "benchmarks.digest", *(sys.argv[1:] if argv is None else argv), "--warm"]
+            return subprocess.run(command, env={**os.environ, "NUMBA_CACHE_DIR": cache}).returncode
     if arguments.command == "check":
         return 1 if check(arguments.only, arguments.file) else 0
     content = {"vibgym": vibgym.__version__, "machine": machine(), "scenes": measure(arguments.only)}

@@ -36,15 +36,16 @@ def _unit(value):
 
 
 @jit
-def write_blocks(pose, mean_velocity, error, gap, neighbour, present, kind, symmetry, column, scale, out):
-    """Write every world's state observation into ``out`` (worlds, slots, numbers in a block) float32.
+def write_blocks(pose, mean_velocity, error, gap, neighbour, present, traits, column, scale, slots, flat):
+    """Write every world's state observation into ``flat`` (worlds, slots x numbers in a block) float32.
 
     Args:
         pose, mean_velocity: measured.
         error, gap, neighbour: the relations of the measured poses.
-        kind, symmetry: (parts,) int64.
+        traits: (parts, 2) int64, kind and symmetry.
         column, scale: of the layout: where each feature stands, -1: nowhere, and in what unit.
     """
+    out = flat.reshape((flat.shape[0], slots, flat.shape[1] // slots))
     for w in range(pose.shape[0]):
         out[w] = 0.0
         for p in range(pose.shape[1]):
@@ -54,7 +55,7 @@ def write_blocks(pose, mean_velocity, error, gap, neighbour, present, kind, symm
             if column[PRESENT] >= 0:
                 block[column[PRESENT]] = 1.0
             if column[KIND] >= 0:
-                block[column[KIND] + kind[p]] = 1.0
+                block[column[KIND] + traits[p, 0]] = 1.0
             for axis in range(2):
                 at = pose[w, p, axis]
                 if column[ELEMENT] >= 0:
@@ -71,8 +72,8 @@ def write_blocks(pose, mean_velocity, error, gap, neighbour, present, kind, symm
                 if column[VELOCITY] >= 0:
                     block[column[VELOCITY] + axis] = _unit(mean_velocity[w, p, axis] / scale[VELOCITY, axis])
             if column[HEADING] >= 0:
-                block[column[HEADING]] = math.cos(symmetry[p] * pose[w, p, 2])
-                block[column[HEADING] + 1] = math.sin(symmetry[p] * pose[w, p, 2])
+                block[column[HEADING]] = math.cos(traits[p, 1] * pose[w, p, 2])
+                block[column[HEADING] + 1] = math.sin(traits[p, 1] * pose[w, p, 2])
             if column[TURN] >= 0:
                 block[column[TURN]] = _unit(error[w, p, 2] / scale[TURN, 0])
             if column[TURN_COARSE] >= 0:
@@ -134,20 +135,19 @@ class StateObservation(Observation):
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
-        self._symmetry = np.array([part.symmetry for part in task.parts])
+        traits = np.column_stack([task.kind, [part.symmetry for part in task.parts]])
+        self._table = (np.ascontiguousarray(traits), self.layout.column, self.layout.scale, self.layout.slots)
 
     @property
     def space(self) -> spaces.Space:
         return spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
     def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        layout = self.layout
-        out = np.empty((len(measurement.pose), layout.slots, layout.block), dtype=np.float32)
+        out = np.empty((len(measurement.pose), self.layout.size), dtype=np.float32)
         write_blocks(
-            measurement.pose, measurement.mean_velocity, *relations, episode.present,
-            self.task.kind, self._symmetry, layout.column, layout.scale, out,
+            measurement.pose, measurement.mean_velocity, *relations, episode.present, *self._table, out
         )  # fmt: skip
-        return out.reshape(len(out), -1)
+        return out
 
 
 class GoalObservation(StateObservation):

@@ -190,10 +190,7 @@ def averages() -> Averages:
         for column in mean_coefficients(np.sqrt(x)).T
     ]
     polynomials = np.array([fit.coef[::-1] for fit in fits])
-    tables = Averages(
+    return Averages(
         polynomials, 1.0 / MEAN_STEP, mean, 1.0 / COUPLING_STEP, coupling,
         1.0 / WOBBLE_STEP, (ANGLES - 1) / np.pi, wobble,
     )  # fmt: skip
-    for table in (polynomials, mean, coupling, wobble):
-        table.setflags(write=False)
-    return tables

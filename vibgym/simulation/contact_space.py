@@ -8,7 +8,6 @@ velocities in, steps it by the addresses of the library's own functions, and tak
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
@@ -122,28 +121,6 @@ class ContactSpace:
     def __reduce__(self) -> Any:
         """Copies and pickles are built anew: the solver's addresses are this object's own."""
         return ContactSpace, self._made_of
-
-
-class ContactSpaces:
-    """As many spaces as threads are at work at a time, made when they are first needed."""
-
-    def __init__(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str]) -> None:
-        self._made_of = (surface, tuple(parts), tuple(walls))
-        self._free = deque([ContactSpace(*self._made_of)])
-
-    def borrow(self) -> ContactSpace:
-        """One that nobody else uses; give it back."""
-        try:
-            return self._free.pop()
-        except IndexError:
-            return ContactSpace(*self._made_of)
-
-    def give_back(self, space: ContactSpace) -> None:
-        """Let others use it."""
-        self._free.append(space)
-
-    def __reduce__(self) -> Any:
-        return ContactSpaces, self._made_of
 
 
 def iterations(parts: Sequence[Part]) -> int:

@@ -1,77 +1,87 @@
-"""Several parts in a world, or walls: a period at a time, by the ways of :mod:`vibgym.physics.collision.multibody`."""
+"""The planar model of several parts in a world, or walls: by the ways of :mod:`vibgym.physics.collision.multibody`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from vibgym.physics.collision.hulls import Hulls
-from vibgym.physics.collision.multibody import CALLS, CONTACT, COUNTS, FREE, LOOKED, follow_up, new_survey, survey
-from vibgym.physics.core.records import State
+from vibgym.physics.collision.coupling import Contacts, new_contacts
+from vibgym.physics.collision.multibody import (
+    CALLS,
+    CONTACT,
+    COUNTS,
+    FREE,
+    LOOKED,
+    broad_phase,
+    new_prospect,
+    resolve,
+)
+from vibgym.physics.contact_area.pressure_moments import LANES
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import Bodies, State
 from vibgym.physics.friction.planar import slide_rows
-from vibgym.scene.parts import Part, bodies_of, kinds_of
-from vibgym.scene.surface import Surface
-from vibgym.simulation.contact_space import ContactSpaces
-from vibgym.simulation.crowd_schemes import build_crowd
+from vibgym.physics.friction.workspace import Workspace, new_workspace
+from vibgym.scene.parts import bodies_of
+from vibgym.simulation.contact_space import ContactSpace
+from vibgym.simulation.models import NO_PATHS, Setup
+from vibgym.simulation.schemes import PlanarSchemes
+from vibgym.simulation.threads import Pool
 
 STATISTICS = {"free": FREE, "near": LOOKED, "contact": CONTACT, "contact_steps": CALLS}
 
 
-class Crowd:
+class Multibody:
     """Advances worlds with several parts or walls.
 
-    Args:
-        surface, parts, walls: of every world.
-        hulls: of the parts.
-        worlds: their number.
-        model, knobs: of the planar model.
-
     Attributes:
-        counts: (worlds, 4) periods and solver calls since they were last set to zero, see :data:`STATISTICS`.
-
-    Raises:
-        ValueError: a bad model or knob.
+        counts: (worlds, 4) periods and solver calls since the reset, see :data:`STATISTICS`.
     """
 
-    def __init__(
-        self,
-        surface: Surface,
-        parts: Sequence[Part],
-        walls: Sequence[str],
-        hulls: Hulls,
-        worlds: int,
-        model: str,
-        knobs: Mapping[str, Any],
-    ) -> None:
-        kinds, _ = kinds_of(parts)
-        self._method = build_crowd(model, surface, kinds, walls, knobs)
-        self._kinds = [kind.body() for kind in kinds]
-        self._table, self._bodies, self._hulls = surface.table(), bodies_of(parts), hulls
-        self._spaces = ContactSpaces(surface, parts, walls)
-        self.counts = np.zeros((worlds, COUNTS), dtype=np.int64)
+    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
+        self._schemes, self._hulls = schemes, setup.hulls
+        self._table, self._bodies = setup.surface.table(), bodies_of(setup.parts)
+        self._tools = Pool(partial(_make_tools, setup, self._bodies, schemes))
+        self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
 
-    def advance(self, start: int, stop: int, drive: Any, state: State, periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
-        table, bodies, hulls, crowd = self._table, self._bodies, self._hulls, self._method.crowd
+        table, bodies, hulls, scheme = self._table, self._bodies, self._hulls, self._schemes.together
         parts = state.pose.shape[1]
-        seen = new_survey(stop - start, len(self._kinds), parts, int(crowd.steps.max()))
-        space = self._spaces.borrow()
+        prospect = new_prospect(stop - start, len(self._schemes.alone), parts, int(scheme.steps.max()))
+        tools = self._tools.borrow()
+        space, contacts, workspace = tools
         try:
             for _ in range(periods):
-                near, touching = survey(start, stop, table, bodies, hulls, crowd.walls, state, seen)
-                for kind, (body, scheme) in enumerate(zip(self._kinds, self._method.alone)):
-                    rows = seen.rows[kind, : seen.count[kind]]
+                near, touching = broad_phase(start, stop, table, bodies, hulls, scheme.walls, state, prospect, contacts)
+                paths = prospect.paths if near else NO_PATHS
+                for kind, alone in enumerate(self._schemes.alone):
+                    rows = prospect.rows[kind, : prospect.count[kind]]
                     if len(rows):
-                        slide_rows(rows, drive, table, body, scheme, state, 1, near, seen.paths, start * parts)
+                        slide_rows(rows, drive, table, bodies, alone, state, 1, paths, start * parts, workspace)
                 if near or touching:
-                    follow_up(start, stop, drive, table, bodies, hulls, crowd, space.solver, state, seen, self.counts)
+                    resolve(
+                        start, stop, drive, table, bodies, hulls, scheme, space.solver, state, prospect, self.counts, contacts
+                    )  # fmt: skip
                 else:
                     self.counts[start:stop, FREE] += 1
         finally:
-            self._spaces.give_back(space)
+            self._tools.give_back(tools)
 
-    def statistics(self) -> dict[str, int]:
-        """The counts of all worlds together, by name."""
+    def reset(self) -> None:
+        """Begin counting anew."""
+        self.counts[:] = 0
+
+    def statistics(self, periods: int) -> dict[str, int]:
+        """See :attr:`vibgym.Simulator.statistics`."""
         return {name: int(self.counts[:, column].sum()) for name, column in STATISTICS.items()}
+
+
+def _make_tools(setup: Setup, bodies: Bodies, schemes: PlanarSchemes) -> tuple[ContactSpace, Contacts, Workspace]:
+    """What one thread needs."""
+    table, scheme = setup.surface.table(), schemes.together.with_contacts
+    return (
+        ContactSpace(setup.surface, setup.parts, setup.walls),
+        new_contacts(table, bodies, setup.hulls, scheme),
+        new_workspace(table, bodies, scheme, LANES),
+    )

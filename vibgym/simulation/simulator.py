@@ -10,16 +10,17 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.physics.core.drive import Drive, polar_drive
-from vibgym.physics.friction.planar import State
+from vibgym.physics.core.records import State
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
-from vibgym.simulation import schemes
 from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice, choose, choose_for
+from vibgym.simulation.models import MODELS as FIXED
+from vibgym.simulation.models import Setup
 
-MODELS = (*schemes.MODELS, "auto")
+MODELS = (*FIXED, "auto")
 
 
 class Simulator:
@@ -98,29 +99,23 @@ class Simulator:
         self.walls = tuple(walls)
         self.worlds = checks.count("worlds", worlds)
         checks.choice("model", model, MODELS)
+        self.hulls = hulls_of(self.parts)
+        setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds)
         kinds, _ = kinds_of(self.parts)
-        crowd = len(parts) > 1 or len(walls) > 0
         if model == "auto":
             for name, value in knobs.items():
                 if name not in ("tolerance", "periods_per_call"):
                     raise checks.refuse(name, value, "the knobs of model='auto': tolerance, periods_per_call")
             self.choice = (
-                choose_for(surface, kinds, ("planar",), **knobs) if crowd else choose(surface, kinds[0], **knobs)
+                choose_for(surface, kinds, ("planar",), **knobs)
+                if setup.multibody
+                else choose(surface, kinds[0], **knobs)
             )
         else:
             self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
         self.model = self.choice.model
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
-        self.hulls = hulls_of(self.parts)
-        self._crowd: Any = None
-        if crowd:
-            from vibgym.simulation.multibody import Crowd  # pymunk is loaded where there are contacts
-
-            self._crowd = Crowd(surface, self.parts, self.walls, self.hulls, self.worlds, self.model, self.choice.knobs)
-        else:
-            self._advance, self._scheme = schemes.build(self.model, surface, self.parts[0], self.choice.knobs)
-        self._table = surface.table()
-        self._body = self.parts[0].body()
+        self._model = FIXED[self.model](setup, self.choice.knobs)
         shape = (self.worlds, len(self.parts), 3)
         self._state = State(
             pose=np.tile(overlaps.apart(surface, self.parts), (self.worlds, 1, 1)),
@@ -132,7 +127,7 @@ class Simulator:
             diverged=np.zeros(self.worlds, dtype=bool),
         )
         self._periods = 0
-        self._free = 0  # periods of all worlds, where nothing can touch
+        self._counted = 0  # periods since the last reset; snapshots leave it alone
 
     def reset(self, pose: Any, velocity: Any = None) -> None:
         """Put the parts down and set time to 0.
@@ -159,9 +154,8 @@ class Simulator:
         overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
         self.place(slice(None), pose, velocity, velocity)
         self._periods = 0
-        self._free = 0
-        if self._crowd is not None:
-            self._crowd.counts[:] = 0
+        self._counted = 0
+        self._model.reset()
 
     def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
         """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on.
@@ -196,21 +190,14 @@ class Simulator:
     def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
         periods = checks.count("periods", periods)
-        state, crowd = self._state, self._crowd
-        if crowd is not None:
+        advance, state = self._model.advance, self._state
 
-            def work(start: int, stop: int) -> None:
-                crowd.advance(start, stop, drive, state, periods)
-
-        else:
-            advance, table, body, scheme = self._advance, self._table, self._body, self._scheme
-            self._free += self.worlds * periods
-
-            def work(start: int, stop: int) -> None:
-                advance(start, stop, drive, table, body, scheme, state, periods)
+        def work(start: int, stop: int) -> None:
+            advance(start, stop, drive, state, periods)
 
         workers.share(work, self.worlds, self._threads)
         self._periods += periods
+        self._counted += periods
 
     @property
     def pose(self) -> np.ndarray:
@@ -257,9 +244,7 @@ class Simulator:
         ``free``: nothing was near enough to touch.  ``near``: paths were compared and stayed apart.  ``contact``: friction
         and contacts took turns.  ``contact_steps``: in how many steps of these the solver was called.
         """
-        if self._crowd is None:
-            return {"free": self._free, "near": 0, "contact": 0, "contact_steps": 0}
-        return self._crowd.statistics()
+        return self._model.statistics(self.worlds * self._counted)
 
     @property
     def time(self) -> float:

@@ -8,8 +8,10 @@ on first use and per process: a fork (AsyncVectorEnv) starts without one.
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Generic, TypeVar
 
 from vibgym.physics.contact_area.pressure_moments import LANES
 
@@ -20,6 +22,34 @@ BLOCKS_PER_THREAD = 4
 """More blocks than threads, so that a thread that is held up leaves its share to the others."""
 
 _pool: tuple[int, int, ThreadPoolExecutor] | None = None
+
+
+Tool = TypeVar("Tool")
+
+
+class Pool(Generic[Tool]):
+    """As many tools (working arrays, contact solvers) as threads are at work at a time, made when they are first needed.
+
+    Copies and pickles start empty.
+    """
+
+    def __init__(self, make: Callable[[], Tool]) -> None:
+        self._make = make
+        self._free = deque([make()])  # a bad setting shows at once
+
+    def borrow(self) -> Tool:
+        """One that nobody else uses; give it back."""
+        try:
+            return self._free.pop()
+        except IndexError:
+            return self._make()
+
+    def give_back(self, tool: Tool) -> None:
+        """Let others use it."""
+        self._free.append(tool)
+
+    def __reduce__(self) -> Any:
+        return Pool, (self._make,)
 
 
 def available_threads() -> int:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import jit
+from vibgym.physics.core.jit import borrowing
 
 POLYNOMIAL_END = 0.8
 """Square of slip up to which the first-order coefficients are polynomials; above, they come from the table."""
@@ -53,13 +53,12 @@ class Averages(NamedTuple):
     wobble: np.ndarray  # (2, nodes, angles, 12)
 
 
-@jit
-def make_scratch():
-    """Uninitialised room."""
-    return Scratch(np.empty((2, 4)), np.empty(27), np.empty((6, 3)))
+def new_scratch() -> Scratch:
+    """Room for one thread."""
+    return Scratch(np.zeros((2, 4)), np.zeros(27), np.zeros((6, 3)))
 
 
-@jit
+@borrowing
 def cubic_weights(position, nodes, weights):
     """First of four neighbouring nodes, and their weights in the cubic through them."""
     first = min(max(int(position) - 1, 0), nodes - 4)
@@ -72,7 +71,7 @@ def cubic_weights(position, nodes, weights):
     return first
 
 
-@jit
+@borrowing
 def place(slip):
     """Side of the tables and coordinate on it."""
     side = 0 if slip <= 1.0 else 1
@@ -80,7 +79,7 @@ def place(slip):
     return side, -math.log(max(1.0 - t, 1e-15))
 
 
-@jit
+@borrowing
 def interpolate(table, scale, slip, scratch):
     """One row of a table of slip, into ``scratch.values``."""
     side, y = place(slip)
@@ -96,7 +95,7 @@ def interpolate(table, scale, slip, scratch):
         )
 
 
-@jit
+@borrowing
 def mean_row(tables, slip, scratch):
     """``d / s``, ``(Q - P) / s^2`` and ``P + Q`` from the table, into ``scratch.values``."""
     interpolate(tables.mean, tables.mean_scale, slip, scratch)
@@ -105,7 +104,7 @@ def mean_row(tables, slip, scratch):
         scratch.values[1] /= slip * slip
 
 
-@jit
+@borrowing
 def interpolate_wobble(tables, slip, theta, count, scratch):
     """The first ``count`` of the twelve antiderivatives at slip and angle in [-pi, pi], into ``scratch.values``."""
     weights, values = scratch.weights, scratch.values
@@ -129,7 +128,7 @@ def interpolate_wobble(tables, slip, theta, count, scratch):
         values[8], values[9], values[10] = -values[8], -values[9], -values[10]
 
 
-@jit
+@borrowing
 def gather_moments(points, phasor_c, phasor_s, n, moments):
     """Moments of load, C and S over the contact points, about the centre of mass."""
     for i in range(6):
@@ -167,7 +166,7 @@ def gather_moments(points, phasor_c, phasor_s, n, moments):
         moments[5, 2] += a5 * s
 
 
-@jit
+@borrowing
 def polynomial(p, i, x):
     """Polynomial ``i`` at ``x``: in groups of four terms, which wait less for one another than Horner's rule."""
     x2 = x * x
@@ -177,7 +176,7 @@ def polynomial(p, i, x):
     return (high * x4 + middle) * x4 + ((p[i, 8] * x + p[i, 9]) * x2 + (p[i, 10] * x + p[i, 11]))
 
 
-@jit
+@borrowing
 def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, vx, vy, spin, scratch):
     """Mean force and torque per unit mass and friction coefficient at the mean velocity ``(vx, vy, spin)``.
 
@@ -228,7 +227,7 @@ def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, v
     return force_x, force_y, torque
 
 
-@jit
+@borrowing
 def turn_phasors(moments, gravity, cosine, sine, turned):
     """Moments 1, x, y in the mean velocity's frame, for the shapes 1, cos(theta), sin(theta) of the normal acceleration."""
     for i in range(3):
@@ -241,7 +240,7 @@ def turn_phasors(moments, gravity, cosine, sine, turned):
         turned[1, a], turned[2, a] = cosine * x + sine * y, cosine * y - sine * x
 
 
-@jit
+@borrowing
 def turn_moments(moments, gravity, cosine, sine, turned):
     """Likewise with the second moments."""
     turn_phasors(moments, gravity, cosine, sine, turned)
@@ -258,7 +257,7 @@ def turn_moments(moments, gravity, cosine, sine, turned):
         turned[5, a] = ss * xx - 2.0 * cs * xy + cc * yy
 
 
-@jit
+@borrowing
 def direction(vx, vy):
     """Length and unit vector; along x for a velocity of zero, where direction has no meaning and no effect."""
     length = math.sqrt(vx * vx + vy * vy)
@@ -267,7 +266,7 @@ def direction(vx, vy):
     return length, vx / length, vy / length
 
 
-@jit
+@borrowing
 def second_order(tables, moments, gravity, speed, gyration, vx, vy, scratch):
     """``< Df . wobble >`` times ``w / mu^2``: what second order adds to mean force and torque per unit mass.
 
@@ -310,7 +309,7 @@ def second_order(tables, moments, gravity, speed, gyration, vx, vy, scratch):
     return inverse * (cosine * fx - sine * fy), inverse * (sine * fx + cosine * fy), inverse * torque
 
 
-@jit
+@borrowing
 def velocity_wobble(tables, moments, gravity, speed, vx, vy, scratch):
     """Wobble of the centre's velocity x, y at the start of a period, for ``mu = w = 1``."""
     length, cosine, sine = direction(vx, vy)
@@ -323,7 +322,7 @@ def velocity_wobble(tables, moments, gravity, speed, vx, vy, scratch):
     return cosine * x - sine * y, sine * x + cosine * y
 
 
-@jit
+@borrowing
 def wobble(tables, moments, gravity, speed, gyration, vx, vy, result, scratch):
     """Wobble of velocity and position at the start of a period, for ``mu = w = 1``; :func:`velocity_wobble` is cheaper.
 
@@ -348,7 +347,7 @@ def wobble(tables, moments, gravity, speed, gyration, vx, vy, result, scratch):
         result[3 * k + 2] = inverse * turn
 
 
-@jit
+@borrowing
 def slip_margin(moments, gravity, speed, friction, frequency, vx, vy):
     """How far slip stays from zero, over the table's speed; below zero the wobble can carry it through.
 

@@ -18,14 +18,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
+from vibgym.physics.averaged.averages import slip_margin, wobble
+from vibgym.physics.averaged.contact import look_under, mean_acceleration, steady_part
+from vibgym.physics.contact_area.phasors import forget_phasors
+from vibgym.physics.core.jit import borrowing
 
-from vibgym.physics.averaged.averages import gather_moments, slip_margin, wobble
-from vibgym.physics.averaged.contact import cut, make_workspace, mean_acceleration, read_phasors, steady_part
-from vibgym.physics.core.jit import jit
 
-
-@jit
+@borrowing
 def exponential(z):
     """(1 - exp(-z)) / z and the next two of its kind, each the integral of the one before: 1, 1/2 and 1/6 at z = 0."""
     if z < 0.5:
@@ -40,17 +39,15 @@ def exponential(z):
     return first, second, (0.5 - second) / z
 
 
-@jit
-def advance_worlds(start, stop, drive, table, body, scheme, state, periods):
+@borrowing
+def advance_worlds(start, stop, drive, table, body, scheme, state, periods, work):
     """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
     mu = body.friction
     frequency = 2.0 * math.pi / table.period
     size = mu / frequency  # of the wobble of velocity
     reach = size / frequency  # and of position
     damping = 0.5 * mu * table.gravity / table.speed  # rate of the linear part of friction
-    work = make_workspace(table, body)
-    before, moments = np.empty((6, 3)), np.empty((6, 3))
-    shift = np.empty(6)
+    before, moments, shift = work.before, work.moments, work.shift
     spans = (periods + scheme.stride - 1) // scheme.stride
 
     for world in range(start, stop):
@@ -65,15 +62,14 @@ def advance_worlds(start, stop, drive, table, body, scheme, state, periods):
         sound = abs(x + y + heading + vx + vy + spin) < math.inf
         n, ax, ay, aw = 0, 0.0, 0.0, 0.0
         if sound:
-            n = cut(table, body, x, y, heading, spin, work)
+            forget_phasors(work.phasors, 0)
+            n = look_under(table, body, drive, world, x, y, heading, spin, work)
         if n > 0:
-            read_phasors(table, drive, world, n, work)
-            gather_moments(work.points, work.phasor_c, work.phasor_s, n, moments)
-            vx, vy = steady_part(table, body, scheme, moments, vx, vy, shift, work)
+            vx, vy = steady_part(table, body, scheme, vx, vy, work)
             x, y, heading = x - reach * shift[3], y - reach * shift[4], heading - reach * shift[5]
             spin -= size * shift[2]
             margin = slip_margin(moments, table.gravity, table.speed, mu, frequency, vx, vy)
-            ax, ay, aw = mean_acceleration(table, body, scheme, n, moments, vx, vy, spin, work)
+            ax, ay, aw = mean_acceleration(table, body, scheme, n, vx, vy, spin, work)
 
         for span in range(spans):
             if n == 0 or not sound:
@@ -98,12 +94,10 @@ def advance_worlds(start, stop, drive, table, body, scheme, state, periods):
                 for i in range(6):
                     for j in range(3):
                         before[i, j] = moments[i, j]
-                n = cut(table, body, sx, sy, turned, turn, work)
+                n = look_under(table, body, drive, world, sx, sy, turned, turn, work)
                 if n == 0:
                     break
-                read_phasors(table, drive, world, n, work)
-                gather_moments(work.points, work.phasor_c, work.phasor_s, n, moments)
-                cx, cy, cw = mean_acceleration(table, body, scheme, n, moments, ux, uy, turn, work)
+                cx, cy, cw = mean_acceleration(table, body, scheme, n, ux, uy, turn, work)
                 # by how much the acceleration without the linear part of friction has changed
                 bx, by = cx - ax + rate * (ux - vx), cy - ay + rate * (uy - vy)
                 bw = cw - aw + rate * (turn - spin)

@@ -2,74 +2,71 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
-from vibgym.physics.averaged.averages import first_order, gather_moments, second_order
-from vibgym.physics.averaged.contact import cut, make_workspace, mean_acceleration, read_phasors, steady_part
+from vibgym.physics.averaged.averages import first_order, second_order
+from vibgym.physics.averaged.contact import cut_at, look_under, mean_acceleration, steady_part
 from vibgym.physics.contact_area.outline import POINTS_PER_PIECE
-from vibgym.physics.core.jit import jit
+from vibgym.physics.contact_area.phasors import forget_phasors
+from vibgym.physics.core.jit import borrowing
 
 
-@jit
-def mean_accelerations(drive, table, body, scheme, pose, velocity, result):
+@borrowing
+def mean_accelerations(drive, table, body, scheme, pose, velocity, work, result):
     """Mean acceleration of every world at mean pose and velocity (worlds, 3); NaN where the part has no support."""
-    work = make_workspace(table, body)
-    moments = np.empty((6, 3))
     for world in range(pose.shape[0]):
+        forget_phasors(work.phasors, 0)
         vx, vy, spin = velocity[world, 0], velocity[world, 1], velocity[world, 2]
-        n = cut(table, body, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
-        if n == 0:
-            result[world] = np.nan
-            continue
-        read_phasors(table, drive, world, n, work)
-        gather_moments(work.points, work.phasor_c, work.phasor_s, n, moments)
-        ax, ay, aw = mean_acceleration(table, body, scheme, n, moments, vx, vy, spin, work)
+        n = look_under(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
+        ax, ay, aw = math.nan, math.nan, math.nan
+        if n > 0:
+            ax, ay, aw = mean_acceleration(table, body, scheme, n, vx, vy, spin, work)
         result[world, 0], result[world, 1], result[world, 2] = ax, ay, aw
 
 
-@jit
-def mean_states(drive, table, body, scheme, pose, velocity, mean_pose, mean_velocity):
+@borrowing
+def mean_states(drive, table, body, scheme, pose, velocity, work, mean_pose, mean_velocity):
     """Mean pose and velocity (worlds, 3) that belong to those at the start of a period; NaN without support."""
-    work = make_workspace(table, body)
-    moments, shift = np.empty((6, 3)), np.empty(6)
-    size = body.friction * table.period / (2.0 * np.pi)
-    reach = size * table.period / (2.0 * np.pi)
+    size = body.friction * table.period / (2.0 * math.pi)
+    reach = size * table.period / (2.0 * math.pi)
     for world in range(pose.shape[0]):
-        n = cut(table, body, pose[world, 0], pose[world, 1], pose[world, 2], velocity[world, 2], work)
+        forget_phasors(work.phasors, 0)
+        spin = velocity[world, 2]
+        n = look_under(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
         if n == 0:
-            mean_pose[world], mean_velocity[world] = np.nan, np.nan
+            for k in range(3):
+                mean_pose[world, k], mean_velocity[world, k] = math.nan, math.nan
             continue
-        read_phasors(table, drive, world, n, work)
-        gather_moments(work.points, work.phasor_c, work.phasor_s, n, moments)
-        vx, vy = steady_part(table, body, scheme, moments, velocity[world, 0], velocity[world, 1], shift, work)
+        vx, vy = steady_part(table, body, scheme, velocity[world, 0], velocity[world, 1], work)
         mean_velocity[world, 0], mean_velocity[world, 1] = vx, vy
-        mean_velocity[world, 2] = velocity[world, 2] - size * shift[2]
+        mean_velocity[world, 2] = spin - size * work.shift[2]
         for k in range(3):
-            mean_pose[world, k] = pose[world, k] - reach * shift[3 + k]
+            mean_pose[world, k] = pose[world, k] - reach * work.shift[3 + k]
 
 
-@jit
-def elements_under(table, body, pose, velocity, elements):
+@borrowing
+def elements_under(table, body, pose, velocity, work, elements):
     """List the elements under every world's part in ``elements`` (worlds, room), -1 behind; returns the largest number."""
-    work = make_workspace(table, body)
+    points, under = work.cut.points, work.cut.under
     most = 0
     for world in range(pose.shape[0]):
-        n = cut(table, body, pose[world, 0], pose[world, 1], pose[world, 2], velocity[world, 2], work)
+        n = cut_at(table, body, pose[world, 0], pose[world, 1], pose[world, 2], velocity[world, 2], work)
         count = 0
         for piece in range(n // POINTS_PER_PIECE):
-            known = work.points[0, POINTS_PER_PIECE * piece] == 0.0  # padding
+            known = points[0, POINTS_PER_PIECE * piece] == 0.0  # padding
             for k in range(count):
-                known = known or elements[world, k] == work.under[piece]
+                known = known or elements[world, k] == under[piece]
             if not known:
-                elements[world, count] = work.under[piece]
+                elements[world, count] = under[piece]
                 count += 1
-        elements[world, count:] = -1
+        for k in range(count, elements.shape[1]):
+            elements[world, k] = -1
         most = max(most, count)
     return most
 
 
-@jit
-def acceleration_map(table, body, scheme, pose, velocity, elements, constant, linear, shares, coupling):
+@borrowing
+def acceleration_map(table, body, scheme, pose, velocity, elements, work, constant, linear, shares, coupling):
     """Write the mean acceleration as ``constant + linear p + m B m`` with ``p = (C_1, ..., S_1, ...)`` and moments ``m``.
 
     The moments are linear in ``p``: ``m = (G 1, G C, G S)`` with the elements' shares ``G`` of 1, x, y, xx, xy, yy of the load.
@@ -78,22 +75,21 @@ def acceleration_map(table, body, scheme, pose, velocity, elements, constant, li
         pose, velocity: (worlds, 3) mean pose and velocity.
         elements: (worlds, n) from :func:`elements_under`.
         constant: (worlds, 3), linear: (worlds, 3, 2 n), shares G: (worlds, 6, n), coupling B: (worlds, 3, 18, 18);
-            overwritten; m/s^2 and rad/s^2. To first order B is zero.
+            zeros on entry, overwritten; m/s^2 and rad/s^2. To first order B stays zero.
     """
-    work = make_workspace(table, body)
     tables, mu = scheme.tables, body.friction
-    small = mu * table.period / (2.0 * np.pi)
-    unit = np.zeros((6, 3))
+    small = mu * table.period / (2.0 * math.pi)
+    unit, diagonal = work.unit, work.diagonal
+    points, under, phasor_c, phasor_s = work.cut.points, work.cut.under, work.cut.phasor_c, work.cut.phasor_s
     count = elements.shape[1]
-    scale = np.array([mu, mu, mu / body.gyration])
-    diagonal = np.empty((18, 3))
+    scale = mu, mu, mu / body.gyration
     for world in range(pose.shape[0]):
         vx, vy, spin = velocity[world, 0], velocity[world, 1], velocity[world, 2]
-        n = cut(table, body, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
-        shares[world], coupling[world], linear[world] = 0.0, 0.0, 0.0
-        work.phasor_c[:n], work.phasor_s[:n] = 0.0, 0.0
+        n = cut_at(table, body, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
+        for k in range(n):
+            phasor_c[k], phasor_s[k] = 0.0, 0.0
         force = first_order(
-            tables, work.points, work.phasor_c, work.phasor_s, n, table.gravity, table.speed, body.radius,
+            tables, points, phasor_c, phasor_s, n, table.gravity, table.speed, body.radius,
             vx, vy, spin, work.scratch,
         )  # fmt: skip
         for i in range(3):
@@ -103,8 +99,8 @@ def acceleration_map(table, body, scheme, pose, velocity, elements, constant, li
             if element < 0:
                 break
             for k in range(n):
-                if work.under[k // POINTS_PER_PIECE] == element:
-                    weight, x, y = work.points[0, k], work.points[1, k], work.points[2, k]
+                if under[k // POINTS_PER_PIECE] == element:
+                    weight, x, y = points[0, k], points[1, k], points[2, k]
                     shares[world, 0, j] += weight
                     shares[world, 1, j] += weight * x
                     shares[world, 2, j] += weight * y
@@ -113,10 +109,10 @@ def acceleration_map(table, body, scheme, pose, velocity, elements, constant, li
                     shares[world, 5, j] += weight * y * y
             for part in range(2):
                 for k in range(n):
-                    own = 1.0 if work.under[k // POINTS_PER_PIECE] == element else 0.0
-                    work.phasor_c[k], work.phasor_s[k] = own * (1 - part), own * part
+                    own = 1.0 if under[k // POINTS_PER_PIECE] == element else 0.0
+                    phasor_c[k], phasor_s[k] = own * (1 - part), own * part
                 force = first_order(
-                    tables, work.points, work.phasor_c, work.phasor_s, n, 0.0, table.speed, body.radius,
+                    tables, points, phasor_c, phasor_s, n, 0.0, table.speed, body.radius,
                     vx, vy, spin, work.scratch,
                 )  # fmt: skip
                 for i in range(3):
@@ -126,7 +122,8 @@ def acceleration_map(table, body, scheme, pose, velocity, elements, constant, li
         # A quadratic form is known from its values at the unit vectors and at their sums.
         for i in range(18):
             for j in range(i + 1):
-                unit[:] = 0.0
+                for k in range(6):
+                    unit[k, 0], unit[k, 1], unit[k, 2] = 0.0, 0.0, 0.0
                 unit[i % 6, i // 6] += 1.0
                 if j < i:
                     unit[j % 6, j // 6] += 1.0

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from vibgym.physics.collision.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
-from vibgym.physics.core.jit import borrowing, jit
+from vibgym.physics.core.jit import borrowing
 
 IN_TOUCH = 2e-4
 """m; what begins a period nearer than this is taken to touch in it, and no path without contacts is tried."""
@@ -99,7 +99,7 @@ def pair_gap(table, hulls, placed, i, j):
 
 
 @borrowing
-def standing(table, hulls, pose, pairs, n, placed):
+def proximity(table, hulls, pose, pairs, n, placed):
     """``TOUCHING`` if one of the pairs is in touch at these poses, else ``NEAR``."""
     for k in range(n):
         for end in range(2):
@@ -112,7 +112,7 @@ def standing(table, hulls, pose, pairs, n, placed):
 
 
 @borrowing
-def bend(table, bodies, hulls, part, step):
+def curvature_bound(table, bodies, hulls, part, step):
     """How far a point of a part can be from the straight line between two poses ``step`` s apart, m."""
     kind = bodies.kind[part]
     friction, gyration, radius = bodies.friction[kind], bodies.gyration[kind], hulls.radius[part]
@@ -132,9 +132,9 @@ def paths_cross(table, bodies, hulls, paths, steps, first, pairs, n, placed):
         mine = steps[bodies.kind[i]]
         theirs = mine if j < 0 else steps[bodies.kind[j]]
         common = math.gcd(mine, theirs)
-        slack = bend(table, bodies, hulls, i, table.period / common)
+        slack = curvature_bound(table, bodies, hulls, i, table.period / common)
         if j >= 0:
-            slack += bend(table, bodies, hulls, j, table.period / common)
+            slack += curvature_bound(table, bodies, hulls, j, table.period / common)
         for k in range(common):
             p = paths[first + i]
             at, then = p[k * (mine // common)], p[(k + 1) * (mine // common)]
@@ -152,7 +152,6 @@ def paths_cross(table, bodies, hulls, paths, steps, first, pairs, n, placed):
     return False
 
 
-@jit
-def pair_capacity(parts):
+def pair_capacity(parts: int) -> int:
     """Pairs that a world of so many parts can have: every part with every other and with every wall."""
     return parts * (parts - 1) // 2 + 4 * parts

@@ -13,7 +13,7 @@ from vibgym.physics.core.jit import borrowing
 
 JOLT = 0.1
 """m/s; where contacts change a part's velocity by more, it has been hit, not held: what lies beneath it is looked at again, and
-the solver does not start from the impulses of that blow."""
+the solver does not start from the impulses of that impact."""
 
 FAR_AWAY = 1e3
 """m; where the solver keeps parts that are not on the table."""
@@ -48,21 +48,23 @@ class Solver(NamedTuple):
 
 
 @borrowing
-def resolve(solver, hulls, away, sticking, shop, h, entered, blow, undo):
+def solve(solver, hulls, sticking, contacts, h, entered, impact, undo):
     """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
 
     Args:
-        away, sticking: (parts,) bool: not on the table; moving with it. A part that is pushed sticks no longer.
+        sticking: (parts,) bool: moving with the table. A part that is pushed sticks no longer.
+        contacts: working arrays, with poses and velocities.
         h: s, the step's length.
         entered: whether the parts are in the solver already.
-        blow: whether parts rebound.
+        impact: whether parts rebound.
         undo: whether any overlap is deep enough to be undone.
 
     Returns:
         Whether any part was hit: its velocity has changed by more than ``JOLT``. Such parts are marked as stale.
     """
-    parts = away.shape[0]
-    data, cursor, pose, velocity = solver.data, solver.cursor, shop.pose, shop.velocity
+    workspace = contacts.friction
+    parts, away = solver.bodies.shape[0], workspace.away
+    data, cursor, pose, velocity = solver.data, solver.cursor, workspace.pose, workspace.velocity
     for p in range(parts):
         g, lane = p // LANES, p % LANES
         for k in range(3):
@@ -79,7 +81,7 @@ def resolve(solver, hulls, away, sticking, shop, h, entered, blow, undo):
         for k in range(solver.shapes.shape[0]):
             call_foreign(solver.add, (solver.space, solver.shapes[k]))
     for k in range(solver.shapes.shape[0]):
-        call_foreign(solver.set_rebound, (solver.shapes[k], solver.rebound[k] if blow else 0.0))
+        call_foreign(solver.set_rebound, (solver.shapes[k], solver.rebound[k] if impact else 0.0))
     # The solver begins with the last step's impulses. It would scale them with the step, but not its record of them, and
     # parts would stick together by the difference.
     call_foreign(solver.last_step, (solver.space, h))
@@ -98,10 +100,10 @@ def resolve(solver, hulls, away, sticking, shop, h, entered, blow, undo):
                 change = max(change, arm * abs(data[6 * p + 3 + k] - velocity[g, at]))
                 velocity[g, at] = data[6 * p + 3 + k]
                 sticking[p] = False
-            shop.settled[p, k] = data[6 * p + k]
+            contacts.settled[p, k] = data[6 * p + k]
             data[3 * p + k] = 0.0
         if change > JOLT:
-            shop.stale[p] = True
+            workspace.stale[p] = True
             hit = True
     # What undoes overlap is a velocity of its own, which acts in this step only.
     if not undo:
@@ -116,15 +118,15 @@ def resolve(solver, hulls, away, sticking, shop, h, entered, blow, undo):
         g, lane = p // LANES, p % LANES
         for k in range(3):
             if not away[p]:
-                pose[g, k * LANES + lane] += data[3 * p + k] - shop.settled[p, k]
+                pose[g, k * LANES + lane] += data[3 * p + k] - contacts.settled[p, k]
     return hit
 
 
 @borrowing
-def forget_blows(solver, shop):
-    """Make the solver forget the impulses on parts that were hit: those of a blow are no guess for what follows."""
-    for p in range(shop.stale.shape[0]):
-        if shop.stale[p]:
+def forget_impacts(solver, hit):
+    """Make the solver forget the impulses on parts that were hit: those of an impact are no guess for what follows."""
+    for p in range(solver.bodies.shape[0]):
+        if hit[p]:
             for k in range(solver.owner[p], solver.owner[p + 1]):
                 call_foreign(solver.remove, (solver.space, solver.shapes[k]))
                 call_foreign(solver.add, (solver.space, solver.shapes[k]))

@@ -13,9 +13,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from vibgym.physics.core.jit import jit
+from vibgym.physics.core.jit import borrowing
 
 MOMENTS = 9
 """Columns of the cell table: area, x, y, xx, xy, yy of the partial strips, then the height moments 1, y, yy."""
@@ -27,7 +25,7 @@ NEGLIGIBLE_PIECE = 1e-11
 _GAUSS = 0.5 / math.sqrt(3.0)
 
 
-@jit
+@borrowing
 def _add_segment(cell, x0, y0, x1, y1):
     """Add one boundary segment, in the cell's own coordinates. Two Gauss points integrate the cubics exactly."""
     height = y1 - y0
@@ -48,7 +46,7 @@ def _add_segment(cell, x0, y0, x1, y1):
     cell[8] += weight * (ya * ya + yb * yb)
 
 
-@jit
+@borrowing
 def cut_outline(x, y, cells, box):
     """Walk the closed outline ``x, y`` (counter-clockwise) and gather the moment table of every cell it can touch.
 
@@ -65,7 +63,9 @@ def cut_outline(x, y, cells, box):
     left, bottom = math.floor(x_low), math.floor(y_low)
     columns, rows = int(math.floor(x_high) - left) + 1, int(math.floor(y_high) - bottom) + 1
     box[0], box[1], box[2], box[3] = int(left), int(bottom), columns, rows
-    cells[: columns * rows] = 0.0
+    for cell in range(columns * rows):
+        for k in range(MOMENTS):
+            cells[cell, k] = 0.0
 
     bx, by = x[n - 1] - left, y[n - 1] - bottom
     for k in range(n):
@@ -99,7 +99,7 @@ def cut_outline(x, y, cells, box):
         _add_segment(cells[row * columns + column], px - column, py - row, bx - column, by - row)
 
 
-@jit
+@borrowing
 def contact_points(cells, box, rows, columns, split, pitch, x, y, smallest, points, elements):
     """Turn the moment table into weighted points relative to ``(x, y)``, four for each supported piece.
 
@@ -163,36 +163,52 @@ def contact_points(cells, box, rows, columns, split, pitch, x, y, smallest, poin
     return padded
 
 
-@jit
-def support_holds(outline_x, outline_y, width, height, x, y):
+@borrowing
+def _enter_angle(angles, count, x, y):
+    """Enter the direction of ``(x, y)`` into the first ``count`` angles, which are in ascending order."""
+    angle = math.atan2(y, x)
+    k = count
+    while k > 0 and angles[k - 1] > angle:
+        angles[k] = angles[k - 1]
+        k -= 1
+    angles[k] = angle
+
+
+@borrowing
+def support_holds(outline_x, outline_y, width, height, x, y, angles):
     """Whether the centre of mass ``(x, y)`` lies in the convex hull of the part of the outline on the surface.
 
     The hull's corners are outline vertices on the surface, crossings of the outline with the border and corners of the
     surface inside the outline. The point is outside just when some line through it has all of them strictly on one side.
+
+    Args:
+        angles: (:func:`most_angles`) working array.
     """
     if x < 0.0 or y < 0.0 or x > width or y > height:
         return False
     n = outline_x.shape[0]
-    corners = np.empty((5 * n + 4, 2))
     count = 0
     for k in range(n):
         ax, ay = outline_x[k - 1], outline_y[k - 1]
         bx, by = outline_x[k], outline_y[k]
         if bx >= 0.0 and by >= 0.0 and bx <= width and by <= height:
-            corners[count, 0], corners[count, 1] = bx, by
+            if bx == x and by == y:
+                return True
+            _enter_angle(angles, count, bx - x, by - y)
             count += 1
-        for side in range(2):
-            line = side * width
-            if (ax - line) * (bx - line) < 0.0:
-                at = ay + (line - ax) / (bx - ax) * (by - ay)
-                if at >= 0.0 and at <= height:
-                    corners[count, 0], corners[count, 1] = line, at
-                    count += 1
-            line = side * height
-            if (ay - line) * (by - line) < 0.0:
-                at = ax + (line - ay) / (by - ay) * (bx - ax)
-                if at >= 0.0 and at <= width:
-                    corners[count, 0], corners[count, 1] = at, line
+        for side in range(4):
+            # Crossings with the left, bottom, right and top border: along the other axis for each second of them.
+            across = side % 2 == 0
+            line = (side // 2) * (width if across else height)
+            a, b = (ax - line, bx - line) if across else (ay - line, by - line)
+            if a * b < 0.0:
+                t = a / (a - b)
+                px, py = (line, ay + t * (by - ay)) if across else (ax + t * (bx - ax), line)
+                at, end = (py, height) if across else (px, width)
+                if at >= 0.0 and at <= end:
+                    if px == x and py == y:
+                        return True
+                    _enter_angle(angles, count, px - x, py - y)
                     count += 1
     for side in range(4):
         px, py = (side % 2) * width, (side // 2) * height
@@ -203,18 +219,18 @@ def support_holds(outline_x, outline_y, width, height, x, y):
             if (ay > py) != (by > py) and px < ax + (py - ay) / (by - ay) * (bx - ax):
                 inside = not inside
         if inside:
-            corners[count, 0], corners[count, 1] = px, py
+            if px == x and py == y:
+                return True
+            _enter_angle(angles, count, px - x, py - y)
             count += 1
     if count == 0:
         return False
-    angles = np.empty(count)
-    for k in range(count):
-        dx, dy = corners[k, 0] - x, corners[k, 1] - y
-        if dx == 0.0 and dy == 0.0:
-            return True
-        angles[k] = math.atan2(dy, dx)
-    angles.sort()
     widest = angles[0] + 2.0 * math.pi - angles[count - 1]
     for k in range(1, count):
         widest = max(widest, angles[k] - angles[k - 1])
     return widest <= math.pi + 1e-12
+
+
+def most_angles(corners: int) -> int:
+    """Room that :func:`support_holds` needs for an outline of so many corners."""
+    return 5 * corners + 4

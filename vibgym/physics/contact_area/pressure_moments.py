@@ -13,8 +13,8 @@ instructions. Arrays are flat, and the offsets constants, because it vectorises 
 
 from __future__ import annotations
 
-from vibgym.physics.core.drive import element_phasor
-from vibgym.physics.core.jit import inlined, jit
+from vibgym.physics.contact_area.phasors import phasor_under
+from vibgym.physics.core.jit import borrowing, inlined
 
 LANES = 8
 """Worlds side by side. Loops over lanes take their number at run time: a constant would be unrolled, not vectorised."""
@@ -30,7 +30,7 @@ STRIP_KURTOSIS = 0.6
 have 0.6 along their length. They only count where slip varies strongly across a part, and third ones are taken as zero."""
 
 
-@jit
+@borrowing
 def collect_pieces(cells, box, table, x, y, smallest, pieces, rows, columns, lane):
     """Write the supported pieces of one world into its lane, all but their phasors.
 
@@ -72,27 +72,20 @@ def collect_pieces(cells, box, table, x, y, smallest, pieces, rows, columns, lan
     return n, total
 
 
-@jit
-def read_phasors(drive, world, rows, columns, n, known, known_c, known_s, pieces, lane):
-    """Write the phasors of the elements under a world's pieces into its lane.
+@borrowing
+def read_phasors(drive, world, rows, columns, n, phasors, slot, pieces, lane):
+    """Write the phasors of the elements under a part's pieces into its lane.
 
-    An element is read from the drive once a call, not once a step: ``known`` (size, size) says which element each slot of
-    ``known_c``, ``known_s`` holds. Size is a power of two and at least the part's extent in elements, and slots go by row and
-    column modulo size, so that no two elements under a part share one.
+    Args:
+        rows, columns: of the ``n`` pieces' elements.
+        phasors, slot: what has been read for the part, see :func:`vibgym.physics.contact_area.phasors.phasor_under`.
     """
-    size = known.shape[0]
     for k in range(n):
-        row, column = rows[k], columns[k]
-        i, j = row & (size - 1), column & (size - 1)
-        element = row << 32 | column
-        if known[i, j] != element:
-            known[i, j] = element
-            known_c[i, j], known_s[i, j] = element_phasor(drive, world, row, column)
         at = (k * PIECE_FIELDS + 8) * LANES + lane
-        pieces[at], pieces[at + LANES] = known_c[i, j], known_s[i, j]
+        pieces[at], pieces[at + LANES] = phasor_under(phasors, slot, drive, world, rows[k], columns[k])
 
 
-@jit
+@borrowing
 def clear_pieces(pieces, lane, start, stop):
     """Make a lane's pieces weightless, so that it can stand beside lanes with more."""
     for piece in range(start, stop):
@@ -148,7 +141,7 @@ def piece_moments(pieces, at, pitch, share):
     )  # fmt: skip
 
 
-@jit
+@borrowing
 def add_pieces(pieces, pitch, share, before, after, lanes):
     """``after = before +`` the moments of two pieces of every lane.
 
@@ -213,17 +206,21 @@ def add_pieces(pieces, pitch, share, before, after, lanes):
         after[44 * LANES + j] = before[44 * LANES + j] + (s0 * p40y + s1 * q40y)
 
 
-@jit
+@borrowing
 def pressure_moments(pieces, most, pitch, share, moments, spare, lanes):
-    """Moments of up to ``most`` pieces a lane, normalised to the supported area; returns the array that holds them.
+    """Moments of up to ``most`` pieces a lane, normalised to the supported area.
 
     Args:
         pieces: flat (piece, field, lane) from :func:`collect_pieces`, weightless where a lane has fewer, and one more.
-        moments, spare: flat (MOMENT_ROWS, lane), overwritten.
+        moments: flat (MOMENT_ROWS, lane), overwritten with them.
+        spare: likewise, a working array.
     """
-    moments[:] = 0.0
     size = PIECE_FIELDS * LANES
-    for k in range(0, most, 2):
-        add_pieces(pieces[k * size : (k + 2) * size], pitch, share, moments, spare, lanes)
-        moments, spare = spare, moments
-    return moments
+    rounds = (most + 1) // 2
+    # The two arrays take turns: begin with the one that leaves the result in ``moments``.
+    before, after = (moments, spare) if rounds % 2 == 0 else (spare, moments)
+    for k in range(MOMENT_ROWS * LANES):
+        before[k] = 0.0
+    for k in range(rounds):
+        add_pieces(pieces[2 * k * size : 2 * (k + 1) * size], pitch, share, before, after, lanes)
+        before, after = after, before

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import jit
+from vibgym.physics.core.jit import borrowing
 
 FIELD_STRENGTHS = 6
 """Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
@@ -130,12 +130,12 @@ def _of_values(
     )  # fmt: skip
 
 
-@jit
+@borrowing
 def _clipped(value):
     return min(max(np.float64(value), -1.0), 1.0)
 
 
-@jit
+@borrowing
 def unit_phasor(first, second, full_scale):
     """Phasor of a vector in the unit disc; longer vectors are shortened to it."""
     length = math.sqrt(first * first + second * second)
@@ -143,7 +143,7 @@ def unit_phasor(first, second, full_scale):
     return first * scale, second * scale
 
 
-@jit
+@borrowing
 def push_phasor(push_x, push_y, full_scale):
     """Phasor that pushes a resting part along ``(push_x, push_y)``; length 1 is full amplitude.
 
@@ -152,26 +152,26 @@ def push_phasor(push_x, push_y, full_scale):
     return unit_phasor(-push_y, -push_x, full_scale)
 
 
-@jit
+@borrowing
 def _polar(drive, world, row, column):
     normal = drive.amplitude[world, row, column] * drive.angular_frequency * drive.angular_frequency
     phase = drive.phase[world, row, column]
     return normal * math.cos(phase), normal * math.sin(phase)
 
 
-@jit
+@borrowing
 def _element(drive, world, at):
     normal = 0.5 * (1.0 + _clipped(drive.values[world, at])) * drive.full_scale
     phase = math.pi * _clipped(drive.values[world, at + 1])
     return normal * math.cos(phase), normal * math.sin(phase)
 
 
-@jit
+@borrowing
 def _phasor(drive, world, at):
     return unit_phasor(_clipped(drive.values[world, at]), _clipped(drive.values[world, at + 1]), drive.full_scale)
 
 
-@jit
+@borrowing
 def _patch(drive, world, row, column):
     size = drive.size
     part, nearest = -1, math.inf
@@ -191,7 +191,7 @@ def _patch(drive, world, row, column):
     return _phasor(drive, world, ((part * size + i) * size + j) * 2)
 
 
-@jit
+@borrowing
 def _field(drive, world, row, column):
     part, nearest = -1, math.inf
     for k in range(drive.centre.shape[1]):
@@ -218,7 +218,7 @@ def _field(drive, world, row, column):
     )
 
 
-@jit
+@borrowing
 def element_phasor(drive, world, row, column):
     """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
     if drive.mode == POLAR:
@@ -232,7 +232,7 @@ def element_phasor(drive, world, row, column):
     return _field(drive, world, row, column)
 
 
-@jit
+@borrowing
 def all_phasors(drive, phasors):
     """Fill ``phasors`` (worlds, rows, columns, 2) with every element's ``(C, S)``, for pictures and tests."""
     for world in range(phasors.shape[0]):

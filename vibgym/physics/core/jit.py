@@ -1,61 +1,197 @@
-"""The one decorator every kernel uses, and its cache.
+"""The one decorator every kernel uses: how kernels are compiled, once and fast, and where the result is kept.
 
 ``error_model="numpy"`` lets divisions vectorise. The fast-math flags allow contraction and reassociation but keep NaN and
 infinity meaningful in comparisons. ``math.isfinite`` is no such guard: it looks at ``x - x``, and reassociation turns
-``(a + b) - (a + b)`` into zero. Write ``abs(a + b) < math.inf``. Kernels release the GIL: the scene runs blocks of worlds
+``(a + b) - (a + b)`` into zero. Write ``abs(a + b) < math.inf``. Kernels release the GIL: the simulator runs blocks of worlds
 in threads.
 
-numba caches a compiled kernel by the file that holds it and does not notice when a kernel that it calls has changed in
-another file: it would go on with the old physics. So the version of every cached kernel also holds a digest of all files
-of this folder. ``VIBGYM_CACHE=0`` switches the cache off.
+**One piece.** numba optimises a function and makes machine code of it before another one calls it, and then optimises the
+copy in the caller again: the deeper the calls, the longer it takes. Here a kernel that another one calls is only typed and
+written down (:class:`_Called`), and what Python calls is optimised in one piece with all that it calls. That takes less time,
+and the numbers do not depend on what was compiled and what was loaded: a cached kernel brings all of its callees along.
+
+**Cache.** numba caches a kernel by the file that holds it and does not notice when a kernel or a constant of another file has
+changed: it would go on with the old physics. So the version of a cached kernel also holds a digest of that file and of all
+that it imports, directly or not, from its own package and from this one (:func:`sources`). ``VIBGYM_CACHE=0`` switches the
+cache off, and ``NUMBA_CACHE_DIR`` says where it is.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import logging
 import os
+import re
 from pathlib import Path
 from typing import Any
 
-import numba
+from numba.core import codegen, compiler, event, types
+from numba.core import config as numba_config
+from numba.core.registry import CPUDispatcher
+
+config: Any = numba_config
+
+LOGGER = logging.getLogger("vibgym")
 
 FAST_MATH = {"contract", "reassoc", "arcp", "nsz", "afn"}
 
-OPTIONS: Any = {
-    "error_model": "numpy",
-    "fastmath": FAST_MATH,
-    "nogil": True,
-}
+OPTIONS: Any = {"nopython": True, "error_model": "numpy", "fastmath": FAST_MATH, "nogil": True}
 
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
 
-SOURCES = hashlib.sha256(
-    b"".join(path.read_bytes() for path in sorted(Path(__file__).parents[1].rglob("*.py")))
-).hexdigest()
+FIRST_STEP = "10 to 20 s"
+"""What the kernels of an environment take to compile (benchmarks/cold_start.py)."""
 
 
-def inlined(function: Any) -> Any:
-    """Like :func:`jit`, for functions that must be compiled into their caller's loop so that it can be vectorised."""
-    return numba.njit(forceinline=True, **OPTIONS)(function)
+class _Unfinished(codegen.JITCodeLibrary):
+    """The code of a kernel that only other kernels call: neither optimised nor made machine code of."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
 
 
-def borrowing(function: Any) -> Any:
-    """Like :func:`jit`, for small functions that only look at arrays which their callers hold: without reference counts.
+class _CalledCompiler(compiler.Compiler):
+    """Writes a kernel down for the kernels that call it."""
 
-    Atomic counts would take longer than the functions themselves. Such a function must not make, keep or return arrays, nor
-    call one that returns arrays.
-    """
-    options: Any = {**OPTIONS, "_nrt": False}
-    return numba.njit(**options)(function)
+    def define_pipelines(self) -> Any:
+        state: Any = self.state
+        state.flags.no_compile = state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
+        state.library = _Unfinished(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+class _Called(CPUDispatcher):
+    """A kernel as other kernels see it."""
+
+    def add_overload(self, cres: Any) -> None:
+        # There is no machine code whose address could stand for this overload; any object can.
+        cres = cres._replace(entry_point=object())
+        self.targetctx.insert_user_function(cres.entry_point, cres.fndesc, [cres.library])
+        self.overloads[tuple(cres.signature.args)] = cres
+
+
+class _Kernel(CPUDispatcher):
+    """A kernel as Python sees it."""
+
+    _cache: Any
+
+    @functools.cached_property
+    def called(self) -> _Called:
+        """The same for other kernels."""
+        return _Called(py_func=self.py_func, targetoptions=self.targetoptions, pipeline_class=_CalledCompiler)
+
+    @property
+    def _numba_type_(self) -> Any:
+        return types.Dispatcher(self.called)
+
+    def compile(self, sig: Any) -> Any:
+        if CACHE and not self.overloads:
+            self.enable_caching()
+        try:
+            return super().compile(sig)
+        except OSError as error:  # from the cache: a full disk, a file that may not be read
+            _warn_about_cache(str(error))
+            self._cache.disable()
+            return super().compile(sig)
+
+    def enable_caching(self) -> None:
+        try:
+            super().enable_caching()
+        except RuntimeError:  # numba has found no folder that it may write to
+            _warn_about_cache("no folder that may be written")
+            return
+        # numba has no public way to say what else a kernel depends on. Were this name to change, the error says so here.
+        index = self._cache._cache_file
+        # The version is looked at before anything else is read, which may no longer be readable.
+        index._version = f"{index._version} {sources(self.py_func.__code__.co_filename, self.py_func.__module__)}"
+
+
+def _kernel(function: Any, **more: Any) -> Any:
+    return function if config.DISABLE_JIT else _Kernel(py_func=function, targetoptions={**OPTIONS, **more})
 
 
 def jit(function: Any) -> Any:
     """Compile ``function`` in nopython mode with the project's options."""
-    kernel: Any = numba.njit(**OPTIONS)(function)
-    if CACHE:
-        kernel.enable_caching()
-        # numba has no public way to say what else a kernel depends on. Were this name to change, the error says so here.
-        index = kernel._cache._cache_file
-        # The version is looked at before anything else is read, which may no longer be readable.
-        index._version = f"{index._version} {SOURCES}"
-    return kernel
+    return _kernel(function)
+
+
+def borrowing(function: Any) -> Any:
+    """Like :func:`jit`, for functions that only look at arrays which their callers hold: without reference counts.
+
+    That is faster, to compile as well: counts stand at every turn and are atomic. Such a function cannot make arrays.
+    """
+    return _kernel(function, _nrt=False)
+
+
+def inlined(function: Any) -> Any:
+    """Like :func:`borrowing`, for functions that must be compiled into their caller's loop so that it can be vectorised."""
+    return _kernel(function, _nrt=False, forceinline=True)
+
+
+# -- the cache ---------------------------------------------------------------------------------------------------------
+
+_IMPORT = re.compile(r"^(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
+
+
+@functools.cache
+def sources(file: str, module: str) -> str:
+    """Digest of a module's file and of all files that it imports, directly or not, from its own package and from this one."""
+    own, name = Path(file), module.partition(".")[0]
+    depth = module.count(".") + (own.name == "__init__.py")
+    roots = {__name__.partition(".")[0]: Path(__file__).parents[__name__.count(".")], name: own.parents[depth]}
+    found, todo = {own}, [own]
+    while todo:
+        for imported, names in _IMPORT.findall(todo.pop().read_text(encoding="utf-8")):
+            first = imported.partition(".")[0]
+            if first not in roots:
+                continue
+            for each in (imported, *(f"{imported}.{one}" for one in re.findall(r"\w+", names))):
+                path = roots[first].joinpath(*each.split("."))
+                new = {path.with_suffix(".py"), path / "__init__.py"} - found
+                todo += [one for one in new if one.is_file()]
+                found |= new
+    digest = hashlib.sha256()
+    for path in sorted(found):
+        if path.is_file():
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+@functools.cache
+def _warn_about_cache(reason: str) -> None:
+    LOGGER.warning(
+        "vibgym: compiled kernels cannot be kept (%s) and are compiled anew by every process; set NUMBA_CACHE_DIR to a folder "
+        "that may be written",
+        reason,
+    )
+
+
+class _Announcer(event.Listener):
+    """Says on stderr, once a process, that kernels are being compiled: the first step would look as if it hung."""
+
+    said = False
+
+    def on_start(self, event: Any) -> None:
+        kernel = event.data["dispatcher"]
+        if self.said or not isinstance(kernel, _Kernel):
+            return
+        self.said = True
+        folder = getattr(kernel._cache, "cache_path", None)
+        kept = "not kept" if folder is None else f"kept in {config.CACHE_DIR or folder}"
+        # A warning, so that it shows where nobody has configured logging, and where only warnings show.
+        LOGGER.warning(
+            "vibgym: compiling kernels, once for this processor: the first step takes %s (%s)", FIRST_STEP, kept
+        )
+
+    def on_end(self, event: Any) -> None:
+        pass
+
+
+event.register("numba:compile", _Announcer())

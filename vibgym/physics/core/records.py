@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import jit
+from vibgym.physics.core.jit import borrowing
 
 
 class Table(NamedTuple):
@@ -49,7 +49,7 @@ class Bodies(NamedTuple):
     turns: np.ndarray
 
 
-@jit
+@borrowing
 def body_of(bodies, kind):
     """The body of a kind."""
     return Body(
@@ -62,6 +62,17 @@ def body_of(bodies, kind):
         bodies.convex[kind],
         bodies.turns[kind],
     )
+
+
+class Scheme(NamedTuple):
+    """Steps of the friction dynamics in a period, and their tables."""
+
+    steps: int  # cuts of the contact area a period
+    substeps: int  # Runge-Kutta steps from cut to cut
+    pieces: int  # cells per element and direction; 0: series where it holds, else by spin
+    lanes: int  # LANES, handed in at run time
+    cosine: np.ndarray  # (3 * steps * substeps + 1) cos wt at the stage times
+    sine: np.ndarray
 
 
 class State(NamedTuple):

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.physics.core.jit import jit
+from vibgym.physics.core.jit import borrowing
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """Of SDIRK2: stiffly accurate, so its last stage is its result, and sticking is exact."""
@@ -32,7 +32,7 @@ _STOPPED = 1e-6  # below this, relative to the same, the solution is zero
 _DIRECT, _ITERATIONS = 8, 100
 
 
-@jit
+@borrowing
 def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load):
     """``load = scale * pressure share`` of every contact point; returns their sum."""
     total = 0.0
@@ -42,7 +42,7 @@ def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load)
     return total
 
 
-@jit
+@borrowing
 def balanced(load, total, x, y, n, gyration, rx, ry, rw):
     """Whether one simple stress, uniform plus a rotation about the centre of pressure, holds the load ``(rx, ry, k^2 rw)``.
 
@@ -68,7 +68,7 @@ def balanced(load, total, x, y, n, gyration, rx, ry, rw):
     return largest <= total * total
 
 
-@jit
+@borrowing
 def _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin):
     value = 0.5 * ((sx - rx) ** 2 + (sy - ry) ** 2 + gyration * (spin - rw) ** 2)
     for k in range(n):
@@ -77,7 +77,7 @@ def _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin):
     return value
 
 
-@jit
+@borrowing
 def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, guess_w):
     """Minimum of ``1/2 |eta - r|_M^2 + sum load |u - spin z^ x r|``: slip and spin at the end of an implicit step.
 
@@ -166,7 +166,7 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, 
     return sx, sy, spin
 
 
-@jit
+@borrowing
 def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine, load):
     """Whether friction of coefficient ``friction`` can carry the part along with the table (thesis eq. 3.2)."""
     needed = table.speed * 2.0 * math.pi / table.period
@@ -181,7 +181,7 @@ def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine
     return sx == 0.0 and sy == 0.0 and spin == 0.0
 
 
-@jit
+@borrowing
 def slip_step(table, friction, points, phasor_c, phasor_s, n, gyration, load, phase, h, slip_x, slip_y, spin):
     """One SDIRK2 step of slip and spin from ``phase = w t`` on.
 

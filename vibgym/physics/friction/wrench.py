@@ -17,12 +17,12 @@ import math
 import numpy as np
 
 from vibgym.physics.contact_area.pressure_moments import LANES
-from vibgym.physics.core.jit import inlined, jit
+from vibgym.physics.core.jit import borrowing, inlined
 
 _TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table, where friction has no direction
 
 
-@jit
+@borrowing
 def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, slip_x, slip_y, spin):
     """Force and torque per unit mass and friction coefficient.
 

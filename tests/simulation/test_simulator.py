@@ -7,7 +7,7 @@ import pytest
 from shapely.geometry import Point, Polygon, box
 
 from vibgym import Part, Simulator, Surface
-from vibgym.physics.friction.planar import State
+from vibgym.physics.core.records import State
 
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.6)
 C_SHAPE = Part.polygon(

@@ -6,12 +6,13 @@ import pytest
 
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import SHIPPED, shipped_part
+from vibgym.simulation.schemes import planar_scheme
 
 SURFACE = Surface()
 
 
 def scheme(part, **given):
-    chosen = Simulator(SURFACE, part, **given)._scheme
+    chosen = planar_scheme(SURFACE, part, **given)
     return chosen.steps, chosen.substeps
 
 

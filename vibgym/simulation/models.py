@@ -1,0 +1,130 @@
+"""The models: what :class:`vibgym.Simulator` advances worlds with, one protocol for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.averaged import contact, integrator
+from vibgym.physics.averaged.contact import AveragedScheme
+from vibgym.physics.collision.hulls import Hulls
+from vibgym.physics.contact_area.pressure_moments import LANES
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import Scheme, State
+from vibgym.physics.friction.planar import slide_rows
+from vibgym.physics.friction.workspace import new_workspace
+from vibgym.scene.parts import Part, bodies_of, kinds_of
+from vibgym.scene.surface import Surface
+from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_schemes
+from vibgym.simulation.threads import Pool
+
+NO_PATHS = np.empty((0, 0, 3))
+"""For kernels that write down paths only if they are asked to."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a model is made for."""
+
+    surface: Surface
+    parts: tuple[Part, ...]
+    walls: tuple[str, ...]
+    hulls: Hulls  # of the parts
+    worlds: int
+
+    @property
+    def multibody(self) -> bool:
+        """Whether parts may touch one another, or walls."""
+        return len(self.parts) > 1 or len(self.walls) > 0
+
+
+class Model(Protocol):
+    """Advances blocks of worlds, several at a time in threads; keeps nothing of them from one call to the next."""
+
+    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
+        """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
+
+    def reset(self) -> None:
+        """Begin counting anew."""
+
+    def statistics(self, periods: int) -> dict[str, int]:
+        """See :attr:`vibgym.Simulator.statistics`; ``periods``: of all worlds together since the reset."""
+        ...
+
+
+class Alone:
+    """What models have in common whose parts touch nothing."""
+
+    def reset(self) -> None:
+        """Begin counting anew."""
+
+    def statistics(self, periods: int) -> dict[str, int]:
+        """All periods are free."""
+        return {"free": periods, "near": 0, "contact": 0, "contact_steps": 0}
+
+
+class Planar(Alone):
+    """The planar model of one part a world."""
+
+    def __init__(self, setup: Setup, scheme: Scheme) -> None:
+        self._table, self._bodies, self._scheme = setup.surface.table(), bodies_of(setup.parts), scheme
+        self._workspaces = Pool(partial(new_workspace, self._table, self._bodies, scheme, LANES))
+
+    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
+        """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
+        workspace = self._workspaces.borrow()
+        try:
+            slide_rows(
+                np.arange(start, stop), drive, self._table, self._bodies, self._scheme, state, periods, NO_PATHS, 0, workspace
+            )  # fmt: skip
+        finally:
+            self._workspaces.give_back(workspace)
+
+
+class Averaged(Alone):
+    """The averaged model, of one part a world."""
+
+    def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
+        self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
+        self._workspaces = Pool(partial(contact.new_workspace, self._table, self._body))
+
+    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
+        """See :class:`Model`."""
+        workspace = self._workspaces.borrow()
+        try:
+            integrator.advance_worlds(
+                start, stop, drive, self._table, self._body, self._scheme, state, periods, workspace
+            )
+        finally:
+            self._workspaces.give_back(workspace)
+
+
+def planar(setup: Setup, knobs: Mapping[str, Any]) -> Model:
+    """The planar model, for one part or for several."""
+    if setup.multibody:
+        check_knobs("planar", planar_schemes, knobs)
+    else:
+        check_knobs("planar", planar_schemes, knobs, without=("contact_steps", "contact_overlap"))
+    schemes = planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls, **knobs)
+    if not setup.multibody:
+        return Planar(setup, schemes.alone[0])
+    from vibgym.simulation.multibody import Multibody  # pymunk is loaded where there are contacts
+
+    return Multibody(setup, schemes)
+
+
+def averaged(setup: Setup, knobs: Mapping[str, Any]) -> Model:
+    """The averaged model."""
+    if setup.multibody:
+        raise checks.refuse("model", "averaged", "'planar' with several parts or walls: contacts are resolved in time")
+    check_knobs("averaged", averaged_scheme, knobs)
+    return Averaged(setup, averaged_scheme(setup.surface, setup.parts[0], **knobs))
+
+
+MODELS: Mapping[str, Callable[[Setup, Mapping[str, Any]], Model]] = {"planar": planar, "averaged": averaged}
+"""By name. Each raises ValueError for a knob that the model does not have, a bad value, or a scene that it does not cover."""
