@@ -25,7 +25,7 @@ from vibgym.physics.friction.planar import slide_rows
 from vibgym.physics.friction.workspace import Scene, Workspace, new_workspace
 from vibgym.scene.parts import bodies_of
 from vibgym.simulation.contact_space import ContactSpace
-from vibgym.simulation.models import NO_PATHS, Setup
+from vibgym.simulation.protocol import NO_PATHS, Setup
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
 
