@@ -156,7 +156,7 @@ def test_panels_show_what_a_task_has(several: evaluation.Results) -> None:
     }
     assert said["Transport", "pusher"] == ["position_error"]
     assert said["Sort", "shepherd"] == said["Singulate", "shepherd"] == ["position_error", "clearance", "parts_done"]
-    for (_, _), rollout in several.rollouts.items():
+    for rollout in several.rollouts.values():
         last = over_time(rollout, "position_error")[np.arange(len(rollout.steps)), rollout.steps]
         np.testing.assert_array_equal(last, rollout.position_error.astype(np.float32))
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("pygame")
+pygame = pytest.importorskip("pygame")
 
-from vibgym.rendering import Scenery, SurfacePainter, View, Zone, colours
+from vibgym.rendering import Scenery, SurfacePainter, View, Zone, colours  # noqa: E402
 
 ROWS, COLUMNS, ELEMENT = 8, 32, 0.026
 BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) * 1e-3
@@ -171,6 +171,26 @@ def test_copies_draw_the_same(painter: SurfacePainter, copied: Any) -> None:
     again = copied(painter)
     np.testing.assert_array_equal(again.paint(view), first)
     assert (again.width, again.height) == (painter.width, painter.height)
+
+
+def test_pygame_may_be_quit_between_pictures(painter: SurfacePainter) -> None:
+    view = view_of((0.4, 0.1, 0.3), caption="again", goals=np.array([[0.6, 0.1, 0.2]]))
+    first = painter.paint(view)
+    pygame.quit()
+    np.testing.assert_array_equal(painter.paint(view), first)
+    pygame.quit()
+    pygame.init()
+    np.testing.assert_array_equal(painter.paint(view), first)
+
+
+def test_goals_that_move_are_drawn_where_they_are() -> None:
+    painter = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK])
+    goals = [np.array([[0.1 + 0.015 * k, 0.1, 0.1 * k]]) for k in range(40)]
+    first = [painter.paint(view_of((0.4, 0.1, 0.3), goals=goal)) for goal in goals]
+    for goal, picture in zip(goals, first, strict=True):
+        other = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK]).paint(view_of((0.4, 0.1, 0.3), goals=goal))
+        np.testing.assert_array_equal(painter.paint(view_of((0.4, 0.1, 0.3), goals=goal)), other)
+        np.testing.assert_array_equal(picture, other)
 
 
 def test_scenery_says_what_a_view_shows() -> None:

@@ -17,7 +17,7 @@ from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.friction.planar import slide_rows
-from vibgym.physics.friction.workspace import new_workspace
+from vibgym.physics.friction.workspace import Scene, new_workspace
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_schemes
@@ -79,9 +79,8 @@ class Planar(Alone):
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
         workspace = self._workspaces.borrow()
         try:
-            slide_rows(
-                np.arange(start, stop), drive, self._table, self._bodies, self._scheme, state, periods, NO_PATHS, 0, workspace
-            )  # fmt: skip
+            scene = Scene(self._table, self._bodies, self._scheme, drive, state, workspace)
+            slide_rows(np.arange(start, stop), scene, periods, NO_PATHS, 0)
         finally:
             self._workspaces.give_back(workspace)
 
