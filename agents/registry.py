@@ -50,8 +50,6 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
 task that asks for places: goals, zones, or a distance to keep.
 """
 
-POLICIES = CONTROLLERS
-
 
 def make_policy(policy: Any, info: TaskInfo, seed: int = 0) -> Policy:
     """A policy from a name, the path of a trained one's JSON file, a mapping, or anything that has ``predict``.

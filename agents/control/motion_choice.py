@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import jit
+from vibgym.physics.core.jit import borrowing, jit
 
 INSTANTS, INTERVAL = 25, 0.08
 """Number of a prediction's instants, and the time between them, s."""
@@ -63,7 +63,7 @@ class Scene(NamedTuple):
     order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
 
 
-@jit
+@borrowing
 def set_velocity(wants, motion, time, x, y, target_x, target_y):
     """Set velocity (m/s) of a motion ``time`` seconds after it was chosen, at a place."""
     speed = 1.0
@@ -92,7 +92,7 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
     return rate * dx, rate * dy
 
 
-@jit
+@borrowing
 def follow(wants, motion, centre, velocity, target, path):
     """Predict a motion of one part: ``path`` (INSTANTS, 2) is overwritten with its places after 1, 2, ... intervals.
 
@@ -111,7 +111,7 @@ def follow(wants, motion, centre, velocity, target, path):
         path[k, 0], path[k, 1] = x, y
 
 
-@jit
+@borrowing
 def reach(hulls, part, cosine, sine, nx, ny):
     """How far a part with this heading reaches from its centre along a unit vector, m."""
     bx, by = cosine * nx + sine * ny, cosine * ny - sine * nx
@@ -122,7 +122,7 @@ def reach(hulls, part, cosine, sine, nx, ny):
     return most
 
 
-@jit
+@borrowing
 def distance_at_least(hulls, p, q, facing, dx, dy):
     """Lower bound of the distance between two parts, m: the gap along the line of their centres.
 
@@ -138,7 +138,7 @@ def distance_at_least(hulls, p, q, facing, dx, dy):
     return length - own - reach(hulls, q, facing[q, 0], facing[q, 1], -nx, -ny)
 
 
-@jit
+@borrowing
 def nearness(wants, gap, patience):
     """Price of a second at a distance between two parts: below the spacing rule, and much more below the safe distance.
 
@@ -154,7 +154,7 @@ def nearness(wants, gap, patience):
     return price
 
 
-@jit
+@borrowing
 def price_of_place(wants, path, target):
     """Price of a path (INSTANTS, 2) by itself, s: the time to the target that is left on the way, and the border."""
     price = 0.0
@@ -169,7 +169,7 @@ def price_of_place(wants, path, target):
     return price
 
 
-@jit
+@borrowing
 def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
     """Price of a motion of part ``p``, s; its path is left in ``trial``. One dearer than ``limit`` is not priced to the end.
 
@@ -195,7 +195,7 @@ def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
     return price
 
 
-@jit
+@borrowing
 def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, trial):
     """The cheapest motion of part ``p``; another than the last one must be better by ``faithful`` (s)."""
     best, least = STAY, math.inf

@@ -65,20 +65,27 @@ class OpenLoopPolicy:
         plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
         plan.goal[new, 2] = (measured.heading + measured.turn)[new, 0]
         plan.turn[new] = measured.turn[new, 0]
-        x, y, heading = (column[:, None, None] for column in plan.goal.T)
-        if not info.has_heading:
-            field = radial(x, y)
-        elif info.wraps:
-            gathering = self._share(plan, np.full(len(new), self.gather_time))
-            field = radial(x, y, self.centring + (1.0 - self.centring) * gathering)
-            field = field + squeeze(x, y, heading, 1.0 - gathering)
-        else:
-            turning = self._share(plan, np.abs(plan.turn) / self.turn_rate)
-            field = radial(x, y, turning) + tangential(x, y, np.sign(plan.turn)[:, None, None] * turning)
-        phasors = field.phasors(info.surface, friction=info.parts[0].friction)
-        action = np.broadcast_to(phasors, (len(new), *phasors.shape[-3:])).reshape(len(new), -1).astype(np.float32)
-        return (action[0] if measured.single else action), plan._replace(time=plan.time + info.step_time)
+        phasors = self._phasors(plan).reshape(len(new), -1).astype(np.float32)
+        return (phasors[0] if measured.single else phasors), plan._replace(time=plan.time + info.step_time)
 
-    def _share(self, plan: Plan, until: np.ndarray) -> np.ndarray:
-        """Share (batch, 1, 1) of this step that lies before a time (batch,): a time need not be a whole number of steps."""
-        return np.clip((until - plan.time) / self.info.step_time, 0.0, 1.0)[:, None, None]
+    def _phasors(self, plan: Plan) -> np.ndarray:
+        """Phasors (batch, rows, columns, 2) of this step: of a first field, and from some time on of a second one or none.
+
+        That time need not be a whole number of steps: the step in which it lies gets its share of both.
+        """
+        x, y, heading = (column[:, None, None] for column in plan.goal.T)
+        first, second = radial(x, y), None
+        until = np.full(len(plan.time), np.inf)
+        if self.info.has_heading and self.info.wraps:
+            second = radial(x, y, self.centring) + squeeze(x, y, heading)
+            until[:] = self.gather_time
+        elif self.info.has_heading:
+            first = first + tangential(x, y, np.sign(plan.turn)[:, None, None])
+            until = np.abs(plan.turn) / self.turn_rate
+        share = np.clip((until - plan.time) / self.info.step_time, 0.0, 1.0)[:, None, None, None]
+        surface, friction = self.info.surface, self.info.parts[0].friction
+        phasors = np.zeros((len(share), surface.rows, surface.columns, 2))
+        for field, weight in ((first, share), (second, 1.0 - share)):
+            if field is not None and weight.any():
+                phasors += weight * field.phasors(surface, friction=friction)
+        return phasors

@@ -92,8 +92,7 @@ def prepare_simulator(scene: Scene, simulator: Simulator) -> Runner:
         diverged = simulator.diverged
         pose = np.where(diverged[:, None], np.nan, simulator.pose[:, 0])
         trouble = ("diverged",) * int(diverged.sum())
-        doubtful = simulator.sticking[:, 0] if simulator.model == "averaged" else np.zeros(scene.worlds, dtype=bool)
-        return Outcome(settled, pose, simulator.fallen[:, 0], doubtful, trouble, took)
+        return Outcome(settled, pose, simulator.fallen[:, 0], simulator.doubtful[:, 0], trouble, took)
 
     return run
 

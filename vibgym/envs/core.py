@@ -274,7 +274,7 @@ def _identity(options: Options, core: Core) -> str:
     content = {
         **vars(options),
         "surface": vars(core.surface),
-        "parts": [vars(part) for part in core.parts],
+        "parts": [part.to_dict() for part in core.parts],
         "walls": core.simulator.walls,
         "worlds": core.worlds,
     }

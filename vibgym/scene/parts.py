@@ -144,6 +144,21 @@ class Part:
             self.symmetry != 0,
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """The part as a mapping for JSON, from which :func:`vibgym.config.part_from` makes an equal one."""
+        shape: dict[str, Any] = {"shape": "polygon", "vertices": self.outline.tolist()}
+        if self.symmetry == 0:
+            shape = {"shape": "disc", "radius": self._disc_radius()}
+        names = ("friction", "static_friction", "height", "mass", "name", "restitution", "contact_friction")
+        return {**shape, **{name: getattr(self, name) for name in names}}
+
+    def _disc_radius(self) -> float:
+        """The number that the disc was made from, to the last bit."""
+        near = math.sqrt(self.area / math.pi)
+        around = [near, *(near * (1.0 + k * 2.0**-53) for k in (-4, -3, -2, -1, 1, 2, 3, 4))]
+        same = (radius for radius in around if np.array_equal(outlines.disc_outline(radius), self.outline))
+        return next((radius for radius in same if math.pi * radius**2 == self.area), near)
+
     def same_as(self, other: Part) -> bool:
         """Whether the other part is one of the same kind: equal in all that physics knows of it."""
         return (

@@ -3,58 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.physics.averaged import contact, integrator
 from vibgym.physics.averaged.contact import AveragedScheme
-from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.friction.planar import slide_rows
-from vibgym.physics.friction.workspace import new_workspace
-from vibgym.scene.parts import Part, bodies_of, kinds_of
-from vibgym.scene.surface import Surface
+from vibgym.physics.friction.workspace import Scene, new_workspace
+from vibgym.scene.parts import bodies_of, kinds_of
+from vibgym.simulation.protocol import NO_PATHS, Model, Setup
 from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_schemes
 from vibgym.simulation.threads import Pool
-
-NO_PATHS = np.empty((0, 0, 3))
-"""For kernels that write down paths only if they are asked to."""
-
-
-@dataclass(frozen=True)
-class Setup:
-    """What a model is made for."""
-
-    surface: Surface
-    parts: tuple[Part, ...]
-    walls: tuple[str, ...]
-    hulls: Hulls  # of the parts
-    worlds: int
-
-    @property
-    def multibody(self) -> bool:
-        """Whether parts may touch one another, or walls."""
-        return len(self.parts) > 1 or len(self.walls) > 0
-
-
-class Model(Protocol):
-    """Advances blocks of worlds, several at a time in threads; keeps nothing of them from one call to the next."""
-
-    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
-        """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
-
-    def reset(self) -> None:
-        """Begin counting anew."""
-
-    def statistics(self, periods: int) -> dict[str, int]:
-        """See :attr:`vibgym.Simulator.statistics`; ``periods``: of all worlds together since the reset."""
-        ...
 
 
 class Alone:
@@ -79,9 +44,8 @@ class Planar(Alone):
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
         workspace = self._workspaces.borrow()
         try:
-            slide_rows(
-                np.arange(start, stop), drive, self._table, self._bodies, self._scheme, state, periods, NO_PATHS, 0, workspace
-            )  # fmt: skip
+            scene = Scene(self._table, self._bodies, self._scheme, drive, state, workspace)
+            slide_rows(np.arange(start, stop), scene, periods, NO_PATHS, 0)
         finally:
             self._workspaces.give_back(workspace)
 

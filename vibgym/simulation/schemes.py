@@ -11,7 +11,6 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.physics.averaged.contact import AveragedScheme
-from vibgym.physics.collision.multibody import MultibodyScheme
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.records import Scheme
 from vibgym.scene.hulls import WALLS
@@ -36,7 +35,10 @@ class PlanarSchemes(NamedTuple):
     """Schemes of the planar model: each kind's own without contacts, and what goes for all with them."""
 
     alone: tuple[Scheme, ...]  # one a kind
-    together: MultibodyScheme
+    together: Scheme  # of all parts where there are contacts
+    couplings: int  # fewest steps of the coupling from cut to cut
+    overlap: float  # m that an impact may add to the overlap of two parts
+    walls: int  # set of walls, a bit each
 
 
 def chosen(name: str, value: Any, most: int | None = None) -> int | None:
@@ -91,14 +93,13 @@ def planar_schemes(
     alone = [planar_scheme(surface, part, steps, substeps, pieces) for part in kinds]
     finest = max(alone, key=lambda scheme: scheme.steps)
     coupled = chosen("contact_steps", contact_steps) or CONTACT_STEPS
-    together = MultibodyScheme(
-        steps=np.array([scheme.steps for scheme in alone]),
-        with_contacts=finest,
+    return PlanarSchemes(
+        alone=tuple(alone),
+        together=finest,
         couplings=math.ceil(coupled / finest.steps),
         overlap=overlap,
         walls=sum(1 << WALLS.index(name) for name in walls),
     )
-    return PlanarSchemes(tuple(alone), together)
 
 
 def averaged_scheme(

@@ -33,18 +33,20 @@ def part_motion(workspace, part):
 
 
 @borrowing
-def pull_on(table, bodies, hulls, part, spin):
+def pull_on(encounter, part, spin):
     """What straight lines leave out, m/s^2: friction's acceleration, and the circles on which points of a spinning part go."""
-    return 2.0 * bodies.friction[bodies.kind[part]] * table.gravity + spin * spin * hulls.radius[part]
+    bodies, gravity = encounter.scene.bodies, encounter.scene.table.gravity
+    return 2.0 * bodies.friction[bodies.kind[part]] * gravity + spin * spin * encounter.hulls.radius[part]
 
 
 @borrowing
-def meet(approach, gap, later, bow, overlap, shortest, close, pair):
+def meet(encounter, approach, gap, later, bow, shortest, pair):
     """Take a gap into account that shrinks to ``later`` in the step, and may be smaller by ``bow`` (m)."""
     h, touching, impact = approach
     if later < bow:
-        touching = close[pair] = True
+        touching = encounter.contacts.close[pair] = True
         impact = impact or gap - later > RESTING * h
+    overlap = encounter.overlap
     least = min(gap, 0.0) - (overlap if gap - later > FAST * h else SLOWLY * overlap)
     if later < least:
         # The gap along a fixed direction is concave in time: its chord is met too early, never too late.
@@ -53,9 +55,10 @@ def meet(approach, gap, later, bow, overlap, shortest, close, pair):
 
 
 @borrowing
-def meet_wall(table, bodies, hulls, contacts, overlap, shortest, pair, part, wall, approach):
+def meet_wall(encounter, approach, shortest, pair, part, wall):
     """Take a part and a wall into account."""
-    x, y, vx, vy, spin = part_motion(contacts.friction, part)
+    table, hulls, placed = encounter.scene.table, encounter.hulls, encounter.contacts.placed
+    x, y, vx, vy, spin = part_motion(encounter.scene.workspace, part)
     nx, ny, border = 0.0, 0.0, 0.0
     if wall == LEFT:
         nx = -1.0
@@ -65,26 +68,26 @@ def meet_wall(table, bodies, hulls, contacts, overlap, shortest, pair, part, wal
         ny = -1.0
     else:
         ny, border = 1.0, table.rows * table.element_size
-    pull = pull_on(table, bodies, hulls, part, spin)
+    pull = pull_on(encounter, part, spin)
     h = approach.h
     if border - (nx * x + ny * y) > hulls.radius[part] + (nx * vx + ny * vy) * h + 0.5 * pull * h * h:
         return approach
     for a in range(hulls.owner[part], hulls.owner[part + 1]):
         h = approach.h
-        gap = border - farthest(hulls, contacts.placed, a, nx, ny, x, y, vx, vy, spin, 0.0)
-        later = border - farthest(hulls, contacts.placed, a, nx, ny, x, y, vx, vy, spin, h)
-        approach = meet(approach, gap, later, 0.5 * pull * h * h, overlap, shortest, contacts.close, pair)
+        gap = border - farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, 0.0)
+        later = border - farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h)
+        approach = meet(encounter, approach, gap, later, 0.5 * pull * h * h, shortest, pair)
     return approach
 
 
 @borrowing
-def meet_part(table, bodies, hulls, contacts, overlap, shortest, pair, i, j, approach):
+def meet_part(encounter, approach, shortest, pair, i, j):
     """Take two parts into account."""
-    placed = contacts.placed
-    xi, yi, ui, wi, si = part_motion(contacts.friction, i)
-    xj, yj, uj, wj, sj = part_motion(contacts.friction, j)
+    hulls, placed = encounter.hulls, encounter.contacts.placed
+    xi, yi, ui, wi, si = part_motion(encounter.scene.workspace, i)
+    xj, yj, uj, wj, sj = part_motion(encounter.scene.workspace, j)
     h = approach.h
-    bow = 0.5 * (pull_on(table, bodies, hulls, i, si) + pull_on(table, bodies, hulls, j, sj)) * h * h
+    bow = 0.5 * (pull_on(encounter, i, si) + pull_on(encounter, j, sj)) * h * h
     dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
     clear = hulls.radius[i] + hulls.radius[j] + math.sqrt(du * du + dw * dw) * h + bow
     if dx * dx + dy * dy > clear * clear:
@@ -105,28 +108,30 @@ def meet_part(table, bodies, hulls, contacts, overlap, shortest, pair, i, j, app
             else:
                 later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
                 later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
-            approach = meet(approach, gap, later, bow, overlap, shortest, contacts.close, pair)
+            approach = meet(encounter, approach, gap, later, bow, shortest, pair)
     return approach
 
 
 @borrowing
-def safe_step(table, bodies, hulls, overlap, pairs, n, contacts, h, shortest):
+def safe_step(encounter, pairs, n, h, shortest):
     """How long friction may go on alone, and whether anything may touch by then: ``contacts.close``.
 
+    Velocities may add as much as ``encounter.overlap`` to the overlap of two parts. What friction's acceleration adds in a
+    step, at most ``2 mu g h^2``, is for ``h`` to keep small.
+
     Args:
-        overlap: m that velocities may add to the overlap of two parts. What friction's acceleration adds in a step, at most
-            ``2 mu g h^2``, is for ``h`` to keep small.
+        pairs: of which ``n`` may come to touch.
         h, shortest: s, longest and shortest step.
     """
-    away = contacts.friction.away
+    away = encounter.scene.workspace.away
     approach = Approach(h, False, False)
     for pair in range(n):
-        contacts.close[pair] = False
+        encounter.contacts.close[pair] = False
         i, j = pairs[pair, 0], pairs[pair, 1]
         if away[i] or (j >= 0 and away[j]):
             continue
         if j < 0:
-            approach = meet_wall(table, bodies, hulls, contacts, overlap, shortest, pair, i, -1 - j, approach)
+            approach = meet_wall(encounter, approach, shortest, pair, i, -1 - j)
         else:
-            approach = meet_part(table, bodies, hulls, contacts, overlap, shortest, pair, i, j, approach)
+            approach = meet_part(encounter, approach, shortest, pair, i, j)
     return approach

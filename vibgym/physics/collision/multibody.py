@@ -24,22 +24,13 @@ from vibgym.physics.collision.broad_phase import (
 )
 from vibgym.physics.collision.coupling import collide_period
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import Scheme, State
+from vibgym.physics.core.records import State
+from vibgym.physics.core.reference import reference
 
 FREE, LOOKED, CONTACT, CALLS = 0, 1, 2, 3
 """Columns of the counts: periods in which nothing was near, in which nothing near touched, with contacts; solver calls."""
 
 COUNTS = 4
-
-
-class MultibodyScheme(NamedTuple):
-    """Steps, and what may be hit."""
-
-    steps: np.ndarray  # (kinds,) without contacts
-    with_contacts: Scheme  # of all parts where there are contacts
-    couplings: int  # fewest steps of the coupling from cut to cut
-    overlap: float  # m that an impact may add to the overlap of two parts
-    walls: int  # set of walls, a bit each
 
 
 class Prospect(NamedTuple):
@@ -51,19 +42,21 @@ class Prospect(NamedTuple):
     rows: np.ndarray  # (kinds, worlds * parts) what goes without contacts, as world * parts + part
     count: np.ndarray  # (kinds,) number of rows
     paths: np.ndarray  # (worlds * parts, most steps + 1, 3)
+    steps: np.ndarray  # (kinds,) steps a period of each kind
     kept: State  # of the worlds that may have to take the period again
 
 
-def new_prospect(worlds: int, kinds: int, parts: int, steps: int) -> Prospect:
-    """Arrays for a block of ``worlds`` and up to ``steps`` steps a period."""
+def new_prospect(worlds: int, parts: int, steps: np.ndarray) -> Prospect:
+    """Arrays for a block of ``worlds`` with so many parts, of kinds that take ``steps`` a period."""
     flags = (worlds, parts)
     return Prospect(
         mode=np.zeros(worlds, np.int64),
         pairs=np.empty((worlds, pair_capacity(parts), 2), np.int64),
         found=np.zeros(worlds, np.int64),
-        rows=np.empty((kinds, worlds * parts), np.int64),
-        count=np.zeros(kinds, np.int64),
-        paths=np.empty((worlds * parts, steps + 1, 3)),
+        rows=np.empty((len(steps), worlds * parts), np.int64),
+        count=np.zeros(len(steps), np.int64),
+        paths=np.empty((worlds * parts, int(steps.max()) + 1, 3)),
+        steps=steps,
         kept=State(
             np.empty((*flags, 3)), np.empty((*flags, 3)), np.empty((*flags, 3)),
             np.empty(flags, bool), np.empty(flags, bool), np.empty(flags, bool), np.empty(worlds, bool),
@@ -82,12 +75,19 @@ def copy_world(source, world, target, to):
 
 
 @borrowing
-def broad_phase(start, stop, table, bodies, hulls, walls, state, prospect, contacts):
+def broad_phase(start, stop, encounter, prospect):
     """Find what may touch in worlds ``start`` to ``stop`` within the next period, and write it into ``prospect``.
 
     Returns:
         Whether any world has near pairs, whose paths must be written down, and whether any touches.
     """
+    encounter, prospect = reference(encounter), reference(prospect)
+    table, bodies, state, contacts = (
+        encounter.scene.table,
+        encounter.scene.bodies,
+        encounter.scene.state,
+        encounter.contacts,
+    )
     parts = state.pose.shape[1]
     any_near, any_touching = False, False
     for kind in range(prospect.count.shape[0]):
@@ -98,11 +98,11 @@ def broad_phase(start, stop, table, bodies, hulls, walls, state, prospect, conta
         found, mode = 0, NEVER
         if not state.diverged[world]:
             found = near_pairs(
-                table, bodies, hulls, walls, state.pose[world], state.velocity[world], state.fallen[world],
-                0.0, pairs, contacts.reach, contacts.order,
+                table, bodies, encounter.hulls, encounter.walls,
+                state.pose[world], state.velocity[world], state.fallen[world], 0.0, pairs, contacts.reach, contacts.order,
             )  # fmt: skip
         if found > 0:
-            mode = proximity(table, hulls, state.pose[world], pairs, found, contacts.placed)
+            mode = proximity(table, encounter.hulls, state.pose[world], pairs, found, contacts.placed)
         prospect.found[w], prospect.mode[w] = found, mode
         if mode == NEAR:
             any_near = True
@@ -118,30 +118,33 @@ def broad_phase(start, stop, table, bodies, hulls, walls, state, prospect, conta
 
 
 @borrowing
-def was_hit(world, w, table, bodies, hulls, scheme, state, prospect, contacts):
+def was_hit(world, w, encounter, prospect):
     """Whether the period that a world has taken without contacts would have had some."""
-    kept, parts = prospect.kept, state.pose.shape[1]
+    scene, kept = encounter.scene, prospect.kept
+    parts = scene.state.pose.shape[1]
     for p in range(parts):  # a wall may be in the way of a part that leaves the table
-        if scheme.walls != 0 and state.fallen[world, p] and not kept.fallen[w, p]:
+        if encounter.walls != 0 and scene.state.fallen[world, p] and not kept.fallen[w, p]:
             return True
     return paths_cross(
-        table, bodies, hulls, prospect.paths, scheme.steps, w * parts, prospect.pairs[w], prospect.found[w],
-        contacts.placed,
+        scene.table, scene.bodies, encounter.hulls, prospect.paths, prospect.steps, w * parts, prospect.pairs[w],
+        prospect.found[w], encounter.contacts.placed,
     )  # fmt: skip
 
 
 @borrowing
-def resolve(start, stop, drive, table, bodies, hulls, scheme, solver, state, prospect, counts, contacts):
+def resolve(start, stop, encounter, prospect, counts):
     """After the period without contacts: take it with contacts in the worlds that need it.
 
     Args:
         counts: (worlds, COUNTS) int64, added to.
     """
+    encounter, prospect = reference(encounter), reference(prospect)
+    state = encounter.scene.state
     for world in range(start, stop):
         w = world - start
         mode = prospect.mode[w]
         if mode == NEAR and not state.diverged[world]:
-            if was_hit(world, w, table, bodies, hulls, scheme, state, prospect, contacts):
+            if was_hit(world, w, encounter, prospect):
                 mode = TOUCHING
                 copy_world(prospect.kept, w, state, world)
             else:
@@ -150,16 +153,4 @@ def resolve(start, stop, drive, table, bodies, hulls, scheme, solver, state, pro
             counts[world, FREE] += 1
         if mode == TOUCHING:
             counts[world, CONTACT] += 1
-            counts[world, CALLS] += collide_period(
-                world,
-                drive,
-                table,
-                bodies,
-                hulls,
-                scheme,
-                solver,
-                state,
-                prospect.pairs[w],
-                prospect.found[w],
-                contacts,
-            )
+            counts[world, CALLS] += collide_period(world, encounter, prospect.pairs[w], prospect.found[w])

@@ -48,12 +48,11 @@ class Solver(NamedTuple):
 
 
 @borrowing
-def solve(solver, hulls, sticking, contacts, h, entered, impact, undo):
+def solve(encounter, world, h, entered, impact, undo):
     """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
 
     Args:
-        sticking: (parts,) bool: moving with the table. A part that is pushed sticks no longer.
-        contacts: working arrays, with poses and velocities.
+        encounter: see :class:`vibgym.physics.collision.coupling.Encounter`.
         h: s, the step's length.
         entered: whether the parts are in the solver already.
         impact: whether parts rebound.
@@ -62,7 +61,8 @@ def solve(solver, hulls, sticking, contacts, h, entered, impact, undo):
     Returns:
         Whether any part was hit: its velocity has changed by more than ``JOLT``. Such parts are marked as stale.
     """
-    workspace = contacts.friction
+    solver, hulls, contacts = encounter.solver, encounter.hulls, encounter.contacts
+    workspace, sticking = encounter.scene.workspace, encounter.scene.state.sticking
     parts, away = solver.bodies.shape[0], workspace.away
     data, cursor, pose, velocity = solver.data, solver.cursor, workspace.pose, workspace.velocity
     for p in range(parts):
@@ -99,7 +99,7 @@ def solve(solver, hulls, sticking, contacts, h, entered, impact, undo):
                 arm = 1.0 if k < 2 else hulls.radius[p]
                 change = max(change, arm * abs(data[6 * p + 3 + k] - velocity[g, at]))
                 velocity[g, at] = data[6 * p + 3 + k]
-                sticking[p] = False
+                sticking[world, p] = False  # a part that is pushed sticks no longer
             contacts.settled[p, k] = data[6 * p + k]
             data[3 * p + k] = 0.0
         if change > JOLT:

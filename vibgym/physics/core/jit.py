@@ -19,6 +19,7 @@ cache off, and ``NUMBA_CACHE_DIR`` says where it is.
 from __future__ import annotations
 
 import functools
+import gc
 import hashlib
 import logging
 import os
@@ -57,7 +58,40 @@ class _Unfinished(codegen.JITCodeLibrary):
         self._finalized = True
 
 
-class _CalledCompiler(compiler.Compiler):
+class _Typing:
+    """A typing context that remembers what operators yield: numba asks again for every plus sign, several times."""
+
+    known: dict[Any, Any] = {}
+
+    def __init__(self, context: Any) -> None:
+        self._context = context
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._context, name)
+
+    def resolve_function_type(self, function: Any, arguments: Any, named: Any) -> Any:
+        """Signature of a call."""
+        plain = getattr(function, "__module__", None) == "_operator" or all(
+            isinstance(each, (types.Number, types.Boolean)) for each in arguments
+        )
+        if named or not plain:
+            return self._context.resolve_function_type(function, arguments, named)
+        key = function, tuple(arguments)
+        if key not in self.known:
+            self.known[key] = self._context.resolve_function_type(function, arguments, named)
+        return self.known[key]
+
+
+class _Compiler(compiler.Compiler):
+    """Compiles a kernel that Python calls."""
+
+    def define_pipelines(self) -> Any:
+        state: Any = self.state
+        state.typingctx = _Typing(state.typingctx)
+        return super().define_pipelines()
+
+
+class _CalledCompiler(_Compiler):
     """Writes a kernel down for the kernels that call it."""
 
     def define_pipelines(self) -> Any:
@@ -94,12 +128,17 @@ class _Kernel(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         if CACHE and not self.overloads:
             self.enable_caching()
+        collecting = gc.isenabled()
+        gc.disable()  # it would go through all of numba's notes again and again
         try:
             return super().compile(sig)
         except OSError as error:  # from the cache: a full disk, a file that may not be read
             _warn_about_cache(str(error))
             self._cache.disable()
             return super().compile(sig)
+        finally:
+            if collecting:
+                gc.enable()
 
     def enable_caching(self) -> None:
         try:
@@ -114,7 +153,11 @@ class _Kernel(CPUDispatcher):
 
 
 def _kernel(function: Any, **more: Any) -> Any:
-    return function if config.DISABLE_JIT else _Kernel(py_func=function, targetoptions={**OPTIONS, **more})
+    return (
+        function
+        if config.DISABLE_JIT
+        else _Kernel(py_func=function, targetoptions={**OPTIONS, **more}, pipeline_class=_Compiler)
+    )
 
 
 def jit(function: Any) -> Any:
@@ -173,6 +216,17 @@ def _warn_about_cache(reason: str) -> None:
     )
 
 
+def cache_folder(kernel: Any = None) -> str | None:
+    """Where a kernel is kept once it is compiled, by default one of this file's package; None: nowhere."""
+    if not CACHE:
+        return None
+    if kernel is None:
+        kernel = jit(cache_folder)
+        kernel.enable_caching()
+    folder = getattr(kernel._cache, "cache_path", None)
+    return None if folder is None else config.CACHE_DIR or folder
+
+
 class _Announcer(event.Listener):
     """Says on stderr, once a process, that kernels are being compiled: the first step would look as if it hung."""
 
@@ -183,8 +237,8 @@ class _Announcer(event.Listener):
         if self.said or not isinstance(kernel, _Kernel):
             return
         self.said = True
-        folder = getattr(kernel._cache, "cache_path", None)
-        kept = "not kept" if folder is None else f"kept in {config.CACHE_DIR or folder}"
+        folder = cache_folder(kernel)
+        kept = "not kept" if folder is None else f"kept in {folder}"
         # A warning, so that it shows where nobody has configured logging, and where only warnings show.
         LOGGER.warning(
             "vibgym: compiling kernels, once for this processor: the first step takes %s (%s)", FIRST_STEP, kept

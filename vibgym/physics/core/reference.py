@@ -24,6 +24,7 @@ class Reference(types.Type):
 
     def __init__(self, record: Any) -> None:
         self.record = record
+        self.offsets: dict[int, int] = {}  # of fields, in bytes, as they are asked for
         # Names of types become part of the names of functions: keep them short.
         digest = hashlib.sha256(str(record).encode()).hexdigest()[:12]
         super().__init__(name=f"Reference({record.instance_class.__name__}, {digest})")
@@ -37,7 +38,7 @@ class Reference(types.Type):
 @register_default(Reference)
 class _ReferenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, manager.lookup(kind.record).get_value_type().as_pointer())
+        super().__init__(manager, kind, cgutils.voidptr_t)  # the record's own type would be written out at every turn
 
 
 @infer_getattr
@@ -53,10 +54,19 @@ class _Fields(AttributeTemplate):
 def _read_field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
     index = kind.record.fields.index(name)
     field = kind.field(index)
-    place = cgutils.gep_inbounds(builder, pointer, 0, index)
+    place = cgutils.gep_inbounds(builder, pointer, _offset(context, kind, index))
     if isinstance(field, Reference):
         return place
+    place = builder.bitcast(place, context.get_value_type(field).as_pointer())
     return impl_ret_borrowed(context, builder, field, builder.load(place))
+
+
+def _offset(context: Any, kind: Any, index: int) -> int:
+    """Of a field, in bytes."""
+    if index not in kind.offsets:
+        layout = context.get_value_type(kind.record)
+        kind.offsets[index] = layout.get_element_offset(context.target_data, index)
+    return kind.offsets[index]
 
 
 def _reference(typingctx: Any, record: Any) -> Any:
@@ -65,7 +75,7 @@ def _reference(typingctx: Any, record: Any) -> Any:
         return None
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        return cgutils.alloca_once_value(builder, values[0])
+        return builder.bitcast(cgutils.alloca_once_value(builder, values[0]), cgutils.voidptr_t)
 
     return Reference(record)(record), generate
 

@@ -10,15 +10,19 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.reference import reference
 from vibgym.physics.friction.stepper import apply_friction, copy_lane, cut_stale, enter_part, finite_lane
 from vibgym.physics.friction.workspace import Step
 
 
 @borrowing
-def begin_period(state, workspace):
+def begin_period(scene):
     """Remember where the period began; returns whether any part can move."""
+    state, workspace = scene.state, scene.workspace
     pose, velocity = workspace.pose[0], workspace.velocity[0]
     for k in range(3 * LANES):
         workspace.begun_pose[0, k], workspace.begun_velocity[0, k] = pose[k], velocity[k]
@@ -33,8 +37,9 @@ def begin_period(state, workspace):
 
 
 @borrowing
-def end_period(state, workspace, lane):
+def end_period(scene, lane):
     """After a period: a part whose numbers make no sense goes back to where it was, one that has fallen rests."""
+    state, workspace = scene.state, scene.workspace
     world, part = workspace.world[lane], workspace.part[lane]
     pose, velocity = workspace.pose[0], workspace.velocity[0]
     if state.diverged[world] or not (finite_lane(pose, lane) and finite_lane(velocity, lane)):
@@ -49,11 +54,11 @@ def end_period(state, workspace, lane):
 
 
 @borrowing
-def write_paths(state, workspace, count, paths, base, node):
+def write_paths(scene, count, paths, base, node):
     """Write down where the first ``count`` lanes are, if paths are asked for."""
     if paths.shape[0] == 0:
         return
-    parts = state.pose.shape[1]
+    workspace, parts = scene.workspace, scene.state.pose.shape[1]
     for lane in range(count):
         row = workspace.world[lane] * parts + workspace.part[lane] - base
         for k in range(3):
@@ -61,48 +66,51 @@ def write_paths(state, workspace, count, paths, base, node):
 
 
 @borrowing
-def slide_period(table, bodies, scheme, drive, state, workspace, count, paths, base):
+def slide_period(scene, count, paths, base):
     """Advance the first ``count`` lanes by a period; returns whether any part could move."""
-    can_move = begin_period(state, workspace)
-    write_paths(state, workspace, count, paths, base, 0)
+    can_move = begin_period(scene)
+    write_paths(scene, count, paths, base, np.int64(0))
     if not can_move:
         return False
+    table, scheme, workspace = scene.table, scene.scheme, scene.workspace
     span = table.period / scheme.steps
     stages = 3 * scheme.substeps
     advance = 2.0 * math.pi / table.period * (span / stages)
     for turn in range(scheme.steps):
         for lane in range(LANES):
             workspace.stale[lane] = True
-        cut_stale(table, bodies, scheme, drive, state, workspace, span, False)
+        cut_stale(scene, span, False)
         step = Step(
             advance * (stages * turn), span, table.period / (scheme.steps * scheme.substeps), scheme.substeps,
             scheme.cosine, scheme.sine, stages * turn, 3,
         )  # fmt: skip
-        apply_friction(table, bodies, scheme, drive, state, workspace, step)
-        write_paths(state, workspace, count, paths, base, turn + 1)
+        apply_friction(scene, reference(step))
+        write_paths(scene, count, paths, base, turn + 1)
     for lane in range(count):
-        end_period(state, workspace, lane)
+        end_period(scene, lane)
     return True
 
 
 @borrowing
-def slide_rows(rows, drive, table, bodies, scheme, state, periods, paths, base, workspace):
-    """Advance parts without contacts by whole periods under a held drive, changing ``state`` in place.
+def slide_rows(rows, scene, periods, paths, base):
+    """Advance parts without contacts by whole periods under a held drive, changing the state in place.
 
     Args:
         rows: (n,) the parts, as ``world * parts + part``.
+        scene: with a workspace of one group of lanes.
         paths: (all rows, steps + 1, 3) overwritten with the poses of the last period at the ends of its steps, or no rows at
             all. The first is that of row ``base``.
-        workspace: of one group of lanes.
     """
+    scene = reference(scene)
+    state, workspace = scene.state, scene.workspace
     parts = state.pose.shape[1]
     for first in range(0, rows.shape[0], LANES):
         count = min(LANES, rows.shape[0] - first)
         for lane in range(LANES):
             row = rows[first + min(lane, count - 1)]
-            enter_part(table, bodies, state, workspace, lane, row // parts, row % parts, lane >= count)
+            enter_part(scene, lane, row // parts, row % parts, lane >= count)
         for _ in range(periods):
-            if not slide_period(table, bodies, scheme, drive, state, workspace, count, paths, base):
+            if not slide_period(scene, count, paths, base):
                 break
         for lane in range(count):
             world, part = workspace.world[lane], workspace.part[lane]
@@ -110,4 +118,4 @@ def slide_rows(rows, drive, table, bodies, scheme, state, periods, paths, base, 
                 at = k * LANES + lane
                 pose = workspace.pose[0, at]
                 state.pose[world, part, k], state.velocity[world, part, k] = pose, workspace.velocity[0, at]
-                state.mean_velocity[world, part, k] = (pose - workspace.begun_pose[0, at]) / table.period
+                state.mean_velocity[world, part, k] = (pose - workspace.begun_pose[0, at]) / scene.table.period

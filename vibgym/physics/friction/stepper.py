@@ -41,12 +41,13 @@ def finite_lane(values, lane):
 
 
 @borrowing
-def enter_part(table, bodies, state, workspace, slot, world, part, away):
+def enter_part(scene, slot, world, part, away):
     """Put a part into a slot; ``away``: it is not on the table, or the slot stays empty and only copies that part."""
+    state, workspace = scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
-    body = body_of(bodies, bodies.kind[part])
+    body = body_of(scene.bodies, scene.bodies.kind[part])
     workspace.world[slot], workspace.part[slot], workspace.away[slot] = world, part, away
-    workspace.most_square[slot], workspace.slow_rate[slot] = limits(table, body)
+    workspace.most_square[slot], workspace.slow_rate[slot] = limits(scene.table, body)
     own = workspace.own[g]
     own[2 * LANES + lane], own[3 * LANES + lane] = body.friction, 1.0 / body.gyration
     for k in range(3):
@@ -56,15 +57,16 @@ def enter_part(table, bodies, state, workspace, slot, world, part, away):
 
 
 @borrowing
-def cut_part(table, bodies, scheme, drive, state, workspace, slot, left, pushed):
+def cut_part(scene, slot, left, pushed):
     """Cut what will lie under a slot's part after half of ``left`` s; how it takes its next steps depends on it.
 
     Args:
         pushed: whether others may push the part. Then it may be stopped before it falls, and may stick no longer.
     """
+    table, state, workspace = scene.table, scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
     world, part = workspace.world[slot], workspace.part[slot]
-    body = body_of(bodies, bodies.kind[part])
+    body = body_of(scene.bodies, scene.bodies.kind[part])
     pose, velocity, cut = workspace.pose[g], workspace.velocity[g], workspace.cut
     vx, vy, spin = velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane]
     # Where the part will be in the middle of the step decides on what it rests.
@@ -76,7 +78,7 @@ def cut_part(table, bodies, scheme, drive, state, workspace, slot, left, pushed)
         fate = place_part(table, body, 1, x, y, heading, cut)
     by_points, held, inverse_area = False, 0, 0.0
     if fate == PLACED:
-        by_points = scheme.pieces > 0 or cuts_needed(table, left, vx, vy, spin) > 1
+        by_points = scene.scheme.pieces > 0 or cuts_needed(table, left, vx, vy, spin) > 1
         by_points = by_points or (state.sticking[world, part] and not pushed)
         if not by_points:
             pieces, rows, columns = workspace.pieces[g], workspace.rows, workspace.columns
@@ -84,7 +86,7 @@ def cut_part(table, bodies, scheme, drive, state, workspace, slot, left, pushed)
             smallest = NEGLIGIBLE_PIECE * body.area / (table.element_size * table.element_size)
             cut_outline(cut.outline_x[:corners], cut.outline_y[:corners], cut.cells, cut.box)
             held, area = collect_pieces(cut.cells, cut.box, table, x, y, smallest, pieces, rows, columns, lane)
-            read_phasors(drive, world, rows, columns, held, workspace.phasors, slot, pieces, lane)
+            read_phasors(scene.drive, world, rows, columns, held, workspace.phasors, slot, pieces, lane)
             if held > 0:
                 inverse_area = 1.0 / area
             else:
@@ -98,8 +100,9 @@ def cut_part(table, bodies, scheme, drive, state, workspace, slot, left, pushed)
 
 
 @borrowing
-def cut_stale(table, bodies, scheme, drive, state, workspace, left, pushed):
+def cut_stale(scene, left, pushed):
     """Cut what lies under every stale part, see :func:`cut_part`, and bring the moments of its group up to date."""
+    workspace = scene.workspace
     for g in range(workspace.pose.shape[0]):
         cut, most = False, 0
         for lane in range(LANES):
@@ -109,7 +112,7 @@ def cut_stale(table, bodies, scheme, drive, state, workspace, left, pushed):
                 if workspace.away[slot]:
                     workspace.held[g, lane], workspace.inverse_area[g, lane] = 0, 0.0
                 else:
-                    cut_part(table, bodies, scheme, drive, state, workspace, slot, left, pushed)
+                    cut_part(scene, slot, left, pushed)
                 cut = True
             most = max(most, workspace.held[g, lane])
         if cut and most > 0:
@@ -118,18 +121,20 @@ def cut_stale(table, bodies, scheme, drive, state, workspace, left, pushed):
             for lane in range(LANES):
                 clear_pieces(pieces, lane, workspace.held[g, lane], most)
             pressure_moments(
-                pieces, most, table.element_size, workspace.inverse_area[g], workspace.moments[g], workspace.spare, scheme.lanes
+                pieces, most, scene.table.element_size, workspace.inverse_area[g], workspace.moments[g], workspace.spare,
+                scene.scheme.lanes,
             )  # fmt: skip
 
 
 @borrowing
-def take_by_points(table, bodies, scheme, drive, state, workspace, step, slot):
+def take_by_points(scene, step, slot):
     """Take the step for one part, by contact points."""
+    state, workspace = scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
     world, part = workspace.world[slot], workspace.part[slot]
     pose, velocity = workspace.pose[g], workspace.velocity[g]
     motion, stuck, supported = slide_by_points(
-        table, body_of(bodies, bodies.kind[part]), scheme.pieces, drive, world, step,
+        scene.table, body_of(scene.bodies, scene.bodies.kind[part]), scene.scheme.pieces, scene.drive, world, step,
         workspace.cut, workspace.phasors, slot,
         Motion(
             pose[lane], pose[LANES + lane], pose[2 * LANES + lane],
@@ -159,8 +164,9 @@ def series_held(workspace, g, lane, h):
 
 
 @borrowing
-def apply_friction(table, bodies, scheme, drive, state, workspace, step):
+def apply_friction(scene, step):
     """Let friction alone move all parts for a step."""
+    state, workspace = scene.state, scene.workspace
     for g in range(workspace.pose.shape[0]):
         pose, velocity = workspace.pose[g], workspace.velocity[g]
         old_pose, old_velocity = workspace.old_pose[g], workspace.old_velocity[g]
@@ -170,7 +176,9 @@ def apply_friction(table, bodies, scheme, drive, state, workspace, step):
         if series:
             for k in range(3 * LANES):
                 old_pose[k], old_velocity[k] = pose[k], velocity[k]
-            slide_by_series(table, step, workspace.moments[g], pose, velocity, workspace.own[g], scheme.lanes)
+            slide_by_series(
+                scene.table, step, workspace.moments[g], pose, velocity, workspace.own[g], scene.scheme.lanes
+            )
         for lane in range(LANES):
             slot = g * LANES + lane
             away = workspace.away[slot]
@@ -182,4 +190,4 @@ def apply_friction(table, bodies, scheme, drive, state, workspace, step):
                 copy_lane(old_pose, pose, lane)
                 copy_lane(old_velocity, velocity, lane)
             if again:
-                take_by_points(table, bodies, scheme, drive, state, workspace, step, slot)
+                take_by_points(scene, step, slot)

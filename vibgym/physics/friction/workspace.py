@@ -1,4 +1,4 @@
-"""Working arrays of the friction stepper, and what a step is."""
+"""What the friction stepper works on: its working arrays, the scene with all that it looks at, and what a step is."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 from vibgym.physics.contact_area.cut import Cut, cells_across, finest_split, new_cut
 from vibgym.physics.contact_area.phasors import Phasors, new_phasors
 from vibgym.physics.contact_area.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
-from vibgym.physics.core.records import Bodies, Scheme, Table, body_of
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import Bodies, Scheme, State, Table, body_of
 
 
 class Step(NamedTuple):
@@ -56,6 +57,17 @@ class Workspace(NamedTuple):
     sine: np.ndarray
     cut: Cut
     phasors: Phasors
+
+
+class Scene(NamedTuple):
+    """What friction moves, and how; kernels hand it on by reference (:mod:`vibgym.physics.core.reference`)."""
+
+    table: Table
+    bodies: Bodies
+    scheme: Scheme
+    drive: Drive
+    state: State
+    workspace: Workspace
 
 
 def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> Workspace:

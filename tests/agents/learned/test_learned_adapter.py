@@ -2,7 +2,6 @@
 
 import warnings
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import PPO
@@ -16,17 +15,6 @@ from tests.envs.helpers import SMALL, batch, single
 WORLDS = 3
 
 
-class Flat(gym.ActionWrapper):
-    """One flat vector of actions, as the adapter asks for."""
-
-    def __init__(self, env):
-        super().__init__(env)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (int(np.prod(env.action_space.shape)),), np.float32)
-
-    def action(self, action):
-        return action.reshape(self.env.action_space.shape)
-
-
 def adapter(task="Align", worlds=WORLDS, **settings):
     return StableBaselinesAdapter(batch(task, worlds, autoreset_mode="SameStep", **settings))
 
@@ -38,7 +26,7 @@ def adapter(task="Align", worlds=WORLDS, **settings):
 ])  # fmt: skip
 def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(settings):
     mine = adapter(**settings)
-    theirs = DummyVecEnv([lambda: Monitor(Flat(single("Align", **settings)))] * WORLDS)
+    theirs = DummyVecEnv([lambda: Monitor(single("Align", **settings))] * WORLDS)
     assert mine.num_envs == theirs.num_envs == WORLDS
     assert mine.action_space == theirs.action_space and mine.observation_space == theirs.observation_space
     mine.seed(5), theirs.seed(5)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 
+import gymnasium as gym
 import numpy as np
 import pytest
 import torch
@@ -19,7 +20,12 @@ from agents.learned.settings import load_settings
 from agents.learned.storage import load_set, save_set
 from agents.learned.train import Progress, make_env, make_model, train
 from agents.learned.trained import load_trained
-from tests.agents.helpers import situation
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+from tests.agents.helpers import info_of
+from tests.envs.helpers import single
+from vibgym.envs import VibgymEnv
+from vibgym.tasks import TASKS, Transport
 
 TEXT = """
 task: Rotate
@@ -98,11 +104,11 @@ def test_the_policy_on_disk_predicts_what_the_model_does(tmp_path, activation):
         for parameter in model.policy.parameters():
             parameter.add_(0.4 * torch.randn_like(parameter))
     checkpoint.save_policy(tmp_path / "policy.json", model, settings, {})
-    policy = load_trained(tmp_path / "policy.json", situation("Rotate"))
+    policy = load_trained(tmp_path / "policy.json", info_of("Rotate"))
     seen = np.random.default_rng(0).uniform(-1, 1, (200, 18)).astype(np.float32)
     expected, _ = model.predict(seen, deterministic=True)
     action, _ = policy.predict(seen)
-    assert action.shape == (200, 1, 4, 4, 2)
+    assert action.shape == (200, 32)
     assert np.abs(action.reshape(200, -1) - expected).max() < 1e-5
     assert (np.abs(expected) == 1).any() and (np.abs(expected) < 1).mean() > 0.2
 
@@ -263,6 +269,43 @@ def test_bad_files_write_nothing(tmp_path):
         with pytest.raises(ValueError, match=named):
             train(config, tmp_path / "run", quiet=True)
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("task", ["Sort", "SortTwelve", "mine/Park-v0", "Park"])
+def test_any_registered_task_can_be_trained(tmp_path, monkeypatch, task):
+    """Environments of the package by name, others by their whole name, and tasks that have no environment."""
+
+    class Park(Transport):
+        """A task of a user's."""
+
+    monkeypatch.setattr(TASKS, "_items", {**TASKS, "Park": Park})
+    entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
+    spec = gym.envs.registration.EnvSpec("mine/Park-v0", max_episode_steps=9, kwargs={"task": "Park"}, **entry)
+    monkeypatch.setitem(gym.registry, "mine/Park-v0", spec)
+    config = tmp_path / "any.yaml"
+    text = (
+        TEXT.replace("task: Rotate", f"task: {task}")
+        .replace("steps: 8192", "steps: 64")
+        .replace("worlds: 32", "worlds: 2")
+    )
+    config.write_text(text.replace("action: patch", "action: field").replace("batch_size: 256", "batch_size: 64"))
+    path = train(config, tmp_path / "run", quiet=True)
+    name = {"mine/Park-v0": "Park"}.get(task, task)
+    assert load_set(path, "vibgym-policy")[1]["task"] == name
+    where = {"task": "Park"} if name == "Park" else {}
+    env = VibgymEnv(action="field", **where) if where else single(name, action="field")
+    policy = make_policy(str(path), TaskInfo.of(env))
+    seen, _ = env.reset(seed=0)
+    env.step(policy.predict(seen)[0])
+
+
+@pytest.mark.parametrize("task", ["Juggle", "mine/Nowhere-v0", 3])
+def test_unknown_tasks_are_refused(tmp_path, task):
+    config = tmp_path / "bad.yaml"
+    config.write_text(TEXT.replace("task: Rotate", f"task: {task}"))
+    with pytest.raises(ValueError, match="bad.yaml.task: got ") as error:
+        load_settings(config)
+    assert "\n" not in str(error.value) and (task == 3 or "'Transport'" in str(error.value))
 
 
 def test_two_runs_of_one_file_are_the_same(config, tmp_path):

@@ -15,8 +15,8 @@ import pytest
 from agents.learned.storage import load_set, save_set
 from agents.learned.trained import KIND as POLICY
 from agents.learned.trained import TrainedPolicy, load_trained
-from agents.policy import make_policy
-from tests.agents.helpers import situation
+from agents.registry import make_policy
+from tests.agents.helpers import info_of
 from vibgym.files import write_atomically
 
 KIND = "vibgym-test"
@@ -200,21 +200,21 @@ def saved(tmp_path, tensors=None, **changes):
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
 def test_a_loaded_policy_is_its_network(tmp_path, activation):
     tensors = network()
-    policy = make_policy(str(saved(tmp_path, tensors, activation=activation)), situation("Align"))
+    policy = make_policy(str(saved(tmp_path, tensors, activation=activation)), info_of("Align"))
     assert isinstance(policy, TrainedPolicy) and (policy.action, policy.observation) == ("field", "state")
     seen = np.random.default_rng(1).uniform(-1, 1, (7, 18)).astype(np.float32)
     hidden = seen @ tensors["layer0.weight"].T + tensors["layer0.bias"]
     hidden = np.tanh(hidden) if activation == "tanh" else np.maximum(hidden, 0)
     mean = hidden @ tensors["layer1.weight"].T + tensors["layer1.bias"]
     action, state = policy.predict(seen, "kept")
-    assert action.shape == (7, 1, 6) and action.dtype == np.float32 and state == "kept"
-    assert action[:, 0] == pytest.approx(np.clip(mean, -1, 1), abs=1e-5)
+    assert action.shape == (7, 6) and action.dtype == np.float32 and state == "kept"
+    assert action == pytest.approx(np.clip(mean, -1, 1), abs=1e-5)
     one, _ = policy.predict(seen[2])
-    assert one.shape == (1, 6) and one == pytest.approx(action[2], abs=1e-6)
+    assert one.shape == (6,) and one == pytest.approx(action[2], abs=1e-6)
     draws = np.array([policy.predict(0 * seen[0], deterministic=False)[0] for _ in range(300)])
-    inner = np.abs(policy.predict(0 * seen[0])[0][0]) < 0.2
+    inner = np.abs(policy.predict(0 * seen[0])[0]) < 0.2
     assert draws.dtype == np.float32 and draws.std(axis=0).max() > 0.1 and np.abs(draws).max() <= 1.0
-    assert draws.std(axis=0)[0][inner] == pytest.approx(np.exp(-1.0), rel=0.2)
+    assert draws.std(axis=0)[inner] == pytest.approx(np.exp(-1.0), rel=0.2)
 
 
 def without(name):
@@ -234,7 +234,7 @@ def without(name):
 def test_policies_that_do_not_fit_are_refused(tmp_path, changes, message):
     path = saved(tmp_path, **changes)
     with pytest.raises(ValueError, match=message) as error:
-        load_trained(path, situation("Align"))
+        load_trained(path, info_of("Align"))
     assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
@@ -242,7 +242,7 @@ def test_a_checkpoint_is_not_a_policy(tmp_path):
     path = tmp_path / "checkpoint.json"
     save_set(path, "vibgym-checkpoint", network(), RECORD)
     with pytest.raises(ValueError, match="vibgym-checkpoint.*vibgym-policy"):
-        load_trained(path, situation("Align"))
+        load_trained(path, info_of("Align"))
 
 
 def test_loading_and_acting_need_neither_torch_nor_pickle(tmp_path):
@@ -252,9 +252,11 @@ def test_loading_and_acting_need_neither_torch_nor_pickle(tmp_path):
 import builtins, marshal, pickle, sys
 from pathlib import Path
 import numpy as np
-from agents.policy import Situation, make_policy
-from vibgym import Part, Surface
-situation = Situation("Align", Surface(), Part.rectangle(0.05, 0.035, friction=0.58))
+import gymnasium
+import vibgym
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+info = TaskInfo.of(gymnasium.make("vibgym/Align-v0"))
 read = []
 def hook(event, arguments):
     if event == "open" and isinstance(arguments[0], str) and str({str(tmp_path)!r}) in arguments[0]:
@@ -262,14 +264,14 @@ def hook(event, arguments):
     if event in ("exec", "compile", "pickle.find_class", "marshal.loads") and ARMED:
         raise SystemExit(f"code ran: {{event}} {{arguments}}")
 ARMED = False
-make_policy({str(path)!r}, situation)  # lazy imports happen here
+make_policy({str(path)!r}, info)  # lazy imports happen here
 read.clear()
 sys.addaudithook(hook)
 ARMED = True
-policy = make_policy({str(path)!r}, situation)
+policy = make_policy({str(path)!r}, info)
 action, _ = policy.predict(np.zeros(18))
 ARMED = False
-assert action.shape == (1, 6), action
+assert action.shape == (6,), action
 assert sorted(read) == [".json", ".safetensors"], read
 assert "torch" not in sys.modules and "stable_baselines3" not in sys.modules
 """
@@ -288,4 +290,4 @@ def test_unknown_number_types_are_refused(tmp_path, kind):
     tensor_file(path).write_bytes(data)
     rewritten(sha256=hashlib.sha256(data).hexdigest())(path)
     with pytest.raises(ValueError, match=f"{path}: tensors.*whole safetensors"):
-        load_trained(path, situation("Align"))
+        load_trained(path, info_of("Align"))
