@@ -47,6 +47,7 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
         ("Transport", "open_loop"),
         ("Transport", "mine"),
         ("Transport", "shepherd"),  # nobody knows what an object serves
+        ("Transport", "local_fields"),
         ("Transport", "zero"),
         ("Sort", "shepherd"),
         ("Sort", "still"),
@@ -73,8 +74,8 @@ def test_every_environment_can_be_evaluated() -> None:
 
 
 def test_one_error_names_what_does_not_fit() -> None:
-    with pytest.raises(ValueError, match=r"policies \(local_fields on Transport\)"):
-        evaluation.prepare(settings(policies=["zero", {"kind": "local_fields", "tasks": ["Transport"]}]))
+    with pytest.raises(ValueError, match=r"policies \(open_loop on Sort\)"):
+        evaluation.prepare(settings(policies=["zero", {"kind": "open_loop", "tasks": ["Sort"]}]))
 
 
 def test_what_is_asked_in_words() -> None:
