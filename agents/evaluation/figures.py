@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
+from PIL import Image
 
 from agents.evaluation.results import Results
 from agents.evaluation.rollout import Rollout
@@ -44,8 +46,9 @@ def new_figure(width: float, height: float) -> Figure:
 
 def png(figure: Figure) -> bytes:
     """The figure as a file."""
-    file = io.BytesIO()
-    figure.savefig(file, format="png", metadata={"Software": None})
+    canvas, file = FigureCanvasAgg(figure), io.BytesIO()
+    canvas.draw()  # once: savefig draws twice, for the layout first
+    Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).save(file, format="PNG")
     return file.getvalue()
 
 

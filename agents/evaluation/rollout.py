@@ -110,7 +110,7 @@ def run(
     """Run ``policy`` on ``task``, one world for each seed.
 
     The policy gets observations and nothing else. Every world counts with its first episode; all have ended on return. One
-    that has ended is parked: it goes on with its first part alone, which costs little, and nobody looks.
+    that has ended begins another with its first part alone, which costs little, and nobody looks.
 
     Args:
         policy: predicts actions for a batch.
@@ -132,6 +132,7 @@ def run(
     base: Any = env.unwrapped
     observation, info = env.reset(seed=list(seeds))  # type: ignore[arg-type]
     log = Log(base, info, base.max_episode_steps)
+    parked: dict[str, Any] = {"parts": [0]} if len(base.parts) > 1 else {}
     alive, start = np.ones(worlds, dtype=bool), np.ones(worlds, dtype=bool)
     state, step, timed, policy_time, environment_time = None, 0, 0, 0.0, 0.0
     with tqdm(total=worlds, desc=f"{task:>9} {name:<12}", unit="ep", disable=quiet) as bar:
@@ -155,7 +156,7 @@ def run(
                 alive &= ~ended
                 bar.update(int(ended.sum()))
             if start.any() and alive.any():
-                observation, _ = env.reset(options={"reset_mask": start, "parts": [0]})
+                observation, _ = env.reset(options={"reset_mask": start, **parked})
     env.close()
     return Rollout(
         task=task,
