@@ -3,8 +3,8 @@
     python -m benchmarks.cold_start            # this tree
     python -m benchmarks.cold_start /work/base # and another one, in turn, on the same machine
 
-Times are from before ``gym.make`` to after the first step, without the imports. Processor time is given as well: it depends less
-on what else the machine does.
+Times are from before ``gym.make`` to after the first step, without the imports. Processor time is given as well: it
+depends less on what else the machine does.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def probe(tree: Path, task: str, cache: str) -> list[list[float]]:
     """Wall and processor time, s, of the first step and of that with a further action, in a process of its own."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": cache, "PYTHONPATH": str(tree)}
     done = subprocess.run(
-        [sys.executable, "-c", PROBE, str(tree), task], cwd=tree, env=environment, text=True, check=True, stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
+        [sys.executable, "-c", PROBE, str(tree), task], cwd=tree, env=environment, text=True, check=True,
+        stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     return json.loads(done.stdout)
 
