@@ -18,6 +18,24 @@ from vibgym import checks
 from vibgym.registry import Registry
 
 
+def local_field(info: TaskInfo, **arguments: Any) -> Policy:
+    """:class:`LocalFieldPolicy` where every part has a goal pose of its own."""
+    if not info.has_goal:
+        raise checks.refuse(
+            "policy 'local_field'", f"the task {info.name}", "tasks with goal poses; see 'local_fields'"
+        )
+    return LocalFieldPolicy(info, **arguments)
+
+
+def local_fields(info: TaskInfo, **arguments: Any) -> Policy:
+    """:class:`LocalFieldPolicy` where parts share zones, or shall be apart."""
+    if info.has_goal:
+        raise checks.refuse(
+            "policy 'local_fields'", f"the task {info.name}", "tasks without goal poses; see 'local_field'"
+        )
+    return LocalFieldPolicy(info, **arguments)
+
+
 def trained(info: TaskInfo, *, path: str) -> Policy:
     """The trained policy in a JSON file; ``{task}`` in its path is replaced by the task's name in lower case.
 
@@ -37,17 +55,17 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
         "zero": ZeroPolicy,
         "random": RandomPolicy,
         "open_loop": OpenLoopPolicy,
-        "local_field": LocalFieldPolicy,
-        "local_fields": LocalFieldPolicy,
+        "local_field": local_field,
+        "local_fields": local_fields,
         "planner": PlannerPolicy,
         "trained": trained,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.
 
-``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose. ``"local_field"`` and
-``"local_fields"`` are one law under the names of its two uses, one part and several at once; it and ``"planner"`` serve every
-task that asks for places: goals, zones, or a distance to keep.
+``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"planner"`` those that ask
+for places: goals, zones, or a distance to keep. ``"local_field"`` and ``"local_fields"`` are one law under the names of its two
+uses: parts with goal poses of their own, and parts that share zones or shall be apart.
 """
 
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from agents.control.allocation import Allocator
-from agents.control.measured import Measured, measure, wrap
+from agents.control.measured import Measured, wrap
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.layout import LEAST_SPEED
@@ -85,7 +85,7 @@ class Steering:
         Raises:
             ValueError: an observation of another shape.
         """
-        measured = measure(observation, self.info)
+        measured = Measured.of(observation, self.info)
         if self.ahead == 0.0:
             return measured
         moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin

@@ -29,31 +29,31 @@ class Measured:
     gap: np.ndarray  # distance to the nearest other part, m, capped at about eight elements; infinite for one part
     single: bool  # whether one observation without batch axis was given
 
+    @classmethod
+    def of(cls, observation: Any, info: TaskInfo) -> Measured:
+        """Decode one state observation or a batch of them.
 
-def measure(observation: Any, info: TaskInfo) -> Measured:
-    """Decode one state observation or a batch of them.
+        Raises:
+            ValueError: the array is not (size,) or (batch, size).
+        """
+        layout, values = info.layout, check_state(observation, info.layout)
+        rows = np.atleast_2d(values)
+        none = np.zeros((len(rows), len(info.parts), 1))
 
-    Raises:
-        ValueError: the array is not (size,) or (batch, size).
-    """
-    layout, values = info.layout, check_state(observation, info.layout)
-    rows = np.atleast_2d(values)
-    none = np.zeros((len(rows), len(info.parts), 1))
+        def quantity(name: str, default: np.ndarray = none) -> np.ndarray:
+            return layout.quantity(rows, name) if name in layout else default
 
-    def quantity(name: str, default: np.ndarray = none) -> np.ndarray:
-        return layout.quantity(rows, name) if name in layout else default
-
-    return Measured(
-        present=quantity("present", none + 1.0)[..., 0] > 0.5,
-        centre=quantity("position"),
-        heading=quantity("heading")[..., 0],
-        way=quantity("way", np.repeat(none, 2, axis=-1)),
-        turn=quantity("turn")[..., 0],
-        velocity=quantity("velocity"),
-        spin=quantity("spin")[..., 0],
-        gap=quantity("gap", none + math.inf)[..., 0],
-        single=values.ndim == 1,
-    )
+        return cls(
+            present=quantity("present", none + 1.0)[..., 0] > 0.5,
+            centre=quantity("position"),
+            heading=quantity("heading")[..., 0],
+            way=quantity("way", np.repeat(none, 2, axis=-1)),
+            turn=quantity("turn")[..., 0],
+            velocity=quantity("velocity"),
+            spin=quantity("spin")[..., 0],
+            gap=quantity("gap", none + math.inf)[..., 0],
+            single=values.ndim == 1,
+        )
 
 
 def check_state(observation: Any, layout: Layout) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.measured import measure, recall
+from agents.control.measured import Measured, recall
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.fields import radial, squeeze, tangential
@@ -60,7 +60,7 @@ class OpenLoopPolicy:
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Field of the goal latched at the episode's start; the state is a :class:`Plan`."""
-        info, measured = self.info, measure(observation, self.info)
+        info, measured = self.info, Measured.of(observation, self.info)
         plan, new = recall(state, episode_start, self.initial(len(measured.centre)))
         plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
         plan.goal[new, 2] = (measured.heading + measured.turn)[new, 0]

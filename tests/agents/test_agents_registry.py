@@ -29,9 +29,11 @@ def test_policies_are_made_from_names_mappings_and_objects():
     mine = Mine(info)
     assert make_policy(mine, info) is mine
     for name in NAMES:
+        info = info_of("Sort" if name == "local_fields" else "Align")
         named, mapped = make_policy(name, info), make_policy({"kind": name}, info)
         assert type(named) is type(mapped) and hasattr(named, "predict")
         assert named.action in ("element", "phasor", "patch", "field") and named.observation == "state"
+    info = info_of()
     tuned = make_policy({"kind": "local_field", "response": 0.1, "braking": 0.5, "approach": 3.0}, info)
     assert isinstance(tuned, LocalFieldPolicy) and tuned.response.tolist() == [0.1]
     assert (tuned.braking, tuned.approach) == (0.5, 3.0)
@@ -91,8 +93,12 @@ def test_bad_arguments_are_refused(policy, named):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("task", ["Sort", "Singulate"])
-def test_policies_say_which_tasks_they_do_not_serve(task):
-    with pytest.raises(ValueError, match=f"policy 'open_loop'.*{task}.*one part with a goal pose") as error:
-        make_policy("open_loop", info_of(task))
+@pytest.mark.parametrize("name, task, allowed", [
+    ("open_loop", "Sort", "one part with a goal pose"), ("open_loop", "Singulate", "one part with a goal pose"),
+    ("local_field", "Singulate", "with goal poses.*'local_fields'"),
+    ("local_fields", "Align", "without goal poses.*'local_field'"),
+])  # fmt: skip
+def test_policies_say_which_tasks_they_do_not_serve(name, task, allowed):
+    with pytest.raises(ValueError, match=f"policy '{name}'.*{task}.*tasks.*{allowed}") as error:
+        make_policy(name, info_of(task))
     assert "\n" not in str(error.value)

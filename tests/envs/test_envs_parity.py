@@ -68,7 +68,7 @@ def test_parts_that_fall(mode):
 @pytest.mark.parametrize("task", TASKS)
 def test_success(task, mode):
     policy = make_policy("local_field", TaskInfo.of(single(task)))
-    ends = side_by_side(task, mode, {"action": "field"}, lambda seen: policy.predict(seen)[0], 260)
+    ends = side_by_side(task, mode, {"action": policy.action}, lambda seen: policy.predict(seen)[0], 260)
     assert ends["success"] >= WORLDS
 
 

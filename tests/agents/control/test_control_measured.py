@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from agents.control.measured import measure, recall, started, wrap
+from agents.control.measured import Measured, recall, started, wrap
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from tests.agents.helpers import ARRANGED_TASKS, POSE_TASKS, info_of
@@ -30,7 +30,7 @@ def test_it_is_the_true_state(task, settings):
     symmetry = np.array([part.symmetry for part in info.parts])
     for _ in range(5):
         rows, *_ = env.step(env.action_space.sample())
-        measured, truth = measure(rows, info), env.unwrapped.truth
+        measured, truth = Measured.of(rows, info), env.unwrapped.truth
         there, pose = truth.present, truth.pose
         assert (measured.present == there).all() and there.all() == (len(info.parts) == 1)
         assert measured.centre[there] == pytest.approx(pose[there][:, :2], abs=1e-6)
@@ -48,7 +48,7 @@ def test_it_is_the_true_state(task, settings):
         else:
             assert (measured.gap == math.inf).all()
         assert not measured.single
-        one = measure(rows[2], info)
+        one = Measured.of(rows[2], info)
         assert one.single and all(
             (getattr(one, name) == getattr(measured, name)[2:3]).all() for name in ("centre", "gap")
         )
