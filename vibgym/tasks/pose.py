@@ -68,7 +68,8 @@ class PoseTask(Task):
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         text = f"{self.name}   distance {1e3 * episode.position_error[world]:.1f} mm"
         if self.has_heading:
-            text += f"   heading {np.degrees(relations.error[world, 0, 2]):+.1f} deg to go"
+            turn = round(float(np.degrees(relations.error[world, 0, 2])), 1) + 0.0  # + 0.0: not "-0.0"
+            text += f"   heading {turn:+.1f} deg to go"
         return text
 
     def somewhere(self, uniform: np.ndarray) -> np.ndarray:
