@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.physics.core.jit import borrowing, jit
+from vibgym.physics.core.reference import reference
 
 LEFT, RIGHT, BOTTOM, TOP = 0, 1, 2, 3
 """Walls along the borders: bits of a set of walls, and sides of :func:`wall_gap`."""
@@ -158,7 +159,7 @@ def all_gaps(hulls, pose, gaps):
         pose: (worlds, parts, 3) m, m, rad.
         gaps: (worlds, parts, parts) m, overwritten; infinite on the diagonal.
     """
-    parts = pose.shape[1]
+    hulls, parts = reference(hulls), pose.shape[1]
     placed = np.empty_like(hulls.corner)
     for world in range(pose.shape[0]):
         for i in range(parts):

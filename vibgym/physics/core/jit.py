@@ -126,6 +126,10 @@ class _CalledCompiler(_Compiler):
 class _Called(CPUDispatcher):
     """A kernel as other kernels see it."""
 
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        # numba would compile a kernel for True and once more for False.
+        return super().get_call_template(tuple(types.unliteral(each) for each in args), kws)
+
     def add_overload(self, cres: Any) -> None:
         # There is no machine code whose address could stand for this overload; any object can.
         cres = cres._replace(entry_point=object())
