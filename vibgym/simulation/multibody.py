@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from vibgym.physics.collision.coupling import MULTIBODY, MultibodySetup, new_contacts
+from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, FixedEncounter, new_contacts
 from vibgym.physics.collision.multibody import (
     CALLS,
     CONTACT,
@@ -24,10 +24,10 @@ from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.physics.core.reference import Pinned
 from vibgym.physics.friction.planar import slide_rows
-from vibgym.physics.friction.workspace import SETUP, Setup, new_workspace
+from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of
 from vibgym.simulation.contact_space import ContactSpace
-from vibgym.simulation.protocol import NO_PATHS, Made
+from vibgym.simulation.protocol import NO_PATHS, Setup
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
 
@@ -41,7 +41,7 @@ class Multibody:
         counts: (worlds, 4) periods and solver calls since the reset, see :data:`STATISTICS`.
     """
 
-    def __init__(self, setup: Made, schemes: PlanarSchemes) -> None:
+    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         self._tools = Pool(partial(Tools, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
 
@@ -83,18 +83,20 @@ class Tools:
         alone: for any eight parts of each kind, without; all of them work on the same arrays.
     """
 
-    def __init__(self, setup: Made, schemes: PlanarSchemes) -> None:
+    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         table, bodies = setup.surface.table(), bodies_of(setup.parts)
         self.parts = len(setup.parts)
         self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
-        friction = Setup(table, bodies, schemes.together, new_workspace(table, bodies, schemes.together, self.parts))
-        together = MultibodySetup(
+        friction = FixedScene(
+            table, bodies, schemes.together, new_workspace(table, bodies, schemes.together, self.parts)
+        )
+        together = FixedEncounter(
             friction, setup.hulls, self._space.solver, new_contacts(self.parts, setup.hulls),
             schemes.couplings, schemes.overlap, schemes.walls,
         )  # fmt: skip
-        self.together = Pinned(MULTIBODY, together)
+        self.together = Pinned(FIXED_ENCOUNTER, together)
         workspace = new_workspace(table, bodies, schemes.together, LANES)
-        self.alone = [Pinned(SETUP, Setup(table, bodies, scheme, workspace)) for scheme in schemes.alone]
+        self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in schemes.alone]
         self._steps = np.array([scheme.steps for scheme in schemes.alone])
         self._prospects: dict[int, Pinned[Prospect]] = {}
 

@@ -19,7 +19,7 @@ NO_PATHS = np.empty((0, 0, 3))
 
 
 @dataclass(frozen=True)
-class Made:
+class Setup:
     """What a model is made for."""
 
     surface: Surface

@@ -19,7 +19,7 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.models import MODELS as FIXED
-from vibgym.simulation.protocol import Made
+from vibgym.simulation.protocol import Setup
 
 MODELS = (*FIXED, "auto")
 
@@ -101,7 +101,7 @@ class Simulator:
         self.worlds = checks.count("worlds", worlds)
         checks.choice("model", model, MODELS)
         self.hulls = hulls_of(self.parts)
-        setup = Made(surface, self.parts, self.walls, self.hulls, self.worlds)
+        setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds)
         kinds, _ = kinds_of(self.parts)
         if model == "auto":
             for name, value in knobs.items():

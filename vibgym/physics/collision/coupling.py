@@ -25,7 +25,7 @@ from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.reference import Layout, reference
 from vibgym.physics.friction.stepper import apply_friction, cut_stale, enter_part
-from vibgym.physics.friction.workspace import Scene, Setup, Step
+from vibgym.physics.friction.workspace import FixedScene, Scene, Step
 
 SHORTEST = 1.0 / 2048.0
 """Length of the shortest step of the coupling, as a share of the longest."""
@@ -57,10 +57,10 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
     )
 
 
-class MultibodySetup(NamedTuple):
+class FixedEncounter(NamedTuple):
     """What stays the same from call to call, pinned in memory."""
 
-    friction: Setup  # with the steps for contacts, and a slot for every part of a world
+    friction: FixedScene  # with the steps for contacts, and a slot for every part of a world
     hulls: Hulls
     solver: Solver
     contacts: Contacts
@@ -69,8 +69,8 @@ class MultibodySetup(NamedTuple):
     walls: int
 
 
-MULTIBODY: Layout[MultibodySetup] = Layout("MULTIBODY", __name__)
-multibody_at = MULTIBODY.at
+FIXED_ENCOUNTER: Layout[FixedEncounter] = Layout("FIXED_ENCOUNTER", __name__)
+fixed_encounter_at = FIXED_ENCOUNTER.at
 
 
 class Encounter(NamedTuple):

@@ -22,7 +22,7 @@ from vibgym.physics.collision.broad_phase import (
     paths_cross,
     proximity,
 )
-from vibgym.physics.collision.coupling import Encounter, collide_period, multibody_at
+from vibgym.physics.collision.coupling import Encounter, collide_period, fixed_encounter_at
 from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import State, state_at
 from vibgym.physics.core.reference import Layout, reference
@@ -80,16 +80,16 @@ def copy_world(source, world, target, to):
 
 
 @borrowing
-def broad_phase(start, stop, setup, state, prospect):
+def broad_phase(start, stop, fixed, state, prospect):
     """Find what may touch in worlds ``start`` to ``stop`` within the next period, and write it into ``prospect``.
 
     Args:
-        setup, state, prospect: addresses of pinned records.
+        fixed, state, prospect: addresses of pinned records.
 
     Returns:
         Whether any world has near pairs, whose paths must be written down, and whether any touches.
     """
-    fixed, state, prospect = multibody_at(setup), state_at(state), prospect_at(prospect)
+    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect)
     table, bodies, hulls, contacts = fixed.friction.table, fixed.friction.bodies, fixed.hulls, fixed.contacts
     parts = state.pose.shape[1]
     any_near, any_touching = False, False
@@ -135,14 +135,14 @@ def was_hit(world, w, encounter, prospect):
 
 
 @borrowing
-def resolve(start, stop, setup, drive, state, prospect, counts):
+def resolve(start, stop, fixed, drive, state, prospect, counts):
     """After the period without contacts: take it with contacts in the worlds that need it.
 
     Args:
-        setup, state, prospect: addresses of pinned records.
+        fixed, state, prospect: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
     """
-    fixed, state, prospect = multibody_at(setup), state_at(state), prospect_at(prospect)
+    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect)
     friction = fixed.friction
     scene = Scene(friction.table, friction.bodies, friction.scheme, reference(drive), state, friction.workspace)
     encounter = reference(

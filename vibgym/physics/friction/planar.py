@@ -17,7 +17,7 @@ from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import state_at
 from vibgym.physics.core.reference import reference
 from vibgym.physics.friction.stepper import apply_friction, copy_lane, cut_stale, enter_part, finite_lane
-from vibgym.physics.friction.workspace import Scene, Step, setup_at
+from vibgym.physics.friction.workspace import Scene, Step, fixed_scene_at
 
 
 @borrowing
@@ -93,16 +93,16 @@ def slide_period(scene, count, paths, base):
 
 
 @borrowing
-def slide_rows(rows, setup, drive, state, periods, paths, base):
+def slide_rows(rows, fixed, drive, state, periods, paths, base):
     """Advance parts without contacts by whole periods under a held drive, changing the state in place.
 
     Args:
         rows: (n,) the parts, as ``world * parts + part``.
-        setup, state: addresses of pinned records; the workspace is one for a group of lanes.
+        fixed, state: addresses of pinned records; the workspace is one for a group of lanes.
         paths: (all rows, steps + 1, 3) overwritten with the poses of the last period at the ends of its steps, or no rows at
             all. The first is that of row ``base``.
     """
-    fixed = setup_at(setup)
+    fixed = fixed_scene_at(fixed)
     scene = reference(
         Scene(fixed.table, fixed.bodies, fixed.scheme, reference(drive), state_at(state), fixed.workspace)
     )

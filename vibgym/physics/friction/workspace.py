@@ -60,7 +60,7 @@ class Workspace(NamedTuple):
     phasors: Phasors
 
 
-class Setup(NamedTuple):
+class FixedScene(NamedTuple):
     """What stays the same from call to call, pinned in memory (:mod:`vibgym.physics.core.reference`)."""
 
     table: Table
@@ -69,8 +69,8 @@ class Setup(NamedTuple):
     workspace: Workspace
 
 
-SETUP: Layout[Setup] = Layout("SETUP", __name__)
-setup_at = SETUP.at
+FIXED_SCENE: Layout[FixedScene] = Layout("FIXED_SCENE", __name__)
+fixed_scene_at = FIXED_SCENE.at
 
 
 class Scene(NamedTuple):
