@@ -3,8 +3,8 @@
     python -m benchmarks.cold_start            # this tree
     python -m benchmarks.cold_start /work/base # and another one, in turn, on the same machine
 
-Times are from before ``gym.make`` to after the first step, without the imports. Processor time is given as well: it depends
-less on what else the machine does.
+Times are from before ``gym.make`` to after the first step, without the imports. Processor time is given as well: it
+depends less on what else the machine does.
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 import json
 
 import gymnasium as gym
-import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
@@ -95,7 +94,9 @@ def test_pictures_show_zones_and_only_parts_that_are_there():
         assert env.unwrapped.truth.present[0].sum() == count
         pictures[count] = env.render()
     assert [(zone.kind, zone.label) for zone in scenery.zones] == [(0, "steel block"), (1, "aluminium block")]
-    assert scenery.zones[1].low == pytest.approx((0.676, 0.0)) and scenery.zones[1].high == pytest.approx((0.832, 0.208))
+    assert scenery.zones[1].low == pytest.approx((0.676, 0.0)) and scenery.zones[1].high == pytest.approx(
+        (0.832, 0.208)
+    )
     assert (pictures[1] != pictures[6]).any()
     dark = [(picture.sum(axis=2) < 250).sum() for picture in pictures.values()]
     assert dark[1] > 1.5 * dark[0]  # six parts cover more than one

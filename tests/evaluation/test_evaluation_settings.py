@@ -47,7 +47,6 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
         ("Transport", "open_loop"),
         ("Transport", "mine"),
         ("Transport", "shepherd"),  # nobody knows what an object serves
-        ("Transport", "local_fields"),
         ("Transport", "zero"),
         ("Sort", "shepherd"),
         ("Sort", "still"),

@@ -14,10 +14,11 @@ from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
+from vibgym.physics.core.reference import Pinned
 from vibgym.physics.friction.planar import slide_rows
-from vibgym.physics.friction.workspace import Scene, new_workspace
+from vibgym.physics.friction.workspace import SETUP, Setup, new_workspace
 from vibgym.scene.parts import bodies_of, kinds_of
-from vibgym.simulation.protocol import NO_PATHS, Model, Setup
+from vibgym.simulation.protocol import NO_PATHS, Made, Model
 from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_schemes
 from vibgym.simulation.threads import Pool
 
@@ -36,39 +37,42 @@ class Alone:
 class Planar(Alone):
     """The planar model of one part a world."""
 
-    def __init__(self, setup: Setup, scheme: Scheme) -> None:
-        self._table, self._bodies, self._scheme = setup.surface.table(), bodies_of(setup.parts), scheme
-        self._workspaces = Pool(partial(new_workspace, self._table, self._bodies, scheme, LANES))
+    def __init__(self, setup: Made, scheme: Scheme) -> None:
+        self._setups = Pool(partial(_planar_setup, setup, scheme))
 
-    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
-        workspace = self._workspaces.borrow()
+        setup = self._setups.borrow()
         try:
-            scene = Scene(self._table, self._bodies, self._scheme, drive, state, workspace)
-            slide_rows(np.arange(start, stop), scene, periods, NO_PATHS, 0)
+            slide_rows(np.arange(start, stop), setup.address, drive, state.address, periods, NO_PATHS, 0)
         finally:
-            self._workspaces.give_back(workspace)
+            self._setups.give_back(setup)
+
+
+def _planar_setup(setup: Made, scheme: Scheme) -> Pinned[Setup]:
+    """What one thread needs."""
+    table, bodies = setup.surface.table(), bodies_of(setup.parts)
+    return Pinned(SETUP, Setup(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES)))
 
 
 class Averaged(Alone):
     """The averaged model, of one part a world."""
 
-    def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
+    def __init__(self, setup: Made, scheme: AveragedScheme) -> None:
         self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
         self._workspaces = Pool(partial(contact.new_workspace, self._table, self._body))
 
-    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """See :class:`Model`."""
         workspace = self._workspaces.borrow()
         try:
-            integrator.advance_worlds(
-                start, stop, drive, self._table, self._body, self._scheme, state, periods, workspace
-            )
+            scene = integrator.AveragedScene(self._table, self._body, self._scheme, drive, state.record, workspace)
+            integrator.advance_worlds(start, stop, scene, periods)
         finally:
             self._workspaces.give_back(workspace)
 
 
-def planar(setup: Setup, knobs: Mapping[str, Any]) -> Model:
+def planar(setup: Made, knobs: Mapping[str, Any]) -> Model:
     """The planar model, for one part or for several."""
     if setup.multibody:
         check_knobs("planar", planar_schemes, knobs)
@@ -82,7 +86,7 @@ def planar(setup: Setup, knobs: Mapping[str, Any]) -> Model:
     return Multibody(setup, schemes)
 
 
-def averaged(setup: Setup, knobs: Mapping[str, Any]) -> Model:
+def averaged(setup: Made, knobs: Mapping[str, Any]) -> Model:
     """The averaged model."""
     if setup.multibody:
         raise checks.refuse("model", "averaged", "'planar' with several parts or walls: contacts are resolved in time")
@@ -90,5 +94,5 @@ def averaged(setup: Setup, knobs: Mapping[str, Any]) -> Model:
     return Averaged(setup, averaged_scheme(setup.surface, setup.parts[0], **knobs))
 
 
-MODELS: Mapping[str, Callable[[Setup, Mapping[str, Any]], Model]] = {"planar": planar, "averaged": averaged}
+MODELS: Mapping[str, Callable[[Made, Mapping[str, Any]], Model]] = {"planar": planar, "averaged": averaged}
 """By name. Each raises ValueError for a knob that the model does not have, a bad value, or a scene that it does not cover."""

@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.collision.coupling import Contacts, Encounter, new_contacts
+from vibgym.physics.collision.coupling import MULTIBODY, MultibodySetup, new_contacts
 from vibgym.physics.collision.multibody import (
     CALLS,
     CONTACT,
     COUNTS,
     FREE,
     LOOKED,
+    PROSPECT,
+    Prospect,
     broad_phase,
     new_prospect,
     resolve,
 )
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.records import Bodies, State
+from vibgym.physics.core.records import State
+from vibgym.physics.core.reference import Pinned
 from vibgym.physics.friction.planar import slide_rows
-from vibgym.physics.friction.workspace import Scene, Workspace, new_workspace
+from vibgym.physics.friction.workspace import SETUP, Setup, new_workspace
 from vibgym.scene.parts import bodies_of
 from vibgym.simulation.contact_space import ContactSpace
-from vibgym.simulation.protocol import NO_PATHS, Setup
+from vibgym.simulation.protocol import NO_PATHS, Made
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
 
@@ -39,34 +41,25 @@ class Multibody:
         counts: (worlds, 4) periods and solver calls since the reset, see :data:`STATISTICS`.
     """
 
-    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
-        self._schemes, self._hulls = schemes, setup.hulls
-        self._table, self._bodies = setup.surface.table(), bodies_of(setup.parts)
-        self._steps = np.array([scheme.steps for scheme in schemes.alone])
-        self._tools = Pool(partial(_make_tools, setup, self._bodies, schemes))
+    def __init__(self, setup: Made, schemes: PlanarSchemes) -> None:
+        self._tools = Pool(partial(Tools, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
 
-    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
-        table, bodies, schemes = self._table, self._bodies, self._schemes
-        parts = state.pose.shape[1]
-        prospect = new_prospect(stop - start, parts, self._steps)
         tools = self._tools.borrow()
-        alone = [Scene(table, bodies, scheme, drive, state, tools.one) for scheme in schemes.alone]
-        encounter = Encounter(
-            Scene(table, bodies, schemes.together, drive, state, tools.all), self._hulls, tools.space.solver, tools.contacts,
-            schemes.couplings, schemes.overlap, schemes.walls,
-        )  # fmt: skip
+        prospect = tools.prospect(stop - start)
+        together, seen, at, first = tools.together.address, prospect.address, state.address, start * tools.parts
+        rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
         try:
             for _ in range(periods):
-                near, touching = broad_phase(start, stop, encounter, prospect)
-                paths = prospect.paths if near else NO_PATHS
-                for kind, scene in enumerate(alone):
-                    rows = prospect.rows[kind, : prospect.count[kind]]
-                    if len(rows):
-                        slide_rows(rows, scene, 1, paths, start * parts)
+                near, touching = broad_phase(start, stop, together, at, seen)
+                for kind, alone in enumerate(tools.alone):
+                    if count[kind]:
+                        chosen = rows[kind, : count[kind]]
+                        slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
                 if near or touching:
-                    resolve(start, stop, encounter, prospect, self.counts)
+                    resolve(start, stop, together, drive, at, seen, self.counts)
                 else:
                     self.counts[start:stop, FREE] += 1
         finally:
@@ -81,20 +74,32 @@ class Multibody:
         return {name: int(self.counts[:, column].sum()) for name, column in STATISTICS.items()}
 
 
-class Tools(NamedTuple):
-    """What one thread needs."""
+class Tools:
+    """What one thread needs.
 
-    space: ContactSpace
-    contacts: Contacts
-    all: Workspace  # of a world's parts together
-    one: Workspace  # of any eight parts of one kind
+    Attributes:
+        parts: of a world.
+        together: for the parts of a world, with contacts.
+        alone: for any eight parts of each kind, without; all of them work on the same arrays.
+    """
 
+    def __init__(self, setup: Made, schemes: PlanarSchemes) -> None:
+        table, bodies = setup.surface.table(), bodies_of(setup.parts)
+        self.parts = len(setup.parts)
+        self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
+        friction = Setup(table, bodies, schemes.together, new_workspace(table, bodies, schemes.together, self.parts))
+        together = MultibodySetup(
+            friction, setup.hulls, self._space.solver, new_contacts(self.parts, setup.hulls),
+            schemes.couplings, schemes.overlap, schemes.walls,
+        )  # fmt: skip
+        self.together = Pinned(MULTIBODY, together)
+        workspace = new_workspace(table, bodies, schemes.together, LANES)
+        self.alone = [Pinned(SETUP, Setup(table, bodies, scheme, workspace)) for scheme in schemes.alone]
+        self._steps = np.array([scheme.steps for scheme in schemes.alone])
+        self._prospects: dict[int, Pinned[Prospect]] = {}
 
-def _make_tools(setup: Setup, bodies: Bodies, schemes: PlanarSchemes) -> Tools:
-    table, parts = setup.surface.table(), len(setup.parts)
-    return Tools(
-        ContactSpace(setup.surface, setup.parts, setup.walls),
-        new_contacts(parts, setup.hulls),
-        new_workspace(table, bodies, schemes.together, parts),
-        new_workspace(table, bodies, schemes.together, LANES),
-    )
+    def prospect(self, worlds: int) -> Pinned[Prospect]:
+        """Arrays for a block of so many worlds."""
+        if worlds not in self._prospects:
+            self._prospects[worlds] = Pinned(PROSPECT, new_prospect(worlds, self.parts, self._steps))
+        return self._prospects[worlds]

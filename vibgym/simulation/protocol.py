@@ -10,6 +10,7 @@ import numpy as np
 from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
+from vibgym.physics.core.reference import Pinned
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -18,7 +19,7 @@ NO_PATHS = np.empty((0, 0, 3))
 
 
 @dataclass(frozen=True)
-class Setup:
+class Made:
     """What a model is made for."""
 
     surface: Surface
@@ -36,7 +37,7 @@ class Setup:
 class Model(Protocol):
     """Advances blocks of worlds, several at a time in threads; keeps nothing of them from one call to the next."""
 
-    def advance(self, start: int, stop: int, drive: Drive, state: State, periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
 
     def reset(self) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.physics.core.drive import Drive, polar_drive
-from vibgym.physics.core.records import State
+from vibgym.physics.core.records import STATE, State
+from vibgym.physics.core.reference import Pinned
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
 from vibgym.scene.parts import Part, kinds_of
@@ -18,7 +19,7 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.models import MODELS as FIXED
-from vibgym.simulation.models import Setup
+from vibgym.simulation.protocol import Made
 
 MODELS = (*FIXED, "auto")
 
@@ -100,7 +101,7 @@ class Simulator:
         self.worlds = checks.count("worlds", worlds)
         checks.choice("model", model, MODELS)
         self.hulls = hulls_of(self.parts)
-        setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds)
+        setup = Made(surface, self.parts, self.walls, self.hulls, self.worlds)
         kinds, _ = kinds_of(self.parts)
         if model == "auto":
             for name, value in knobs.items():
@@ -126,6 +127,7 @@ class Simulator:
             doubtful=np.zeros(shape[:2], dtype=bool),
             diverged=np.zeros(self.worlds, dtype=bool),
         )
+        self._pinned = Pinned(STATE, self._state)
         self._periods = 0
         self._counted = 0  # periods since the last reset; snapshots leave it alone
 
@@ -190,7 +192,7 @@ class Simulator:
     def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
         periods = checks.count("periods", periods)
-        advance, state = self._model.advance, self._state
+        advance, state = self._model.advance, self._pinned
 
         def work(start: int, stop: int) -> None:
             advance(start, stop, drive, state, periods)

@@ -23,9 +23,9 @@ from vibgym.physics.collision.hulls import Hulls, place_hulls
 from vibgym.physics.collision.solver import JOLT, Solver, forget_impacts, leave, solve
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.reference import reference
+from vibgym.physics.core.reference import Layout, reference
 from vibgym.physics.friction.stepper import apply_friction, cut_stale, enter_part
-from vibgym.physics.friction.workspace import Scene, Step
+from vibgym.physics.friction.workspace import Scene, Setup, Step
 
 SHORTEST = 1.0 / 2048.0
 """Length of the shortest step of the coupling, as a share of the longest."""
@@ -57,10 +57,26 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
     )
 
 
+class MultibodySetup(NamedTuple):
+    """What stays the same from call to call, pinned in memory."""
+
+    friction: Setup  # with the steps for contacts, and a slot for every part of a world
+    hulls: Hulls
+    solver: Solver
+    contacts: Contacts
+    couplings: int
+    overlap: float
+    walls: int
+
+
+MULTIBODY: Layout[MultibodySetup] = Layout("MULTIBODY", __name__)
+multibody_at = MULTIBODY.at
+
+
 class Encounter(NamedTuple):
     """Worlds in which parts may touch; kernels hand it on by reference."""
 
-    scene: Scene  # with the steps for contacts, and a slot for every part of a world
+    scene: Scene
     hulls: Hulls
     solver: Solver
     contacts: Contacts

@@ -22,10 +22,11 @@ from vibgym.physics.collision.broad_phase import (
     paths_cross,
     proximity,
 )
-from vibgym.physics.collision.coupling import collide_period
+from vibgym.physics.collision.coupling import Encounter, collide_period, multibody_at
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import State
-from vibgym.physics.core.reference import reference
+from vibgym.physics.core.records import State, state_at
+from vibgym.physics.core.reference import Layout, reference
+from vibgym.physics.friction.workspace import Scene
 
 FREE, LOOKED, CONTACT, CALLS = 0, 1, 2, 3
 """Columns of the counts: periods in which nothing was near, in which nothing near touched, with contacts; solver calls."""
@@ -44,6 +45,10 @@ class Prospect(NamedTuple):
     paths: np.ndarray  # (worlds * parts, most steps + 1, 3)
     steps: np.ndarray  # (kinds,) steps a period of each kind
     kept: State  # of the worlds that may have to take the period again
+
+
+PROSPECT: Layout[Prospect] = Layout("PROSPECT", __name__)
+prospect_at = PROSPECT.at
 
 
 def new_prospect(worlds: int, parts: int, steps: np.ndarray) -> Prospect:
@@ -75,19 +80,17 @@ def copy_world(source, world, target, to):
 
 
 @borrowing
-def broad_phase(start, stop, encounter, prospect):
+def broad_phase(start, stop, setup, state, prospect):
     """Find what may touch in worlds ``start`` to ``stop`` within the next period, and write it into ``prospect``.
+
+    Args:
+        setup, state, prospect: addresses of pinned records.
 
     Returns:
         Whether any world has near pairs, whose paths must be written down, and whether any touches.
     """
-    encounter, prospect = reference(encounter), reference(prospect)
-    table, bodies, state, contacts = (
-        encounter.scene.table,
-        encounter.scene.bodies,
-        encounter.scene.state,
-        encounter.contacts,
-    )
+    fixed, state, prospect = multibody_at(setup), state_at(state), prospect_at(prospect)
+    table, bodies, hulls, contacts = fixed.friction.table, fixed.friction.bodies, fixed.hulls, fixed.contacts
     parts = state.pose.shape[1]
     any_near, any_touching = False, False
     for kind in range(prospect.count.shape[0]):
@@ -98,11 +101,11 @@ def broad_phase(start, stop, encounter, prospect):
         found, mode = 0, NEVER
         if not state.diverged[world]:
             found = near_pairs(
-                table, bodies, encounter.hulls, encounter.walls,
+                table, bodies, hulls, fixed.walls,
                 state.pose[world], state.velocity[world], state.fallen[world], 0.0, pairs, contacts.reach, contacts.order,
             )  # fmt: skip
         if found > 0:
-            mode = proximity(table, encounter.hulls, state.pose[world], pairs, found, contacts.placed)
+            mode = proximity(table, hulls, state.pose[world], pairs, found, contacts.placed)
         prospect.found[w], prospect.mode[w] = found, mode
         if mode == NEAR:
             any_near = True
@@ -132,14 +135,21 @@ def was_hit(world, w, encounter, prospect):
 
 
 @borrowing
-def resolve(start, stop, encounter, prospect, counts):
+def resolve(start, stop, setup, drive, state, prospect, counts):
     """After the period without contacts: take it with contacts in the worlds that need it.
 
     Args:
+        setup, state, prospect: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
     """
-    encounter, prospect = reference(encounter), reference(prospect)
-    state = encounter.scene.state
+    fixed, state, prospect = multibody_at(setup), state_at(state), prospect_at(prospect)
+    friction = fixed.friction
+    scene = Scene(friction.table, friction.bodies, friction.scheme, reference(drive), state, friction.workspace)
+    encounter = reference(
+        Encounter(
+            reference(scene), fixed.hulls, fixed.solver, fixed.contacts, fixed.couplings, fixed.overlap, fixed.walls
+        )
+    )
     for world in range(start, stop):
         w = world - start
         mode = prospect.mode[w]

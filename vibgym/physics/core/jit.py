@@ -46,16 +46,28 @@ FIRST_STEP = "10 to 20 s"
 
 
 class _Unfinished(codegen.JITCodeLibrary):
-    """The code of a kernel that only other kernels call: neither optimised nor made machine code of."""
+    """The code of a kernel that only other kernels call: neither put together, nor optimised, nor made machine code of."""
 
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
+    def finalize(self) -> None:
         self._finalized = True
+
+
+class _Whole(codegen.JITCodeLibrary):
+    """The code of a kernel that Python calls, with all that it calls, directly or not."""
+
+    def finalize(self) -> None:
+        libraries = dict.fromkeys(self._linking_libraries)
+        todo = list(libraries)
+        while todo:
+            for each in todo.pop()._linking_libraries:
+                if each not in libraries:
+                    libraries[each] = None
+                    todo.append(each)
+        self._linking_libraries = list(libraries)
+        super().finalize()
 
 
 class _Typing:
@@ -88,17 +100,27 @@ class _Compiler(compiler.Compiler):
     def define_pipelines(self) -> Any:
         state: Any = self.state
         state.typingctx = _Typing(state.typingctx)
+        state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
         return super().define_pipelines()
+
+    def library(self, maker: Any, name: str) -> Any:
+        """Where its code goes."""
+        made = _Whole(maker, name)
+        made.enable_object_caching()
+        return made
 
 
 class _CalledCompiler(_Compiler):
     """Writes a kernel down for the kernels that call it."""
 
     def define_pipelines(self) -> Any:
-        state: Any = self.state
-        state.flags.no_compile = state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
-        state.library = _Unfinished(state.targetctx.codegen(), state.func_id.func_qualname)
+        flags: Any = self.state.flags  # type: ignore[attr-defined]
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
         return super().define_pipelines()
+
+    def library(self, maker: Any, name: str) -> Any:
+        """Where its code goes."""
+        return _Unfinished(maker, name)
 
 
 class _Called(CPUDispatcher):

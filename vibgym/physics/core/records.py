@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.reference import Layout
 
 
 class Table(NamedTuple):
@@ -85,3 +87,24 @@ class State(NamedTuple):
     sticking: np.ndarray  # (worlds, parts) bool, at the current instant
     doubtful: np.ndarray  # (worlds, parts) bool: since the start the model has left the range that it is certified for
     diverged: np.ndarray  # (worlds,) bool
+
+
+class Motion(NamedTuple):
+    """Pose and velocity of one part."""
+
+    x: float  # m
+    y: float  # m
+    heading: float  # rad
+    vx: float  # m/s
+    vy: float  # m/s
+    spin: float  # rad/s
+
+
+@borrowing
+def is_finite(motion):
+    """Whether all numbers are finite. A comparison, since isfinite(a + b) does not survive reassociation."""
+    return abs(motion.x + motion.y + motion.heading + motion.vx + motion.vy + motion.spin) < math.inf
+
+
+STATE: Layout[State] = Layout("STATE", __name__)
+state_at = STATE.at

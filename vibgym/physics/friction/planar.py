@@ -14,9 +14,10 @@ import numpy as np
 
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import state_at
 from vibgym.physics.core.reference import reference
 from vibgym.physics.friction.stepper import apply_friction, copy_lane, cut_stale, enter_part, finite_lane
-from vibgym.physics.friction.workspace import Step
+from vibgym.physics.friction.workspace import Scene, Step, setup_at
 
 
 @borrowing
@@ -92,16 +93,19 @@ def slide_period(scene, count, paths, base):
 
 
 @borrowing
-def slide_rows(rows, scene, periods, paths, base):
+def slide_rows(rows, setup, drive, state, periods, paths, base):
     """Advance parts without contacts by whole periods under a held drive, changing the state in place.
 
     Args:
         rows: (n,) the parts, as ``world * parts + part``.
-        scene: with a workspace of one group of lanes.
+        setup, state: addresses of pinned records; the workspace is one for a group of lanes.
         paths: (all rows, steps + 1, 3) overwritten with the poses of the last period at the ends of its steps, or no rows at
             all. The first is that of row ``base``.
     """
-    scene = reference(scene)
+    fixed = setup_at(setup)
+    scene = reference(
+        Scene(fixed.table, fixed.bodies, fixed.scheme, reference(drive), state_at(state), fixed.workspace)
+    )
     state, workspace = scene.state, scene.workspace
     parts = state.pose.shape[1]
     for first in range(0, rows.shape[0], LANES):

@@ -10,10 +10,10 @@ static friction cannot carry it any longer; that instant is found by bisection.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from vibgym.physics.contact_area.cut import points_at, spin_split
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import Motion, is_finite
 from vibgym.physics.friction.static import holds, slip_step
 from vibgym.physics.friction.wrench import sliding_wrench
 
@@ -25,23 +25,6 @@ TURN = 0.5
 
 MOST_TURN, MOST_TRAVEL, MOST_CUTS = 0.5, 0.5, 64
 """A part that turns by more than this angle (rad) in a step, or travels by more of an element, is cut more often."""
-
-
-class Motion(NamedTuple):
-    """Pose and velocity of one part."""
-
-    x: float  # m
-    y: float  # m
-    heading: float  # rad
-    vx: float  # m/s
-    vy: float  # m/s
-    spin: float  # rad/s
-
-
-@borrowing
-def is_finite(motion):
-    """Whether all numbers are finite. A comparison, since isfinite(a + b) does not survive reassociation."""
-    return abs(motion.x + motion.y + motion.heading + motion.vx + motion.vy + motion.spin) < math.inf
 
 
 @borrowing

@@ -22,8 +22,8 @@ from vibgym.physics.contact_area.pressure_moments import (
     read_phasors,
 )
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import body_of
-from vibgym.physics.friction.points import Motion, cuts_needed, slide_by_points
+from vibgym.physics.core.records import Motion, body_of
+from vibgym.physics.friction.points import cuts_needed, slide_by_points
 from vibgym.physics.friction.series import limits, slide_by_series
 
 

@@ -11,6 +11,7 @@ from vibgym.physics.contact_area.phasors import Phasors, new_phasors
 from vibgym.physics.contact_area.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Bodies, Scheme, State, Table, body_of
+from vibgym.physics.core.reference import Layout
 
 
 class Step(NamedTuple):
@@ -59,8 +60,21 @@ class Workspace(NamedTuple):
     phasors: Phasors
 
 
+class Setup(NamedTuple):
+    """What stays the same from call to call, pinned in memory (:mod:`vibgym.physics.core.reference`)."""
+
+    table: Table
+    bodies: Bodies
+    scheme: Scheme
+    workspace: Workspace
+
+
+SETUP: Layout[Setup] = Layout("SETUP", __name__)
+setup_at = SETUP.at
+
+
 class Scene(NamedTuple):
-    """What friction moves, and how; kernels hand it on by reference (:mod:`vibgym.physics.core.reference`)."""
+    """What friction moves, and how: references, that kernels hand on to one another."""
 
     table: Table
     bodies: Bodies
