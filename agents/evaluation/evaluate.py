@@ -133,7 +133,7 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
             measured = cost.measure_alone(quiet) if alone else submit(cost.measure, True)
         given = settings.named_policies()
         named = [] if alone else [pair for pair in found if _plain(given[pair[1]])]
-        for task, name in sorted(named, key=lambda pair: _work(evaluation, pair[0]), reverse=True):
+        for task, name in sorted(named, key=lambda pair: _order(evaluation.tasks[pair[0]], settings)):
             info, seeds = evaluation.tasks[task], settings.seed_list(task)
             asked = (given[name], info, seeds, settings.environment, name, level, resamples)
             found[task, name] = submit(_made_and_judged, *asked)
@@ -169,10 +169,12 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
     )
 
 
-def _work(evaluation: Evaluation, task: str) -> int:
-    """About how long the episodes of a task take: the longest ones begin first, lest one is left over."""
-    info = evaluation.tasks[task]
-    return len(evaluation.settings.seed_list(task)) * len(info.parts) * (info.step_limit or 1)
+def _order(info: TaskInfo, settings: EvaluationSettings) -> tuple[bool, int]:
+    """Tasks for one part first, while the cost of several is measured: so hardly a kernel is compiled twice.
+
+    Then those that take longest, lest one is left over in the end.
+    """
+    return len(info.parts) > 1, -len(settings.seed_list(info.name)) * len(info.parts) * (info.step_limit or 1)
 
 
 def _plain(content: Any) -> bool:

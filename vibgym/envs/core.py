@@ -105,6 +105,7 @@ class Core:
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # A sensor that tells the truth needs no relations of its own.
         self._measured = self.relations if self.sensor.exact else new_relations(worlds, len(self.parts))
+        self._judged_by_measurement = self.scoring.judged(self._measured)
         self.facts = self.task.facts(state.diverged, self.episode)
         self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
         if self.observation.goal_reward:
@@ -180,7 +181,7 @@ class Core:
         """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
         if not self.sensor.exact:
             measured = self.sensor.measurement
-            self.scoring.relate(measured.pose, measured.gone, self._measured)
+            self.scoring.relate(measured.pose, measured.gone, self._judged_by_measurement)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.envs import layout as table
-from vibgym.envs.layout import Layout
-from vibgym.physics.core.jit import jit
+from vibgym.envs.layout import Layout as Table
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
 from vibgym.sensing import Measurement
@@ -30,28 +31,44 @@ TURN, TURN_COARSE, TURN_FINE = table.TURN, table.TURN_COARSE, table.TURN_FINE
 VELOCITY, SPIN, GAP, NEIGHBOUR = table.VELOCITY, table.SPIN_RATE, table.GAP, table.NEIGHBOUR
 
 
-@jit
+class Blocks(NamedTuple):
+    """What the kernel needs besides the measurement, pinned in memory."""
+
+    relations: Relations  # of the measured poses
+    present: np.ndarray  # (worlds, parts) bool
+    traits: np.ndarray  # (parts, 2) int64, kind and symmetry
+    column: np.ndarray  # of the layout: where each feature stands, -1: nowhere, ...
+    scale: np.ndarray  # ... and in what unit
+
+
+BLOCKS: Layout[Blocks] = Layout("BLOCKS", __name__)
+blocks_at = BLOCKS.at
+
+
+@borrowing
 def _unit(value):
     return min(max(value, -1.0), 1.0)
 
 
-@jit
-def write_blocks(pose, mean_velocity, error, gap, neighbour, present, traits, column, scale, slots, flat):
-    """Write every world's state observation into ``flat`` (worlds, slots x numbers in a block) float32.
+@borrowing
+def write_blocks(pose, mean_velocity, blocks, size, flat):
+    """Write every world's state observation into ``flat`` (worlds, slots x size) float32.
 
     Args:
         pose, mean_velocity: measured.
-        error, gap, neighbour: the relations of the measured poses.
-        traits: (parts, 2) int64, kind and symmetry.
-        column, scale: of the layout: where each feature stands, -1: nowhere, and in what unit.
+        blocks: address of pinned :class:`Blocks`.
+        size: numbers in a block.
     """
-    out = flat.reshape((flat.shape[0], slots, flat.shape[1] // slots))
+    seen = blocks_at(blocks)
+    present, traits, column, scale = seen.present, seen.traits, seen.column, seen.scale
+    error, gap, neighbour = seen.relations.error, seen.relations.gap, seen.relations.neighbour
     for w in range(pose.shape[0]):
-        out[w] = 0.0
+        for k in range(flat.shape[1]):
+            flat[w, k] = 0.0
         for p in range(pose.shape[1]):
             if not present[w, p]:
                 continue
-            block = out[w, p]
+            block = flat[w, p * size : (p + 1) * size]
             if column[PRESENT] >= 0:
                 block[column[PRESENT]] = 1.0
             if column[KIND] >= 0:
@@ -112,7 +129,7 @@ class Observation(ABC):
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self.layout = Layout(task.surface, task.parts, task.FEATURES, task.slots)
+        self.layout = Table(task.surface, task.parts, task.FEATURES, task.slots)
 
     @property
     @abstractmethod
@@ -136,7 +153,9 @@ class StateObservation(Observation):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         traits = np.column_stack([task.kind, [part.symmetry for part in task.parts]])
-        self._table = (np.ascontiguousarray(traits), self.layout.column, self.layout.scale, self.layout.slots)
+        self._traits = np.ascontiguousarray(traits)
+        self._relations: Relations | None = None
+        self._blocks: Any = None
 
     @property
     def space(self) -> spaces.Space:
@@ -144,9 +163,11 @@ class StateObservation(Observation):
 
     def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
         out = np.empty((len(measurement.pose), self.layout.size), dtype=np.float32)
-        write_blocks(
-            measurement.pose, measurement.mean_velocity, *relations, episode.present, *self._table, out
-        )  # fmt: skip
+        if relations is not self._relations:  # the same ones ever after
+            layout = self.layout
+            blocks = Blocks(relations, episode.present, self._traits, layout.column, layout.scale)
+            self._relations, self._blocks = relations, Pinned(BLOCKS, blocks)
+        write_blocks(measurement.pose, measurement.mean_velocity, self._blocks.address, self.layout.block, out)
         return out
 
 

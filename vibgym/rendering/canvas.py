@@ -84,11 +84,20 @@ class Canvas:
             pygame.draw.rect(self._empty, colour, rectangle, border_radius=2 * grow)
         for wall in walls:
             pygame.draw.rect(self._empty, colours.INK, shapes.bar(wall, walls, low, low + size, FINE * WALL, 12))
+        # Most elements rest in most pictures.
+        self._tiles(self._empty, np.zeros((rows, columns, 2)), np.ones((rows, columns), dtype=bool))
         self._base = pygame.Surface(self.size, 0, 32)
         # Scaling darkens white a little; the band under the table has to match.
         self._base.fill(pygame.transform.smoothscale(self._empty, (self.size[0], table_bottom)).get_at((1, 1)))
         self._caption_top = table_bottom - 8
         self._caption_width = legend.draw(self._base, table_bottom - 8, MARGIN, pixels_per_metre)
+
+    def _tiles(self, picture: pygame.Surface, phasors: np.ndarray, which: np.ndarray) -> None:
+        """Draw the elements ``which`` (rows, columns) bool in the colours of their phasors (rows, columns, 2)."""
+        corners = np.rint(self._centres[which] - 0.5 * self._edge + 0.5 * FINE).astype(int).tolist()
+        size, radius = round(self._edge - FINE), min(3 * FINE, round(0.1 * self._edge))
+        for corner, tint in zip(corners, colours.element_colours(phasors[which]).tolist(), strict=True):
+            pygame.draw.rect(picture, tint, (*corner, size, size), border_radius=radius)
 
     def _to_pixels(self, points: np.ndarray) -> np.ndarray:
         return self._origin + points * (self._scale, -self._scale)
@@ -124,13 +133,8 @@ class Canvas:
         """Start over with the elements at ``phasors`` (rows, columns, 2), fractions of full scale."""
         self._fine.blit(self._empty, (0, 0))
         phasors = np.nan_to_num(phasors).reshape(*self._shape, 2)
-        edge, gap = self._edge, FINE
-        corners = np.rint(self._centres - 0.5 * edge + 0.5 * gap).astype(int)
-        size = round(edge - gap)
-        radius = min(3 * FINE, round(0.1 * edge))
-        tints = colours.element_colours(phasors)
-        for corner, tint in zip(corners.reshape(-1, 2).tolist(), tints.reshape(-1, 3).tolist(), strict=True):
-            pygame.draw.rect(self._fine, tint, (*corner, size, size), border_radius=radius)
+        edge = self._edge
+        self._tiles(self._fine, phasors, np.hypot(phasors[..., 0], phasors[..., 1]) > 0.0)
         strength = np.hypot(phasors[..., 0], phasors[..., 1])
         moving = strength >= ARROW_FROM
         if moving.any():

@@ -3,8 +3,6 @@
 Every part has a goal: a rectangle for its centre, which is a point for a pose and may be the whole plane, and a heading, where
 it counts. It is done within the tolerances, slowly enough, and far enough from the others. A task sets these numbers and says
 which reward terms it has and how much they weigh; the kernels know no tasks.
-
-Kernels are called with arrays one by one, since unpacking a named tuple costs several times as much as a small kernel does.
 """
 
 from __future__ import annotations
@@ -15,7 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.physics.collision.hulls import Hulls, part_gap, place_hulls
-from vibgym.physics.core.jit import jit
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import state_at
+from vibgym.physics.core.reference import Layout
 
 DISTANCE_SCALE = 0.1  # m of progress that earn the term's full reward
 APPROACH_SCALE = 0.010  # m
@@ -127,6 +127,21 @@ class Episode(NamedTuple):
         return self.flag[:, ENDED]
 
 
+class Judged(NamedTuple):
+    """All that the kernels need, pinned in memory."""
+
+    relations: Relations
+    episode: Episode
+    rules: Rules
+    hulls: Hulls
+    placed: np.ndarray  # scratch: as hulls.corner; (4,) see score_worlds; (QUANTITIES,)
+    before: np.ndarray
+    quantity: np.ndarray
+
+
+JUDGED: Layout[Judged] = Layout("JUDGED", __name__)
+judged_at = JUDGED.at
+
 # Columns of Episode.number: mean distance (m), mean heading error (rad), share of the parts at the goal and mean share of the
 # clearance are what the next step is held against.
 MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
@@ -156,12 +171,12 @@ def new_episode(worlds: int, parts: int, terms: int) -> Episode:
     )
 
 
-@jit
+@borrowing
 def _limited(value):
     return min(max(value, -1.0), 1.0)
 
 
-@jit
+@borrowing
 def wrapped(difference, period):
     """An angle's equivalent in [-period / 2, period / 2]; the angle itself for a period of 0."""
     if period > 0.0:
@@ -169,7 +184,7 @@ def wrapped(difference, period):
     return difference
 
 
-@jit
+@borrowing
 def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
     """Whether poses miss their goals, by goal minus pose.
 
@@ -183,15 +198,15 @@ def misses_goal(difference, position_tolerance, heading_tolerance, heading_perio
         result[k] = away > position_tolerance or turned > heading_tolerance
 
 
-@jit
-def relate_gaps(far, hulls, pose, gone, present, world, placed, relations):
+@borrowing
+def relate_gaps(all_of, pose, gone, world):
     """Nearest neighbours in one world; parts that are gone are out of the way.
 
     Returns:
         The smallest gap, m, and the number of touching pairs.
     """
-    parts = pose.shape[1]
-    here, gap, neighbour = present[world], relations.gap[world], relations.neighbour[world]
+    parts, hulls, placed, far = pose.shape[1], all_of.hulls, all_of.placed, all_of.rules.limit[FAR]
+    here, gap, neighbour = all_of.episode.present[world], all_of.relations.gap[world], all_of.relations.neighbour[world]
     for i in range(parts):
         gap[i], neighbour[i] = far, -1
         if parts > 1 and here[i] and not gone[world, i]:
@@ -217,25 +232,25 @@ def relate_gaps(far, hulls, pose, gone, present, world, placed, relations):
     return clearance, touching
 
 
-@jit
-def relate_world(rules, hulls, pose, gone, goal, present, world, placed, relations):
+@borrowing
+def relate_world(all_of, pose, gone, world):
     """How the parts of one world stand to their goals and to one another; returns the smallest gap and the touching pairs."""
-    limit = rules.limit
-    clearance, touching = relate_gaps(limit[FAR], hulls, pose, gone, present, world, placed, relations)
+    rules, goal, present, error = all_of.rules, all_of.episode.goal, all_of.episode.present, all_of.relations.error
+    clearance, touching = relate_gaps(all_of, pose, gone, world)
     for i in range(pose.shape[1]):
         ex, ey, turn = 0.0, 0.0, 0.0
         if present[world, i]:
             x, y, gx, gy = pose[world, i, 0], pose[world, i, 1], goal[world, i, 0], goal[world, i, 1]
             ex = min(max(x, gx + rules.zone[i, 0]), gx + rules.zone[i, 2]) - x
             ey = min(max(y, gy + rules.zone[i, 1]), gy + rules.zone[i, 3]) - y
-            if limit[HEADING] < math.inf:
+            if rules.limit[HEADING] < math.inf:
                 turn = wrapped(goal[world, i, 2] - pose[world, i, 2], rules.heading_period[i])
-        relations.error[world, i, 0], relations.error[world, i, 1], relations.error[world, i, 2] = ex, ey, turn
+        error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
     return clearance, touching
 
 
-@jit
-def judge_world(rules, mean_velocity, fallen, world, clearance, touching, relations, episode):
+@borrowing
+def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
     """Which parts of one world are done, and its errors.
 
     Args:
@@ -244,7 +259,8 @@ def judge_world(rules, mean_velocity, fallen, world, clearance, touching, relati
     Returns:
         Whether all parts are done, and whether all are where and as they should be, be it on the floor.
     """
-    limit, number = rules.limit, episode.number[world]
+    relations, episode, limit = all_of.relations, all_of.episode, all_of.rules.limit
+    number = episode.number[world]
     apart = limit[APART]
     error, clear = max(apart - clearance, 0.0), 0.0
     down, count, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
@@ -276,15 +292,14 @@ def judge_world(rules, mean_velocity, fallen, world, clearance, touching, relati
     return done == count, fit == count
 
 
-@jit
-def reward_world(rules, before, within, world, episode, quantity):
+@borrowing
+def reward_world(all_of, within, world):
     """Reward terms of one world and their sum.
 
     Args:
-        before: the first columns of ``episode.number`` before the step.
         within: whether all parts are where and as they should be.
-        quantity: (QUANTITIES,) scratch.
     """
+    rules, episode, before, quantity = all_of.rules, all_of.episode, all_of.before, all_of.quantity
     now, flag = episode.number[world], episode.flag[world]
     quantity[DISTANCE] = _limited((before[MEAN_DISTANCE] - now[MEAN_DISTANCE]) / DISTANCE_SCALE)
     quantity[APPROACH] = math.tanh(before[MEAN_DISTANCE] / APPROACH_SCALE) - math.tanh(
@@ -307,57 +322,46 @@ def reward_world(rules, before, within, world, episode, quantity):
     now[REWARD] = total
 
 
-@jit
-def relate_worlds(
-    pose, gone, goal, present, error, gap, neighbour,
-    zone, heading_period, limit, term, weight, corner, first, rounding, owner, radius,
-):  # fmt: skip
+@borrowing
+def relate_worlds(pose, gone, judged):
     """Bring the relations of all worlds up to date.
 
     Args:
         pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
-        goal, present: of the episode.
-        error ...: the fields of :class:`Relations`, overwritten, then those of :class:`Rules` and of the hulls.
+        judged: address of a pinned :class:`Judged`, whose relations are overwritten.
     """
-    relations, rules = Relations(error, gap, neighbour), Rules(zone, heading_period, limit, term, weight)
-    hulls = Hulls(corner, first, rounding, owner, radius)
-    placed = np.empty(corner.shape)
+    all_of = judged_at(judged)
     for world in range(pose.shape[0]):
-        relate_world(rules, hulls, pose, gone, goal, present, world, placed, relations)
+        relate_world(all_of, pose, gone, world)
 
 
-@jit
-def score_worlds(
-    worlds, pose, mean_velocity, fallen, diverged, error, gap, neighbour,
-    goal, present, done, number, count, flag, terms,
-    zone, heading_period, limit, term, weight, corner, first, rounding, owner, radius,
-):  # fmt: skip
+@borrowing
+def score_worlds(worlds, state, judged):
     """Score one step of every world against the one before, or start the episodes of some, whose goals and parts are set.
 
     Args:
         worlds: (n,) index of those whose episodes start; empty: a step of all.
-        pose, mean_velocity, fallen, diverged: the true state.
-        error ...: the fields of :class:`Relations` and :class:`Episode`, changed in place, then of :class:`Rules` and the
-        hulls.
+        state: address of the pinned true state.
+        judged: address of a pinned :class:`Judged`, whose relations and episode are changed.
     """
-    relations, rules = Relations(error, gap, neighbour), Rules(zone, heading_period, limit, term, weight)
-    episode = Episode(goal, present, done, number, count, flag, terms)
-    hulls = Hulls(corner, first, rounding, owner, radius)
-    placed, quantity, before = np.empty(corner.shape), np.empty(len(QUANTITIES)), np.empty(4)
+    true, all_of = state_at(state), judged_at(judged)
+    episode, limit, before = all_of.episode, all_of.rules.limit, all_of.before
     starting = worlds.shape[0] > 0
-    for k in range(worlds.shape[0] if starting else pose.shape[0]):
+    for k in range(worlds.shape[0] if starting else true.pose.shape[0]):
         world = worlds[k] if starting else k
-        held, ends = count[world], flag[world]
+        number, count, flag = episode.number, episode.count, episode.flag
         for i in range(4):
             before[i] = number[world, i]
-        clearance, touching = relate_world(rules, hulls, pose, fallen, goal, present, world, placed, relations)
-        complete, within = judge_world(rules, mean_velocity, fallen, world, clearance, touching, relations, episode)
+        clearance, touching = relate_world(all_of, true.pose, true.fallen, world)
+        complete, within = judge_world(all_of, true.mean_velocity, true.fallen, world, clearance, touching)
         if starting:
-            held[HELD], ends[SUCCEEDED], ends[ENDED] = 0, False, False
-            terms[world], number[world, REWARD] = 0.0, 0.0
+            count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False
+            number[world, REWARD] = 0.0
+            for term in range(episode.terms.shape[1]):
+                episode.terms[world, term] = 0.0
             continue
-        sound = not (ends[DOWN] or diverged[world])
-        held[HELD] = held[HELD] + int(limit[PERIODS]) if sound and complete else 0
-        ends[SUCCEEDED] = held[HELD] >= limit[HOLD]
-        ends[ENDED] = ends[SUCCEEDED] or not sound
-        reward_world(rules, before, within, world, episode, quantity)
+        sound = not (flag[world, DOWN] or true.diverged[world])
+        count[world, HELD] = count[world, HELD] + int(limit[PERIODS]) if sound and complete else 0
+        flag[world, SUCCEEDED] = count[world, HELD] >= limit[HOLD]
+        flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
+        reward_world(all_of, within, world)
