@@ -155,9 +155,9 @@ class Part:
     def _disc_radius(self) -> float:
         """The number that the disc was made from, to the last bit."""
         near = math.sqrt(self.area / math.pi)
-        around = [near, *(near * (1.0 + k * 2.0**-53) for k in (-4, -3, -2, -1, 1, 2, 3, 4))]
-        same = (radius for radius in around if np.array_equal(outlines.disc_outline(radius), self.outline))
-        return next((radius for radius in same if math.pi * radius**2 == self.area), near)
+        around = [near + k * math.ulp(near) for k in (0, -1, 1, -2, 2, -3, 3, -4, 4)]
+        same = (radius for radius in around if math.pi * radius**2 == self.area)
+        return next((radius for radius in same if np.array_equal(outlines.disc_outline(radius), self.outline)), near)
 
     def same_as(self, other: Part) -> bool:
         """Whether the other part is one of the same kind: equal in all that physics knows of it."""
