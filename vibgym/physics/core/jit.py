@@ -31,6 +31,8 @@ from numba.core import codegen, compiler, event, types
 from numba.core import config as numba_config
 from numba.core.registry import CPUDispatcher
 
+from vibgym.physics.core.reference import handed_on
+
 config: Any = numba_config
 
 LOGGER = logging.getLogger("vibgym")
@@ -127,8 +129,8 @@ class _Called(CPUDispatcher):
     """A kernel as other kernels see it."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        # numba would compile a kernel for True and once more for False.
-        return super().get_call_template(tuple(types.unliteral(each) for each in args), kws)
+        # numba would compile a kernel for True and once more for False, and hand records on by value.
+        return super().get_call_template(tuple(handed_on(types.unliteral(each)) for each in args), kws)
 
     def add_overload(self, cres: Any) -> None:
         # There is no machine code whose address could stand for this overload; any object can.

@@ -19,7 +19,7 @@ import numpy as np
 from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.core.datamodel.registry import register_default
-from numba.core.imputils import impl_ret_borrowed, lower_getattr_generic
+from numba.core.imputils import impl_ret_borrowed, lower_cast, lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.core.typing.typeof import typeof
 from numba.extending import intrinsic
@@ -73,6 +73,20 @@ def _offset(context: Any, kind: Any, index: int) -> int:
         layout = context.get_value_type(kind.record)
         kind.offsets[index] = layout.get_element_offset(context.target_data, index)
     return kind.offsets[index]
+
+
+def handed_on(kind: Any) -> Any:
+    """As what a value is handed from kernel to kernel: records with arrays or records in them by reference."""
+    large = isinstance(kind, types.BaseNamedTuple) and any(
+        isinstance(each, (types.Array, types.BaseNamedTuple, Reference))
+        for each in tuple(kind)  # type: ignore[arg-type]
+    )
+    return Reference(kind) if large else kind
+
+
+@lower_cast(types.BaseNamedTuple, Reference)
+def _hand_on(context: Any, builder: Any, record: Any, kind: Any, value: Any) -> Any:
+    return builder.bitcast(cgutils.alloca_once_value(builder, value), cgutils.voidptr_t)
 
 
 def _reference(typingctx: Any, record: Any) -> Any:
