@@ -60,7 +60,7 @@ test: $(DEV)
 		{ $(PY) -m vibgym warm >"$$cache/warm.log" 2>&1 & } && warm=$$! && \
 		$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/lint-imports && $(BIN)/pyright --pythonpath $(PY) && \
 		{ wait $$warm || { cat "$$cache/warm.log"; exit 1; }; } && \
-		$(PY) -m pytest -n 2 $(ARGS)
+		$(PY) -m pytest -n 2 --dist worksteal $(ARGS)
 
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml

@@ -74,8 +74,7 @@ class Action(ABC):
         if values.shape not in (flat, shaped) or values.dtype.kind not in "fiu":
             got = f"array of shape {values.shape} and type {values.dtype}"
             raise checks.refuse("action", got, f"real numbers of shape {flat} or {shaped}")
-        # One pass, and no sum of finite float32 numbers is too large for float64; others are looked at one by one.
-        if not math.isfinite(values.sum(dtype=np.float64)) and not np.isfinite(values).all():
+        if not np.isfinite(values).all():
             bad = np.argwhere(~np.isfinite(values))[0].tolist()
             raise checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
         # Clip in the given type: a float64 beyond float32's range would turn into infinity.
