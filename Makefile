@@ -9,7 +9,8 @@ ARGS ?=
 
 BIN := $(VENV)/bin
 PY := $(BIN)/python
-PIP := $(PY) -m pip --disable-pip-version-check install --quiet -c constraints.txt
+# Python compiles what it imports; doing so for all of torch beforehand takes longer than the installation.
+PIP := $(PY) -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt
 DEV := $(VENV)/.installed-dev
 REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
@@ -53,14 +54,13 @@ $(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(PIP) -e '.[learn,render,report]'
 	@touch $(LEARN) $(REPORT)
 
-# numba's cache does not notice edits in imported files, so the tests start from an empty one.
+# From an empty cache, so that no kernel is an old one. Kernels are compiled while one core would have nothing to do.
 test: $(DEV)
-	$(BIN)/ruff check
-	$(BIN)/ruff format --check
-	$(BIN)/lint-imports
-	$(BIN)/pyright --pythonpath $(PY)
-	@cache=$$(mktemp -d) && trap 'rm -rf "$$cache"' EXIT INT TERM && \
-		NUMBA_CACHE_DIR="$$cache" $(PY) -m pytest -n 2 $(ARGS)
+	@cache=$$(mktemp -d) && trap 'rm -rf "$$cache"' EXIT INT TERM && export NUMBA_CACHE_DIR="$$cache" && \
+		{ $(PY) -m vibgym warm >"$$cache/warm.log" 2>&1 & } && warm=$$! && \
+		$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/lint-imports && $(BIN)/pyright --pythonpath $(PY) && \
+		{ wait $$warm || { cat "$$cache/warm.log"; exit 1; }; } && \
+		$(PY) -m pytest -n 2 --dist worksteal $(ARGS)
 
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml

@@ -110,9 +110,9 @@ def bound(evaluations: int) -> float:
 
     import numpy as np
 
-    from vibgym.physics._jit import jit
-    from vibgym.physics.friction import expanded_wrench
-    from vibgym.physics.pressure_moments import LANES, MOMENT_ROWS
+    from vibgym.physics.contact_area.pressure_moments import LANES, MOMENT_ROWS
+    from vibgym.physics.core.jit import jit
+    from vibgym.physics.friction.wrench import expanded_wrench
 
     @jit
     def evaluate(moments, velocity, times, lanes):

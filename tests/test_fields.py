@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import Field, lead_angle, radial, squeeze, tangential, uniform
-from vibgym.physics.drive import PolarDrive, all_phasors
+from vibgym.physics.core.drive import all_phasors, polar_drive
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)
@@ -100,7 +100,7 @@ def test_phasors_stay_in_the_unit_disc_and_drives_say_the_same(seed, friction):
     assert amplitude.max() <= SURFACE.max_amplitude and amplitude.min() >= 0
     assert np.abs(phase).max() <= math.pi
     dense = np.empty((1, 8, 32, 2))
-    all_phasors(PolarDrive(amplitude[None], phase[None], SURFACE.angular_frequency), dense)
+    all_phasors(polar_drive(amplitude[None], phase[None], SURFACE.angular_frequency), dense)
     assert dense[0] / SURFACE.full_scale == pytest.approx(phasors, abs=1e-12)
 
 

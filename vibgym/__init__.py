@@ -6,12 +6,13 @@ import importlib
 from typing import Any
 
 from vibgym.registration import register_environments
-from vibgym.scene import Part, Simulator, Surface
+from vibgym.scene import Part, Surface
+from vibgym.simulation import Simulator
 
 __version__ = "0.1.0"
 __all__ = ["Part", "Simulator", "Surface"]
 
-_ROOMS = ("config", "envs", "fields", "rendering", "tasks")
+_ROOMS = ("actuators", "config", "envs", "fields", "rendering", "sensing", "tasks")
 
 register_environments()
 

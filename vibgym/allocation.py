@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.averaged_contact import AveragedScheme
-from vibgym.physics.averaged_map import acceleration_map, elements_under, mean_accelerations, mean_states
-from vibgym.physics.drive import PolarDrive
-from vibgym.scene.averages_tables import averages
+from vibgym.physics.averaged.contact import AveragedScheme, new_workspace
+from vibgym.physics.averaged.map import acceleration_map, elements_under, mean_accelerations, mean_states
+from vibgym.physics.core.drive import Drive, polar_drive
 from vibgym.scene.parts import Part
-from vibgym.scene.schemes import check_sliding
 from vibgym.scene.surface import Surface
+from vibgym.simulation.averages_tables import averages
+from vibgym.simulation.schemes import check_sliding
 
 ITERATIONS = 12
 SCALINGS = 20
@@ -60,13 +60,14 @@ def phasors_for(surface: Surface, part: Part, pose: Any, velocity: Any, wrench: 
     worlds = len(pose)
     table, body = surface.table(), part.body()
     scheme = AveragedScheme(order, 1, 1, averages())
+    work = new_workspace(table, body)
     elements = np.empty((worlds, surface.rows * surface.columns), dtype=np.int64)
-    most = elements_under(table, body, pose, velocity, elements)
+    most = elements_under(table, body, pose, velocity, work, elements)
     _check_support(pose, elements[:, 0] < 0)
     elements = np.ascontiguousarray(elements[:, :most])
-    constant, linear = np.empty((worlds, 3)), np.empty((worlds, 3, 2 * most))
-    shares, coupling = np.empty((worlds, 6, most)), np.empty((worlds, 3, 18, 18))
-    acceleration_map(table, body, scheme, pose, velocity, elements, constant, linear, shares, coupling)
+    constant, linear = np.zeros((worlds, 3)), np.zeros((worlds, 3, 2 * most))
+    shares, coupling = np.zeros((worlds, 6, most)), np.zeros((worlds, 3, 18, 18))
+    acceleration_map(table, body, scheme, pose, velocity, elements, work, constant, linear, shares, coupling)
 
     # Angular acceleration times radius of gyration: one unit for all rows, and kinetic energy for least squares.
     lever = np.array([1.0, 1.0, np.sqrt(body.gyration)])
@@ -116,7 +117,8 @@ def mean_acceleration(
     pose, velocity, drive = _driven(surface, part, pose, velocity, amplitude, phase)
     result = np.empty((len(pose), 3))
     scheme = AveragedScheme(order, 1, 1, averages())
-    mean_accelerations(drive, surface.table(), part.body(), scheme, pose, velocity, result)
+    table, body = surface.table(), part.body()
+    mean_accelerations(drive, table, body, scheme, pose, velocity, new_workspace(table, body), result)
     _check_support(pose, np.isnan(result[:, 0]))
     return result
 
@@ -139,14 +141,15 @@ def mean_state(
     pose, velocity, drive = _driven(surface, part, pose, velocity, amplitude, phase)
     scheme = AveragedScheme(1, 1, 1, averages())
     result = np.empty_like(pose), np.empty_like(pose)
-    mean_states(drive, surface.table(), part.body(), scheme, pose, velocity, *result)
+    table, body = surface.table(), part.body()
+    mean_states(drive, table, body, scheme, pose, velocity, new_workspace(table, body), *result)
     _check_support(pose, np.isnan(result[0][:, 0]))
     return result
 
 
 def _driven(
     surface: Surface, part: Part, pose: Any, velocity: Any, amplitude: Any, phase: Any
-) -> tuple[np.ndarray, np.ndarray, PolarDrive]:
+) -> tuple[np.ndarray, np.ndarray, Drive]:
     """Checked pose, velocity and drive."""
     check_sliding(surface, part)
     pose, velocity = _aligned(pose=pose, velocity=velocity)
@@ -154,7 +157,7 @@ def _driven(
     assert surface.max_amplitude is not None
     amplitude = checks.array("amplitude", amplitude, full, least=0.0, most=surface.max_amplitude * (1.0 + 1e-12))
     phase = checks.array("phase", phase, full)
-    drive = PolarDrive(np.ascontiguousarray(amplitude), np.ascontiguousarray(phase), surface.angular_frequency)
+    drive = polar_drive(amplitude, phase, surface.angular_frequency)
     return pose, velocity, drive
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import numbers
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -45,6 +47,13 @@ def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> 
     if whole < least or (most is not None and whole > most):
         raise refuse(name, value, allowed)
     return whole
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise refuse(name, value, "True or False")
+    return bool(value)
 
 
 def choice(name: str, value: Any, allowed: tuple[Any, ...]) -> Any:
@@ -93,3 +102,34 @@ def array(
 def _first(values: np.ndarray, bad: np.ndarray) -> str:
     index = tuple(int(k) for k in np.argwhere(bad)[0])
     return f"{float(values[index])!r} at {list(index)}"
+
+
+def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
+    """Kind and settings from a name, or from a mapping with ``kind`` and settings."""
+    if isinstance(value, Mapping):
+        if "kind" not in value:
+            raise refuse(argument, dict(value), f"a mapping with 'kind', one of {', '.join(map(repr, kinds))}")
+        settings = dict(value)
+        return choice(f"{argument}['kind']", settings.pop("kind"), kinds), settings
+    return choice(argument, value, kinds), {}
+
+
+def made(argument: str, cls: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
+    """``cls(*given, **settings)``, where settings that it does not have are refused by name."""
+    known = keywords(cls)
+    for name in settings:
+        if name not in known:
+            raise refuse(argument, f"the setting {name!r}", ", ".join(known) or "no settings")
+    return cls(*given, **settings)
+
+
+def keywords(cls: Any) -> tuple[str, ...]:
+    """Names of a class's keyword arguments, with those of its bases where it hands on what it does not know."""
+    names: dict[str, None] = {}
+    for each in cls.__mro__:
+        if "__init__" in vars(each):
+            parameters = inspect.signature(each).parameters.values()
+            names |= {one.name: None for one in parameters if one.kind is one.KEYWORD_ONLY}
+            if not any(one.kind is one.VAR_KEYWORD for one in parameters):
+                break
+    return tuple(names)

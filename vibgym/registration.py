@@ -19,7 +19,7 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "SortCrowded": (750, {"task": "Sort", "start": "crowded"}),
     "Singulate": (500, {"task": "Singulate"}),
 }
-"""Step limit and keyword arguments of each environment."""
+"""Limit, in oscillation periods (steps, with one a step), and keyword arguments of each environment."""
 
 
 def register_environments() -> None:
@@ -32,5 +32,5 @@ def register_environments() -> None:
                 entry_point="vibgym.envs:VibgymEnv",
                 vector_entry_point="vibgym.envs:VibgymVectorEnv",
                 max_episode_steps=limit,
-                kwargs=settings,
+                kwargs={**settings, "max_episode_periods": limit},
             )

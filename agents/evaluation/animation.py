@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import bisect
 import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from agents.evaluation.log import Film
-from agents.evaluation.results import Results
 from vibgym.files import write_atomically
-from vibgym.rendering import SurfacePainter, View
+from vibgym.rendering import Scenery, SurfacePainter
 
 MOST_FRAMES = 120
 WIDTH = 520  # pixels of a film in the report
@@ -22,105 +23,71 @@ REST = 1500  # ms that the last frame stays
 QUALITIES = (72, 60, 45, 30, 15)
 """Of WebP, best first: a film takes the first that fits into its share of the page."""
 
+METHOD = 2
+"""Effort of the WebP encoder, 0 to 6: the next one takes twice as long for files that are a twentieth smaller."""
 
-TRAIL_STEPS = 250
-"""Of several parts: older places are left out of their trails."""
-
-
-def painter_for(results: Results, task: str, width: int) -> SurfacePainter:
-    """A painter of a task's parts whose pictures are about ``width`` pixels wide."""
-    surface, scene = results.surface, results.scenes[task]
-    pixels = max(4, (width - BORDER) // surface.columns)
-    return SurfacePainter(
-        surface.rows,
-        surface.columns,
-        surface.element_size,
-        [np.array(part.outline) for part in scene.parts],
-        pixels / surface.element_size,
-        kinds=scene.kinds,
-        walls=scene.walls,
-    )
+SAMPLE = 12
+"""Frames in a row from the middle of a film that tell how large it will be."""
 
 
-def caption(results: Results, task: str, film: Film, frame: int, step_time: float) -> str:
-    """Time, and what is left to do."""
-    facts, scene = results.tasks[task], results.scenes[task]
-    if scene.crowd:
-        parts = int(np.isfinite(film.poses[0, :, 0]).sum())
-        return f"{frame * step_time:.2f} s   done: {film.done[frame]:.0f} of {parts}"
-    left = film.goal - film.poses[frame, 0]
-    text = f"{frame * step_time:.2f} s   to go: {1e3 * math.hypot(left[0], left[1]):.1f} mm"
-    if facts.heading_tolerance is None:
-        return text
-    turn = math.degrees(left[2])
-    if task == "Align" and scene.parts[0].symmetry:  # headings that look the same are the same
-        period = 360.0 / scene.parts[0].symmetry
-        turn -= period * math.floor(turn / period + 0.5)
-    return f"{text}, {round(turn)} deg"
+def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
+    """A painter whose pictures are about ``width`` pixels wide."""
+    return scenery.painter(max(4, (width - BORDER) // scenery.columns) / scenery.element_size)
 
 
-def picture(results: Results, task: str, policy: str, frame: int, painter: SurfacePainter) -> np.ndarray:
+def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -> np.ndarray:
     """Frame of a film, (height, width, 3) uint8."""
-    rollout, facts = results.rollouts[task, policy], results.tasks[task]
-    film, scene = rollout.film, results.scenes[task]
-    said = caption(results, task, film, frame, rollout.step_time)
-    if scene.crowd:
-        trails = film.poses[max(0, frame - TRAIL_STEPS) : frame + 1, :, :2]
-        view = View(
-            pose=film.poses[frame],
-            phasors=film.phasors[frame],
-            goal_pose=None,
-            goal_tolerance=None,
-            caption=said,
-            zones=scene.zones,
-            trails=list(np.moveaxis(trails, 1, 0)),
-        )
-    else:
-        view = View(
-            pose=film.poses[frame],
-            phasors=film.phasors[frame],
-            goal_pose=film.goal if facts.heading_tolerance is not None else film.goal[:2],
-            goal_tolerance=facts.position_tolerance,
-            trail=film.poses[: frame + 1, 0, :2],
-            caption=said,
-        )
-    return painter.paint(view)
+    trail = film.poses[: frame + 1, :, :2]
+    shown = (film.poses[frame], film.present, film.goal, film.phasors[frame], trail, film.captions[frame])
+    return painter.paint(scenery.view(*shown))
 
 
-def frames_of(results: Results, task: str, policy: str, width: int = WIDTH) -> tuple[list[np.ndarray], float]:
+def frames_of(film: Film, scenery: Scenery, step_time: float, width: int = WIDTH) -> tuple[list[np.ndarray], float]:
     """Frames of a film and the time between them in s: every step of a short one, fewer of a long one, true to time."""
-    rollout = results.rollouts[task, policy]
-    last = len(rollout.film.poses) - 1
+    last = len(film.poses) - 1
     stride = max(1, math.ceil(last / (MOST_FRAMES - 1)))
-    shown = [*range(0, last, stride), last]
-    painter = painter_for(results, task, width)
-    return [picture(results, task, policy, k, painter) for k in shown], stride * rollout.step_time
+    painter = painter_for(scenery, width)
+    return [picture(film, scenery, k, painter) for k in [*range(0, last, stride), last]], stride * step_time
 
 
-def _durations(frames: Sequence[np.ndarray], interval: float) -> list[int]:
+def _durations(frames: Sequence[Any], interval: float) -> list[int]:
     return [max(20, round(1e3 * interval))] * (len(frames) - 1) + [REST]
 
 
 def webp(frames: Sequence[np.ndarray], interval: float, most: int) -> bytes:
-    """A looping WebP animation of at most ``most`` bytes, or of the lowest quality if none is that small."""
+    """A looping WebP animation of at most ``most`` bytes, or of the lowest quality if none is that small.
+
+    Encoding is slow, so that a few frames say which quality to try first.
+    """
     images = [Image.fromarray(frame) for frame in frames]
+    middle = max(0, (len(images) - SAMPLE) // 2)
+    some, first = images[middle : middle + SAMPLE], 0
+    if len(some) < len(images):
+
+        def fits(quality: int) -> bool:
+            """As far as can be told: the first frame is whole, the others are differences."""
+            whole, all_some = (len(_encoded(each, interval, quality)) for each in (some[:1], some))
+            return whole + (len(images) - 1) / (len(some) - 1) * (all_some - whole) <= most
+
+        first = bisect.bisect_left(QUALITIES[:-1], True, key=fits)
     data = b""
-    for quality in QUALITIES:
-        file = io.BytesIO()
-        images[0].save(
-            file,
-            format="WEBP",
-            save_all=True,
-            append_images=images[1:],
-            duration=_durations(frames, interval),
-            loop=0,
-            quality=quality,
-            method=3,
-        )
-        data = file.getvalue()
+    for quality in QUALITIES[first:]:
+        data = _encoded(images, interval, quality)
         if len(data) <= most:
             break
     return data
+
+
+def _encoded(images: Sequence[Image.Image], interval: float, quality: int) -> bytes:
+    file = io.BytesIO()
+    settings: dict[str, Any] = {
+        "duration": _durations(images, interval),
+        "loop": 0,
+        "quality": quality,
+        "method": METHOD,
+    }
+    images[0].save(file, format="WEBP", save_all=True, append_images=images[1:], **settings)
+    return file.getvalue()
 
 
 def png(frame: np.ndarray) -> bytes:
@@ -155,7 +122,7 @@ def write_gif(path: Path, frames: Sequence[np.ndarray], fps: float) -> None:
     write_atomically(path, file.getvalue())
 
 
-def write_film_gif(path: Path, results: Results, task: str, policy: str, width: int = 840) -> None:
-    """Write the film of one policy on one task as a GIF, for the README."""
-    frames, interval = frames_of(results, task, policy, width)
+def write_film_gif(path: Path, film: Film, scenery: Scenery, step_time: float, width: int = 840) -> None:
+    """Write a film as a GIF, for the README."""
+    frames, interval = frames_of(film, scenery, step_time, width)
     write_gif(path, frames, 1.0 / interval)

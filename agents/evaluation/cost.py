@@ -15,17 +15,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from agents.policy import Situation, make_policy
+import vibgym  # noqa: F401 - registers the environments
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
 from vibgym.config import part_from
-from vibgym.envs.core import Core
-from vibgym.physics.drive import ElementDrive
-from vibgym.scene import Part, Simulator, Surface
-from vibgym.tasks import Sort
-from vibgym.tasks.arrange import lattice
-from vibgym.tasks.base import Start
+from vibgym.physics.core.drive import element_drive
+from vibgym.scene import Part, Surface
+from vibgym.simulation import Simulator
+from vibgym.tasks.lattice import lattice
 
 COUNTS = (1, 2, 4, 8, 16, 32, 64)
 BLOCKS = ("steel_block", "aluminium_block")
@@ -49,7 +50,7 @@ class Curve:
     what: str  # "simulation", or the policy whose predict() was timed
     rows: int  # elements of the surface
     columns: int
-    touching: bool  # whether parts lie in one crowd, 0.1 mm apart; else they keep sqrt(2) element sizes
+    touching: bool  # whether parts lie in one heap, 0.1 mm apart; else they keep sqrt(2) element sizes
     parts: tuple[int, ...]
     seconds: tuple[float, ...]  # of one period, median over repetitions
 
@@ -94,15 +95,15 @@ def block_kinds(count: int, rows: int) -> list[int]:
     return [k // rows % 2 for k in range(count)]
 
 
-def crowd_rows(surface: Surface, count: int) -> int:
-    """Blocks in a column of a crowd of ``count``: about a square, one block's width clear of the border."""
+def heap_rows(surface: Surface, count: int) -> int:
+    """Blocks in a column of a heap of ``count``: about a square, one block's width clear of the border."""
     height = max(float(np.ptp(part_from(name).outline[:, 1])) for name in BLOCKS)
     fit = math.floor((surface.height - 2.0 * height) / (height + GAP))
     return max(1, min(math.ceil(math.sqrt(count)), fit))
 
 
-def crowded(surface: Surface, parts: Sequence[Part], rows: int) -> np.ndarray:
-    """Poses (parts, 3) of a crowd in columns of ``rows`` blocks in the middle of the surface, 0.1 mm apart."""
+def heaped(surface: Surface, parts: Sequence[Part], rows: int) -> np.ndarray:
+    """Poses (parts, 3) of a heap in columns of ``rows`` blocks in the middle of the surface, 0.1 mm apart."""
     pose, left = np.zeros((len(parts), 3)), 0.0
     for first in range(0, len(parts), rows):
         column = parts[first : first + rows]
@@ -137,8 +138,8 @@ class Simulating:
         self.simulator = Simulator(surface, list(parts), threads=1)
         self.pose = pose
         self.velocity = idle(surface, parts)
-        random = np.random.default_rng(0).uniform(-1.0, 1.0, (WARM_UP + PERIODS, 1, surface.rows, surface.columns, 2))
-        self.drives = [ElementDrive(each, surface.full_scale) for each in random.astype(np.float32)]
+        random = np.random.default_rng(0).uniform(-1.0, 1.0, (WARM_UP + PERIODS, 1, surface.rows * surface.columns * 2))
+        self.drives = [element_drive(each, surface.columns, surface.full_scale) for each in random.astype(np.float32)]
 
     def seconds(self) -> float:
         """Of one period, mean over a run."""
@@ -157,27 +158,28 @@ class Controlling:
     def __init__(self, surface: Surface, parts: Sequence[Part], pose: np.ndarray, policy: str) -> None:
         half = 0.5 * surface.width
         zones = {BLOCKS[0]: (0.0, 0.0, half, surface.height), BLOCKS[1]: (half, 0.0, surface.width, surface.height)}
-        zones = {name: zones[name] for name in dict.fromkeys(part.name for part in parts)}
         names = [part.name for part in parts]
-        settings: dict[str, Any] = {"surface": surface, "parts": names, "zones": zones}
-        self.policy = make_policy(policy, Situation.of(Core(Sort, 1, **settings).task))
-        self.core = Core(Sort, 1, **settings, action=self.policy.action, observation=self.policy.observation)
-        self.start = Start(pose[None], np.ones((1, len(parts)), dtype=bool), np.zeros((1, 3)))
-        self.velocity = idle(surface, parts)[None]
+        settings: dict[str, Any] = {
+            "num_envs": 1,
+            "surface": surface,
+            "parts": names,
+            "zones": {name: zones[name] for name in dict.fromkeys(names)},
+        }
+        self.policy = make_policy(policy, TaskInfo.of(gym.make_vec("vibgym/Sort-v0", **settings)))
+        spoken: dict[str, Any] = {"action": self.policy.action, "observation": self.policy.observation}
+        self.env = gym.make_vec("vibgym/Sort-v0", **settings, **spoken)
+        self.pose = pose
 
     def seconds(self) -> float:
         """Of one call, mean over a run."""
-        core, total, state = self.core, 0.0, None
-        world = np.zeros(1, dtype=np.int64)
-        core.simulator.place(world, self.start.pose, self.velocity, self.velocity)
-        core.task.begin(core.simulator.state, self.start, core.goal, world, core.score)
+        total, state = 0.0, None
+        observation, _ = self.env.reset(seed=0, options={"pose": self.pose})
         for period in range(WARM_UP + PERIODS):
-            seen = core.observe()
             began = time.perf_counter()
-            action, state = self.policy.predict(seen, state, np.array([period == 0]))
+            action, state = self.policy.predict(observation, state, np.array([period == 0]))
             if period >= WARM_UP:
                 total += time.perf_counter() - began
-            core.step(core.action.check(action, 1))
+            observation = self.env.step(action)[0]
         return total / PERIODS
 
 
@@ -202,9 +204,9 @@ def measure(
     benches: dict[tuple[str, int, bool], dict[int, Any]] = {}
     for index, surface in enumerate(surfaces):
         for count in counts:
-            rows = crowd_rows(surface, count)
+            rows = heap_rows(surface, count)
             parts = [part_from(BLOCKS[kind]) for kind in block_kinds(count, rows)]
-            poses = {False: apart(surface, parts), True: crowded(surface, parts, rows)}
+            poses = {False: apart(surface, parts), True: heaped(surface, parts, rows)}
             if poses[False] is None:
                 break
             for touching, pose in poses.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import itertools
 from collections.abc import Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,20 +14,21 @@ import gymnasium as gym
 from tqdm import tqdm
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.classical import CLASSICAL
 from agents.evaluation import animation, cost, report, tables
+from agents.evaluation.cost import Cost
+from agents.evaluation.processes import side_by_side, usable
 from agents.evaluation.provenance import provenance
-from agents.evaluation.results import Results, TaskFacts, row_of
-from agents.evaluation.rollout import run
-from agents.evaluation.scene import Scene, scene_of
+from agents.evaluation.results import Results, Row, row_of
+from agents.evaluation.rollout import Rollout, run
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import compare
-from agents.policy import Policy, Situation, make_policy
+from agents.policy import Policy
+from agents.registry import CONTROLLERS, make_policy
+from agents.task_info import TaskInfo
 from vibgym import checks
-from vibgym.envs.core import Core
+from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, write_atomically
-from vibgym.scene import Surface
-from vibgym.tasks import ManyTask, PoseTask, Task
+from vibgym.rendering import Scenery
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,8 @@ class Evaluation:
     """A checked evaluation: environments and policies exist, the output directory can be written to."""
 
     settings: EvaluationSettings
-    surface: Surface
-    tasks: dict[str, TaskFacts]
-    scenes: dict[str, Scene]
+    tasks: dict[str, TaskInfo]
+    scenery: dict[str, Scenery]  # what pictures of each task show
     policies: dict[tuple[str, str], Policy]  # (task, policy)
     gif: Gif | None
 
@@ -57,25 +58,21 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
         ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
     """
     entries = settings.entries()
-    tasks: dict[str, TaskFacts] = {}
-    scenes: dict[str, Scene] = {}
+    tasks: dict[str, TaskInfo] = {}
+    scenery: dict[str, Scenery] = {}
     policies: dict[tuple[str, str], Policy] = {}
-    surface = Surface()
     for task in settings.tasks:
         with _field("evaluation.environment"):
             env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings.environment)
-        core: Core = env.unwrapped.core  # type: ignore[attr-defined]
-        limit: int = env.unwrapped.max_episode_steps  # type: ignore[attr-defined]
-        seeds = settings.seed_list(task)
-        scenes[task], surface = scene_of(core), core.surface
-        tasks[task] = _facts(task, core.task, limit, len(seeds))
-        situation = Situation.of(core.task, task)
+        tasks[task] = info = TaskInfo.of(env, task)
+        scenery[task] = scenery_of(env.unwrapped)  # type: ignore[arg-type]
+        seed = settings.seed_list(task)[0]
         for entry in entries:
-            if entry.tasks is None and not serves(entry.content, situation):
+            if entry.tasks is None and not serves(entry.content, info):
                 continue
             if entry.tasks is None or task in entry.tasks:
                 with _field(f"evaluation.policies ({entry.name} on {task})"):
-                    policies[task, entry.name] = make_policy(entry.content, situation, seeds[0])
+                    policies[task, entry.name] = make_policy(entry.content, info, seed)
         env.close()
         if not any(each == task for each, _ in policies):
             raise checks.refuse("evaluation.policies", [entry.name for entry in entries], f"one that serves {task}")
@@ -87,19 +84,19 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
         checks.choice("--gif POLICY", gif.policy, tuple(name for task, name in policies if task == gif.task))
         output_directory(gif.path.parent, "--gif PATH")
     output_directory(Path(settings.output), "evaluation.output")
-    return Evaluation(settings, surface, tasks, scenes, policies, gif)
+    return Evaluation(settings, tasks, scenery, policies, gif)
 
 
-def serves(content: Any, situation: Situation) -> bool:
+def serves(content: Any, info: TaskInfo) -> bool:
     """Whether a policy that names no tasks is meant for this one.
 
-    A classical one is where it can be made with its own defaults. All others are: where they do not fit, making them says so.
+    A controller is where it can be made with its own defaults. All others are: where they do not fit, making them says so.
     """
     kind = content.get("kind") if isinstance(content, Mapping) else content
-    if not isinstance(kind, str) or kind not in CLASSICAL:
+    if not isinstance(kind, str) or kind not in CONTROLLERS or kind == "trained":
         return True
     try:
-        make_policy(kind, situation)
+        make_policy(kind, info)
     except ValueError:
         return False
     return True
@@ -119,22 +116,6 @@ class _field:
             raise ValueError(f"{self.name}: {error}") from None
 
 
-def _facts(name: str, task: Task, limit: int, episodes: int) -> TaskFacts:
-    summary = (inspect.getdoc(type(task)) or "").split("\n\n")[0].replace("\n", " ")
-    position = heading = apart = None
-    zones: dict[str, tuple[float, float, float, float]] = {}
-    if isinstance(task, PoseTask):
-        position = task.position_tolerance
-        heading = task.heading_tolerance if task.has_heading else None
-    elif isinstance(task, ManyTask):
-        apart = task.apart() if task.apart() > 0.0 else None
-        if task.zones is not None:
-            zones = {kind: tuple(zone) for kind, zone in zip(task.names, task.zones.tolist(), strict=True)}
-    return TaskFacts(
-        name, summary, position, heading, limit, episodes, tuple(part.name for part in task.parts), zones, apart
-    )
-
-
 def _first_line(policy: Policy) -> str:
     """What the policy's documentation says of it, without the marks of code."""
     return (inspect.getdoc(policy) or "").partition("\n")[0].replace("`", "").replace('"', "")
@@ -144,11 +125,27 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
     """Run every policy on every task and compare them; writes nothing."""
     settings = evaluation.settings
     level, resamples = settings.confidence, settings.resamples
-    measured = cost.measure_alone(quiet) if settings.cost_per_period else None
-    rollouts = {
-        (task, name): run(policy, task, settings.seed_list(task), settings.environment, name, quiet)
-        for (task, name), policy in evaluation.policies.items()
-    }
+    alone = usable(settings.processes) == 1
+    measured: Cost | Future[Cost] | None = None
+    found: dict[tuple[str, str], Any] = dict.fromkeys(evaluation.policies)
+    with side_by_side(settings.processes) as submit:
+        if settings.cost_per_period:
+            measured = cost.measure_alone(quiet) if alone else submit(cost.measure, True)
+        given = settings.named_policies()
+        named = [] if alone else [pair for pair in found if _plain(given[pair[1]])]
+        for task, name in sorted(named, key=lambda pair: _order(evaluation.tasks[pair[0]], settings)):
+            info, seeds = evaluation.tasks[task], settings.seed_list(task)
+            asked = (given[name], info, seeds, settings.environment, name, level, resamples)
+            found[task, name] = submit(_made_and_judged, *asked)
+        for (task, name), future in found.items():
+            if future is None:
+                policy, seeds = evaluation.policies[task, name], settings.seed_list(task)
+                found[task, name] = _judged(policy, task, seeds, settings.environment, name, level, resamples, quiet)
+        waiting = tqdm(found.items(), desc="running policies", unit="pair", disable=quiet or alone)
+        found = {pair: each.result() if isinstance(each, Future) else each for pair, each in waiting}
+        if isinstance(measured, Future):
+            measured = measured.result()
+    rollouts: dict[tuple[str, str], Rollout] = {pair: rollout for pair, (rollout, _) in found.items()}
     pairs = [
         (task, *pair)
         for task in settings.tasks
@@ -161,16 +158,48 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
     described = {name: _first_line(policy) for (_, name), policy in reversed(evaluation.policies.items())}
     return Results(
         settings=settings,
-        surface=evaluation.surface,
         tasks=evaluation.tasks,
-        scenes=evaluation.scenes,
+        scenery=evaluation.scenery,
         policies={name: described[name] for name in settings.named_policies()},
         rollouts=rollouts,
-        rows=tuple(row_of(key[1], rollout, level, resamples) for key, rollout in rollouts.items()),
+        rows=tuple(row for _, row in found.values()),
         comparisons=tuple(comparisons),
         provenance=provenance(),
         cost=measured,
     )
+
+
+def _order(info: TaskInfo, settings: EvaluationSettings) -> tuple[bool, int]:
+    """Tasks for one part first, while the cost of several is measured: so hardly a kernel is compiled twice.
+
+    Then those that take longest, lest one is left over in the end.
+    """
+    return len(info.parts) > 1, -len(settings.seed_list(info.name)) * len(info.parts) * (info.step_limit or 1)
+
+
+def _plain(content: Any) -> bool:
+    """Whether a policy is made from plain data, as well in another process; objects stay here, whatever they remember."""
+    return isinstance(content, str) or (isinstance(content, Mapping) and "policy" not in content)
+
+
+def _judged(
+    policy: Policy,
+    task: str,
+    seeds: list[int],
+    environment: dict[str, Any],
+    name: str,
+    level: float,
+    resamples: int,
+    quiet: bool = True,
+) -> tuple[Rollout, Row]:
+    """A policy's rollout on a task, and its statistics."""
+    rollout = run(policy, task, seeds, environment, name, quiet)
+    return rollout, row_of(name, rollout, level, resamples)
+
+
+def _made_and_judged(content: Any, info: TaskInfo, seeds: list[int], *asked: Any) -> tuple[Rollout, Row]:
+    """The same in a process of its own, where the policy is made first."""
+    return _judged(make_policy(content, info, seeds[0]), info.name, seeds, *asked)
 
 
 def write(found: Results, gif: Gif | None = None, quiet: bool = False) -> Path:
@@ -187,7 +216,8 @@ def write(found: Results, gif: Gif | None = None, quiet: bool = False) -> Path:
         "report.html": report.page(found, quiet),
     }
     if gif is not None:
-        animation.write_film_gif(gif.path, found, gif.task, gif.policy)
+        rollout = found.rollouts[gif.task, gif.policy]
+        animation.write_film_gif(gif.path, rollout.film, found.scenery[gif.task], rollout.step_time)
     for name, content in files.items():
         write_atomically(directory / name, content)
     return directory / "report.html"

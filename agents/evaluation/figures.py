@@ -1,4 +1,4 @@
-"""Plots of the report, as PNG on white: what all of them share, and those of the tasks for one part."""
+"""Plots of the report, as PNG on white. What they show follows from what a task has and what was written down."""
 
 from __future__ import annotations
 
@@ -8,20 +8,30 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
+from PIL import Image
 
 from agents.evaluation.results import Results
 from agents.evaluation.rollout import Rollout
+from agents.task_info import TaskInfo
+from vibgym.rendering import Scenery, colours
 from vibgym.scene import Surface
 
 SHOWN = 30
 """Episodes in a trajectory plot: the first ones."""
 
+MAPPED = 4
+"""Episodes on a map of several parts: the first ones; more lines would hide each other."""
+
 WORTH_SHOWING = 0.05
 """The time axis of arrivals ends with the last success of those policies that succeed at least so often."""
+
+FLOOR = 0.1
+"""mm and degrees at which the logarithmic axes of errors begin."""
 
 INK, MUTED, GRID = "#262c38", "#6c7380", "#e3e6ea"
 SUCCESS, FAILURE = "#0b7a75", "#d1572a"
@@ -36,8 +46,9 @@ def new_figure(width: float, height: float) -> Figure:
 
 def png(figure: Figure) -> bytes:
     """The figure as a file."""
-    file = io.BytesIO()
-    figure.savefig(file, format="png", metadata={"Software": None})
+    canvas, file = FigureCanvasAgg(figure), io.BytesIO()
+    canvas.draw()  # once: savefig draws twice, for the layout first
+    Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).save(file, format="PNG")
     return file.getvalue()
 
 
@@ -55,31 +66,18 @@ def style(axes: Axes, **labels: str) -> None:
     axes.title.set(color=INK, fontsize=8.5)
 
 
-def trajectories(results: Results, task: str, policy: str) -> bytes:
-    """Paths of the first episodes on the surface, to scale, and how their errors shrink."""
-    rollout, facts = results.rollouts[task, policy], results.tasks[task]
-    surface = results.surface
-    panels = 1 if facts.heading_tolerance is None else 2
-    map_height = height_of_map(surface)
-    figure = new_figure(6.2, map_height + 1.5)
-    grid = figure.add_gridspec(2, panels, height_ratios=[map_height, 1.5])
-    _map(figure.add_subplot(grid[0, :]), results, rollout)
-    times = np.arange(rollout.poses.shape[1]) * rollout.step_time
-    left = rollout.goals[:SHOWN, None, :] - rollout.poses[:SHOWN, :, 0]
-    distance = 1e3 * np.hypot(left[..., 0], left[..., 1])
-    axes = figure.add_subplot(grid[1, 0])
-    assert facts.position_tolerance is not None
-    _errors(axes, rollout, times, distance, 1e3 * facts.position_tolerance, 0.1)
-    style(axes, xlabel="time (s)", ylabel="distance (mm)")
-    if facts.heading_tolerance is not None:
-        turn = np.degrees(left[..., 2])
-        if task == "Align":
-            symmetry = results.scenes[task].parts[0].symmetry
-            period = 360.0 / symmetry if symmetry else 1e-9
-            turn = turn - period * np.floor(turn / period + 0.5)
-        axes = figure.add_subplot(grid[1, 1])
-        _errors(axes, rollout, times, np.abs(turn), math.degrees(facts.heading_tolerance), 0.1)
-        style(axes, xlabel="time (s)", ylabel="heading error (deg)")
+def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
+    """Paths of the first episodes on the surface, to scale, and below them how they went on over time."""
+    shown = ("position_error", "heading_error") if task.has_goal else ("parts_done", "clearance")
+    panels = [(PANELS[name], values) for name in shown if (values := rollout.over_time(name)) is not None]
+    height = height_of_map(task.surface)
+    figure = new_figure(6.2, height + 1.5)
+    grid = figure.add_gridspec(2, max(len(panels), 1), height_ratios=[height, 1.5])
+    _map(figure.add_subplot(grid[0, :]), rollout, task, scenery)
+    for column, (draw, values) in enumerate(panels):
+        axes = figure.add_subplot(grid[1, column])
+        draw(axes, rollout, task, values[:SHOWN])
+        axes.set(xlim=(0.0, float(rollout.steps[:SHOWN].max()) * rollout.step_time))
     return png(figure)
 
 
@@ -118,27 +116,86 @@ def draw_path(axes: Axes, points: np.ndarray, colour: Any) -> None:
     axes.plot(*points[-1], ".", color=colour, markersize=3.4, zorder=5)
 
 
-def _map(axes: Axes, results: Results, rollout: Rollout) -> None:
-    tolerance = results.tasks[rollout.task].position_tolerance
-    assert tolerance is not None
-    for path, goal, colour in zip(rollout.poses[:SHOWN], rollout.goals, outcome_colours(rollout), strict=False):
-        points = path[:, 0, :2]
-        draw_path(axes, 1e3 * points[np.isfinite(points[:, 0])], colour)
-        ring = Circle(tuple(1e3 * goal[:2]), 1e3 * tolerance, fill=False, edgecolor=INK, linewidth=0.6, zorder=4)
-        axes.add_patch(ring)
-    draw_table(axes, results.surface)
+def kind_colour(kind: int) -> tuple[float, ...]:
+    """As in the films."""
+    return tuple(channel / 255.0 for channel in colours.PARTS[kind % len(colours.PARTS)])
 
 
-def _errors(
-    axes: Axes, rollout: Rollout, times: np.ndarray, errors: np.ndarray, tolerance: float, floor: float
-) -> None:
-    for each, colour in zip(errors, outcome_colours(rollout), strict=True):
-        axes.plot(times, np.maximum(each, floor), color=colour, linewidth=0.8, alpha=0.6)
-    axes.axhspan(floor, tolerance, color=SUCCESS, alpha=0.10, linewidth=0)
+def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None:
+    """One part's paths are coloured by their outcomes, those of several by their kinds."""
+    several = len(task.parts) > 1
+    for zone in scenery.zones:
+        low, size = 1e3 * np.array(zone.low), 1e3 * (np.array(zone.high) - zone.low)
+        tint = kind_colour(zone.kind)
+        axes.add_patch(Rectangle(tuple(low), *size, facecolor=(*tint, 0.14), edgecolor="none", zorder=1.5))
+        dashed: dict[str, Any] = {"fill": False, "edgecolor": tint, "linewidth": 0.9, "linestyle": (0, (4, 2))}
+        axes.add_patch(Rectangle(tuple(low), *size, **dashed, zorder=2))
+    outcomes = outcome_colours(rollout)
+    for episode in range(min(MAPPED if several else SHOWN, len(rollout.seeds))):
+        for part, kind in enumerate(task.kind):
+            points = 1e3 * rollout.poses[episode, :, part, :2]
+            points = points[np.isfinite(points[:, 0])]
+            if not len(points):
+                continue
+            draw_path(axes, points, kind_colour(kind) if several else outcomes[episode])
+            if task.has_goal:
+                centre = tuple(1e3 * rollout.goals[episode, part, :2])
+                ring: dict[str, Any] = {"fill": False, "edgecolor": INK, "linewidth": 0.6, "zorder": 4}
+                axes.add_patch(Circle(centre, 1e3 * task.position_tolerance, **ring))
+    draw_table(axes, task.surface)
+
+
+def _distances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    _errors(axes, rollout, 1e3 * values, 1e3 * task.position_tolerance)
+    style(axes, xlabel="time (s)", ylabel="distance (mm)")
+
+
+def _turns(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    _errors(axes, rollout, np.degrees(values), math.degrees(task.heading_tolerance))
+    style(axes, xlabel="time (s)", ylabel="heading error (deg)")
+
+
+def _shares(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    present = np.isfinite(rollout.poses[:SHOWN, 0, :, 0]).sum(axis=1)
+    _lines(axes, rollout, 100.0 * values / present[:, None], alpha=0.5, drawstyle="steps-post")
+    axes.set(ylim=(-4.0, 104.0))
+    style(axes, xlabel="time (s)", ylabel="parts done (%)")
+
+
+def _clearances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    clearances = 1e3 * values
+    _lines(axes, rollout, np.maximum(clearances, 0.0), alpha=0.5)
+    finite = clearances[np.isfinite(clearances)]
+    top = max(float(finite.max()) if finite.size else 0.0, 10.0)
+    if task.apart is not None:
+        top = max(top, 1.3e3 * task.apart)
+        axes.axhspan(1e3 * task.apart, 1.05 * top, color=SUCCESS, alpha=0.10, linewidth=0)
+    axes.set(ylim=(-0.03 * top, 1.05 * top))
+    style(axes, xlabel="time (s)", ylabel="smallest distance (mm)")
+
+
+PANELS = {"position_error": _distances, "heading_error": _turns, "parts_done": _shares, "clearance": _clearances}
+"""How each of :data:`agents.evaluation.log.SERIES` is drawn."""
+
+
+def _errors(axes: Axes, rollout: Rollout, errors: np.ndarray, tolerance: float) -> None:
+    _lines(axes, rollout, np.maximum(errors, FLOOR), alpha=0.6)
+    axes.axhspan(FLOOR, tolerance, color=SUCCESS, alpha=0.10, linewidth=0)
     top = max(float(np.nanmax(errors)), 10.0 * tolerance)
-    axes.set(yscale="log", ylim=(floor, 1.4 * top), xlim=(0.0, float(times[rollout.steps[:SHOWN].max()])))
+    axes.set(yscale="log", ylim=(FLOOR, 1.4 * top))
     axes.minorticks_off()
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+def _lines(axes: Axes, rollout: Rollout, values: np.ndarray, **drawn: Any) -> None:
+    """Values (episodes, steps) over time, coloured by the outcomes."""
+    for each, colour in zip(values, outcome_colours(rollout), strict=True):
+        axes.plot(times(rollout), each, color=colour, linewidth=0.8, **drawn)
+
+
+def times(rollout: Rollout) -> np.ndarray:
+    """(most steps + 1,) s."""
+    return np.arange(rollout.poses.shape[1]) * rollout.step_time
 
 
 def policy_colour(results: Results, name: str) -> str:
@@ -147,27 +204,47 @@ def policy_colour(results: Results, name: str) -> str:
 
 
 def arrivals(results: Results, task: str) -> bytes:
-    """Share of all episodes that have reached the goal by a time, for every policy."""
-    figure = new_figure(8.2, 2.8)
-    axes = figure.add_subplot()
-    draw_arrivals(axes, results, task)
-    put_legend(axes)
+    """Share of the episodes at the goal by a time, and of the parts that are done where they are counted, for every policy."""
+    rollouts = {name: results.rollouts[task, name] for name in results.names(task)}
+    done = {name: each.over_time("parts_done") for name, each in rollouts.items()}
+    figure = new_figure(8.6, 2.8)
+    counted = all(each is not None for each in done.values())
+    left, *others = figure.subplots(1, 2 if counted else 1, squeeze=False)[0]
+    end = _draw_arrivals(left, results, task)
+    for axes in others:
+        for name, rollout in rollouts.items():
+            present = np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
+            share = 100.0 * _held(done[name] / present[:, None], rollout.steps).mean(axis=0)
+            shown = {"color": policy_colour(results, name), "linewidth": 1.9, "drawstyle": "steps-post"}
+            axes.plot(times(rollout), share, **shown)
+        axes.set(xlim=(0.0, end), ylim=(-2.0, 103.0))
+        style(axes, xlabel="time (s)", ylabel="parts done, mean (%)")
+    handles, labels = left.get_legend_handles_labels()
+    legend = figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize=8.5, handlelength=1.4)
+    for text in legend.get_texts():
+        text.set_color(INK)
     return png(figure)
 
 
-def draw_arrivals(axes: Axes, results: Results, task: str) -> float:
-    """The curves of :func:`arrivals`; returns where the time axis ends, s."""
+def _held(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """``values`` (episodes, most steps + 1), from the end of each episode on its last one."""
+    last = values[np.arange(len(steps)), steps]
+    return np.where(np.arange(values.shape[1]) > steps[:, None], last[:, None], values)
+
+
+def _draw_arrivals(axes: Axes, results: Results, task: str) -> float:
+    """The curves of the left plot; returns where the time axis ends, s."""
     rollouts = {name: results.rollouts[task, name] for name in results.names(task)}
-    episodes = results.tasks[task].episodes
-    end = results.tasks[task].step_limit * next(iter(rollouts.values())).step_time
+    episodes = results.episodes(task)
+    end = float(times(next(iter(rollouts.values())))[-1])
     arrived = {name: np.sort(each.time_to_goal[each.success]) for name, each in rollouts.items()}
     # A few late successes would squeeze the rest into a corner; the legend has all of them.
     last = [float(each[-1]) for each in arrived.values() if len(each) >= WORTH_SHOWING * episodes]
     shown = min(end, 1.08 * max(last, default=end))
-    for name, times in arrived.items():
-        share = 100.0 * np.arange(len(times) + 1) / episodes
+    for name, at in arrived.items():
+        share = 100.0 * np.arange(len(at) + 1) / episodes
         axes.step(
-            [0.0, *times, end],
+            [0.0, *at, end],
             [*share, share[-1]],
             where="post",
             color=policy_colour(results, name),
@@ -177,10 +254,3 @@ def draw_arrivals(axes: Axes, results: Results, task: str) -> float:
     axes.set(xlim=(0.0, shown), ylim=(-2.0, 103.0))
     style(axes, xlabel="time to goal, hold included (s)", ylabel="episodes at the goal (%)")
     return shown
-
-
-def put_legend(axes: Axes) -> None:
-    """Beside the axes."""
-    legend = axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False, fontsize=8.5, handlelength=1.4)
-    for text in legend.get_texts():
-        text.set_color(INK)

@@ -8,13 +8,15 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.touches import Touches
-from vibgym.envs.core import Core
-from vibgym.tasks import ManyTask
+from vibgym.envs.shared import SharedInterface, Truth
 
 WATCHED_AMONG = 30
 """The world that is filmed is one of the first so many, which are also those of the trajectory plot."""
 
 TURN_WEIGHT = 0.1  # m/rad: a turn of 1 rad counts as far as 100 mm when the farthest goal is chosen
+
+SERIES = ("position_error", "heading_error", "clearance", "parts_done")
+"""What is written down of ``info`` after every step, where a task has it."""
 
 
 @dataclass(frozen=True)
@@ -22,74 +24,93 @@ class Film:
     """One world of a rollout, frame by frame; frame 0 is the start, with all elements at rest."""
 
     seed: int
-    poses: np.ndarray  # (frames, parts, 3) m, m, rad; nan of absent parts
+    poses: np.ndarray  # (frames, parts, 3) m, m, rad
+    present: np.ndarray  # (parts,) bool
     phasors: np.ndarray  # (frames, rows, columns, 2) float32, fractions of full scale, of the step that led to the pose
-    goal: np.ndarray  # (3,) of one part
-    done: np.ndarray  # (frames,) parts done; nan with one part
-    clearance: np.ndarray  # (frames,) m, smallest distance between parts; nan with one part
+    goal: np.ndarray  # (parts, 3); zeros for tasks without goal poses
+    captions: tuple[str, ...]  # of the frames
+    done: float  # parts done at the end; nan where they are not counted
     success: bool
 
 
-def farthest_goal(core: Core) -> int:
-    """World among the first ones whose goal is farthest: worth watching, and the same for every policy.
+def farthest_goal(env: SharedInterface, touching: np.ndarray) -> int:
+    """World among the first ones whose parts have farthest to go: worth watching, and the same for every policy.
 
-    With several parts it is the one where they are farthest from their zones in all, or where most pairs are in touch.
+    Without goals and zones it is the one where most pairs are in touch.
+
+    Args:
+        env: whose episodes have just begun.
+        touching: (worlds,) pairs in touch.
     """
-    score = core.score
-    if isinstance(core.task, ManyTask):
-        way = np.hypot(score.way[..., 0], score.way[..., 1]).sum(axis=1)
-        return int((way if core.task.ZONES else score.touching)[:WATCHED_AMONG].argmax())
-    distance = score.distance + TURN_WEIGHT * np.abs(score.error[:, 2])
-    return int(distance[:WATCHED_AMONG].argmax())
+    error = env.truth.error
+    far = (np.hypot(error[..., 0], error[..., 1]) + TURN_WEIGHT * np.abs(error[..., 2])).sum(axis=1)
+    return int((far if _leads_somewhere(env) else touching)[:WATCHED_AMONG].argmax())
+
+
+def _leads_somewhere(env: SharedInterface) -> bool:
+    """Whether the task says where parts shall end."""
+    return env.task.has_goal or env.task.zones is not None
 
 
 class Log:
-    """What is written down of every world while a rollout goes on; all is of the worlds' first episodes."""
+    """What is written down of every world while a rollout goes on; all is of the worlds' first episodes.
 
-    def __init__(self, core: Core, limit: int) -> None:
-        self.core, self.many = core, isinstance(core.task, ManyTask)
-        worlds, parts = core.worlds, len(core.parts)
-        pose = core.simulator.state.pose
-        self.present = core.score.present.copy() if self.many else np.ones((worlds, parts), dtype=bool)
-        self.several = self.present.sum(axis=1) > 1
-        self.poses = np.full((worlds, limit + 1, parts, 3), np.nan, dtype=np.float32)
-        self.done, self.clearances = (np.full((worlds, limit + 1), np.nan, dtype=np.float32) for _ in range(2))
-        self.touches = Touches(core) if self.many else None
-        self.last = pose[..., :2].copy()
+    Args:
+        env: a vector environment whose episodes have just begun.
+        info: what its reset said.
+        limit: steps of the longest episode.
+
+    Attributes:
+        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Rollout`.
+        watched: the world that is filmed.
+    """
+
+    def __init__(self, env: SharedInterface, info: dict[str, Any], limit: int) -> None:
+        truth = env.truth
+        self.env, self.start = env, truth
+        worlds, parts = truth.present.shape
+        touching = info.get("touching", np.zeros(worlds))
+        self.several = truth.present.sum(axis=1) > 1
+        self.touches = Touches(env.parts, worlds) if "touching" in info else None
+        way = np.where(truth.present[..., None], truth.error, 0.0)
         self.fields: dict[str, np.ndarray] = {
             "steps": np.zeros(worlds, dtype=np.int64),
             **{key: np.zeros(worlds, dtype=bool) for key in ("success", "fallen", "diverged")},
             **{key: np.zeros(worlds) for key in ("returns", "position_error")},
             "heading_error": np.full(worlds, np.nan),
             "path_lengths": np.zeros((worlds, parts)),
-            "collisions": np.full(worlds, 0.0 if self.many else np.nan),
+            "straight": np.hypot(way[..., 0], way[..., 1]).sum(axis=1),
+            "poses": np.full((worlds, limit + 1, parts, 3), np.nan, dtype=np.float32),
+            "goals": truth.goal,
+            "series": np.full((len(SERIES), worlds, limit + 1), np.nan, dtype=np.float32),
+            "collisions": np.full(worlds, np.nan if self.touches is None else 0.0),
         }
-        self.watched = farthest_goal(core)
-        self.film_poses: list[np.ndarray] = []
-        self.film_phasors: list[np.ndarray] = []
-        self.write(0, np.ones(worlds, dtype=bool))
-        self.start = self.poses[:, 0, :, :2].copy()
-        self.goals = core.goal.copy()
-        way = core.score.way if self.many else self.goals[:, None, :2] - self.start
-        self.straight = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)
+        self.last = truth.pose[..., :2]
+        self.watched = farthest_goal(env, touching)
+        self.frames: list[tuple[np.ndarray, np.ndarray, str]] = []
+        self.write(0, np.ones(worlds, dtype=bool), info)
+        self.fields["collisions"] *= 0.0  # pairs in touch at the start do not count
 
-    def write(self, step: int, alive: np.ndarray) -> None:
+    def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
         """Write down what the worlds ``alive`` (bool) are like after ``step``."""
-        core, score = self.core, self.core.score
-        pose, there = core.simulator.state.pose, self.present & alive[:, None]
-        self.poses[:, step][there] = pose[there]
-        here = pose[..., :2].copy()
-        self.fields["path_lengths"][there] += np.hypot(*(here - self.last)[there].T)
-        self.last = here
+        fields, truth = self.fields, self.env.truth
+        there = self.start.present & alive[:, None]
+        fields["poses"][:, step][there] = truth.pose[there]
+        fields["path_lengths"][there] += np.hypot(*(truth.pose[..., :2] - self.last)[there].T)
+        self.last = truth.pose[..., :2]
+        for name, values in zip(SERIES, fields["series"], strict=True):
+            if name in info:
+                which = alive & self.several if name == "clearance" else alive
+                values[which, step] = info[name][which]
         if self.touches is not None:
-            self.done[alive, step] = score.done[alive]
-            several = alive & self.several
-            self.clearances[several, step] = score.clearance[several]
-            new = self.touches.new()
-            self.fields["collisions"][alive] += new[alive]
+            fields["collisions"] += self.touches.new(truth, alive & (info["touching"] > 0))
         if alive[self.watched]:
-            self.film_poses.append(np.where(self.present[self.watched, :, None], pose[self.watched], np.nan))
-            self.film_phasors.append(core.phasors(self.watched).astype(np.float32))
+            self.frames.append(self._frame(truth, step))
+
+    def _frame(self, truth: Truth, step: int) -> tuple[np.ndarray, np.ndarray, str]:
+        said = self.env.caption(self.watched).removeprefix(self.env.task.name).strip()
+        phasors = self.env.phasors(self.watched).astype(np.float32)
+        return truth.pose[self.watched], phasors, f"{step * self.env.step_time:.2f} s   {said}"
 
     def end(self, step: int, ended: np.ndarray, info: dict[str, Any]) -> None:
         """Write down how the worlds ``ended`` (bool) have ended."""
@@ -99,19 +120,21 @@ class Log:
         for key in ("fallen", "diverged", "position_error", "heading_error"):
             if key in info:
                 fields[key][ended] = info[key][ended]
-        if self.many and not self.core.task.ZONES:  # type: ignore[attr-defined]
-            way = np.where(self.present[..., None], self.poses[:, step, :, :2] - self.start, 0.0)[ended]
-            self.straight[ended] = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)
+        if not _leads_somewhere(self.env):
+            way = np.where(self.start.present[..., None], fields["poses"][:, step] - fields["poses"][:, 0], 0.0)[ended]
+            fields["straight"][ended] = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)
 
     def film(self, seed: int) -> Film:
         """The watched world's."""
-        world, frames = self.watched, len(self.film_poses)
+        poses, phasors, captions = zip(*self.frames, strict=True)
+        world, fields = self.watched, self.fields
         return Film(
             seed,
-            np.array(self.film_poses),
-            np.array(self.film_phasors),
-            self.goals[world],
-            self.done[world, :frames],
-            self.clearances[world, :frames],
-            bool(self.fields["success"][world]),
+            np.array(poses),
+            self.start.present[world],
+            np.array(phasors),
+            self.start.goal[world],
+            captions,
+            float(fields["series"][SERIES.index("parts_done"), world, len(poses) - 1]),
+            bool(fields["success"][world]),
         )

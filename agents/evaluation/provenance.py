@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 from vibgym.accuracy.provenance import processor
-from vibgym.scene.workers import available_threads
+from vibgym.simulation.threads import available_threads
 
 PACKAGES = (
     "vibgym",

@@ -13,12 +13,16 @@ import jinja2
 import numpy as np
 from tqdm import tqdm
 
-from agents.evaluation import animation, cost_figure, crowd_figures, figures
+from agents.evaluation import animation, cost_figure, figures, words
 from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film
-from agents.evaluation.results import Results, Row, TaskFacts
+from agents.evaluation.processes import side_by_side, usable
+from agents.evaluation.results import Results, Row
+from agents.evaluation.rollout import Rollout
 from agents.evaluation.statistics import Comparison
 from agents.evaluation.tables import number, plain, quantity
-from vibgym.tasks.pose import HOLD_STEPS
+from agents.task_info import TaskInfo
+from vibgym.rendering import Scenery
+from vibgym.tasks.base import HOLD_PERIODS
 
 MOST_BYTES = 14_000_000
 """Of the page; films share what is left of it."""
@@ -28,6 +32,26 @@ FIGURE_BYTES = 250_000
 
 DEGREES = 180.0 / math.pi
 
+GOAL_COLUMNS = (
+    ("Time to goal", "time", "times"),
+    ("Position error", "position", "positions"),
+    ("Heading error", "heading", "headings"),
+    ("Fallen", "fallen", ""),
+    ("Steps per second", "rate", ""),
+)
+"""Of the table of tasks in which every part has a goal pose: heading, and what cells show large and small."""
+
+TOGETHER_COLUMNS = (
+    ("Time to goal", "time", "times"),
+    ("Throughput", "throughput", "throughputs"),
+    ("Parts done", "done", "all"),
+    ("Collisions", "collisions", "clearance"),
+    ("Path efficiency", "efficiency", ""),
+    ("Position error", "position", "positions"),
+    ("Fallen", "fallen", ""),
+)
+"""Of the table of tasks whose parts are done together."""
+
 
 def page(results: Results, quiet: bool = False) -> str:
     """The whole page as HTML."""
@@ -35,44 +59,59 @@ def page(results: Results, quiet: bool = False) -> str:
     environment = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    settings = results.settings
+    settings, surface = results.settings, results.surface
+    goals = [task for task, info in results.tasks.items() if info.has_goal]
+    together = [task for task in results.tasks if task not in goals]
     pairs = list(results.rollouts)
     # Base64 needs 4 bytes for 3.
     share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(pairs) + 5)) / len(pairs))
-    cards: dict[str, list[dict[str, Any]]] = {task: [] for task in settings.tasks}
-    for row in tqdm(results.rows, desc="drawing", unit="pair", disable=quiet):
-        cards[row.task].append(_card(results, row, max(share, 100_000)))
-    surface = results.surface
-    crowds = [task for task in settings.tasks if results.scenes[task].crowd]
-    singles = [task for task in settings.tasks if task not in crowds]
+    with side_by_side(settings.processes) as submit:
+        drawn = []
+        for task, policy in tqdm(pairs, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
+            asked = (results.tasks[task], results.scenery[task], settings.animations, max(share, 100_000))
+            drawn.append(submit(_pictures, results.rollouts[task, policy], *asked))
+        arrivals = {task: _data(figures.arrivals(results, task), "png") for task in results.tasks}
+        examples = [_example(results, tasks) for tasks in (goals, together) if tasks and settings.animations]
+        cards: dict[str, list[dict[str, Any]]] = {task: [] for task in settings.tasks}
+        for row, pictures in zip(results.rows, drawn, strict=True):
+            cards[row.task].append(_card(results, row) | pictures.result())
+    tasks = {
+        task: {
+            "info": info,
+            "episodes": results.episodes(task),
+            "inventory": words.inventory(info.parts),
+            "asked": words.asked(info),
+            "cards": cards[task],
+            "arrivals": arrivals[task],
+        }
+        for task, info in results.tasks.items()
+    }
+    tables = [
+        {"title": title, "columns": columns, "tasks": [tasks[task] for task in names]}
+        for title, columns, names in (("", GOAL_COLUMNS, goals), ("Several parts", TOGETHER_COLUMNS, together))
+        if names
+    ]
     return environment.get_template("report.html.j2").render(
         results=results,
         settings=settings,
         surface=surface,
         loads=_loads(results),
-        singles=singles,
-        crowds=crowds,
+        goals=goals,
+        together=together,
+        several=any(len(info.parts) > 1 for info in results.tasks.values()),
         confidence=f"{100 * settings.confidence:g} %",
         seeds=seeds_text(settings.seed_list()),
-        step_time=next(iter(results.rollouts.values())).step_time,
-        hold=HOLD_STEPS,
+        step_time=next(iter(results.tasks.values())).step_time,
+        hold=HOLD_PERIODS,
         shown=figures.SHOWN,
-        mapped=crowd_figures.MAPPED,
+        mapped=figures.MAPPED,
         watched_among=WATCHED_AMONG,
         turn_weight=1e3 * TURN_WEIGHT,
-        tasks=[
-            {
-                "facts": facts,
-                "crowd": task in crowds,
-                "inventory": results.scenes[task].inventory(),
-                "tolerance": _tolerance(facts),
-                "cards": cards[task],
-                "arrivals": _data((crowd_figures if task in crowds else figures).arrivals(results, task), "png"),
-            }
-            for task, facts in results.tasks.items()
-        ],
+        threads=results.provenance["machine"]["cores"] // usable(settings.processes),
+        tasks=list(tasks.values()),
+        tables=tables,
         comparisons=[_compared(each) for each in against_best(results)],
-        examples=[_example(results, tasks) for tasks in (singles, crowds) if tasks and settings.animations],
+        examples=examples,
         colours={name: figures.policy_colour(results, name) for name in results.policies},
         cost=None if results.cost is None else cost_figure.section(results.cost),
         settings_text=json.dumps(plain(settings.as_written()), indent=2),
@@ -82,17 +121,12 @@ def page(results: Results, quiet: bool = False) -> str:
 def _loads(results: Results) -> list[dict[str, Any]]:
     """Which parts the tasks have, tasks with the same ones together."""
     found: dict[tuple[str, int], list[str]] = {}
-    for task, facts in results.tasks.items():
-        found.setdefault((results.scenes[task].inventory(), facts.episodes), []).append(task)
+    for task, info in results.tasks.items():
+        found.setdefault((words.inventory(info.parts), results.episodes(task)), []).append(task)
     return [
-        {"tasks": joined(tasks), "inventory": inventory, "episodes": episodes}
+        {"tasks": words.joined(tasks), "inventory": inventory, "episodes": episodes}
         for (inventory, episodes), tasks in found.items()
     ]
-
-
-def joined(words: Sequence[str]) -> str:
-    """ "a", "a and b", "a, b and c"."""
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _data(content: bytes, kind: str) -> str:
@@ -106,23 +140,10 @@ def seeds_text(seeds: list[int]) -> str:
     return ", ".join(map(str, seeds))
 
 
-def _tolerance(facts: TaskFacts) -> str:
-    """What counts as there."""
-    if facts.position_tolerance is None:
-        if facts.apart is not None:
-            return f"all parts more than {1e3 * facts.apart:.1f} mm apart"
-        return "all parts in their zones"
-    text = f"{1e3 * facts.position_tolerance:g} mm"
-    if facts.heading_tolerance is not None:
-        text += f" and {DEGREES * facts.heading_tolerance:.3g}°"
-    return text
-
-
-def _card(results: Results, row: Row, share: int) -> dict[str, Any]:
-    """What the table's row and the card of one policy on one task show."""
-    film, crowd = results.rollouts[row.task, row.policy].film, results.scenes[row.task].crowd
-    plot = (crowd_figures if crowd else figures).trajectories(results, row.task, row.policy)
-    card: dict[str, Any] = {
+def _card(results: Results, row: Row) -> dict[str, Any]:
+    """What the table's row and the card of one policy on one task say."""
+    film, info = results.rollouts[row.task, row.policy].film, results.tasks[row.task]
+    return {
         "row": row,
         "success": f"{100 * row.success_rate:.1f}",
         "interval": f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f}",
@@ -132,33 +153,40 @@ def _card(results: Results, row: Row, share: int) -> dict[str, Any]:
         "positions": _range(row.position_error_q25_m, row.position_error_q75_m, 1e3),
         "heading": quantity(row.heading_error_median_rad, DEGREES, 2, "°"),
         "headings": _range(row.heading_error_q25_rad, row.heading_error_q75_rad, DEGREES),
+        "fallen": str(row.fallen),
         "efficiency": quantity(row.path_efficiency_median, 100.0, 0, "%"),
         "rate": thousands(row.steps_per_second),
         "rates": f"policy {thousands(row.policy_steps_per_second)}, "
         f"environment {thousands(row.environment_steps_per_second)}",
-        "seed": film.seed,
-        "outcome": _outcome(film, crowd),
         "throughput": quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s"),
         "throughputs": _range(row.throughput_q25_parts_per_s, row.throughput_q75_parts_per_s, 1.0),
         "collisions": number(row.collisions_mean, 1),
         "clearance": _millimetres(row.clearance_median_m),
         "done": number(row.parts_done_mean, 2),
-        "plot": _data(plot, "png"),
-        "film": None,
+        "all": f"of {len(info.parts)}",
+        "seed": film.seed,
+        "outcome": _outcome(film, info),
     }
-    if results.settings.animations:
-        frames, interval = animation.frames_of(results, row.task, row.policy)
-        card["film"] = _data(animation.webp(frames, interval, share), "webp")
-        card["still"] = _data(animation.png(frames[-1]), "png")
-        card["size"] = (frames[0].shape[1], frames[0].shape[0])
-    return card
 
 
-def _outcome(film: Film, crowd: bool) -> str:
-    if not crowd:
-        return f"the part {'reaches' if film.success else 'does not reach'} the goal"
-    parts, done = int(np.isfinite(film.poses[0, :, 0]).sum()), int(film.done[-1])
-    return f"all {parts} parts are done" if film.success else f"{done} of {parts} parts are done at the end"
+def _pictures(rollout: Rollout, info: TaskInfo, scenery: Scenery, animated: bool, share: int) -> dict[str, Any]:
+    """The plot of one policy on one task, and its film of at most ``share`` bytes, as addresses of data."""
+    found: dict[str, Any] = {"plot": _data(figures.trajectories(rollout, info, scenery), "png"), "film": None}
+    if animated:
+        frames, interval = animation.frames_of(rollout.film, scenery, rollout.step_time)
+        found["film"] = _data(animation.webp(frames, interval, share), "webp")
+        found["still"] = _data(animation.png(frames[-1]), "png")
+        found["size"] = (frames[0].shape[1], frames[0].shape[0])
+    return found
+
+
+def _outcome(film: Film, info: TaskInfo) -> str:
+    if info.has_goal:
+        verb = ("reaches", "does not reach") if len(info.parts) == 1 else ("reach", "do not all reach")
+        part, goal = ("part", "goal") if len(info.parts) == 1 else ("parts", "goals")
+        return f"the {part} {verb[0] if film.success else verb[1]} the {goal}"
+    parts = int(film.present.sum())
+    return f"all {parts} parts are done" if film.success else f"{film.done:.0f} of {parts} parts are done at the end"
 
 
 def _millimetres(value: float) -> str:
@@ -226,13 +254,14 @@ def _example(results: Results, tasks: Sequence[str]) -> str:
     for row in results.rows:
         pair = (row.task, row.policy)
         if row.task in tasks and (row.success_rate >= figures.WORTH_SHOWING or pair in best):
-            film, radius = results.rollouts[pair].film, results.scenes[row.task].parts[0].radius
+            film, radius = results.rollouts[pair].film, results.tasks[row.task].parts[0].radius
             # Half way there: the lines behind the parts show, and the goals are still free, if the task moves them at all.
             way = (film.poses - film.poses[0])[..., :2]
-            travelled = np.nansum(np.hypot(way[..., 0], way[..., 1]), axis=1)
+            travelled = np.hypot(way[..., 0], way[..., 1])[:, film.present].sum(axis=1)
             frames[pair] = frame = int((travelled >= 0.5 * travelled.max()).argmax())
             moved = bool(travelled[frame] > radius)
             variety[pair] = (moved, float(film.phasors[frame].var(axis=(0, 1)).sum()))
     task, policy = max(variety, key=lambda pair: variety[pair])
-    painter = animation.painter_for(results, task, 1064)
-    return _data(animation.png(animation.picture(results, task, policy, frames[task, policy], painter)), "png")
+    film, scenery = results.rollouts[task, policy].film, results.scenery[task]
+    shown = animation.picture(film, scenery, frames[task, policy], animation.painter_for(scenery, 1064))
+    return _data(animation.png(shown), "png")

@@ -7,25 +7,11 @@ from typing import Any
 
 from agents.evaluation.cost import Cost
 from agents.evaluation.rollout import Rollout
-from agents.evaluation.scene import Scene
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import Comparison, quartiles, success_interval
+from agents.task_info import TaskInfo
+from vibgym.rendering import Scenery
 from vibgym.scene import Surface
-
-
-@dataclass(frozen=True)
-class TaskFacts:
-    """What a task asks for."""
-
-    name: str
-    summary: str  # first line of the task's documentation
-    position_tolerance: float | None  # m, of one part; None with several
-    heading_tolerance: float | None  # rad; None where the heading does not count
-    step_limit: int
-    episodes: int
-    parts: tuple[str, ...]  # names
-    zones: dict[str, tuple[float, float, float, float]]  # m, by kind: x_low, y_low, x_high, y_high; empty without zones
-    apart: float | None  # m, distance that all parts have to keep; None where it does not count
 
 
 @dataclass(frozen=True)
@@ -69,15 +55,23 @@ class Results:
     """All that an evaluation has found."""
 
     settings: EvaluationSettings
-    surface: Surface
-    tasks: dict[str, TaskFacts]
-    scenes: dict[str, Scene]  # of each task
+    tasks: dict[str, TaskInfo]
+    scenery: dict[str, Scenery]  # what pictures of each task show
     policies: dict[str, str]  # name -> description
     rollouts: dict[tuple[str, str], Rollout]  # (task, policy), in the order of the settings
     rows: tuple[Row, ...]
     comparisons: tuple[Comparison, ...]
     provenance: dict[str, Any]
     cost: Cost | None = None
+
+    @property
+    def surface(self) -> Surface:
+        """The table, the same in all tasks."""
+        return next(iter(self.tasks.values())).surface
+
+    def episodes(self, task: str) -> int:
+        """Number of episodes of each policy on a task."""
+        return len(self.settings.seed_list(task))
 
     def names(self, task: str) -> list[str]:
         """The policies that ran on a task."""

@@ -9,11 +9,11 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.vector import AutoresetMode
 from tqdm import tqdm
 
-from agents.evaluation.log import Film, Log
+from agents.evaluation.log import SERIES, Film, Log
 from agents.policy import Policy
-from vibgym.envs.core import Core
 
 LEAST_WAY = 0.010
 """m: over shorter ways an efficiency says nothing."""
@@ -21,9 +21,9 @@ LEAST_WAY = 0.010
 
 @dataclass(frozen=True)
 class Timing:
-    """Wall times of a rollout, s. The first step is left out: it may compile kernels."""
+    """Wall times of a rollout, s, as long as all worlds are at work. The first step is left out: it may compile kernels."""
 
-    world_steps: int  # steps of all worlds together, finished worlds included
+    world_steps: int  # steps of all worlds together
     total: float
     policy: float  # in predict()
     environment: float  # in step()
@@ -51,16 +51,17 @@ class Rollout:
     path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
     straight: np.ndarray  # m, shortest way of all parts together, see below
     poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
-    goals: np.ndarray  # (episodes, 3) of one part
-    done: np.ndarray  # (episodes, most steps + 1) float32, parts done; nan after the end, and with one part
-    clearances: np.ndarray  # (episodes, most steps + 1) float32, m, smallest distance between parts; nan likewise
-    collisions: np.ndarray  # pairs newly in touch, see Touches; nan with one part
+    goals: np.ndarray  # (episodes, parts, 3); zeros for tasks without goal poses
+    series: (
+        np.ndarray
+    )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task does not say it
+    collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
     timing: Timing
     film: Film
 
     @property
     def time_to_goal(self) -> np.ndarray:
-        """Simulated time until success was established, its hold of ten steps included, s; nan without success."""
+        """Simulated time until success was established, its hold included, s; nan without success."""
         return np.where(self.success, self.steps * self.step_time, np.nan)
 
     @property
@@ -79,20 +80,27 @@ class Rollout:
         sensible = self.success & (self.straight > LEAST_WAY) & (path > 0.0)
         return np.where(sensible, self.straight / np.maximum(path, 1e-12), np.nan)
 
+    def over_time(self, name: str) -> np.ndarray | None:
+        """One of :data:`agents.evaluation.log.SERIES`, (episodes, most steps + 1); None where the task does not say it."""
+        values = self.series[SERIES.index(name)]
+        return values if np.isfinite(values).any() else None
+
     @property
     def parts_done(self) -> np.ndarray:
-        """Parts done at the end; nan with one part."""
-        return self.done[np.arange(len(self.steps)), self.steps].astype(np.float64)
+        """Parts done at the end; nan where they are not counted."""
+        done = self.series[SERIES.index("parts_done")]
+        return done[np.arange(len(self.steps)), self.steps].astype(np.float64)
 
     @property
     def throughput(self) -> np.ndarray:
-        """Parts done at the end over the episode's simulated time, 1/s; nan with one part."""
+        """Parts done at the end over the episode's simulated time, 1/s; nan where they are not counted."""
         return self.parts_done / (self.steps * self.step_time)
 
     @property
     def clearance(self) -> np.ndarray:
         """Smallest distance between parts on the whole way, start included, m; nan without a second part."""
-        least = np.where(np.isnan(self.clearances), np.inf, self.clearances).min(axis=1)
+        clearances = self.series[SERIES.index("clearance")]
+        least = np.where(np.isnan(clearances), np.inf, clearances).min(axis=1)
         return np.where(np.isfinite(least), least, np.nan).astype(np.float64)
 
 
@@ -101,7 +109,8 @@ def run(
 ) -> Rollout:
     """Run ``policy`` on ``task``, one world for each seed.
 
-    The policy gets observations and nothing else. Every world counts with its first episode; all have ended on return.
+    The policy gets observations and nothing else. Every world counts with its first episode; all have ended on return. One
+    that has ended begins another with its first part alone, which costs little, and nobody looks.
 
     Args:
         policy: predicts actions for a batch.
@@ -113,14 +122,19 @@ def run(
     """
     worlds = len(seeds)
     env = gym.make_vec(
-        f"vibgym/{task}-v0", num_envs=worlds, action=policy.action, observation=policy.observation, **environment
+        f"vibgym/{task}-v0",
+        num_envs=worlds,
+        action=policy.action,
+        observation=policy.observation,
+        autoreset_mode=AutoresetMode.DISABLED,
+        **environment,
     )
-    core: Core = env.unwrapped.core  # type: ignore[attr-defined]
-    observation, _ = env.reset(seed=list(seeds))  # type: ignore[arg-type]
-    log = Log(core, env.unwrapped.max_episode_steps)  # type: ignore[attr-defined]
-    alive, resetting = np.ones(worlds, dtype=bool), np.zeros(worlds, dtype=bool)
-    start, state, step = np.ones(worlds, dtype=bool), None, 0
-    policy_time = environment_time = 0.0
+    base: Any = env.unwrapped
+    observation, info = env.reset(seed=list(seeds))  # type: ignore[arg-type]
+    log = Log(base, info, base.max_episode_steps)
+    parked: dict[str, Any] = {"parts": [0]} if len(base.parts) > 1 else {}
+    alive, start = np.ones(worlds, dtype=bool), np.ones(worlds, dtype=bool)
+    state, step, timed, policy_time, environment_time = None, 0, 0, 0.0, 0.0
     with tqdm(total=worlds, desc=f"{task:>9} {name:<12}", unit="ep", disable=quiet) as bar:
         while alive.any():
             before = time.perf_counter()
@@ -129,29 +143,26 @@ def run(
             observation, reward, terminated, truncated, info = env.step(action)
             after = time.perf_counter()
             step += 1
-            if step > 1:
+            if step > 1 and alive.all():
+                timed += worlds
                 policy_time += between - before
                 environment_time += after - between
             log.fields["returns"][alive] += reward[alive]
-            log.write(step, alive)
-            ended = alive & (terminated | truncated)
+            log.write(step, alive, info)
+            start = terminated | truncated
+            ended = alive & start
             if ended.any():
                 log.end(step, ended, info)
                 alive &= ~ended
                 bar.update(int(ended.sum()))
-            # A finished world is reset by the next step, so its first observation is seen by the prediction after that.
-            start, resetting = resetting, terminated | truncated
+            if start.any() and alive.any():
+                observation, _ = env.reset(options={"reset_mask": start, **parked})
     env.close()
     return Rollout(
         task=task,
         seeds=tuple(seeds),
-        step_time=core.surface.period * core.periods,
-        straight=log.straight,
-        poses=log.poses,
-        goals=log.goals,
-        done=log.done,
-        clearances=log.clearances,
-        timing=Timing(worlds * (step - 1), policy_time + environment_time, policy_time, environment_time),
+        step_time=base.step_time,
+        timing=Timing(timed, policy_time + environment_time, policy_time, environment_time),
         film=log.film(seeds[log.watched]),
         **log.fields,
     )

@@ -36,7 +36,7 @@ class PolicyEntry:
     """One policy of an evaluation."""
 
     name: str  # in the report
-    content: Any  # what :func:`agents.policy.make_policy` takes
+    content: Any  # what :func:`agents.registry.make_policy` takes
     tasks: tuple[str, ...] | None  # on which it runs; None: on all that it serves
 
 
@@ -46,9 +46,10 @@ class EvaluationSettings(Settings):
     Attributes:
         tasks: names of environments without ``vibgym/`` and version.
         policies: each a name ("zero"), the path of a trained policy, or a mapping of ``name`` (shown in the report),
-            ``kind`` and the policy's own arguments, see :func:`agents.policy.make_policy`. From Python also objects that
-            have ``predict``, themselves or as ``policy`` of such a mapping. Relative paths start from the current directory.
-            A mapping may have ``tasks``, on which the policy runs; by default it runs on all that it serves.
+            ``kind`` and the policy's own arguments, see :func:`agents.registry.make_policy`. From Python also objects that
+            have ``predict``, themselves or as ``policy`` of such a mapping, beside ``action`` where they must be told which.
+            Relative paths start from the current directory. A mapping may have ``tasks``, on which the policy runs; by
+            default it runs on all that it serves.
         episodes: number of episodes, with the seeds ``first_seed``, ``first_seed + 1``, ...
         task_episodes: other numbers of episodes for some tasks, by name.
         first_seed: see above.
@@ -58,6 +59,9 @@ class EvaluationSettings(Settings):
         resamples: number of bootstrap resamples.
         output: directory for the results, made if needed.
         animations: whether the report holds an animation of each policy on each task.
+        processes: that share the pairs of policies and tasks, at most one a processor. They change nothing but the times. Each
+            starts anew: what a program registers is known to the first one alone, and a program of your own must begin under
+            ``if __name__ == "__main__":``.
         cost_per_period: whether it also says what one period costs with up to 64 parts, simulation and control apart.
     """
 
@@ -72,6 +76,7 @@ class EvaluationSettings(Settings):
     resamples: int = Field(default=9999, ge=100, le=1_000_000)
     output: str = Field(default="runs/report", min_length=1)
     animations: bool = True
+    processes: int = Field(default=1, ge=1, le=256)
     cost_per_period: bool = False
 
     def seed_list(self, task: str | None = None) -> list[int]:
@@ -93,7 +98,7 @@ class EvaluationSettings(Settings):
         return found
 
     def named_policies(self) -> dict[str, Any]:
-        """Name in the report -> what :func:`agents.policy.make_policy` takes."""
+        """Name in the report -> what :func:`agents.registry.make_policy` takes."""
         return {entry.name: entry.content for entry in self.entries()}
 
     def as_written(self) -> dict[str, Any]:
@@ -102,7 +107,7 @@ class EvaluationSettings(Settings):
             entry.name: entry.content if entry.tasks is None else {"policy": entry.content, "tasks": entry.tasks}
             for entry in self.entries()
         }
-        return {**self.model_dump(exclude={"policies"}), "policies": policies}
+        return {**self.model_dump(exclude={"policies", "processes"}), "policies": policies}
 
 
 def _entry(policy: Any, field: str, tasks: list[str]) -> PolicyEntry:
@@ -123,10 +128,13 @@ def _entry(policy: Any, field: str, tasks: list[str]) -> PolicyEntry:
     subject: Any = content
     default = content.get("kind")
     if "policy" in content:
-        subject = content.pop("policy")
-        if not hasattr(subject, "predict") or set(content) - {"name"}:
-            raise checks.refuse(field, policy, "an object with predict() as 'policy', beside 'name' and 'tasks' alone")
-        default = _object_name(subject)
+        model = content["policy"]
+        if not hasattr(model, "predict") or set(content) - {"policy", "action", "name"}:
+            allowed = "an object with predict() as 'policy', beside 'action', 'name' and 'tasks' alone"
+            raise checks.refuse(field, policy, allowed)
+        default = _object_name(model)
+        if "action" not in content:
+            subject = model
     name = content.pop("name", default)
     if not isinstance(name, str) or not 0 < len(name) <= 40:
         raise checks.refuse(f"{field}.name", name, "a text of 1 to 40 characters")

@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from agents.evaluation.results import Results, Row
 from agents.evaluation.rollout import Rollout
+from agents.evaluation.words import facts
 
 
 def episodes_of(policy: str, rollout: Rollout) -> list[dict[str, Any]]:
@@ -60,7 +61,7 @@ def json_text(results: Results) -> str:
         **results.provenance,
         "settings": settings.as_written(),
         "seeds": settings.seed_list(),
-        "tasks": {name: asdict(facts) for name, facts in results.tasks.items()},
+        "tasks": {name: facts(info, results.episodes(name)) for name, info in results.tasks.items()},
         "results": [asdict(row) for row in results.rows],
         "comparisons": [asdict(each) for each in results.comparisons],
         **({} if results.cost is None else {"cost_per_period": results.cost.as_values()}),
@@ -85,60 +86,46 @@ def _missing(value: Any) -> bool:
 
 
 def summary_table(results: Results) -> str:
-    """The tables that the README quotes, in Markdown: success with its interval, and medians; many parts have their own."""
-    rows: dict[bool, list[Row]] = {False: [], True: []}
-    for row in results.rows:
-        rows[results.scenes[row.task].crowd].append(row)
-    interval = f"{100 * results.settings.confidence:g} % interval"
+    """The tables that the README quotes, in Markdown: success with its interval, and medians.
+
+    Tasks whose parts are done together, without goal poses, have columns of their own.
+    """
+    columns = [
+        ("task", lambda row: row.task),
+        ("policy", lambda row: row.policy),
+        ("success", lambda row: f"{100 * row.success_rate:.1f} %"),
+        (
+            f"{100 * results.settings.confidence:g} % interval",
+            lambda row: f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f} %",
+        ),
+        ("time to goal", lambda row: quantity(row.time_to_goal_median_s, 1.0, 2, "s")),
+    ]
     tables = []
-    if rows[False]:
-        head = ("task", "policy", "success", interval, "time to goal", "position error", "heading error", "fallen")
-        tables.append([head, *(_summary_of_one(row) for row in rows[False])])
-    if rows[True]:
-        head = (
-            "task",
-            "policy",
-            "success",
-            interval,
-            "time to goal",
-            "throughput",
-            "collisions",
-            "efficiency",
-            "fallen",
-        )
-        tables.append([head, *(_summary_of_many(row) for row in rows[True])])
-    return "\n\n".join(
-        "\n".join([_line(head), _line("-" * len(each) for each in head), *map(_line, lines)]) for head, *lines in tables
-    )
+    for has_goal, more in ENDS.items():
+        rows = [row for row in results.rows if results.tasks[row.task].has_goal == has_goal]
+        if rows:
+            heads, texts = zip(*columns, *more, strict=True)
+            lines = ([text(row) for text in texts] for row in rows)
+            tables.append("\n".join([_line(heads), _line("-" * len(each) for each in heads), *map(_line, lines)]))
+    return "\n\n".join(tables)
 
 
-def _summary_of_success(row: Row) -> tuple[str, ...]:
-    return (
-        row.task,
-        row.policy,
-        f"{100 * row.success_rate:.1f} %",
-        f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f} %",
-        quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
-    )
+_FALLEN = ("fallen", lambda row: str(row.fallen))
 
-
-def _summary_of_one(row: Row) -> tuple[str, ...]:
-    return (
-        *_summary_of_success(row),
-        quantity(row.position_error_median_m, 1e3, 2, "mm"),
-        quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg"),
-        str(row.fallen),
-    )
-
-
-def _summary_of_many(row: Row) -> tuple[str, ...]:
-    return (
-        *_summary_of_success(row),
-        quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s"),
-        f"{row.collisions_mean:.1f}",
-        quantity(row.path_efficiency_median, 100.0, 0, "%"),
-        str(row.fallen),
-    )
+ENDS: dict[bool, tuple[tuple[str, Callable[[Row], str]], ...]] = {
+    True: (
+        ("position error", lambda row: quantity(row.position_error_median_m, 1e3, 2, "mm")),
+        ("heading error", lambda row: quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg")),
+        _FALLEN,
+    ),
+    False: (
+        ("throughput", lambda row: quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s")),
+        ("collisions", lambda row: f"{row.collisions_mean:.1f}"),
+        ("efficiency", lambda row: quantity(row.path_efficiency_median, 100.0, 0, "%")),
+        _FALLEN,
+    ),
+}
+"""The last columns of the tables of tasks with goal poses, and of those without."""
 
 
 def quantity(value: float, factor: float, digits: int, unit: str) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from vibgym.envs.core import Core
-from vibgym.physics.hulls import all_gaps
-from vibgym.tasks import ManyTask
-from vibgym.tasks.crowd import TOUCHING
+from vibgym.envs.shared import Truth
+from vibgym.scene import Part
+from vibgym.scene.hulls import gaps_between
+from vibgym.tasks.episode import TOUCHING
 
 
 class Touches:
@@ -17,27 +19,29 @@ class Touches:
     was not a step ago. What touches and parts again within a step is not seen. Pairs in touch at the start do not count.
 
     Args:
-        core: freshly reset worlds of a task for several parts.
+        parts: of every world.
+        worlds: number of worlds.
     """
 
-    def __init__(self, core: Core) -> None:
-        assert isinstance(core.task, ManyTask)
-        self.core, self.hulls = core, core.task.hulls
-        self.present = core.score.present.copy()
-        self.one, self.other = np.triu_indices(len(core.parts), 1)
-        self.touching = np.zeros((core.worlds, len(self.one)), dtype=bool)
-        self.new()
+    def __init__(self, parts: Sequence[Part], worlds: int) -> None:
+        self.parts = parts
+        self.one, self.other = np.triu_indices(len(parts), 1)
+        self.touching = np.zeros((worlds, len(self.one)), dtype=bool)
 
-    def new(self) -> np.ndarray:
-        """(worlds,) pairs in touch now that were not when last asked."""
-        state = self.core.simulator.state
-        worlds = np.flatnonzero(self.core.score.touching)  # in the others no pair is
-        gaps = np.empty((len(worlds), *2 * (len(self.core.parts),)))
-        all_gaps(self.hulls, np.ascontiguousarray(state.pose[worlds]), gaps)
-        there = self.present[worlds] & ~state.fallen[worlds]
+    def new(self, truth: Truth, some: np.ndarray) -> np.ndarray:
+        """(worlds,) pairs in touch now that were not when last asked.
+
+        Args:
+            truth: the state now.
+            some: (worlds,) bool, where pairs are in touch at all; none are elsewhere.
+        """
+        worlds = np.flatnonzero(some & np.isfinite(truth.pose).all(axis=(1, 2)))
         touching = np.zeros_like(self.touching)
-        touching[worlds] = gaps[:, self.one, self.other] < TOUCHING
-        touching[worlds] &= there[:, self.one] & there[:, self.other]
+        if len(worlds):
+            gaps = gaps_between(self.parts, truth.pose[worlds])
+            there = truth.present[worlds] & ~truth.fallen[worlds]
+            touching[worlds] = gaps[:, self.one, self.other] < TOUCHING
+            touching[worlds] &= there[:, self.one] & there[:, self.other]
         found = (touching & ~self.touching).sum(axis=1)
         self.touching = touching
         return found

@@ -16,9 +16,8 @@ from vibgym.envs import VibgymVectorEnv
 class StableBaselinesAdapter(VecEnv):
     """A ``VecEnv`` over ``VibgymVectorEnv`` in same-step autoreset mode.
 
-    Multi-dimensional actions are flattened. A finished world's info holds ``terminal_observation``,
-    ``TimeLimit.truncated``, ``is_success`` and ``episode`` (return and length), as SB3's Monitor would give; the infos of
-    running worlds are empty.
+    A finished world's info holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success`` and ``episode`` (return and
+    length), as SB3's Monitor would give; the infos of running worlds are empty.
 
     Args:
         env: made with ``autoreset_mode="SameStep"`` and a flat state observation.
@@ -30,12 +29,9 @@ class StableBaselinesAdapter(VecEnv):
         if not isinstance(env.single_observation_space, gym.spaces.Box):
             raise ValueError("env: observation is not a box; allowed: observation='state' or 'image'")
         self.env = env
-        shape = env.single_action_space.shape or ()
-        space = gym.spaces.Box(-1.0, 1.0, (int(np.prod(shape)),), np.float32)
-        super().__init__(env.num_envs, env.single_observation_space, space)
-        self._shape = (env.num_envs, *shape)
+        super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._seed: int | None = None
-        self._actions = np.zeros(self._shape, dtype=np.float32)
+        self._actions = np.zeros(env.action_space.shape or (), dtype=np.float32)
         self._return = np.zeros(env.num_envs)
         self._length = np.zeros(env.num_envs, dtype=np.int64)
 
@@ -52,7 +48,7 @@ class StableBaselinesAdapter(VecEnv):
         return [None if seed is None else seed + k for k in range(self.num_envs)]
 
     def step_async(self, actions: np.ndarray) -> None:
-        self._actions = np.asarray(actions).reshape(self._shape)
+        self._actions = actions
 
     def step_wait(self) -> Any:
         observation, reward, terminated, truncated, info = self.env.step(self._actions)
@@ -76,15 +72,17 @@ class StableBaselinesAdapter(VecEnv):
         self.env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return [getattr(self.env, attr_name)] * len(list(self._get_indices(indices)))
+        return self._of(self.env.get_attr(attr_name), indices)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """All worlds share one environment, so an attribute is set for all."""
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        result = getattr(self.env, method_name)(*args, **kwargs)
-        return [result] * len(list(self._get_indices(indices)))
+        return self._of(self.env.call(method_name, *args, **kwargs), indices)
+
+    def _of(self, values: Sequence[Any], indices: Any) -> list[Any]:
+        return [values[world] for world in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         return [False] * len(list(self._get_indices(indices)))

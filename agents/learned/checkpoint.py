@@ -12,6 +12,7 @@ from stable_baselines3 import PPO
 from agents.learned.settings import TrainSettings
 from agents.learned.storage import load_set, save_set
 from agents.learned.trained import KIND as POLICY_KIND
+from agents.task_info import TaskInfo
 from vibgym import checks
 
 KIND = "vibgym-checkpoint"
@@ -87,7 +88,7 @@ def save_policy(path: Path, model: PPO, settings: TrainSettings, training: dict[
         assert isinstance(layer, torch.nn.Linear)
         tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"] = _numpy(layer.weight), _numpy(layer.bias)
     record = {
-        "task": settings.task,
+        "task": TaskInfo.of(model.get_env().env).name,  # type: ignore[union-attr]
         "action": settings.environment.get("action", "element"),
         "activation": settings.ppo.activation,
         "training": training,

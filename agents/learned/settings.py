@@ -5,9 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field
+import gymnasium as gym
+from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
 
+import vibgym  # noqa: F401 - registers the environments
 from vibgym.config import Settings, load_yaml, parse
+from vibgym.tasks import TASKS
 
 
 class PPOSettings(Settings):
@@ -28,9 +32,13 @@ class PPOSettings(Settings):
 
 
 class TrainSettings(Settings):
-    """One training run: task, environment, algorithm, length."""
+    """One training run: task, environment, algorithm, length.
 
-    task: Literal["Transport", "Align", "Rotate"]
+    ``task`` is the name of an environment of vibgym without version, such as ``"SortTwelve"``, the whole name of one of your
+    own, or the name of a task in :data:`vibgym.tasks.TASKS`.
+    """
+
+    task: str
     environment: dict[str, Any] = {"action": "patch"}
     worlds: int = Field(512, ge=1)
     steps: int = Field(ge=1)
@@ -38,6 +46,20 @@ class TrainSettings(Settings):
     checkpoint_steps: int = Field(500_000, ge=1)
     output: str | None = None  # directory; default: runs/<name of the file>
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
+
+    @property
+    def environment_name(self) -> str:
+        """Under which Gymnasium may know the environment."""
+        return self.task if "/" in self.task else f"vibgym/{self.task}-v0"
+
+    @field_validator("task")
+    @classmethod
+    def _known(cls, task: str) -> str:
+        own = [spec.name for spec in gym.registry.values() if spec.namespace == "vibgym"]
+        known = tuple(dict.fromkeys((*own, *TASKS)))
+        if task not in known and not ("/" in task and task in gym.registry):
+            raise PydanticCustomError("task", ", ".join(map(repr, known)))  # type: ignore[arg-type]
+        return task
 
 
 def load_settings(path: Path) -> TrainSettings:

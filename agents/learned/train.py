@@ -27,12 +27,9 @@ ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The batch of worlds that a run trains on; policies are trained and act on the flat state."""
     checks.choice("observation", settings.environment.get("observation", "state"), ("state",))
-    env = gym.make_vec(
-        f"vibgym/{settings.task}-v0",
-        num_envs=settings.worlds,
-        autoreset_mode="SameStep",
-        **settings.environment,
-    )
+    arguments: dict[str, Any] = {"num_envs": settings.worlds, "autoreset_mode": "SameStep", **settings.environment}
+    name = settings.environment_name
+    env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
     assert isinstance(env, VibgymVectorEnv)
     return StableBaselinesAdapter(env)
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from agents.control.measured import check_state
 from agents.learned.storage import load_set
-from agents.policy import Situation
+from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
-from vibgym.envs.observations import STATE_SIZE
+from vibgym.envs.layout import Layout
 
 KIND = "vibgym-policy"
 
@@ -25,13 +26,13 @@ ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {"tanh": np.tanh, "
 
 
 class TrainedPolicy:
-    """A network trained by PPO on the phasors around the part; acts by its mean, without exploring.
+    """A network trained by PPO; acts by its mean, unless it is asked to explore.
 
     Hidden layers, then a linear one; float32 throughout.
 
     Args:
         layers: (weight (out, in), bias (out,)) of each layer.
-        shape: shape of one action.
+        layout: of the observations.
         log_std: (size,) logarithm of the exploration's standard deviation.
         action: the environment's ``action=``.
         activation: of the hidden layers, ``"tanh"`` or ``"relu"``.
@@ -43,7 +44,7 @@ class TrainedPolicy:
     def __init__(
         self,
         layers: list[tuple[np.ndarray, np.ndarray]],
-        shape: tuple[int, ...],
+        layout: Layout,
         log_std: np.ndarray,
         action: str,
         activation: str = "tanh",
@@ -51,7 +52,7 @@ class TrainedPolicy:
     ) -> None:
         self.activation = ACTIVATIONS[activation]
         self.layers = [(weight.T.copy(), bias) for weight, bias in layers]
-        self.shape, self.action = shape, action
+        self.layout, self.action = layout, action
         self.std = np.exp(log_std)
         self.generator = np.random.default_rng(seed)
 
@@ -59,20 +60,17 @@ class TrainedPolicy:
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions in [-1, 1] for one observation or a batch; no memory."""
-        x = np.asarray(observation, dtype=np.float32)
-        if x.ndim not in (1, 2) or x.shape[-1] != STATE_SIZE:
-            raise checks.refuse("observation", f"array of shape {x.shape}", f"shape (..., {STATE_SIZE})")
-        lead = x.shape[:-1]
+        x = check_state(observation, self.layout).astype(np.float32)
         for weight, bias in self.layers[:-1]:
             x = self.activation(x @ weight + bias)
         weight, bias = self.layers[-1]
         x = x @ weight + bias
         if not deterministic:
             x = x + self.std * self.generator.standard_normal(x.shape, dtype=np.float32)
-        return np.clip(x, -1.0, 1.0).reshape(*lead, *self.shape), state
+        return np.clip(x, -1.0, 1.0), state
 
 
-def load_trained(path: Path, situation: Situation) -> TrainedPolicy:
+def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
     """Load a policy file and check that it fits.
 
     Raises:
@@ -80,14 +78,13 @@ def load_trained(path: Path, situation: Situation) -> TrainedPolicy:
     """
     tensors, record = load_set(path, KIND)
     name = str(path)
-    if record.get("task") != situation.task:
-        raise checks.refuse(f"{name}: task", record.get("task"), f"{situation.task!r}")
+    if record.get("task") != info.name:
+        raise checks.refuse(f"{name}: task", record.get("task"), f"{info.name!r}")
     kind = checks.choice(f"{name}: action", record.get("action"), tuple(ACTIONS))
     activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
-    shape = ACTIONS[kind](situation.surface, situation.part).shape
-    size = int(np.prod(shape))
+    size = ACTIONS[kind](info.surface, info.parts).size
     layers: list[tuple[np.ndarray, np.ndarray]] = []
-    width = STATE_SIZE
+    width = info.layout.size
     while f"layer{len(layers)}.weight" in tensors:
         k = len(layers)
         weight, bias = tensors[f"layer{k}.weight"], tensors.get(f"layer{k}.bias")
@@ -102,4 +99,4 @@ def load_trained(path: Path, situation: Situation) -> TrainedPolicy:
         raise checks.refuse(f"{name}: layers", f"{len(layers)} layers, {width} outputs", f"{size} outputs and log_std")
     if not all(np.isfinite(values).all() for values in tensors.values()):
         raise checks.refuse(f"{name}: tensors", "NaN or infinity", "finite numbers")
-    return TrainedPolicy(layers, shape, log_std.astype(np.float32), kind, activation)
+    return TrainedPolicy(layers, info.layout, log_std.astype(np.float32), kind, activation)

@@ -10,12 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vibgym import Surface
 from vibgym.accuracy import auto, comparisons, errors, ladder, page
 from vibgym.accuracy.candidates import Candidate, Outcome, model_candidate, prepare_model
 from vibgym.accuracy.orders import fitted_order
 from vibgym.accuracy.scenes import scenes_from
 from vibgym.accuracy.settings import TruthSettings
-from vibgym.scene import choice
+from vibgym.simulation import choice
 
 NUMBERS = st.one_of(st.floats(1e-6, 1e6), st.sampled_from([1.0, 2.0, math.inf, math.nan]))
 POINTS = st.lists(st.tuples(NUMBERS, NUMBERS), max_size=12)
@@ -145,6 +146,18 @@ def made_up(method: str, change: Any, worlds: int = 4, **more: Any) -> Candidate
 
 def refuse(scene: Any) -> Any:
     raise ValueError("scene: got it; allowed: another\none")
+
+
+def test_worlds_that_a_model_does_not_vouch_for_are_counted() -> None:
+    """At the table's speed slip passes through zero, which the averaged model is not certified for and says so."""
+    table = Surface().table_speed
+    [scene] = scenes_from(
+        [{"name": "fast", "worlds": 8, "periods": 1, "start": {"velocity": [table, 0.0]}, "drive": {"kind": "random"}}],
+        [1e-3], [0.5],
+    )  # fmt: skip
+    result = ladder.measure(scene, [model_candidate("averaged", {}), model_candidate("planar", {})], FINEST, rounds=1)
+    assert [row.doubtful for row in result.rows] == [8, 0]
+    assert any("does not vouch for" in kind for _, _, _, kind in page.troubles(result))
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+import vibgym  # noqa: F401 - registers the environments
+
 TASKS = ("Transport", "Align", "Rotate")
 ACTIONS = ("element", "phasor", "patch", "field")
 OBSERVATIONS = ("state", "goal", "image")
@@ -44,27 +46,20 @@ def assert_same(got: Any, expected: Any, where: str = "") -> None:
 
 
 def put(env: Any, pose: Any, velocity: Any = None, world: int = 0) -> None:
-    """Put the part of one world down at ``pose``, in place unless ``velocity`` says otherwise."""
+    """Put the part of one world down at ``pose``, or all at (parts, 3), in place unless ``velocity`` says otherwise."""
     core = env.unwrapped.core
     velocity = core.idle if velocity is None else np.asarray(velocity, dtype=float)
-    core.simulator.place(np.array([world]), np.asarray(pose, dtype=float)[None, None], velocity, 0.0)
+    core.simulator.place(np.array([world]), np.asarray(pose, dtype=float).reshape(1, -1, 3), velocity, 0.0)
 
 
 def goal(env: Any, world: int = 0) -> np.ndarray:
     """Goal pose of one world."""
-    return env.unwrapped.core.goal[world].copy()
+    return env.unwrapped.core.episode.goal[world, 0].copy()
 
 
 def still(env: Any) -> np.ndarray:
     """A ``"phasor"`` action with which all elements rest, for one world or a batch."""
     return np.zeros(env.action_space.shape, dtype=np.float32)
-
-
-def lay(env, pose, world=0, velocity=None):
-    """Put the parts of one world down at ``pose`` (parts, 3), in place unless ``velocity`` says otherwise."""
-    core = env.unwrapped.core
-    velocity = core.idle if velocity is None else np.asarray(velocity, dtype=float)
-    core.simulator.place(np.array([world]), np.asarray(pose, dtype=float)[None], velocity, 0.0)
 
 
 def sorted_pose():

@@ -2,6 +2,7 @@
 
 import math
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -25,7 +26,7 @@ def stepped(action, values, pose=None, **settings):
 
 
 def values_for(action, seed, low=-1.0, high=1.0):
-    shape = single("Rotate", action=action).action_space.shape
+    shape = single("Rotate", action=action).unwrapped.action_shape
     return np.random.default_rng(seed).uniform(low, high, shape).astype(np.float32)
 
 
@@ -84,7 +85,7 @@ def test_patch_covers_the_part_wherever_it_lies(part):
     shape = part_from(part)
     env = single("Rotate", action="patch", parts=[part])
     env.reset(seed=0)
-    k = env.action_space.shape[1]
+    k = env.unwrapped.action_shape[1]
     generator = np.random.default_rng(4)
     for _ in range(25):
         pose = generator.uniform([0.06, 0.06, -3], [0.77, 0.14, 3])
@@ -136,6 +137,22 @@ def test_basic_fields_move_the_part_as_named(index, sign, component):
     assert np.abs(across).max() < 0.25 * (abs(moved[component]) if component < 2 else 0.02)
 
 
+@pytest.mark.parametrize("task", ["Rotate", "Sort"])
+@pytest.mark.parametrize("action", ACTIONS)
+def test_spaces_are_flat_and_either_shape_will_do(action, task):
+    one, other = single(task, action=action), single(task, action=action)
+    shape = one.unwrapped.action_shape
+    assert one.action_space == gym.spaces.Box(-1.0, 1.0, (math.prod(shape),), np.float32)
+    assert_same(one.reset(seed=5), other.reset(seed=5))
+    values = np.random.default_rng(6).uniform(-1, 1, shape).astype(np.float32)
+    assert_same(one.step(values), other.step(values.ravel()))  # C order
+    many, others = (batch(task, 3, action=action) for _ in range(2))
+    many.reset(seed=5), others.reset(seed=5)
+    assert many.action_space.shape == (3, math.prod(shape))
+    values = np.random.default_rng(7).uniform(-1, 1, (3, *shape)).astype(np.float32)
+    assert_same(many.step(values), others.step(values.reshape(3, -1)))
+
+
 @pytest.mark.parametrize("action", ACTIONS)
 def test_finite_values_outside_are_clipped(action):
     wild = values_for(action, 5, -3, 3)
@@ -154,8 +171,8 @@ def every_bad_action():
         bad[0, 3] = value
         yield pytest.param(bad, id=name)
     for name, bad in {
-        "flat": np.zeros(6, dtype=np.float32),
         "longer": np.zeros((1, 7), dtype=np.float32),
+        "longer, flat": np.zeros(7, dtype=np.float32),
         "nothing": np.zeros((0, 6), dtype=np.float32),
         "number": 0.0,
         "none": None,

@@ -76,8 +76,11 @@ def test_a_fall_ends_the_episode_without_success(task):
     put(env, goal(env))
     for _ in range(9):
         env.step(still(env))
-    env.unwrapped.core.goal[0, :2] = [0.0, 0.1]  # falls within tolerance of the goal, on what would be the tenth step
-    env.unwrapped.core.goal[0, 2] = 0.0
+    env.unwrapped.core.episode.goal[0, 0, :2] = [
+        0.0,
+        0.1,
+    ]  # falls within tolerance of the goal, on what would be the tenth step
+    env.unwrapped.core.episode.goal[0, 0, 2] = 0.0
     over_the_edge(env)
     seen, reward, terminated, truncated, info = env.step(still(env))
     assert terminated and not truncated and info["fallen"] and not info["is_success"]

@@ -11,11 +11,11 @@ from gymnasium.utils.env_match import check_environments_match
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as check_sb3_env
 
-from tests.envs.helpers import ACTIONS, WALLS, assert_same, batch, lay, single, sorted_pose, still
+from tests.envs.helpers import ACTIONS, WALLS, assert_same, batch, put, single, sorted_pose, still
 from tests.envs.test_envs_parity import WORLDS, rows, side_by_side, trajectory
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
-from vibgym.physics.hulls import all_gaps
-from vibgym.scene import workers
+from vibgym.physics.collision.hulls import all_gaps
+from vibgym.simulation import threads as workers
 
 NAMES = {"Sort": 750, "SortTwelve": 1500, "SortThreeKinds": 750, "SortCrowded": 750, "Singulate": 500}
 MODES = list(AutoresetMode)
@@ -56,11 +56,11 @@ def test_registered(name, limit):
     many = batch(name, 2, action="field")
     assert isinstance(many, VibgymVectorEnv) and many.max_episode_steps == limit
     parts = {"SortTwelve": 12}.get(name, 6)
-    assert env.action_space.shape == (parts, 6) and env.observation_space.shape == (20 * parts,)
-    assert single(name, action="patch").action_space.shape == (parts, 4, 4, 2)
+    assert env.action_space.shape == (parts * 6,) and env.observation_space.shape == (20 * parts,)
+    assert single(name, action="patch").unwrapped.action_shape == (parts, 4, 4, 2)
     kinds = {"SortThreeKinds": ("steel_block", "aluminium_block", "disc")}.get(name, ("steel_block", "aluminium_block"))
     task = env.unwrapped.core.task
-    assert task.names == kinds and (np.bincount(task.kind) == parts // len(kinds)).all()
+    assert task.kinds == kinds and (np.bincount(task.kind) == parts // len(kinds)).all()
     assert task.kind[:2].tolist() == [0, 1]  # mixed, not one kind after the other
 
 
@@ -112,7 +112,7 @@ def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(monkey
 def test_sorted_parts_are_a_success_after_ten_steps():
     env = single("Sort", action="phasor")
     env.reset(seed=1)
-    lay(env, sorted_pose())
+    put(env, sorted_pose())
     for step in range(1, 11):
         _, reward, terminated, truncated, info = env.step(still(env))
         assert (terminated, info["is_success"]) == (step == 10, step == 10), step
@@ -126,7 +126,7 @@ def test_one_part_outside_is_no_success():
     env.reset(seed=1)
     pose = sorted_pose()
     pose[3, 0] = 0.5
-    lay(env, pose)
+    put(env, pose)
     for _ in range(12):
         *_, terminated, _, info = env.step(still(env))
         assert not terminated and info["parts_done"] == 5
@@ -138,7 +138,7 @@ def test_absent_parts_do_not_count():
     env = single("Sort", action="phasor", randomize={"parts": [2, 2]})
     env.reset(seed=1)
     core = env.unwrapped.core
-    present = core.score.present[0].copy()
+    present = core.episode.present[0].copy()
     assert present.sum() == 2
     pose = np.where(present[:, None], sorted_pose(), core.simulator.pose[0])
     core.simulator.place(np.array([0]), pose[None], np.where(present[:, None], core.idle, 0.0), 0.0, ~present)
@@ -152,7 +152,7 @@ def test_singulate_ends_with_room_between_all():
     _, info = env.reset(seed=1)
     assert info["touching"] >= 5 and 0.0 <= info["clearance"] < 1e-6
     assert info["position_error"] == pytest.approx(math.sqrt(2) * 0.026, abs=1e-5)
-    lay(env, [[0.06 + 0.12 * k, 0.1, 0.5 * k] for k in range(6)])
+    put(env, [[0.06 + 0.12 * k, 0.1, 0.5 * k] for k in range(6)])
     for step in range(1, 11):
         *_, terminated, _, info = env.step(still(env))
         assert (terminated, info["is_success"]) == (step == 10, step == 10)
@@ -163,12 +163,12 @@ def test_singulate_ends_with_room_between_all():
 def test_any_part_that_falls_ends_the_episode(task):
     env = single(task, action="phasor")
     env.reset(seed=1)
-    lay(env, sorted_pose())
+    put(env, sorted_pose())
     for _ in range(9):
         env.step(still(env))
     pose, velocity = sorted_pose(), env.unwrapped.core.idle.copy()
     pose[4, 0], velocity[4] = 0.0005, [-0.5, 0.0, 0.0]
-    lay(env, pose, velocity=velocity)
+    put(env, pose, velocity=velocity)
     seen, reward, terminated, truncated, info = env.step(still(env))
     assert terminated and not truncated and info["fallen"] and not info["is_success"]
     assert info["reward_terms"]["fallen"] == -5.0 and reward < -4.0
@@ -182,7 +182,7 @@ def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
     env.reset(seed=1)
     velocity = env.unwrapped.core.idle.copy()
     velocity[2, 0] = math.nan
-    lay(env, sorted_pose(), velocity=velocity)
+    put(env, sorted_pose(), velocity=velocity)
     seen, reward, terminated, _, info = env.step(still(env))
     assert terminated and info["diverged"] and not info["is_success"] and not info["fallen"]
     assert env.observation_space.contains(seen)
@@ -250,21 +250,21 @@ def test_absent_parts_command_nothing(action):
     env = single("Sort", action=action, randomize={"parts": [1, 1]})
     env.reset(seed=2)
     core = env.unwrapped.core
-    (part,) = np.flatnonzero(core.score.present[0])
+    (part,) = np.flatnonzero(core.episode.present[0])
     generator = np.random.default_rng(0)
-    commands = generator.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    commands = generator.uniform(-1, 1, env.unwrapped.action_shape).astype(np.float32)
     before = core.simulator.get_state()
     env.step(commands)
     moved, phasors = core.simulator.pose[0, part], core.phasors(0)
     assert (np.hypot(*np.moveaxis(phasors, -1, 0)) > 0).sum() == (16 if action == "patch" else 256)
-    others = generator.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    others = generator.uniform(-1, 1, env.unwrapped.action_shape).astype(np.float32)
     others[part] = commands[part]
     core.simulator.set_state(before)
     env.step(others)
     assert (core.simulator.pose[0, part] == moved).all() and (core.phasors(0) == phasors).all()
     alone = single("Sort", action=action, parts=["steel_block" if part % 2 == 0 else "aluminium_block"])
     alone.reset(seed=0)
-    lay(alone, before["pose"][0, [part]])
+    put(alone, before["pose"][0, [part]])
     alone.step(commands[[part]])
     assert alone.unwrapped.core.phasors(0) == pytest.approx(phasors, abs=1e-12)
     # Without others the simulator divides the period otherwise, so this is but nearly the same.

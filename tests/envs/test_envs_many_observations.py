@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tests.envs.helpers import WALLS, batch, lay, single, sorted_pose, still
-from vibgym.physics.hulls import all_gaps
+from tests.envs.helpers import WALLS, batch, put, single, sorted_pose, still
+from vibgym.physics.collision.hulls import all_gaps
 
 SIZE, WIDTH, HEIGHT, SPEED = 0.026, 0.832, 0.208, 2.7e-3 * 2 * math.pi * 25.0
 PIXEL = SIZE / 6
@@ -93,7 +93,7 @@ def test_ways_outside_and_inside():
     env.reset(seed=0)
     pose = sorted_pose()
     pose[0, 0], pose[1, 0] = 0.4, 0.3
-    lay(env, pose)
+    put(env, pose)
     seen, *_ = env.step(still(env))
     rows = seen.reshape(6, 20)
     assert rows[0, 10] == pytest.approx((0.156 - 0.4) / WIDTH, abs=1e-3) and rows[0, 12] < -0.99
@@ -116,7 +116,7 @@ def test_image():
     env = single("SortThreeKinds", action="phasor", observation="image")
     env.reset(seed=0)
     xs = [0.30, 0.60, 0.10, 0.22, 0.72, 0.42]
-    lay(env, [[x, 0.104, 0.0] for x in xs])
+    put(env, [[x, 0.104, 0.0] for x in xs])
     image, *_ = env.step(still(env))
     assert image.shape == (48, 192, 3) and image.dtype == np.uint8
     assert [int(image[(*pixel(x, 0.104), 0)]) for x in xs] == [255, 170, 85] * 2

@@ -3,7 +3,6 @@
 import json
 
 import gymnasium as gym
-import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
@@ -74,14 +73,13 @@ def test_bad_settings_are_one_error_that_names_them(settings, name):
     ("Singulate", {"start": "crowded"}), ("Singulate", {"zones": {}}),
 ])  # fmt: skip
 def test_settings_of_other_tasks_are_refused(task, settings):
-    with pytest.raises(ValueError, match=r"^keyword arguments: got .*; allowed: surface, parts"):
+    with pytest.raises(ValueError, match=rf"^{next(iter(settings))}: got .*; allowed: nothing for {task}"):
         single(task, **settings)
 
 
 def test_no_goal_reward():
     assert not hasattr(single("Sort").unwrapped, "compute_reward")
-    with pytest.raises(AttributeError, match="Sort has no goal pose"):
-        batch("Sort", 2).unwrapped.compute_reward(np.zeros(3), np.zeros(3), {})
+    assert not hasattr(batch("Sort", 2).unwrapped, "compute_reward")
 
 
 def test_pictures_show_zones_and_only_parts_that_are_there():
@@ -92,11 +90,13 @@ def test_pictures_show_zones_and_only_parts_that_are_there():
         env.action_space.seed(0)
         for _ in range(3):
             env.step(env.action_space.sample())
-        viewer = env.unwrapped._viewer
-        drawn = np.isfinite(viewer._pose(0)).all(axis=1)
-        assert drawn.tolist() == env.unwrapped.core.score.present[0].tolist() and drawn.sum() == count
+        scenery = env.unwrapped._viewer.scenery
+        assert env.unwrapped.truth.present[0].sum() == count
         pictures[count] = env.render()
-    assert [(zone.kind, zone.label) for zone in viewer.zones] == [(0, "steel block"), (1, "aluminium block")]
-    assert viewer.zones[1].low == pytest.approx((0.676, 0.0)) and viewer.zones[1].high == pytest.approx((0.832, 0.208))
+    assert [(zone.kind, zone.label) for zone in scenery.zones] == [(0, "steel block"), (1, "aluminium block")]
+    assert scenery.zones[1].low == pytest.approx((0.676, 0.0)) and scenery.zones[1].high == pytest.approx(
+        (0.832, 0.208)
+    )
     assert (pictures[1] != pictures[6]).any()
-    assert len(viewer.trails[0]) == 4 and viewer.trails[0][0].shape == (6, 2)
+    dark = [(picture.sum(axis=2) < 250).sum() for picture in pictures.values()]
+    assert dark[1] > 1.5 * dark[0]  # six parts cover more than one

@@ -76,16 +76,16 @@ def test_state_table(task, part, symmetry):
         assert seen.dtype == np.float32
         here, moved = core.simulator.pose[:, 0], core.simulator.mean_velocity[:, 0]
         for world in range(worlds):
-            expected = table(task, symmetry, here[world], moved[world], core.goal[world])
+            expected = table(task, symmetry, here[world], moved[world], core.episode.goal[world, 0])
             # 1e-6: float32. Just at the edge of an element the first two numbers may jump from 1 to -1.
             assert seen[world] == pytest.approx(expected, abs=2e-6), world
             assert info["position_error"][world] == pytest.approx(
-                math.dist(here[world, :2], core.goal[world, :2]), abs=1e-15
+                math.dist(here[world, :2], core.episode.goal[world, 0, :2]), abs=1e-15
             )
             if task == "Transport":
                 assert "heading_error" not in info
                 continue
-            turn = core.goal[world, 2] - here[world, 2]
+            turn = core.episode.goal[world, 0, 2] - here[world, 2]
             if task == "Align":
                 turn = wrapped(turn, 2 * math.pi / symmetry) if symmetry else 0.0
             assert info["heading_error"][world] == pytest.approx(abs(turn), abs=1e-8)
@@ -122,7 +122,7 @@ def test_goal_dictionary(task):
     assert set(seen) == {"observation", "achieved_goal", "desired_goal"}
     assert (seen["observation"] == flat).all()
     assert seen["achieved_goal"] == pytest.approx(core.simulator.pose[0, 0, :n], abs=1e-6)
-    assert seen["desired_goal"] == pytest.approx(core.goal[0, :n], abs=1e-6)
+    assert seen["desired_goal"] == pytest.approx(core.episode.goal[0, 0, :n], abs=1e-6)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -222,8 +222,8 @@ def test_image_shows_part_and_goal(task):
         image, _ = env.reset(seed=seed)
         assert image.shape == (48, 192, 3) and image.dtype == np.uint8
         core = env.unwrapped.core
-        area = core.part.area / PIXEL**2
-        for channel, (x, y, _) in ((0, core.simulator.pose[0, 0]), (1, core.goal[0])):
+        area = core.parts[0].area / PIXEL**2
+        for channel, (x, y, _) in ((0, core.simulator.pose[0, 0]), (1, core.episode.goal[0, 0])):
             rows, columns = np.nonzero(image[..., channel])
             assert len(rows) == pytest.approx(area, rel=0.12)  # pixels along the border count whole or not at all
             assert (columns.mean() + 0.5) * PIXEL == pytest.approx(x, abs=PIXEL / 2)
@@ -234,7 +234,7 @@ def test_image_shows_part_and_goal(task):
 def test_image_follows_part_heading_and_goal():
     env = single("Rotate", action="phasor", observation="image")
     env.reset(seed=0)
-    env.unwrapped.core.goal[0] = [0.6, 0.05, math.pi / 2]
+    env.unwrapped.core.episode.goal[0, 0] = [0.6, 0.05, math.pi / 2]
     put(env, [0.2, 0.15, 0.0])
     image, *_ = env.step(still(env))
     assert image[(*pixel(0.2, 0.15), 0)] == 255 and image[(*pixel(0.6, 0.05), 1)] > 0

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from agents.policy import Situation, make_policy
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
 from tests.envs.helpers import ACTIONS, SMALL, TASKS, assert_same, batch, single
-from vibgym import Surface
-from vibgym.config import part_from
-from vibgym.scene import workers
+from vibgym.simulation import threads as workers
 
 WORLDS = 3
 MODES = list(AutoresetMode)
@@ -68,8 +67,8 @@ def test_parts_that_fall(mode):
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("task", TASKS)
 def test_success(task, mode):
-    policy = make_policy("local_field", Situation(task, Surface(), part_from("aluminium_block")))
-    ends = side_by_side(task, mode, {"action": "field"}, lambda seen: policy.predict(seen)[0], 260)
+    policy = make_policy("local_field", TaskInfo.of(single(task)))
+    ends = side_by_side(task, mode, {"action": policy.action}, lambda seen: policy.predict(seen)[0], 260)
     assert ends["success"] >= WORLDS
 
 

@@ -55,7 +55,7 @@ def test_a_specification_survives_json(task):
     env = single(task, **FULL)
     text = env.spec.to_json()
     spec = EnvSpec.from_json(text)
-    assert spec == env.spec and json.loads(text)["kwargs"] == {"task": task, **FULL}
+    assert spec == env.spec and json.loads(text)["kwargs"] == {"task": task, "max_episode_periods": 250, **FULL}
     assert_same(rollout(gym.make(spec)), rollout(env))
     batched = batch(task, 2, **FULL, autoreset_mode="SameStep")
     spec = EnvSpec.from_json(batched.spec.to_json())
@@ -68,14 +68,16 @@ def test_settings_are_taken():
     core = single("Align", **FULL).unwrapped.core
     assert (core.surface.rows, core.surface.columns, core.surface.element_size) == (6, 20, 0.03)
     assert core.surface.max_amplitude == 3e-4
-    assert core.part.name == "bracket" and core.part.mass == pytest.approx(0.15) and core.part.height == 0.01
-    assert core.part.area == pytest.approx(0.05**2 - 0.02**2) and core.part.static_friction == 0.55
+    assert (
+        core.parts[0].name == "bracket" and core.parts[0].mass == pytest.approx(0.15) and core.parts[0].height == 0.01
+    )
+    assert core.parts[0].area == pytest.approx(0.05**2 - 0.02**2) and core.parts[0].static_friction == 0.55
     default = single("Align").unwrapped.core
-    assert (default.surface.rows, default.surface.columns, default.part.name) == (8, 32, "aluminium_block")
-    assert single("Align", parts=["steel_block"]).unwrapped.core.part.friction == 0.64
+    assert (default.surface.rows, default.surface.columns, default.parts[0].name) == (8, 32, "aluminium_block")
+    assert single("Align", parts=["steel_block"]).unwrapped.core.parts[0].friction == 0.64
     assert single("Align", surface=vibgym.Surface(rows=5)).unwrapped.core.surface.rows == 5
     disc = vibgym.Part.disc(0.02, friction=0.3)
-    assert single("Align", parts=[disc]).unwrapped.core.part is disc
+    assert single("Align", parts=[disc]).unwrapped.core.parts[0] is disc
 
 
 def test_settings_given_are_not_changed():

@@ -112,9 +112,9 @@ class LazyShepherd(Shepherd):
 
 
 @pytest.fixture(scope="session")
-def crowds(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
+def several(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
     """Results on tasks for several parts beside one for one part, and a small measurement of the cost of a period."""
-    directory: Path = tmp_path_factory.mktemp("crowds") / "report"
+    directory: Path = tmp_path_factory.mktemp("several") / "report"
     settings = evaluation.settings_from(
         {
             "tasks": ["Transport", "Sort", "Singulate"],
@@ -142,6 +142,6 @@ def small_cost(quiet: bool) -> Cost:
 
 
 @pytest.fixture(scope="session")
-def written_crowds(crowds: evaluation.Results) -> Path:
+def written_several(several: evaluation.Results) -> Path:
     """Directory with the files of these results."""
-    return evaluation.write(crowds, quiet=True).parent
+    return evaluation.write(several, quiet=True).parent

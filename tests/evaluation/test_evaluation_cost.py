@@ -17,16 +17,16 @@ LARGE = Surface(rows=32, columns=64)
 
 
 def blocks(surface: Surface, count: int) -> tuple[list, int]:
-    rows = cost.crowd_rows(surface, count)
+    rows = cost.heap_rows(surface, count)
     return [part_from(cost.BLOCKS[kind]) for kind in cost.block_kinds(count, rows)], rows
 
 
 @pytest.mark.parametrize(
     ("surface", "count"), [*((LARGE, n) for n in (2, 3, 8, 31, 64)), *((Surface(), n) for n in (2, 3, 8, 31))]
 )
-def test_a_crowd_is_in_touch_all_round(surface: Surface, count: int) -> None:
+def test_a_heap_is_in_touch_all_round(surface: Surface, count: int) -> None:
     parts, rows = blocks(surface, count)
-    pose = cost.crowded(surface, parts, rows)
+    pose = cost.heaped(surface, parts, rows)
     gaps = gaps_between(parts, pose[None])[0]
     assert gaps.min() == pytest.approx(cost.GAP, abs=1e-9)
     assert gaps.min(axis=1).max() < 0.2e-3
@@ -45,9 +45,9 @@ def test_parts_apart_keep_the_rule_and_meet_nobody(count: int) -> None:
     assert statistics["contact"] == 0 and statistics["free"] + statistics["near"] == cost.WARM_UP + cost.PERIODS
 
 
-def test_a_crowd_is_timed_with_contacts() -> None:
+def test_a_heap_is_timed_with_contacts() -> None:
     parts, rows = blocks(LARGE, 8)
-    bench = cost.Simulating(LARGE, parts, cost.crowded(LARGE, parts, rows))
+    bench = cost.Simulating(LARGE, parts, cost.heaped(LARGE, parts, rows))
     bench.seconds()
     assert bench.simulator.statistics["contact"] == cost.WARM_UP + cost.PERIODS
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import re
@@ -131,8 +132,19 @@ def test_failure_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert path.read_text() == "new"
 
 
+@pytest.mark.parametrize("most", [10**9, 60_000, 25_000, 1])
+def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most: int) -> None:
+    film = found.rollouts["Align", "counting"].film
+    frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04)
+    sizes = [len(animation.webp(frames, interval, size)) for size in (10**9, most, 1)]
+    assert sizes[1] <= max(most, sizes[2]) and sizes[2] <= sizes[1] <= sizes[0]
+    with Image.open(io.BytesIO(animation.webp(frames, interval, most))) as image:
+        assert image.n_frames == len(frames) > animation.SAMPLE and image.info["loop"] == 0
+
+
 def test_gif(found: evaluation.Results, tmp_path: Path) -> None:
-    frames, interval = animation.frames_of(found, "Align", "pusher", 300)
+    film = found.rollouts["Align", "pusher"].film
+    frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04, 300)
     assert len(frames) <= animation.MOST_FRAMES and frames[0].dtype == np.uint8
     animation.write_gif(tmp_path / "film.gif", frames[:6], 1.0 / interval)
     with Image.open(tmp_path / "film.gif") as image:

@@ -18,13 +18,12 @@ def alone(policy: Any, task: str, seed: int) -> dict[str, Any]:
     env = gym.make(f"vibgym/{task}-v0", action=policy.action, observation=policy.observation)
     observation, info = env.reset(seed=seed)
     state, done, steps, total, length = None, False, 0, 0.0, 0.0
-    simulator = env.unwrapped.core.simulator
-    positions = [simulator.pose[0, 0]]
+    positions = [env.unwrapped.truth.pose[0, 0]]
     while not done:
         action, state = policy.predict(observation[None], state, np.array([steps == 0]))
         observation, reward, terminated, truncated, info = env.step(action[0])
         done, steps, total = terminated or truncated, steps + 1, total + reward
-        positions.append(simulator.pose[0, 0])
+        positions.append(env.unwrapped.truth.pose[0, 0])
         length += math.dist(positions[-1][:2], positions[-2][:2])
     return {**info, "steps": steps, "return": total, "path_length": length, "poses": np.array(positions)}
 
@@ -89,9 +88,12 @@ def test_film_is_the_watched_episode(found: evaluation.Results) -> None:
 
 def test_the_farthest_of_the_first_worlds_is_watched() -> None:
     env = gym.make_vec("vibgym/Transport-v0", num_envs=WATCHED_AMONG + 20)
-    env.reset(seed=5)
-    core = env.unwrapped.core
-    assert farthest_goal(core) == core.score.distance[:WATCHED_AMONG].argmax()
+    _, info = env.reset(seed=5)
+    nothing = np.zeros(WATCHED_AMONG + 20)
+    assert farthest_goal(env.unwrapped, nothing) == info["position_error"][:WATCHED_AMONG].argmax()
+    heap = gym.make_vec("vibgym/Singulate-v0", num_envs=WATCHED_AMONG + 20)
+    _, info = heap.reset(seed=5)
+    assert farthest_goal(heap.unwrapped, info["touching"]) == info["touching"][:WATCHED_AMONG].argmax()
 
 
 def test_rates_leave_the_first_step_out(found: evaluation.Results) -> None:

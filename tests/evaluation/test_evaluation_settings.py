@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from agents import evaluation
+from agents.evaluation import words
 from tests.evaluation.conftest import Pusher, Shepherd
 
 
@@ -58,14 +59,37 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
 def test_every_environment_can_be_evaluated() -> None:
     prepared = evaluation.prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_fields"]))
     facts = prepared.tasks["SortThreeKinds"]
-    assert list(facts.zones) == ["steel_block", "aluminium_block", "disc"] and facts.step_limit == 750
-    assert prepared.scenes["SortThreeKinds"].kinds == (0, 1, 2, 0, 1, 2)
-    assert prepared.scenes["SortThreeKinds"].inventory() == (
+    assert facts.kinds == ("steel_block", "aluminium_block", "disc") and facts.step_limit == 750
+    assert prepared.scenery["SortThreeKinds"].kinds == (0, 1, 2, 0, 1, 2)
+    assert [zone.label for zone in prepared.scenery["SortThreeKinds"].zones] == [
+        "steel block",
+        "aluminium block",
+        "disc",
+    ]
+    assert words.inventory(facts.parts) == (
         "two steel blocks (50 × 40 mm, friction 0.64), two aluminium blocks (50 × 35 mm, friction 0.58) "
         "and two discs (40 × 40 mm, friction 0.6)"
     )
 
 
 def test_one_error_names_what_does_not_fit() -> None:
-    with pytest.raises(ValueError, match=r"policies \(local_fields on Transport\)"):
-        evaluation.prepare(settings(policies=["zero", {"kind": "local_fields", "tasks": ["Transport"]}]))
+    with pytest.raises(ValueError, match=r"policies \(open_loop on Sort\)"):
+        evaluation.prepare(settings(policies=["zero", {"kind": "open_loop", "tasks": ["Sort"]}]))
+
+
+def test_what_is_asked_in_words() -> None:
+    tasks = evaluation.prepare(settings(tasks=["Transport", "Align", "Sort", "Singulate"])).tasks
+    assert {name: words.asked(info) for name, info in tasks.items()} == {
+        "Transport": "within 5 mm",
+        "Align": "within 2 mm and 3°",
+        "Sort": "all parts in their zones",
+        "Singulate": "all parts more than 36.8 mm apart",
+    }
+    assert words.facts(tasks["Transport"], 5)["heading_tolerance"] is None
+    assert words.facts(tasks["Sort"], 5)["position_tolerance"] is None
+
+
+def test_a_model_may_be_told_what_it_speaks() -> None:
+    mapping = {"policy": Pusher(), "action": "field", "name": "told"}
+    (entry,) = settings(policies=[mapping]).entries()
+    assert entry.name == "told" and set(entry.content) == {"policy", "action"}

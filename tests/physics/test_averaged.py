@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Simulator, Surface
-from vibgym.physics.averaged import exponential
-from vibgym.physics.drive import PhasorDrive
+from vibgym.physics.averaged.integrator import exponential
+from vibgym.physics.core.drive import phasor_drive
 from vibgym.scene.parts import shipped_part
 
 SURFACE = Surface()
@@ -87,7 +87,7 @@ def test_a_drive_that_changes_every_period():
         simulator.reset(pose, [*SURFACE.idle_velocity(BLOCK.friction), 0.0])
         seen = []
         for action in actions:
-            simulator.run(PhasorDrive(action, SURFACE.full_scale))
+            simulator.run(phasor_drive(action.reshape(worlds, -1), SURFACE.columns, SURFACE.full_scale))
             seen.append(simulator.mean_velocity[:, 0, :2])
         assert not simulator.fallen.any()
         return np.array(seen)

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from scipy.integrate import IntegrationWarning, quad
 
-from vibgym.physics.averages import (
+from vibgym.physics.averaged.averages import (
     POLYNOMIAL_END,
     first_order,
     gather_moments,
     interpolate,
     interpolate_wobble,
-    make_scratch,
     mean_row,
+    new_scratch,
     second_order,
     wobble,
 )
-from vibgym.scene.averages_tables import (
+from vibgym.simulation.averages_tables import (
     COUPLING_NODES,
     COUPLING_STEP,
     EVEN,
@@ -129,7 +129,7 @@ def test_wobble_against_plain_sums(s):
 
 def test_known_error_of_the_tables():
     """The figures that the model's documentation may rely on."""
-    tables, scratch = averages(), make_scratch()
+    tables, scratch = averages(), new_scratch()
     rng = np.random.default_rng(1)
     x = np.linspace(0.0, POLYNOMIAL_END, 2001)
     powers = np.stack([np.polyval(p, x) for p in tables.polynomials], axis=-1)
@@ -161,7 +161,7 @@ def test_known_error_of_the_tables():
 @pytest.mark.parametrize("s", [0.0, 1e-200, 0.99, 0.999999, 1.0, 1.0000001, 1.01, 1e3, 1e9])
 def test_finite_at_every_slip(s):
     """Slip through zero has a logarithm in second order: it is held at 1 - t = 0.01, and first order is continuous."""
-    tables, scratch = averages(), make_scratch()
+    tables, scratch = averages(), new_scratch()
     points = np.array([[0.25] * 4, [0.01, -0.01, 0.0, 0.0], [0.0, 0.0, 0.02, -0.02]])
     c, n = np.full(4, 5.0), 4
     moments, result = np.empty((6, 3)), np.empty(6)
@@ -212,7 +212,7 @@ def test_both_orders_and_wobble_of_a_part_against_brute_force(velocity):
     points = np.stack([np.repeat(share / share.sum() / 4, 4), x, y])
     size, alpha = rng.uniform(0, 9.81, pieces), rng.uniform(-3, 3, pieces)
     c, s = np.repeat(size * np.cos(alpha), 4), np.repeat(size * np.sin(alpha), 4)
-    tables, scratch, moments, result = averages(), make_scratch(), np.empty((6, 3)), np.empty(6)
+    tables, scratch, moments, result = averages(), new_scratch(), np.empty((6, 3)), np.empty(6)
     gather_moments(points, c, s, 24, moments)
     vx, vy = velocity
     first, second, w = brute_force(points, c, s, 9.81, speed, gyration, np.array([vx, vy, 0.0]))

@@ -9,7 +9,14 @@ from hypothesis import strategies as st
 from shapely.geometry import MultiPoint, Point, Polygon, box
 from shapely.geometry.polygon import orient
 
-from vibgym.physics.contact_area import MOMENTS, NEGLIGIBLE_PIECE, contact_points, cut_outline, support_holds
+from vibgym.physics.contact_area.outline import (
+    MOMENTS,
+    NEGLIGIBLE_PIECE,
+    contact_points,
+    cut_outline,
+    most_angles,
+    support_holds,
+)
 
 PITCH = 0.026
 L_SHAPE = [(0, 0), (60, 0), (60, 30), (30, 30), (30, 60), (0, 60)]
@@ -179,6 +186,10 @@ def test_nothing_supported():
     assert len(cut([(-0.1, -0.1), (-0.05, -0.1), (-0.05, -0.05)])[0]) == 0
 
 
+def holds(outline, width, height, x, y):
+    return support_holds(*np.ascontiguousarray(outline.T), width, height, x, y, np.zeros(most_angles(len(outline))))
+
+
 @given(stars(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
 def test_support_polygon(outline, dx, dy):
     width, height = 6 * PITCH, 4 * PITCH
@@ -187,11 +198,11 @@ def test_support_polygon(outline, dx, dy):
     hull = polygon.intersection(box(0, 0, width, height)).convex_hull
     inside = not hull.is_empty and hull.area > 0 and hull.covers(Point(x, y))
     assume(hull.is_empty or hull.boundary.distance(Point(x, y)) > 1e-9)  # on the very border either answer will do
-    assert support_holds(*np.ascontiguousarray(outline.T), width, height, x, y) == inside
+    assert holds(outline, width, height, x, y) == inside
 
 
 def test_support_polygon_of_a_part_that_covers_a_corner():
     outline = np.array([(-0.1, -0.1), (0.05, -0.1), (0.05, 0.05), (-0.1, 0.05)])  # surface corner (0, 0) inside
-    assert support_holds(*np.ascontiguousarray(outline.T), 1.0, 1.0, 0.01, 0.01)
-    assert not support_holds(*np.ascontiguousarray(outline.T), 1.0, 1.0, -0.01, 0.01)
-    assert not support_holds(*np.ascontiguousarray(outline.T), 1.0, 1.0, 0.06, 0.01)
+    assert holds(outline, 1.0, 1.0, 0.01, 0.01)
+    assert not holds(outline, 1.0, 1.0, -0.01, 0.01)
+    assert not holds(outline, 1.0, 1.0, 0.06, 0.01)

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibgym.physics.drive import (
-    ElementDrive,
-    FieldDrive,
-    PatchDrive,
-    PhasorDrive,
-    PolarDrive,
+from vibgym.physics.core.drive import (
     all_phasors,
+    element_drive,
     element_phasor,
+    field_drive,
+    patch_drive,
+    phasor_drive,
+    polar_drive,
 )
 
 OMEGA = 2 * math.pi * 25.0
@@ -33,6 +33,10 @@ def actions(seed=0, scale=1.6):
     return np.random.default_rng(seed).uniform(-scale, scale, (WORLDS, ROWS, COLUMNS, 2)).astype(np.float32)
 
 
+def flat(action):
+    return action.reshape(len(action), -1)
+
+
 def shortened(vectors):
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1.0)
 
@@ -42,13 +46,13 @@ def test_polar():
     amplitude = rng.uniform(0, 4e-4, (WORLDS, ROWS, COLUMNS))
     phase = rng.uniform(-9, 9, (WORLDS, ROWS, COLUMNS))
     expected = amplitude[..., None] * OMEGA**2 * np.stack([np.cos(phase), np.sin(phase)], axis=-1)
-    assert np.allclose(read(PolarDrive(amplitude, phase, OMEGA)), expected, rtol=0, atol=1e-13)
+    assert np.allclose(read(polar_drive(amplitude, phase, OMEGA)), expected, rtol=0, atol=1e-13)
 
 
 def test_polar_is_the_normal_acceleration():
     """g - C cos wt + S sin wt is g + z'' for z = a_v cos(wt + alpha), z'' by differences."""
     amplitude, phase = np.full((1, 1, 1), 3e-4), np.full((1, 1, 1), 0.7)
-    c, s = element_phasor(PolarDrive(amplitude, phase, OMEGA), 0, 0, 0)
+    c, s = element_phasor(polar_drive(amplitude, phase, OMEGA), 0, 0, 0)
     for t in np.linspace(0, 0.04, 9):
         z = [3e-4 * math.cos(OMEGA * (t + d) + 0.7) for d in (-1e-5, 0, 1e-5)]
         second = (z[0] - 2 * z[1] + z[2]) / 1e-10
@@ -61,22 +65,23 @@ def test_element():
     clipped = np.clip(action.astype(float), -1, 1)
     amplitude, phase = 0.5 * (1 + clipped[..., 0]) * FULL, math.pi * clipped[..., 1]
     expected = amplitude[..., None] * np.stack([np.cos(phase), np.sin(phase)], axis=-1)
-    assert np.allclose(read(ElementDrive(action, FULL)), expected, rtol=0, atol=1e-13)
+    assert np.allclose(read(element_drive(flat(action), COLUMNS, FULL)), expected, rtol=0, atol=1e-13)
 
 
 def test_phasor_clipped_then_shortened_to_the_disc():
     action = actions()
-    got = read(PhasorDrive(action, FULL))
+    got = read(phasor_drive(flat(action), COLUMNS, FULL))
     assert np.allclose(got, FULL * shortened(np.clip(action.astype(float), -1, 1)), rtol=0, atol=1e-13)
     assert np.linalg.norm(got, axis=-1).max() <= FULL * (1 + 1e-15)
     inner = np.linalg.norm(action, axis=-1) < 1
     assert inner.any() and np.allclose(got[inner], FULL * action[inner].astype(float), rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("drive", [ElementDrive, PhasorDrive])
+@pytest.mark.parametrize("drive", [element_drive, phasor_drive])
 def test_outside_is_the_same_as_clipped(drive):
     action = actions(2, 5.0)
-    assert np.array_equal(read(drive(action, FULL)), read(drive(np.clip(action, -1, 1), FULL)))
+    inside = np.clip(action, -1, 1)
+    assert np.array_equal(read(drive(flat(action), COLUMNS, FULL)), read(drive(flat(inside), COLUMNS, FULL)))
 
 
 def test_patch():
@@ -90,7 +95,7 @@ def test_patch():
                 if 0 <= row + i < ROWS and 0 <= column + j < COLUMNS:
                     expected[world, row + i, column + j] = vectors[world, i, j]
     assert np.allclose(
-        read(PatchDrive(action, origin[:, None], origin[:, None] + 1.5, FULL)), expected, rtol=0, atol=1e-13
+        read(patch_drive(flat(action), origin[:, None], origin[:, None] + 1.5, 3, FULL)), expected, rtol=0, atol=1e-13
     )
 
 
@@ -101,7 +106,7 @@ CENTRE = np.array([0.060, 0.050])
 def pushes(strengths):
     """Direction and strength in which each element pushes a resting part, (rows, columns, 2): -(S, C) / full scale."""
     action = np.broadcast_to(np.array(strengths, dtype=np.float32), (WORLDS, 1, 6))
-    phasors = read(FieldDrive(action, np.broadcast_to(CENTRE, (WORLDS, 1, 2)), SIZE, REACH, FULL))[0]
+    phasors = read(field_drive(flat(action), np.broadcast_to(CENTRE, (WORLDS, 1, 2)), SIZE, REACH, FULL))[0]
     return -phasors[..., ::-1] / FULL
 
 
@@ -169,10 +174,10 @@ def clear_cut(centre, row, column):
 def test_of_several_fields_an_element_obeys_the_nearest(centres, gone):
     centre = np.array(centres).reshape(WORLDS, PARTS, 2)
     action = np.random.default_rng(6).uniform(-1.5, 1.5, (WORLDS, PARTS, 6)).astype(np.float32)
-    alone = [read(FieldDrive(action[:, k : k + 1], centre[:, k : k + 1], SIZE, REACH, FULL)) for k in range(PARTS)]
+    alone = [read(field_drive(action[:, k], centre[:, k : k + 1], SIZE, REACH, FULL)) for k in range(PARTS)]
     given_centre = centre.copy()
     given_centre[:, gone] = np.inf
-    together = read(FieldDrive(action, given_centre, SIZE, REACH, FULL))
+    together = read(field_drive(flat(action), given_centre, SIZE, REACH, FULL))
     left = [k for k in range(PARTS) if not gone[k]]
     for world, row, column in np.ndindex(WORLDS, ROWS, COLUMNS):
         if not clear_cut(centre[world], row, column):
@@ -192,7 +197,7 @@ def test_of_several_patches_an_element_obeys_the_nearest_that_holds_it(size, cen
     origin = np.floor(lines + 0.5 - 0.5 * size).astype(np.int64)
     given_lines = lines.copy()
     given_lines[:, gone] = np.inf
-    got = read(PatchDrive(action, origin, given_lines, FULL))
+    got = read(patch_drive(flat(action), origin, given_lines, size, FULL))
     for world, row, column in np.ndindex(WORLDS, ROWS, COLUMNS):
         inside = (row - origin[world, :, 0], column - origin[world, :, 1])
         holders = [k for k in range(PARTS) if 0 <= inside[0][k] < size and 0 <= inside[1][k] < size and not gone[k]]
@@ -208,19 +213,39 @@ def test_of_parts_equally_near_the_first_is_obeyed():
     action = np.zeros((WORLDS, 2, 6), dtype=np.float32)
     action[:, 0, 0], action[:, 1, 1] = 1.0, 1.0
     centre = np.array([[[2.25, 1.5], [2.75, 1.5]]] * WORLDS)  # elements of 1 m; that in column 2 has its centre at 2.5
-    push = -read(FieldDrive(action, centre, 1.0, 1.0, FULL))[0, 1, :, ::-1] / FULL
+    push = -read(field_drive(flat(action), centre, 1.0, 1.0, FULL))[0, 1, :, ::-1] / FULL
     assert push == pytest.approx(np.array([[1, 0], [1, 0], [1, 0], [0, 1], [0, 1]]))
     patches = np.zeros((WORLDS, 2, 3, 3, 2), dtype=np.float32)
     patches[:, 0, :, :, 0], patches[:, 1, :, :, 1] = 1.0, 1.0
     lines = centre[..., ::-1].copy()
     origin = np.array([[[0, 1], [0, 2]]] * WORLDS)
-    got = read(PatchDrive(patches, origin, lines, FULL))[0, 1] / FULL
+    got = read(patch_drive(flat(patches), origin, lines, 3, FULL))[0, 1] / FULL
     assert got == pytest.approx(np.array([[0, 0], [1, 0], [1, 0], [0, 1], [0, 1]]))
 
 
 def test_readers_agree_with_the_python_side():
-    drive = PhasorDrive(actions(5), FULL)
+    drive = phasor_drive(flat(actions(5)), COLUMNS, FULL)
     one_by_one = [
         [[element_phasor(drive, w, i, j) for j in range(COLUMNS)] for i in range(ROWS)] for w in range(WORLDS)
     ]
     assert np.allclose(read(drive), one_by_one, rtol=0, atol=1e-14)
+
+
+def test_every_mode_has_one_compiled_type():
+    """Kernels are compiled once for all modes, whatever the layout of the arrays that are handed in."""
+    import numba
+
+    action, centre = flat(actions(8)), np.zeros((WORLDS, 1, 2))
+    locked = action.copy()
+    locked.setflags(write=False)
+    shape = (WORLDS, ROWS, COLUMNS)
+    drives = [
+        polar_drive(np.zeros(shape), np.zeros(shape).transpose(0, 1, 2), OMEGA),
+        polar_drive(np.broadcast_to(np.zeros((ROWS, COLUMNS)), shape), np.zeros((WORLDS, COLUMNS, ROWS)).mT, 157),
+        element_drive(action, COLUMNS, FULL),
+        element_drive(locked, COLUMNS, np.float64(FULL)),
+        phasor_drive(action[:, ::-1], np.int32(COLUMNS), 9),
+        patch_drive(action[:, :18], np.zeros((WORLDS, 1, 2), np.int32), centre, 3, FULL),
+        field_drive(action[:, :6], centre, SIZE, REACH, FULL),
+    ]
+    assert len({numba.typeof(drive) for drive in drives}) == 1

@@ -1,4 +1,4 @@
-"""A cached kernel is compiled anew when a kernel that it calls in another file has changed, which numba does not notice."""
+"""Compiled kernels: compiled anew when what they depend on has changed, kept where that is possible, announced once."""
 
 import os
 import shutil
@@ -9,40 +9,115 @@ from pathlib import Path
 import pytest
 
 import vibgym
+from vibgym.physics.core.jit import sources
+
+ROOT = Path(vibgym.__file__).parent
 
 PROBE = """
 import sys; sys.path.insert(0, {folder!r})
 import numpy as np, vibgym
 assert vibgym.__file__.startswith({folder!r})
-part = vibgym.Part.rectangle(0.05, 0.035, friction=0.6)
-simulator = vibgym.Simulator(vibgym.Surface(), part)
-simulator.advance(vibgym.Surface().max_amplitude, 1.5 * np.pi, periods=2)
-print(float(simulator.pose[0, 0, 0]))
+from vibgym.physics.core.drive import all_phasors, field_drive
+from vibgym.physics.collision.hulls import wall_gap
+phasors = np.zeros((1, 2, 2, 2))
+all_phasors(field_drive(np.ones((1, 6), np.float32), np.zeros((1, 1, 2)), 0.026, 0.05, 10.0), phasors)
+all_phasors(field_drive(np.ones((1, 6), np.float32), np.zeros((1, 1, 2)), 0.026, 0.05, 10.0), phasors)
+print(float(phasors.sum()))
 """
 
 
 @pytest.fixture
 def run(tmp_path):
+    """A copy of the package and a function that runs the probe on it: its number, and the lines on stderr."""
     package = tmp_path / "vibgym"
-    shutil.copytree(Path(vibgym.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    shutil.copytree(ROOT, package, ignore=shutil.ignore_patterns("__pycache__"))
 
-    def once():
+    def once(**more):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1", **more}
         code = PROBE.format(folder=str(tmp_path))
-        return float(subprocess.check_output([sys.executable, "-c", code], text=True, env=environment, cwd=tmp_path))
+        done = subprocess.run(
+            [sys.executable, "-c", code], text=True, env=environment, cwd=tmp_path, capture_output=True, check=True
+        )
+        return float(done.stdout), done.stderr.splitlines()
 
     return package, once
 
 
 def test_an_edit_in_a_called_kernel_is_noticed(run):
     package, once = run
-    first = once()
+    first, _ = once()
     cached = {path.name for path in (package.parent / "cache").rglob("*.nbc")}
-    assert cached and once() == first
+    assert len(cached) == 1 and once() == (first, [])
     assert {path.name for path in (package.parent / "cache").rglob("*.nbc")} == cached
-    friction = package / "physics" / "friction.py"
-    text = friction.read_text()
-    result = "ny * along + nx * across, torque,"
+    file = package / "physics" / "core" / "drive.py"
+    text = file.read_text()
+    result = "return first * scale, second * scale"
     assert text.count(result) == 1
-    friction.write_text(text.replace(result, f"2.0 * {result}"))
-    assert abs(once() - first) > 1e-6
+    file.write_text(text.replace(result, "return 2.0 * first * scale, second * scale"))
+    assert abs(once()[0] - first) > 1e-6
+
+
+def test_sources_are_what_a_file_imports(run):
+    """Constants are compiled into kernels as well, so all imports count, of other folders and at second hand; no other file."""
+    package, _ = run
+
+    def all_stamps():
+        sources.cache_clear()
+        return [sources(str(path), ".".join(path.relative_to(package.parent).with_suffix("").parts)) for path in files]
+
+    files = [package / "tasks" / "zones.py", package / "physics" / "friction" / "planar.py"]
+    first = all_stamps()
+    assert first == all_stamps() and first[0] != first[1]
+
+    def edit(*where):
+        path = package.joinpath(*where)
+        path.write_text(path.read_text() + "\n# edited\n")
+        before, now = list(stamps), all_stamps()
+        stamps[:] = now
+        return [one != other for one, other in zip(before, now, strict=True)]
+
+    stamps = first
+    assert edit("physics", "contact_area", "outline.py")[1]
+    assert edit("physics", "friction", "planar.py")[1]
+    assert edit("rendering", "canvas.py") == [False, False]
+    assert not edit("tasks", "zones.py")[1]
+
+
+def test_kernels_of_another_package_depend_on_both(tmp_path):
+    (tmp_path / "mine").mkdir()
+    texts = {"__init__": "", "a": "from mine.b import X\nfrom vibgym.physics.core.drive import FIELD\n", "b": "X = 1\n"}
+    for name, text in texts.items():
+        (tmp_path / "mine" / f"{name}.py").write_text(text)
+    first = sources(str(tmp_path / "mine" / "a.py"), "mine.a")
+    (tmp_path / "mine" / "b.py").write_text("X = 2\n")
+    sources.cache_clear()
+    assert sources(str(tmp_path / "mine" / "a.py"), "mine.a") != first
+
+
+def test_compiling_is_announced_once(run):
+    package, once = run
+    _, lines = once()
+    assert len(lines) == 1
+    assert "compiling kernels" in lines[0] and str(package.parent / "cache") in lines[0]
+    assert once()[1] == []
+
+
+def test_without_a_cache(run):
+    package, once = run
+    for _ in range(2):
+        (line,) = once(VIBGYM_CACHE="0")[1]
+        assert "compiling kernels" in line and "not kept" in line
+    assert not (package.parent / "cache").exists()
+
+
+def test_where_no_folder_can_be_written(run):
+    """No crash, as numba has it ("no locator available"), but one line that says what to do."""
+    package, once = run
+    for folder in (package, *(path for path in package.rglob("*") if path.is_dir())):
+        (folder / "__pycache__").write_text("a file where a folder should be")
+    nowhere = str(package.parent / "file")
+    Path(nowhere).write_text("")
+    first, lines = once(NUMBA_CACHE_DIR=f"{nowhere}/cache", XDG_CACHE_HOME=nowhere, HOME=nowhere)
+    assert [("cannot be kept" in line, "compiling kernels" in line) for line in lines] == [(True, False), (False, True)]
+    assert "NUMBA_CACHE_DIR" in lines[0] and "not kept" in lines[1]
+    assert first == once()[0]

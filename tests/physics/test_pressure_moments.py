@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.physics.careful import cells_across, contact_arrays, cut_into_points, place_outline
-from vibgym.physics.contact_area import cut_outline
-from vibgym.physics.drive import PolarDrive
-from vibgym.physics.friction import expanded_wrench, sliding_wrench
-from vibgym.physics.planar import LARGEST_VARIATION
-from vibgym.physics.pressure_moments import (
+from vibgym.physics.contact_area.cut import cells_across, new_cut, place_outline, points_at
+from vibgym.physics.contact_area.outline import cut_outline
+from vibgym.physics.contact_area.phasors import new_phasors
+from vibgym.physics.contact_area.pressure_moments import (
     LANES,
     MOMENT_ROWS,
     PIECE_FIELDS,
@@ -20,6 +18,9 @@ from vibgym.physics.pressure_moments import (
     pressure_moments,
     read_phasors,
 )
+from vibgym.physics.core.drive import polar_drive
+from vibgym.physics.friction.series import LARGEST_VARIATION
+from vibgym.physics.friction.wrench import expanded_wrench, sliding_wrench
 
 SURFACE = Surface()
 PARTS = {
@@ -40,7 +41,7 @@ def errors(part, variation, seed, lane=3):
     rng = np.random.default_rng(seed)
     table, body = SURFACE.table(), part.body()
     shape = (1, SURFACE.rows, SURFACE.columns)
-    drive = PolarDrive(
+    drive = polar_drive(
         rng.uniform(0, SURFACE.max_amplitude, shape), rng.uniform(-3, 3, shape), SURFACE.angular_frequency
     )
     x, y, heading = rng.uniform(0.2, 0.6), rng.uniform(0.09, 0.12), rng.uniform(-3, 3)
@@ -50,8 +51,9 @@ def errors(part, variation, seed, lane=3):
     ux, uy, c, s = 0.4 * math.cos(angle), 0.4 * math.sin(angle), math.cos(t), math.sin(t)
     spin = variation * 0.4 / part.radius * rng.choice([-1.0, 1.0])
 
-    contact = contact_arrays(len(body.outline), cells_across(table, body, 12))
-    n = cut_into_points(table, body, 12, drive, 0, x, y, heading, contact)
+    contact = new_cut(len(body.outline), cells_across(table, body, 12))
+    phasors = new_phasors(1, cells_across(table, body, 1))
+    n = points_at(table, body, 12, drive, 0, x, y, heading, contact, phasors, 0)
     exact = sliding_wrench(*contact.points, contact.phasor_c, contact.phasor_s, n, SURFACE.gravity, c, s, ux, uy, spin)
 
     pitch = table.element_size
@@ -60,12 +62,11 @@ def errors(part, variation, seed, lane=3):
     pieces = np.zeros(101 * PIECE_FIELDS * LANES)
     rows, columns = np.empty(100, np.int64), np.empty(100, np.int64)
     held, area = collect_pieces(contact.cells, contact.box, table, x, y, 1e-12, pieces, rows, columns, lane)
-    known = np.full((16, 16), -1)
-    read_phasors(drive, 0, rows, columns, held, known, np.empty((16, 16)), np.empty((16, 16)), pieces, lane)
+    read_phasors(drive, 0, rows, columns, held, phasors, 0, pieces, lane)
     share = np.zeros(LANES)
     share[lane] = 1.0 / area
-    empty = np.empty(MOMENT_ROWS * LANES), np.empty(MOMENT_ROWS * LANES)
-    moments = pressure_moments(pieces, held, pitch, share, *empty, LANES)
+    moments = np.empty(MOMENT_ROWS * LANES)
+    pressure_moments(pieces, held, pitch, share, moments, np.empty(MOMENT_ROWS * LANES), LANES)
     fx, fy, torque, square, varies = series(moments, lane, SURFACE.gravity, -c, s, ux, uy, spin)
     assert square == pytest.approx(0.16) and varies * part.radius**2 == pytest.approx(variation**2)
     force = math.hypot(fx - exact[0], fy - exact[1]) / SURFACE.gravity

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
+from typing import Any
 
 import numpy as np
 import pytest
 
-pytest.importorskip("pygame")
+pygame = pytest.importorskip("pygame")
 
-from vibgym.rendering import SurfacePainter, View, colours
+from vibgym.rendering import Scenery, SurfacePainter, View, Zone, colours  # noqa: E402
 
 ROWS, COLUMNS, ELEMENT = 8, 32, 0.026
 BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) * 1e-3
 MARGIN, PER_ELEMENT = 20, 30
 REST = np.zeros((ROWS, COLUMNS, 2))
-EMPTY = View(np.zeros((0, 3)), REST, None, None, np.zeros((0, 2)))
+EMPTY = View(np.zeros((0, 3)), REST)
 
 
 @pytest.fixture(scope="module")
@@ -133,21 +136,87 @@ def dark_at(picture: np.ndarray, reference: np.ndarray, at: tuple[float, float])
 
 def test_goal_ghost_crosshair_and_circle(painter: SurfacePainter) -> None:
     nothing = painter.paint(view_of((0.1, 0.1, 0.0)))
-    point = painter.paint(view_of((0.1, 0.1, 0.0), goal_pose=np.array([0.5, 0.1]), goal_tolerance=0.03))
+    point = painter.paint(view_of((0.1, 0.1, 0.0), goals=np.array([[0.5, 0.1]]), tolerance=0.03))
     assert dark_at(point, nothing, (0.508, 0.1))
     assert dark_at(point, nothing, (0.5, 0.13))
     assert dark_at(point, nothing, (0.47, 0.1))
     assert not dark_at(point, nothing, (0.514, 0.114))
-    ghost = painter.paint(view_of((0.1, 0.1, 0.0), goal_pose=np.array([0.5, 0.1, 0.0])))
+    ghost = painter.paint(view_of((0.1, 0.1, 0.0), goals=np.array([[0.5, 0.1, 0.0]])))
     edge = [dark_at(ghost, nothing, (0.5 + dx, 0.1175)) for dx in np.linspace(-0.02, 0.02, 81)]
     assert 20 < sum(edge) < 75, "a dashed line has both dashes and gaps"
     assert not dark_at(ghost, nothing, (0.5, 0.1 + 0.024))
 
 
+def test_every_part_has_a_goal_with_its_own_outline() -> None:
+    painter = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, 0.5 * BLOCK])
+    pose, goals = np.array([[0.1, 0.1, 0.0], [0.2, 0.1, 0.0]]), np.array([[0.4, 0.1, 0.0], [0.6, 0.1, 0.0]])
+    nothing = painter.paint(dataclasses.replace(EMPTY, pose=pose))
+    for lost in (None, 0, 1):
+        shown = goals.copy()
+        if lost is not None:
+            shown[lost] = np.nan
+        picture = painter.paint(dataclasses.replace(EMPTY, pose=pose, goals=shown))
+        for part, half in enumerate((0.0175, 0.00875)):
+            along = np.linspace(-0.8, 0.8, 81) * half
+            edge = [dark_at(picture, nothing, (goals[part, 0] + dx, 0.1 + half)) for dx in along]
+            assert any(edge) == (part != lost)
+    with pytest.raises(ValueError, match="goals: got '1 goals'"):
+        painter.paint(dataclasses.replace(EMPTY, pose=pose, goals=goals[:1]))
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda painter: pickle.loads(pickle.dumps(painter))])
+def test_copies_draw_the_same(painter: SurfacePainter, copied: Any) -> None:
+    view = view_of((0.4, 0.1, 0.3), caption="copied")
+    first = painter.paint(view)
+    again = copied(painter)
+    np.testing.assert_array_equal(again.paint(view), first)
+    assert (again.width, again.height) == (painter.width, painter.height)
+
+
+def test_pygame_may_be_quit_between_pictures(painter: SurfacePainter) -> None:
+    view = view_of((0.4, 0.1, 0.3), caption="again", goals=np.array([[0.6, 0.1, 0.2]]))
+    first = painter.paint(view)
+    pygame.quit()
+    np.testing.assert_array_equal(painter.paint(view), first)
+    pygame.quit()
+    pygame.init()
+    np.testing.assert_array_equal(painter.paint(view), first)
+
+
+def test_goals_that_move_are_drawn_where_they_are() -> None:
+    painter = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK])
+    goals = [np.array([[0.1 + 0.015 * k, 0.1, 0.1 * k]]) for k in range(40)]
+    first = [painter.paint(view_of((0.4, 0.1, 0.3), goals=goal)) for goal in goals]
+    for goal, picture in zip(goals, first, strict=True):
+        other = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK]).paint(view_of((0.4, 0.1, 0.3), goals=goal))
+        np.testing.assert_array_equal(painter.paint(view_of((0.4, 0.1, 0.3), goals=goal)), other)
+        np.testing.assert_array_equal(picture, other)
+
+
+def test_scenery_says_what_a_view_shows() -> None:
+    zones = (Zone((0.0, 0.0), (0.2, 0.2), 1, "there"),)
+    outlines = (BLOCK, BLOCK)
+    pose, goal = np.arange(6.0).reshape(2, 3), np.arange(6.0, 12.0).reshape(2, 3)
+    trail, present = np.zeros((9, 2, 2)), np.array([True, False])
+    for size in (0, 2, 3):
+        scenery = Scenery(ROWS, COLUMNS, ELEMENT, outlines, (1, 0), ("left",), zones, size, 0.002, trail=4)
+        assert vars(pickle.loads(pickle.dumps(scenery)))["zones"] == zones
+        view = scenery.view(pose, present, goal, REST, trail, "said")
+        np.testing.assert_array_equal(view.pose, [pose[0], [np.nan] * 3])
+        assert (view.zones, view.tolerance, view.caption) == (zones, 0.002, "said")
+        assert [np.isfinite(each).sum() for each in view.trails] == [8, 0]
+        if size:
+            np.testing.assert_array_equal(view.goals, [goal[0, :size], [np.nan] * size])
+        else:
+            assert view.goals is None
+        by_hand = SurfacePainter(ROWS, COLUMNS, ELEMENT, outlines, kinds=[1, 0], walls=["left"])
+        np.testing.assert_array_equal(scenery.painter().paint(view), by_hand.paint(view))
+
+
 def test_trail_fades_with_age(painter: SurfacePainter) -> None:
     trail = np.stack([np.linspace(0.1, 0.7, 100), np.full(100, 0.117)], axis=1)
     plain = painter.paint(view_of((0.1, 0.04, 0.0))).astype(int)
-    drawn = painter.paint(view_of((0.1, 0.04, 0.0), trail=trail)).astype(int)
+    drawn = painter.paint(view_of((0.1, 0.04, 0.0), trails=[trail])).astype(int)
     depth = [(plain - drawn)[pixel(x, 0.117)].mean() for x in (0.15, 0.4, 0.65)]
     assert 0.0 < depth[0] < depth[1] < depth[2]
 
@@ -157,7 +226,7 @@ def test_strange_states_do_no_harm(painter: SurfacePainter) -> None:
     for pose in ((np.inf, 0.0, 0.0), (1e12, 0.0, 0.0), (-3.0, 0.1, 0.0)):
         np.testing.assert_array_equal(painter.paint(view_of(pose)), nothing)
     trail = np.array([[0.1, 0.1], [np.nan, 0.1], [1e9, 0.1], [0.2, 0.1]])
-    far = painter.paint(view_of((0.83, 0.2, 1.0), trail=trail, goal_pose=np.full(3, np.nan), phasors=REST + np.nan))
+    far = painter.paint(view_of((0.83, 0.2, 1.0), trails=[trail], goals=np.full((1, 3), np.nan), phasors=REST + np.nan))
     assert far.shape == nothing.shape
 
 
@@ -174,6 +243,6 @@ def test_any_table_has_a_picture(rows: int, columns: int, scale: float | None) -
     painter = SurfacePainter(rows, columns, ELEMENT, [BLOCK], pixels_per_metre=scale)
     phasors = np.full((rows, columns, 2), 0.6)
     pose = np.array([[0.5 * columns * ELEMENT, 0.5 * rows * ELEMENT, 0.3]])
-    picture = painter.paint(View(pose, phasors, pose[0], 0.002, np.zeros((1, 2)), "caption"))
+    picture = painter.paint(View(pose, phasors, pose, 0.002, [np.zeros((1, 2))], caption="caption"))
     assert picture.shape == (painter.height, painter.width, 3)
     assert painter.width % 2 == 0 and painter.height % 2 == 0

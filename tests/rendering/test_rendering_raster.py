@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibgym.rendering import rasterise
+from vibgym.rendering import Marks, rasterise
 
 ROWS, COLUMNS, ELEMENT, PIXELS = 8, 32, 0.026, 8
 PIXEL = ELEMENT / PIXELS
@@ -21,15 +23,50 @@ def star(points: int, inner: float, radius: float = 0.04) -> np.ndarray:
     return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
+def rasterised(
+    pose: np.ndarray,
+    outlines: Sequence[np.ndarray],
+    value: Sequence[int],
+    present: np.ndarray | None = None,
+    goal: np.ndarray | None = None,
+    goal_value: np.ndarray | None = None,
+    zone: np.ndarray | None = None,
+    zone_value: Sequence[int] = (),
+    pixels: int = PIXELS,
+) -> np.ndarray:
+    """Images (worlds, H, W, 3) of parts at ``pose`` (worlds, parts, 3); what was in the image before is noise."""
+    shape = (len(pose), ROWS * pixels, COLUMNS * pixels, 3)
+    image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+    marks = Marks(
+        outline=np.concatenate(list(outlines)),
+        first=np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int64),
+        value=np.array(value, dtype=np.uint8),
+        zone=np.zeros((0, 4)) if zone is None else zone,
+        zone_value=np.array(zone_value, dtype=np.uint8),
+    )
+    rasterise(
+        np.ascontiguousarray(pose),
+        np.ones(pose.shape[:2], dtype=bool) if present is None else present,
+        np.zeros_like(pose) if goal is None else goal,
+        np.zeros(pose.shape[:2], dtype=np.uint8) if goal_value is None else goal_value,
+        marks,
+        ROWS,
+        COLUMNS,
+        ELEMENT,
+        pixels,
+        image,
+    )
+    return image
+
+
 def draw(
     pose: object, outline: np.ndarray = BLOCK, goal: object = None, goal_value: object = None, pixels: int = PIXELS
 ) -> np.ndarray:
-    poses = np.atleast_2d(np.array(pose, dtype=np.float64))
-    goals = np.zeros_like(poses) if goal is None else np.atleast_2d(np.array(goal, dtype=np.float64))
-    values = np.zeros(len(poses), dtype=np.uint8) if goal_value is None else np.array(goal_value, dtype=np.uint8)
-    image = np.random.default_rng(0).integers(0, 256, (len(poses), ROWS * pixels, COLUMNS * pixels, 3), dtype=np.uint8)
-    rasterise(poses, outline, goals, values, ROWS, COLUMNS, ELEMENT, pixels, image)
-    return image
+    """Images of one part with the value 255 at ``pose``, (3,) or (worlds, 3), and of its goal."""
+    poses = np.atleast_2d(np.array(pose, dtype=np.float64))[:, None]
+    goals = None if goal is None else np.atleast_2d(np.array(goal, dtype=np.float64))[:, None]
+    values = None if goal_value is None else np.array(goal_value, dtype=np.uint8)[:, None]
+    return rasterised(poses, [outline], [255], goal=goals, goal_value=values, pixels=pixels)
 
 
 def area_of(outline: np.ndarray) -> float:

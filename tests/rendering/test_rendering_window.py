@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +18,6 @@ pygame = pytest.importorskip("pygame")
 from vibgym.rendering import SurfacePainter, Window  # noqa: E402
 
 BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) * 1e-3
-RASTER = ("rasterise", "rasterise_many")
 
 
 @pytest.fixture
@@ -68,6 +70,22 @@ def test_close_before_show_keeps_it_closed(window: tuple[Window, np.ndarray]) ->
     assert not shown.is_open
 
 
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda window: pickle.loads(pickle.dumps(window))])
+def test_copies_open_for_themselves_unless_closed_for_good(window: tuple[Window, np.ndarray], copied: Any) -> None:
+    shown, frame = window
+    shown.show(frame)
+    again = copied(shown)
+    assert shown.is_open and not again.is_open
+    shown.close()
+    again.show(frame)
+    assert again.is_open
+    assert tuple(pygame.display.get_surface().get_at((20, 10)))[:3] == (10, 200, 30)
+    again.close()
+    closed = copied(again)
+    closed.show(frame)
+    assert not closed.is_open
+
+
 def test_keeps_to_its_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     painter = SurfacePainter(4, 6, 0.026, [])
@@ -113,4 +131,6 @@ def test_unknown_names_are_refused() -> None:
 
     with pytest.raises(AttributeError, match="nothing_like_it"):
         _ = vibgym.rendering.nothing_like_it
-    assert set(vibgym.rendering.__all__) == {"SurfacePainter", "View", "Window", "Zone", *RASTER}
+    assert set(vibgym.rendering.__all__) == {
+        *("Marks", "Scenery", "SurfacePainter", "View", "Window", "Zone", "rasterise")
+    }

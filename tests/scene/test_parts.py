@@ -1,5 +1,7 @@
 """Parts: geometry of outlines against shapely and closed forms, and what is refused."""
 
+import dataclasses
+import json
 import math
 
 import numpy as np
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from shapely.geometry import Polygon
 
 from vibgym import Part
+from vibgym.config import part_from
 from vibgym.scene import outlines
 from vibgym.scene.parts import SHIPPED, STEEL_DENSITY, shipped_part
 
@@ -212,3 +215,26 @@ def test_bad_values_are_refused_by_name(argument, value):
     good.update({"length": 0.05, "width": 0.03})
     with pytest.raises(ValueError, match=f"^{argument}: got .*; allowed: "):
         Part.rectangle(**{**good, argument: value})
+
+
+SHAPES = st.one_of(
+    st.builds(
+        lambda a, b, **more: Part.rectangle(a, b, **more), LENGTH := st.floats(1e-3, 1.0), LENGTH, friction=st.floats(0, 1)
+    ),
+    st.builds(lambda radius, **more: Part.disc(radius, **more), LENGTH, friction=st.floats(0, 1), mass=st.floats(0.1, 2)),
+    st.builds(
+        lambda bend, x, y, **more: Part.polygon(
+            [[x, y], [x + 0.06, y], [x + 0.06, y + 0.02], [x + bend, y + 0.02], [x + bend, y + 0.06], [x, y + 0.06]], **more
+        ),
+        st.floats(0.005, 0.05), st.floats(-3, 3), st.floats(-3, 3),
+        friction=st.floats(0, 1), name=st.text("abc", min_size=1), restitution=st.floats(0, 1),
+    ),
+)  # fmt: skip
+
+
+@given(SHAPES)
+def test_written_down_and_read_again(part):
+    again = part_from(json.loads(json.dumps(part.to_dict())))
+    for field in dataclasses.fields(Part):
+        assert np.array_equal(getattr(part, field.name), getattr(again, field.name)), field.name
+    assert again.same_as(part) and again.to_dict() == part.to_dict()

@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym import Part, Surface
-from vibgym.tasks import POSE_TASKS as TASKS
+from vibgym.tasks import Align, Rotate, Transport
+from vibgym.tasks.episode import LIMITS
 
+TASKS = {"Transport": Transport, "Align": Align, "Rotate": Rotate}
 PARTS = [
     Part.rectangle(0.050, 0.035, friction=0.58),
     Part.disc(0.1, friction=0.5),  # just fits
@@ -28,7 +30,7 @@ def outline_at(part, pose):
 
 
 def drawn(task, surface, part, numbers):
-    made = TASKS[task](surface, part)
+    made = TASKS[task](surface, [part])
     start, goal = made.draw(np.array([numbers[: made.draws]]))
     assert start.shape == goal.shape == (1, 3)
     return start[0], goal[0]
@@ -60,7 +62,7 @@ def test_headings_and_turns_lie_in_their_ranges(numbers):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_draws_fill_their_ranges(task):
-    made = TASKS[task](Surface(), PARTS[0])
+    made = TASKS[task](Surface(), [PARTS[0]])
     start, goal = made.draw(np.random.default_rng(0).random((20_000, made.draws)))
     radius = PARTS[0].radius
     low, high = np.array([radius, radius]), np.array([0.832 - radius, 0.208 - radius])
@@ -83,13 +85,13 @@ def test_draws_fill_their_ranges(task):
 @pytest.mark.parametrize("task", TASKS)
 def test_parts_without_room_are_refused(task):
     with pytest.raises(ValueError, match="^parts: .*0.105.*allowed: .*0.104"):
-        TASKS[task](Surface(), Part.disc(0.105, friction=0.5))
+        TASKS[task](Surface(), [Part.disc(0.105, friction=0.5)])
 
 
 def test_tolerances_of_the_contract():
     surface, part = Surface(), PARTS[0]
-    rules = {name: task(surface, part).rules for name, task in TASKS.items()}
-    assert [rules[name].position_tolerance for name in TASKS] == [0.005, 0.002, 0.005]
-    assert rules["Transport"].heading_tolerance == math.inf
-    assert math.degrees(rules["Align"].heading_tolerance) == pytest.approx(3.0)
-    assert math.degrees(rules["Rotate"].heading_tolerance) == pytest.approx(2.0)
+    limits = {name: dict(zip(LIMITS, task(surface, [part]).rules(1).limit)) for name, task in TASKS.items()}
+    assert [limits[name]["position"] for name in TASKS] == [0.005, 0.002, 0.005]
+    assert limits["Transport"]["heading"] == math.inf
+    assert math.degrees(limits["Align"]["heading"]) == pytest.approx(3.0)
+    assert math.degrees(limits["Rotate"]["heading"]) == pytest.approx(2.0)

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.tasks.helpers import Judge, assert_only
 from vibgym import Part, Surface
-from vibgym.tasks import POSE_TASKS as TASKS
-from vibgym.tasks.pose import TERMS, begin, new_score, score
+from vibgym.tasks import Align, Rotate, Start, Transport
 
+TASKS = {"Transport": Transport, "Align": Align, "Rotate": Rotate}
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)
 SQUARE = Part.rectangle(0.04, 0.04, friction=0.58)
 DISC = Part.disc(0.02, friction=0.58)
@@ -63,10 +64,12 @@ class Reference:
 def test_score_kernel(task, part, period):
     worlds, steps = 40, 40
     generator = np.random.default_rng(1)
-    made = TASKS[task](Surface(), part)
-    start, goal = made.draw(generator.random((worlds, made.draws)))
-    pose, result = start[:, None].copy(), new_score(worlds)
-    begin(made.rules, pose, goal, np.arange(worlds), result)
+    made = TASKS[task](Surface(), [part])
+    drawn = made.start(generator.random((worlds, made.draws)))
+    start, goal, pose = drawn.pose[:, 0], drawn.goal[:, 0], drawn.pose.copy()
+    judge = Judge(made, worlds)
+    judge.begin(drawn)
+    result = judge.episode
     period = 1 if task == "Rotate" else period
     reference = [Reference(task, period, start[k], goal[k]) for k in range(worlds)]
     seen = {"success": 0, "fallen": 0, "diverged": 0}
@@ -79,14 +82,15 @@ def test_score_kernel(task, part, period):
         away = generator.random(worlds) < 0.01
         pose[away, 0] = made.draw(generator.random((worlds, made.draws)))[0][away]
         fallen, diverged = generator.random((worlds, 1)) < 0.01, generator.random(worlds) < 0.01
-        score(made.rules, pose, goal, fallen, diverged, result)
+        judge.score(pose, 0.0, fallen, diverged)
         for k in range(worlds):
             terms, success, ended = reference[k].step(pose[k, 0], fallen[k, 0], diverged[k])
-            assert result.terms[k] == pytest.approx([terms[name] for name in TERMS], abs=1e-8), (step, k)
+            assert result.terms[k] == pytest.approx([terms[name] for name in made.TERMS], abs=1e-8), (step, k)
             assert result.reward[k] == pytest.approx(sum(terms.values()), abs=1e-8)
             assert (result.success[k], result.ended[k]) == (success, ended), (step, k)
-            assert result.distance[k] == pytest.approx(reference[k].distance, abs=1e-15)
-            assert abs(result.error[k, 2]) == pytest.approx(reference[k].turn, abs=1e-8)
+            assert result.position_error[k] == pytest.approx(reference[k].distance, abs=1e-15)
+            assert result.heading_error[k] == abs(judge.relations.error[k, 0, 2])
+            assert result.heading_error[k] == pytest.approx(reference[k].turn, abs=1e-8)
         seen["success"] += result.success.sum()
         seen["fallen"] += fallen.sum()
         seen["diverged"] += diverged.sum()
@@ -94,11 +98,10 @@ def test_score_kernel(task, part, period):
 
 
 def heading_error(task, part, goal_heading, heading):
-    made = TASKS[task](Surface(), part)
-    result = new_score(1)
-    pose = np.array([[[0.4, 0.1, heading]]])
-    begin(made.rules, pose, np.array([[0.4, 0.1, goal_heading]]), np.zeros(1, dtype=np.int64), result)
-    return result.error[0, 2]
+    judge = Judge(TASKS[task](Surface(), [part]), 1)
+    there = np.ones((1, 1), dtype=bool)
+    judge.begin(Start(np.array([[[0.4, 0.1, heading]]]), there, np.array([[[0.4, 0.1, goal_heading]]])))
+    return judge.relations.error[0, 0, 2]
 
 
 @pytest.mark.parametrize("part, symmetry", [(BLOCK, 2), (SQUARE, 4), (WEDGE, 1)], ids=["block", "square", "wedge"])
@@ -131,12 +134,31 @@ def test_transport_leaves_the_heading_free(goal, heading):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_begin_touches_the_given_worlds_only(task):
-    made = TASKS[task](Surface(), BLOCK)
-    start, goal = made.draw(np.random.default_rng(0).random((4, made.draws)))
-    result = new_score(4)
-    for values in result:
+    made = TASKS[task](Surface(), [BLOCK])
+    judge = Judge(made, 4)
+    for values in (*judge.episode, *judge.relations):
         values[...] = 7
-    begin(made.rules, start[:, None], goal, np.array([2]), result)
-    for values in result:
-        assert (values[[0, 1, 3]] == np.array(7).astype(values.dtype)).all()
-    assert result.held[2] == 0 and not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all()
+    judge.begin(made.start(np.random.default_rng(0).random((1, made.draws))), [2])
+    assert_only(judge, 2, before=7)
+    result = judge.episode
+    assert not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all() and result.reward[2] == 0.0
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_hold_and_time_count_periods_not_steps(task):
+    """Four periods a step: the third step in place is the twelfth period, and costs what twelve steps of one would."""
+    made = TASKS[task](Surface(), [BLOCK])
+    start = made.start(np.full((1, made.draws), 0.3))
+    one, four = Judge(made, 1), Judge(made, 1, periods=4)
+    for judge in (one, four):
+        judge.begin(start)
+    cost = {"one": 0.0, "four": 0.0}
+    for step in range(1, 13):
+        one.score(start.goal)
+        cost["one"] += one.episode.terms[0, list(made.TERMS).index("time")]
+        assert one.episode.success[0] == (step >= 10)
+    for step in range(1, 4):
+        four.score(start.goal)
+        cost["four"] += four.episode.terms[0, list(made.TERMS).index("time")]
+        assert four.episode.success[0] == (step == 3)
+    assert cost["four"] == pytest.approx(cost["one"]) and cost["one"] == pytest.approx(-0.24)

@@ -5,21 +5,27 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.tasks.test_tasks_arrange import ALUMINIUM, DISC, ELL, SIX, STEEL, SURFACE
+from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, ELL, SIX, STEEL, SURFACE
 from vibgym import Part, Surface
 from vibgym.tasks import Singulate, Sort
+from vibgym.tasks.episode import LIMITS
+
+
+def limits(task):
+    return dict(zip(LIMITS, task.rules(1).limit.tolist()))
+
 
 WIDTH, HEIGHT, COLUMN = 0.832, 0.208, 0.026
 
 
 def test_default_zones_are_six_columns_at_the_ends_and_in_the_middle():
     task = Sort(SURFACE, [STEEL, DISC, ALUMINIUM, STEEL])
-    assert task.names == ("steel", "disc", "aluminium") and task.kind.tolist() == [0, 1, 2, 0]
+    assert task.kinds == ("steel", "disc", "aluminium") and task.kind.tolist() == [0, 1, 2, 0]
     columns = task.zones[:, [0, 2]] / COLUMN
     assert columns == pytest.approx(np.array([[0, 6], [26, 32], [13, 19]]))
     assert task.zones[:, [1, 3]] == pytest.approx(np.array([[0, HEIGHT]] * 3))
-    assert task.rules.zone == pytest.approx(task.zones[[0, 1, 2, 0]])
-    assert task.rules.slow == 0.020 and task.rules.hold == 10
+    assert task.rules(1).zone == pytest.approx(task.zones[[0, 1, 2, 0]])
+    assert limits(task)["slow"] == 0.020 and limits(task)["hold"] == 10
 
 
 def test_zones_of_ones_own():
@@ -32,8 +38,8 @@ def test_zones_of_ones_own():
 
 def test_singulate_has_no_zones():
     task = Singulate(SURFACE, SIX)
-    assert task.zones is None and task.rules.apart == pytest.approx(0.036770, abs=1e-6)
-    assert (task.rules.zone[:, :2] == -np.inf).all() and (task.rules.zone[:, 2:] == np.inf).all()
+    assert task.zones is None and task.apart == pytest.approx(0.036770, abs=1e-6)
+    assert (task.rules(1).zone[:, :2] == -np.inf).all() and (task.rules(1).zone[:, 2:] == np.inf).all()
 
 
 LEFT, RIGHT = [0.0, 0.0, 0.156, HEIGHT], [0.676, 0.0, WIDTH, HEIGHT]
@@ -96,7 +102,7 @@ def test_parts_that_are_never_there_at_once_need_no_room_at_once():
     task = Sort(SURFACE, [STEEL] * 40, zones={"steel": [0, 0, WIDTH, HEIGHT]}, randomize={"parts": [1, 30]})
     assert len(task.parts) == 40
     narrow = {"steel": [0, 0, 0.13, 0.1], "aluminium": RIGHT}  # room for two
-    assert Sort(SURFACE, SIX, zones=narrow, randomize={"parts": [1, 2]}).most == 2
+    assert Sort(SURFACE, SIX, zones=narrow, randomize={"parts": [1, 2]}).starts.most == 2
 
 
 @given(st.integers(1, 12), st.integers(1, 3))
@@ -105,6 +111,6 @@ def test_kinds_are_names_in_order_of_appearance(count, kinds):
     parts = [pool[(7 * k + 1) % kinds] for k in range(count)]
     task = Sort(SURFACE, parts, zones={part.name: [0.27 * k, 0, 0.27 * (k + 1), HEIGHT] for k, part in enumerate(pool)
                                        if part in parts})  # fmt: skip
-    assert [task.names[kind] for kind in task.kind] == [part.name for part in parts]
-    first_seen = [task.kind.tolist().index(kind) for kind in range(len(task.names))]
+    assert [task.kinds[kind] for kind in task.kind] == [part.name for part in parts]
+    first_seen = [task.kind.tolist().index(kind) for kind in range(len(task.kinds))]
     assert first_seen == sorted(first_seen)

@@ -12,8 +12,8 @@ from vibgym.accuracy.candidates import prepare_model, prepare_simulator
 from vibgym.accuracy.ladder import timed
 from vibgym.accuracy.scenes import Scene, first_periods
 from vibgym.accuracy.settings import TruthSettings
-from vibgym.scene.choice import PERIODS
-from vibgym.scene.simulator import Simulator
+from vibgym.simulation.choice import PERIODS
+from vibgym.simulation.simulator import Simulator
 
 ROUNDS = 3
 

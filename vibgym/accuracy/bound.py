@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics._jit import jit
-from vibgym.physics.friction import expanded_wrench
-from vibgym.physics.pressure_moments import LANES, MOMENT_ROWS
+from vibgym.physics.contact_area.pressure_moments import LANES, MOMENT_ROWS
+from vibgym.physics.core.jit import jit
+from vibgym.physics.friction.wrench import expanded_wrench
 
 STAGES = 4
 """Evaluations in a Runge-Kutta step."""

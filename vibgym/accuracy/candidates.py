@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym.accuracy.scenes import Scene
-from vibgym.physics.drive import PolarDrive
-from vibgym.scene.simulator import Simulator
+from vibgym.physics.core.drive import polar_drive
+from vibgym.simulation.simulator import Simulator
 
 
 class Outcome(NamedTuple):
@@ -77,10 +77,7 @@ def prepare_model(scene: Scene, model: str, knobs: Mapping[str, Any], threads: i
 def prepare_simulator(scene: Scene, simulator: Simulator) -> Runner:
     """The run of a scene on a simulator that has as many worlds."""
     w = scene.surface.angular_frequency
-    drives = [
-        (PolarDrive(np.ascontiguousarray(each.amplitude), np.ascontiguousarray(each.phase), w), each.periods)
-        for each in scene.segments
-    ]
+    drives = [(polar_drive(each.amplitude, each.phase, w), each.periods) for each in scene.segments]
 
     def run() -> Outcome:
         simulator.reset(scene.pose[:, None], scene.velocity[:, None])
@@ -95,8 +92,7 @@ def prepare_simulator(scene: Scene, simulator: Simulator) -> Runner:
         diverged = simulator.diverged
         pose = np.where(diverged[:, None], np.nan, simulator.pose[:, 0])
         trouble = ("diverged",) * int(diverged.sum())
-        doubtful = simulator.sticking[:, 0] if simulator.model == "averaged" else np.zeros(scene.worlds, dtype=bool)
-        return Outcome(settled, pose, simulator.fallen[:, 0], doubtful, trouble, took)
+        return Outcome(settled, pose, simulator.fallen[:, 0], simulator.doubtful[:, 0], trouble, took)
 
     return run
 

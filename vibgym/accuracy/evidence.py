@@ -1,9 +1,10 @@
 """The evidence behind ``model="auto"``: ``python -m vibgym.accuracy.evidence`` measures it and writes it into the package.
 
-For every class of scenes (:mod:`vibgym.scene.choice`) every candidate runs the class's hardest members: several parts at the
-class's largest ``eps`` and smallest ``scale``, with random fields that are held, random fields that change every period, and
-all elements at full amplitude with random phases, from rest and with spin. What counts is the worst of their medians over the
-worlds, in units of ``a_h``, against a converged run; the worst 95th percentile is kept beside it, and the median cost.
+For every class of scenes (:mod:`vibgym.simulation.choice`) every candidate runs the class's hardest members: several parts
+at the class's largest ``eps`` and smallest ``scale``, with random fields that are held, random fields that change every
+period, and all elements at full amplitude with random phases, from rest and with spin. What counts is the worst of their
+medians over the worlds, in units of ``a_h``, against a converged run; the worst 95th percentile is kept beside it, and the
+median cost.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from vibgym.scene import Part, Simulator, Surface
-from vibgym.scene.choice import PERIODS
+from vibgym.scene import Part, Surface
+from vibgym.simulation import Simulator
+from vibgym.simulation.choice import PERIODS
 
 WORLDS = 48
 STICKING_WORLDS = 16  # parts that stick and slip all the time cost a hundred times as much
@@ -174,7 +176,7 @@ def main() -> None:
         "periods": PERIODS,
         "classes": classes,
     }
-    path = Path(__file__).parent.parent / "scene" / "evidence.json"
+    path = Path(__file__).parent.parent / "simulation" / "evidence.json"
     lines = json.dumps(written, indent=1).splitlines()
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(path)

@@ -16,8 +16,8 @@ from scipy.optimize import least_squares
 
 from vibgym import checks
 from vibgym.scene.parts import SHIPPED, Part
-from vibgym.scene.simulator import Simulator
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 HORIZONTAL_AMPLITUDE = 2.7e-3
 """a_h of the prototype, m."""

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-from vibgym.scene.workers import available_threads
+from vibgym.simulation.threads import available_threads
 
 PACKAGES = ("vibgym", "numpy", "numba", "scipy", "shapely", "mujoco", "matplotlib")
 

@@ -16,8 +16,8 @@ from vibgym.accuracy.peers import peer_candidate
 from vibgym.accuracy.provenance import provenance
 from vibgym.accuracy.scenes import Scene, scenes_from
 from vibgym.accuracy.settings import ReportSettings
-from vibgym.scene import schemes
-from vibgym.scene.simulator import Simulator
+from vibgym.simulation.schemes import planar_scheme
+from vibgym.simulation.simulator import Simulator
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,6 @@ def _bounds(results: list[SceneResult]) -> list[BoundRow]:
     for result in results:
         rows = [row for row in result.rows if row.candidate.method == "planar" and not row.candidate.knobs]
         for row in rows:
-            scheme = schemes.build("planar", result.scene.surface, result.scene.part, {}).scheme
+            scheme = planar_scheme(result.scene.surface, result.scene.part)
             found.append(BoundRow(result.scene.name, bound.friction_bound(scheme.steps * scheme.substeps), row.cost))
     return found

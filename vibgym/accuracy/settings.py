@@ -11,9 +11,9 @@ from pydantic import Field
 
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.scene import schemes
 from vibgym.scene.parts import shipped_part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 MODELS = ("planar", "averaged")
 PEERS: dict[str, dict[str, Any]] = {
@@ -90,7 +90,7 @@ class ReportSettings(Settings):
             model, choices = _named(given, where, "model", MODELS)
             for knobs in _combinations(choices):
                 try:
-                    schemes.build(model, surface, part, knobs)
+                    Simulator(surface, part, model=model, **knobs)
                 except ValueError as error:
                     raise ValueError(f"{where}.{error}") from None
                 found.append((model, knobs))

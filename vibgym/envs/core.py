@@ -1,157 +1,292 @@
-"""The batched core under the single and the vector environment: worlds of one task, stepped together."""
+"""The batched core under the single and the vector environment: worlds of one task, stepped together.
+
+One step goes in one direction:
+
+    action -> command -> actuators -> drive -> simulation -> true state -> task: reward, info
+                                                               \\-> sensor -> measurement -> observation
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from vibgym import checks
+from vibgym.actuators import actuators_from
 from vibgym.config import part_from, surface_from
-from vibgym.envs.actions import ACTIONS, Action
-from vibgym.envs.crowd_observations import CROWD_OBSERVATIONS
+from vibgym.envs.actions import ACTIONS
 from vibgym.envs.observations import OBSERVATIONS
-from vibgym.physics.drive import all_phasors
+from vibgym.envs.starting import Starting
+from vibgym.physics.core.drive import all_phasors
 from vibgym.scene.parts import Part
-from vibgym.scene.simulator import Simulator
-from vibgym.tasks import ManyTask, PoseTask, Task
+from vibgym.sensing import sensor_from
+from vibgym.simulation.simulator import Simulator
+from vibgym.snapshots import check_keys, copied, restored
+from vibgym.tasks import TASKS, Start, Task
+from vibgym.tasks.episode import new_relations
+from vibgym.tasks.scoring import Scoring
 
-SETTINGS = "surface, parts, model, action, observation, actuators, sensor, randomize, periods_per_step"
+NONE = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class Options:
+    """The keyword arguments that single and vector environments share, see :class:`vibgym.envs.VibgymEnv`."""
+
+    task: str
+    surface: Any
+    parts: Any
+    model: str
+    action: str
+    observation: str
+    actuators: Any
+    sensor: Any
+    randomize: Any
+    walls: Any
+    start: Any
+    zones: Any
+    slots: Any
+    task_settings: Any
+    periods_per_step: int
+
+
+def refuse_unknown(unknown: Mapping[str, Any], more: tuple[str, ...]) -> None:
+    """Refuse keyword arguments that no environment has; ``more`` are known besides the options."""
+    if unknown:
+        known = ", ".join((*(field.name for field in fields(Options)[1:]), *more))
+        raise checks.refuse("keyword arguments", sorted(unknown), known)
 
 
 class Core:
-    """Simulator, task, action and observation of ``worlds`` worlds.
+    """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds.
 
     Args:
-        task: the task's class.
+        options: the environment's keyword arguments.
         worlds: number of worlds.
-        surface, parts, model, action, observation, actuators, sensor, randomize, periods_per_step: the environment's
-            keyword arguments, see :class:`vibgym.envs.VibgymEnv`.
-        more: those that only some tasks take.
+
+    Attributes:
+        episode: progress of every world, by the true state.  relations: how parts stand by the true state.
+        term_names, terms: names of the reward terms, and their values (worlds, terms).
 
     Raises:
         ValueError: a bad setting.
     """
 
-    def __init__(
-        self,
-        task: type[Task],
-        worlds: int,
-        *,
-        surface: Any = "prototype",
-        parts: Any = None,
-        model: str = "planar",
-        action: str = "element",
-        observation: str = "state",
-        actuators: str = "ideal",
-        sensor: Any = "ideal",
-        randomize: Any = None,
-        periods_per_step: int = 1,
-        **more: Any,
-    ) -> None:
-        unknown = set(more) - set(task.SETTINGS)
-        if unknown:
-            own = [name for name in task.SETTINGS if name != "randomize"]
-            raise checks.refuse("keyword arguments", sorted(unknown), ", ".join([SETTINGS, *own, "render_mode"]))
-        self.surface = surface_from(surface)
-        self.parts = _parts_from(parts, task)
-        self.part = self.parts[0]
-        checks.choice("actuators", actuators, ("ideal",))
-        checks.choice("sensor", sensor, ("ideal",))
-        if "randomize" in task.SETTINGS:
-            more["randomize"] = randomize
-        elif randomize not in (None, {}):
-            raise checks.refuse("randomize", randomize, "None or an empty mapping (nothing is randomized yet)")
+    STATE = ("environment", "simulator", "episode", "actuators", "sensor", "began")
+    """Keys of a snapshot."""
+
+    def __init__(self, options: Options, worlds: int) -> None:
+        cls = TASKS.choose("task", options.task)
+        self.surface = surface_from(options.surface)
+        self.parts = _parts_from(options.parts, cls)
         self.worlds = worlds
-        self.periods = checks.count("periods_per_step", periods_per_step)
-        knobs: dict[str, Any] = {"periods_per_call": self.periods} if model == "auto" else {}
-        if more.get("walls") is not None:
-            knobs["walls"] = more["walls"]
-        settings = {name: value for name, value in more.items() if name != "walls"}
-        self.task = task.build(self.surface, self.parts, settings)
-        self.action: Action = ACTIONS[checks.choice("action", action, tuple(ACTIONS))](self.surface, self.parts)
-        self.observation = _observation(observation, self.task)
-        self.goal_reward = observation == "goal"
-        self.term_names = ("goal",) if self.goal_reward else self.task.TERMS
-        self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=model, **knobs)
+        self.periods = checks.count("periods_per_step", options.periods_per_step)
+        self.task: Task = checks.made("task", cls, (self.surface, self.parts), _task_settings(options, cls))
+        self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
+        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
+        self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
+        self.sensor = sensor_from(options.sensor, self.surface, worlds, len(self.parts), self.periods)
+        knobs: dict[str, Any] = {"periods_per_call": self.periods} if options.model == "auto" else {}
+        if options.walls is not None and not cls.HAS_WALLS:
+            raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
+        walls = () if options.walls is None else options.walls
+        self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs)
+        self.identity = _identity(options, self)
         velocity = [np.append(self.surface.idle_velocity(part.friction), 0.0) for part in self.parts]
         self.idle = np.array(velocity)
-        self.goal = np.zeros((worlds, 3))
-        self.score: Any = self.task.new_score(worlds)
-        self.terms = self.score.terms[:, :1].copy() if self.goal_reward else self.score.terms
+        state = (
+            self.simulator.state
+        )  # its arrays, as those of the scoring, live as long as the core and change in place
+        self.scoring = Scoring(self.task, state, self.periods)
+        self.episode, self.relations = self.scoring.episode, self.scoring.relations
+        # A sensor that tells the truth needs no relations of its own.
+        self._measured = self.relations if self.sensor.exact else new_relations(worlds, len(self.parts))
+        self._judged_by_measurement = self.scoring.judged(self._measured)
+        self.facts = self.task.facts(state.diverged, self.episode)
+        self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
+        if self.observation.goal_reward:
+            self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
         self.drive: Any = None
         self.began = False
 
-    def reset(self, worlds: np.ndarray, generators: Sequence[np.random.Generator]) -> None:
-        """Begin new episodes in ``worlds`` (index array), each drawn from its own generator."""
-        draws = self.task.draws
-        start = self.task.start(np.array([generator.random(draws) for generator in generators]))
-        velocity = np.where(start.present[..., None], self.idle, 0.0)
-        self.simulator.place(worlds, start.pose, velocity, 0.0, ~start.present)
-        self.goal[worlds] = start.goal
-        self.task.begin(self.simulator.state, start, self.goal, worlds, self.score)
-        if self.goal_reward:
-            self.terms[worlds] = 0.0
-        self.began = True
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
+        vars(self).update(state)
+        self.facts = self.task.facts(self.simulator.state.diverged, self.episode)
 
-    def step(self, action: np.ndarray) -> None:
-        """Advance every world by one step under a checked action and score it."""
-        state = self.simulator.state
-        self.drive = self.action.drive(action, state.pose, state.fallen)
-        self.simulator.run(self.drive, self.periods)
-        self.task.score(state, self.goal, self.score)
-        if self.goal_reward:
-            seen = self.observe()
-            reward = self.compute_reward(seen["achieved_goal"], seen["desired_goal"], {"fallen": state.fallen[:, 0]})
-            self.score.reward[:] = reward
-            self.terms[:, 0] = reward
+    @property
+    def draws(self) -> int:
+        """Uniform numbers that an episode's start takes from its world's generator."""
+        return self.task.draws + self.actuators.draws + self.sensor.draws
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray:
-        """Goal reward, see :meth:`vibgym.tasks.PoseTask.compute_reward`.
+    def reset(
+        self, worlds: np.ndarray, generators: Sequence[np.random.Generator], starting: Starting | None = None
+    ) -> None:
+        """Begin new episodes in ``worlds`` (index array), each drawn from its own generator.
+
+        Args:
+            starting: what a caller wants of the start.
 
         Raises:
-            AttributeError: the task has no goal pose.
+            ValueError: a start that cannot be; nothing has changed but the generators.
         """
-        if not isinstance(self.task, PoseTask):
-            raise AttributeError(f"compute_reward: {type(self.task).__name__} has no goal pose")
-        return self.task.compute_reward(achieved_goal, desired_goal, info)
+        uniform = np.array([generator.random(self.draws) for generator in generators])
+        own, driven = self.task.draws, self.task.draws + self.actuators.draws
+        start = self.start_of(worlds, uniform[:, :own], starting)
+        velocity = np.where(start.present[..., None], self.idle, 0.0)
+        self.simulator.place(worlds, start.pose, velocity, 0.0, ~start.present)
+        self.scoring.begin(worlds, start)
+        if self.observation.goal_reward:
+            self.terms[worlds] = 0.0
+        self.actuators.reset(worlds, uniform[:, own:driven])
+        self.sensor.reset(worlds, self.simulator.state, uniform[:, driven:])
+        self._look()
+        self.began = True
+
+    def start_of(self, worlds: np.ndarray, uniform: np.ndarray, starting: Starting | None) -> Start:
+        """The start that a reset draws, with what the caller wants of it."""
+        if starting is None:
+            return self.task.start(uniform)
+        return starting.start(self.task, self.simulator, worlds, uniform)
+
+    def step(self, action: np.ndarray) -> None:
+        """Advance every world by one step under a checked action, score it, and measure."""
+        command = self.action.command(action, self.sensor.measurement)
+        elapsed, instant, state = 0, self.sensor.instant, self.simulator.state
+        for drive, periods in self.actuators.apply(command):
+            self.drive = drive
+            if elapsed < instant < elapsed + periods:  # the sensor looks within this stretch
+                self.simulator.run(drive, instant - elapsed)
+                self.sensor.look(state)
+                self.simulator.run(drive, elapsed + periods - instant)
+            else:
+                self.simulator.run(drive, periods)
+                if elapsed + periods == instant:
+                    self.sensor.look(state)
+            elapsed += periods
+        self.scoring.score()
+        self._look()
+        if self.observation.goal_reward:
+            reached = self.observation.reached  # type: ignore[attr-defined]
+            goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
+            reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
+            self.episode.reward[:] = reward
+            self.terms[:, 0] = reward
+
+    def _look(self) -> None:
+        """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
+        if not self.sensor.exact:
+            measured = self.sensor.measurement
+            self.scoring.relate(measured.pose, measured.gone, self._judged_by_measurement)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""
-        state = self.simulator.state
-        return self.observation.observe(state.pose, state.mean_velocity, self.goal, self.score)
-
-    def facts(self) -> dict[str, np.ndarray]:
-        """What ``info`` says besides ``reward_terms``, each (worlds,); live arrays."""
-        return self.task.facts(self.simulator.state, self.score)
+        return self.observation.observe(self.sensor.measurement, self._measured, self.episode)
 
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
-        shape = (self.simulator.worlds, self.surface.rows, self.surface.columns, 2)
-        if self.drive is None or self.surface.full_scale == 0.0:
-            return np.zeros(shape[1:])
-        phasors = np.empty(shape)
-        all_phasors(self.drive, phasors)
-        return phasors[world] / self.surface.full_scale
+        phasors = np.zeros((1, self.surface.rows, self.surface.columns, 2))
+        if self.drive is not None and self.surface.full_scale > 0.0:
+            own = (each[world : world + 1] if isinstance(each, np.ndarray) else each for each in self.drive)
+            all_phasors(type(self.drive)(*own), phasors)
+            phasors /= self.surface.full_scale
+        return phasors[0]
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit, but the generators."""
+        return {
+            "environment": self.identity,
+            "simulator": self.simulator.get_state(),
+            "episode": copied(self._progress()),
+            "actuators": self.actuators.get_state(),
+            "sensor": self.sensor.get_state(),
+            "began": self.began,
+        }
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave, on a core with the same settings.
+
+        Raises:
+            ValueError: a state of another environment, or a damaged one; nothing has changed.
+        """
+        check_keys("state", state, self.STATE)
+        if state["environment"] != self.identity:
+            raise checks.refuse("state['environment']", *_difference(state["environment"], self.identity))
+        began = checks.flag("state['began']", state["began"])
+        episode = restored("state['episode']", self._progress(), state["episode"])
+        actuators = self.actuators.check_state(state["actuators"])
+        sensor = self.sensor.check_state(state["sensor"])
+        self.simulator.set_state(state["simulator"])  # checks before it changes anything, and is the last that can fail
+        for name, values in self._progress().items():
+            values[...] = episode[name]
+        self.actuators.set_state(actuators)
+        self.sensor.set_state(sensor)
+        if began:
+            if self.sensor.exact:
+                self.sensor.reset(NONE, self.simulator.state, np.zeros((0, self.sensor.draws)))
+            self._look()
+        self.drive, self.began = None, began
+
+    def _progress(self) -> dict[str, np.ndarray]:
+        """Live arrays of the episodes."""
+        return {**self.episode._asdict(), **self.relations._asdict(), "shown_terms": self.terms}
 
 
 def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
     """The parts of a world from the keyword argument."""
     parts = task.DEFAULT_PARTS if parts is None else parts
-    if isinstance(parts, str) or not isinstance(parts, Sequence) or not parts or (len(parts) != 1 and not task.MANY):
-        allowed = "a list of parts" if task.MANY else "a list with one part"
+    one = task.MOST_PARTS == 1
+    if isinstance(parts, str) or not isinstance(parts, Sequence) or not parts or (len(parts) != 1 and one):
+        allowed = "a list with one part" if one else "a list of parts"
         raise checks.refuse("parts", parts, f"{allowed}: a shipped part's name or a mapping")
-    if task.MANY:
-        return tuple(part_from(part, f"parts[{k}]") for k, part in enumerate(parts))
-    return (part_from(parts[0]),)
+    return tuple(part_from(part, "parts" if one else f"parts[{k}]") for k, part in enumerate(parts))
 
 
-def _observation(name: Any, task: Task) -> Any:
-    """The observation of a task by its name."""
-    if isinstance(task, ManyTask):
-        if name == "goal":
-            raise checks.refuse("observation", name, "'state', 'image' (only tasks with a goal pose have 'goal')")
-        return CROWD_OBSERVATIONS[checks.choice("observation", name, tuple(CROWD_OBSERVATIONS))](task.surface, task)
-    seen = OBSERVATIONS[checks.choice("observation", name, tuple(OBSERVATIONS))]
-    return seen(task.surface, task.parts[0], task)
+def _task_settings(options: Options, cls: type[Task]) -> dict[str, Any]:
+    """Keyword arguments of the task: those that the environment names, where the task has them, and the task's own."""
+    settings = {name: getattr(options, name) for name in ("start", "zones", "slots", "randomize")}
+    settings = {name: value for name, value in settings.items() if value is not None}
+    known = checks.keywords(cls)
+    if "randomize" not in known and settings.get("randomize") == {}:
+        del settings["randomize"]
+    for name, value in settings.items():
+        if name not in known:
+            raise checks.refuse(
+                name, value, f"nothing for {options.task}, which has {', '.join(known) or 'no settings'}"
+            )
+    more = {} if options.task_settings is None else options.task_settings
+    if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
+        raise checks.refuse(
+            "task_settings", more, f"a mapping with keys among {', '.join(known) or '(none)'}, each once"
+        )
+    return {**settings, **more}
+
+
+def _identity(options: Options, core: Core) -> str:
+    """What makes two environments the same, as JSON: their states fit each other."""
+
+    def plain(value: Any) -> Any:
+        return value.tolist() if isinstance(value, np.ndarray) else repr(value)
+
+    content = {
+        **vars(options),
+        "surface": vars(core.surface),
+        "parts": [part.to_dict() for part in core.parts],
+        "walls": core.simulator.walls,
+        "worlds": core.worlds,
+    }
+    return json.dumps(content, sort_keys=True, default=plain)
+
+
+def _difference(theirs: Any, mine: str) -> tuple[str, str]:
+    """The first setting in which a state's environment differs, and what this one has."""
+    try:
+        other, own = json.loads(theirs), json.loads(mine)
+        name = next(key for key in own if other.get(key) != own[key])
+        return f"a state of another environment, with {name}={other.get(name)!r}", f"{name}={own[name]!r}"
+    except (TypeError, ValueError, AttributeError, StopIteration):
+        return repr(theirs), "the description of an environment with these settings"

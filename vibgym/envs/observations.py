@@ -1,151 +1,252 @@
-"""Observations: what a policy gets to see, as a flat state, a goal dictionary or an image."""
+"""Observations: what a policy gets to see of a measurement, as a flat state, a goal dictionary or an image."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from abc import ABC, abstractmethod
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
-from vibgym.physics._jit import jit
-from vibgym.rendering.raster import rasterise
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
-from vibgym.tasks.pose import PoseTask, Score
+from vibgym import checks
+from vibgym.envs import layout as table
+from vibgym.envs.layout import Layout as Table
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.reference import Layout, Pinned
+from vibgym.registry import Registry
+from vibgym.rendering.raster import Marks, rasterise
+from vibgym.sensing import Measurement
+from vibgym.tasks import PoseTask, Task
+from vibgym.tasks.episode import Episode, Relations
 
-STATE_SIZE = 18
-COARSE, FINE = 0.050, 0.005  # m, scales of the position error
-COARSE_TURN, FINE_TURN = 0.5, 0.05  # rad, scales of the heading error
-SPIN_SCALE = 10.0  # rad/s
-LEAST_SPEED = 1e-3  # m/s, taken for the table's where that is slower
 PIXELS = 6  # along an element, in an image
+KIND_VALUES = (255, 170, 85)
+"""Brightness of the first, second and third kind in an image."""
+
+# The rows of the table as the kernel's constants.
+PRESENT, KIND, ELEMENT, HEADING, POSITION = table.PRESENT, table.KIND, table.ELEMENT, table.HEADING, table.POSITION
+WAY, WAY_COARSE, WAY_FINE = table.WAY, table.WAY_COARSE, table.WAY_FINE
+TURN, TURN_COARSE, TURN_FINE = table.TURN, table.TURN_COARSE, table.TURN_FINE
+VELOCITY, SPIN, GAP, NEIGHBOUR = table.VELOCITY, table.SPIN_RATE, table.GAP, table.NEIGHBOUR
 
 
-@jit
+class Blocks(NamedTuple):
+    """What the kernel needs besides the measurement, pinned in memory."""
+
+    relations: Relations  # of the measured poses
+    present: np.ndarray  # (worlds, parts) bool
+    traits: np.ndarray  # (parts, 2) int64, kind and symmetry
+    column: np.ndarray  # of the layout: where each feature stands, -1: nowhere, ...
+    scale: np.ndarray  # ... and in what unit
+
+
+BLOCKS: Layout[Blocks] = Layout("BLOCKS", __name__)
+blocks_at = BLOCKS.at
+
+
+@borrowing
 def _unit(value):
     return min(max(value, -1.0), 1.0)
 
 
-@jit
-def state_observation(pose, mean_velocity, error, size, symmetry, speed, element_size, out):
-    """Write the flat state of every world into ``out`` (worlds, STATE_SIZE) float32."""
-    longer = max(size[0], size[1])
+@borrowing
+def write_blocks(pose, mean_velocity, blocks, size, flat):
+    """Write every world's state observation into ``flat`` (worlds, slots x size) float32.
+
+    Args:
+        pose, mean_velocity: measured.
+        blocks: address of pinned :class:`Blocks`.
+        size: numbers in a block.
+    """
+    seen = blocks_at(blocks)
+    present, traits, column, scale = seen.present, seen.traits, seen.column, seen.scale
+    error, gap, neighbour = seen.relations.error, seen.relations.gap, seen.relations.neighbour
     for w in range(pose.shape[0]):
-        for axis in range(2):
-            at = pose[w, 0, axis] / element_size
-            out[w, axis] = 2.0 * (at - math.floor(at)) - 1.0
-            out[w, 4 + axis] = _unit(2.0 * pose[w, 0, axis] / size[axis] - 1.0)
-            out[w, 6 + axis] = _unit(error[w, axis] / longer)
-            out[w, 8 + axis] = math.tanh(error[w, axis] / COARSE)
-            out[w, 10 + axis] = math.tanh(error[w, axis] / FINE)
-            out[w, 15 + axis] = _unit(mean_velocity[w, 0, axis] / speed)
-        out[w, 2] = math.cos(symmetry * pose[w, 0, 2])
-        out[w, 3] = math.sin(symmetry * pose[w, 0, 2])
-        out[w, 12] = _unit(error[w, 2] / (2.0 * math.pi))
-        out[w, 13] = math.tanh(error[w, 2] / COARSE_TURN)
-        out[w, 14] = math.tanh(error[w, 2] / FINE_TURN)
-        out[w, 17] = _unit(mean_velocity[w, 0, 2] / SPIN_SCALE)
+        for k in range(flat.shape[1]):
+            flat[w, k] = 0.0
+        for p in range(pose.shape[1]):
+            if not present[w, p]:
+                continue
+            block = flat[w, p * size : (p + 1) * size]
+            if column[PRESENT] >= 0:
+                block[column[PRESENT]] = 1.0
+            if column[KIND] >= 0:
+                block[column[KIND] + traits[p, 0]] = 1.0
+            for axis in range(2):
+                at = pose[w, p, axis]
+                if column[ELEMENT] >= 0:
+                    place = at / (2.0 * scale[ELEMENT, axis])
+                    block[column[ELEMENT] + axis] = 2.0 * (place - math.floor(place)) - 1.0
+                if column[POSITION] >= 0:
+                    block[column[POSITION] + axis] = _unit(at / scale[POSITION, axis] - 1.0)
+                if column[WAY] >= 0:
+                    block[column[WAY] + axis] = _unit(error[w, p, axis] / scale[WAY, axis])
+                if column[WAY_COARSE] >= 0:
+                    block[column[WAY_COARSE] + axis] = math.tanh(error[w, p, axis] / scale[WAY_COARSE, axis])
+                if column[WAY_FINE] >= 0:
+                    block[column[WAY_FINE] + axis] = math.tanh(error[w, p, axis] / scale[WAY_FINE, axis])
+                if column[VELOCITY] >= 0:
+                    block[column[VELOCITY] + axis] = _unit(mean_velocity[w, p, axis] / scale[VELOCITY, axis])
+            if column[HEADING] >= 0:
+                block[column[HEADING]] = math.cos(traits[p, 1] * pose[w, p, 2])
+                block[column[HEADING] + 1] = math.sin(traits[p, 1] * pose[w, p, 2])
+            if column[TURN] >= 0:
+                block[column[TURN]] = _unit(error[w, p, 2] / scale[TURN, 0])
+            if column[TURN_COARSE] >= 0:
+                block[column[TURN_COARSE]] = math.tanh(error[w, p, 2] / scale[TURN_COARSE, 0])
+            if column[TURN_FINE] >= 0:
+                block[column[TURN_FINE]] = math.tanh(error[w, p, 2] / scale[TURN_FINE, 0])
+            if column[SPIN] >= 0:
+                block[column[SPIN]] = _unit(mean_velocity[w, p, 2] / scale[SPIN, 0])
+            if column[GAP] >= 0:
+                block[column[GAP]] = math.tanh(gap[w, p] / scale[GAP, 0])
+            other = neighbour[w, p]
+            if column[NEIGHBOUR] >= 0 and other >= 0:
+                dx, dy = pose[w, other, 0] - pose[w, p, 0], pose[w, other, 1] - pose[w, p, 1]
+                apart = math.sqrt(dx * dx + dy * dy)
+                if apart > 0.0:
+                    block[column[NEIGHBOUR]], block[column[NEIGHBOUR] + 1] = dx / apart, dy / apart
 
 
-class StateObservation:
-    """One flat float32 box of 18 numbers in [-1, 1] (table in :class:`vibgym.envs.VibgymEnv`)."""
+class Observation(ABC):
+    """Base: the space of one world and a fresh batch of observations.
 
-    def __init__(self, surface: Surface, part: Part, task: PoseTask) -> None:
-        self.surface, self.part = surface, part
-        self.size = np.array([surface.width, surface.height])
-        self.speed = max(surface.table_speed, LEAST_SPEED)
+    An observation of your own is a subclass; ``vibgym.envs.OBSERVATIONS.register`` gives it a name.
+
+    Args:
+        task: with its surface and parts.
+
+    Attributes:
+        layout: of the state observation, also where another one is handed out.
+
+    Raises:
+        ValueError: the task has no such observation.
+    """
+
+    goal_reward: bool = False
+    """Whether the reward is that of a goal observation (GoalEnv)."""
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.layout = Table(task.surface, task.parts, task.FEATURES, task.slots)
+
+    @property
+    @abstractmethod
+    def space(self) -> spaces.Space:
+        """Space of one world."""
+
+    @abstractmethod
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        """A fresh batch of observations.
+
+        Args:
+            measurement: what is known of the parts.
+            relations: how they stand to their goals and to one another, by the measured poses.
+            episode: of which goals and present parts are known.
+        """
+
+
+class StateObservation(Observation):
+    """One flat float32 box in [-1, 1]: a block of numbers for each slot, part p in slot p; see the layout."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        traits = np.column_stack([task.kind, [part.symmetry for part in task.parts]])
+        self._traits = np.ascontiguousarray(traits)
+        self._relations: Relations | None = None
+        self._blocks: Any = None
 
     @property
     def space(self) -> spaces.Space:
-        """Space of one world."""
-        return spaces.Box(-1.0, 1.0, (STATE_SIZE,), np.float32)
+        return spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
-    def observe(self, pose: np.ndarray, mean_velocity: np.ndarray, goal: np.ndarray, score: Score) -> Any:
-        """A fresh batch of observations."""
-        out = np.empty((len(pose), STATE_SIZE), dtype=np.float32)
-        state_observation(
-            pose,
-            mean_velocity,
-            score.error,
-            self.size,
-            self.part.symmetry,
-            self.speed,
-            self.surface.element_size,
-            out,
-        )
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        out = np.empty((len(measurement.pose), self.layout.size), dtype=np.float32)
+        if relations is not self._relations:  # the same ones ever after
+            layout = self.layout
+            blocks = Blocks(relations, episode.present, self._traits, layout.column, layout.scale)
+            self._relations, self._blocks = relations, Pinned(BLOCKS, blocks)
+        write_blocks(measurement.pose, measurement.mean_velocity, self._blocks.address, self.layout.block, out)
         return out
 
 
 class GoalObservation(StateObservation):
     """GoalEnv dictionary: ``observation`` (the flat state), ``achieved_goal`` and ``desired_goal`` in m and rad."""
 
+    goal_reward = True
     TURN_LIMIT = 8.0 * math.pi
 
-    def __init__(self, surface: Surface, part: Part, task: PoseTask) -> None:
-        super().__init__(surface, part, task)
-        n = task.goal_size()
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        if not isinstance(task, PoseTask):
+            raise checks.refuse("observation", "goal", "'state', 'image' (only tasks with a goal pose have 'goal')")
+        n, surface = task.goal_size(), task.surface
         self.low = np.array([-0.1, -0.1, -self.TURN_LIMIT], dtype=np.float32)[:n]
         self.high = np.array([surface.width + 0.1, surface.height + 0.1, self.TURN_LIMIT], dtype=np.float32)[:n]
 
     @property
     def space(self) -> spaces.Space:
-        goal = spaces.Box(self.low, self.high, dtype=np.float32)
-        return spaces.Dict(
-            {
-                "observation": super().space,
-                "achieved_goal": goal,
-                "desired_goal": spaces.Box(self.low, self.high, dtype=np.float32),
-            }
-        )
+        goals = (spaces.Box(self.low, self.high, dtype=np.float32) for _ in range(2))
+        return spaces.Dict({"observation": super().space, "achieved_goal": next(goals), "desired_goal": next(goals)})
 
-    def observe(self, pose: np.ndarray, mean_velocity: np.ndarray, goal: np.ndarray, score: Score) -> Any:
-        n = len(self.low)
+    def reached(self, pose: np.ndarray) -> np.ndarray:
+        """Poses (worlds, parts, 3) as goals (worlds, goal_size)."""
+        return np.clip(pose[:, 0, : len(self.low)].astype(np.float32), self.low, self.high)
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
         return {
-            "observation": super().observe(pose, mean_velocity, goal, score),
-            "achieved_goal": np.clip(pose[:, 0, :n].astype(np.float32), self.low, self.high),
-            "desired_goal": np.clip(goal[:, :n].astype(np.float32), self.low, self.high),
+            "observation": super().observe(measurement, relations, episode),
+            "achieved_goal": self.reached(measurement.pose),
+            "desired_goal": self.reached(episode.goal),
         }
 
 
-class ImageObservation:
+class ImageObservation(Observation):
     """uint8 image (rows x 6, columns x 6, 3), row 0 at the largest y.
 
-    Channel 0: the part. Channel 1: the part's outline at the goal pose; its value is 255, or for unwrapped headings
-    128 plus the remaining turn (128 levels to two full turns), which a picture of the goal pose alone could not show.
-    Channel 2: checkerboard of the elements, and the part's heading mark.
+    Channel 0: the parts, 255 for the first kind, 170 for the second and 85 for the third. Channel 1: the zones, with the
+    values of their kinds, or the parts' outlines at their goal poses; their value is that of the kind, or for unwrapped
+    headings 128 plus the remaining turn (128 levels to two full turns), which a picture of the goal pose alone could not show.
+    Channel 2: checkerboard of the elements, and the parts' heading marks.
     """
 
-    def __init__(self, surface: Surface, part: Part, task: PoseTask) -> None:
-        self.surface = surface
-        self.outline = np.array(part.outline)
-        self.unwrapped = task.has_heading and task.rules.heading_period == 0.0
-        self.shape = (surface.rows * PIXELS, surface.columns * PIXELS, 3)
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        values = np.array(KIND_VALUES, dtype=np.uint8)
+        outlines = [np.array(part.outline) for part in task.parts]
+        zones = np.zeros((0, 4)) if task.zones is None else task.zones
+        self.marks = Marks(
+            outline=np.concatenate(outlines),
+            first=np.cumsum([0, *(len(outline) for outline in outlines)]),
+            value=values[task.kind],
+            zone=zones,
+            zone_value=values[: len(zones)],
+        )
+        self._unwrapped = task.has_heading and all(task.heading_period(part) == 0.0 for part in task.parts)
+        self.shape = (task.surface.rows * PIXELS, task.surface.columns * PIXELS, 3)
 
     @property
     def space(self) -> spaces.Space:
-        """Space of one world."""
         return spaces.Box(0, 255, self.shape, np.uint8)
 
-    def observe(self, pose: np.ndarray, mean_velocity: np.ndarray, goal: np.ndarray, score: Score) -> Any:
-        """A fresh batch of observations."""
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        surface, pose = self.task.surface, measurement.pose
         image = np.empty((len(pose), *self.shape), dtype=np.uint8)
-        value = np.full(len(pose), 255, dtype=np.uint8)
-        if self.unwrapped:
-            level = np.rint(128.0 + score.error[:, 2] * (127.0 / (4.0 * math.pi)))
-            value = np.clip(level, 1.0, 255.0).astype(np.uint8)
+        shown = np.zeros(pose.shape[:2], dtype=np.uint8)
+        if self.task.has_goal:
+            shown[:] = self.marks.value
+            if self._unwrapped:
+                level = np.rint(128.0 + relations.error[..., 2] * (127.0 / (4.0 * math.pi)))
+                shown[:] = np.clip(level, 1.0, 255.0)
         rasterise(
-            np.ascontiguousarray(pose[:, 0]),
-            self.outline,
-            goal,
-            value,
-            self.surface.rows,
-            self.surface.columns,
-            self.surface.element_size,
-            PIXELS,
-            image,
-        )
+            pose, episode.present, episode.goal, shown, self.marks,
+            surface.rows, surface.columns, surface.element_size, PIXELS, image,
+        )  # fmt: skip
         return image
 
 
-OBSERVATIONS: dict[str, Any] = {"state": StateObservation, "goal": GoalObservation, "image": ImageObservation}
+OBSERVATIONS: Registry[type[Observation]] = Registry(
+    "observation", {"state": StateObservation, "goal": GoalObservation, "image": ImageObservation}
+)
+"""Observations by name; ``OBSERVATIONS.register(name, cls)`` adds one of your own."""

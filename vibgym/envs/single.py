@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils import seeding
 
 from vibgym import checks
-from vibgym.envs.core import Core
-from vibgym.tasks import TASKS
+from vibgym.envs import generators, layout
+from vibgym.envs.core import Core, Options, refuse_unknown
+from vibgym.envs.shared import SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.scene.surface import Surface
+from vibgym.snapshots import check_keys
+from vibgym.tasks import ArrangedTask, PoseTask
 
 RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
 
 
-class VibgymEnv(gym.Env):
+class VibgymEnv(SharedInterface, gym.Env):
     """Parts on the vibrating surface, and a task. One step is one oscillation period (40 ms).
 
     Transport, Align and Rotate are tasks for one part, Sort and Singulate for several; what is only theirs is under "Several
     parts" below.
 
     ## Action space
-    A float32 box in [-1, 1]; values outside are clipped, NaN, infinity and wrong shapes raise ``ValueError``.
+    A flat float32 box in [-1, 1] of as many numbers as the shape below has, in C order; ``step`` takes an array of either
+    shape. Values outside are clipped, NaN, infinity and wrong shapes raise ``ValueError``.
 
     | ``action=`` | shape | meaning |
     |---|---|---|
@@ -32,24 +40,18 @@ class VibgymEnv(gym.Env):
     | ``"field"`` | (parts, 6) | strengths of uniform x, y, squeeze x, y, radial and tangential field around each part |
 
     ## Observation space
-    ``"state"`` (default): float32 (18,) in [-1, 1].
+    ``"state"`` (default): float32 in [-1, 1], a block of numbers for each slot; part p has block p. :attr:`observation_layout`
+    says what every number means, its unit, scale and range. Transport, Align and Rotate, one block of 18:
 
-    | index | meaning | unit of 1 |
-    |---|---|---|
-    | 0, 1 | centre within its element, x and y; -1 and 1 are the element's edges | half an element |
-    | 2, 3 | cos and sin of (symmetry x heading); 1, 0 for a disc | 1 |
-    | 4, 5 | centre on the surface, x and y; -1 and 1 are the borders | half the width, half the height |
-    | 6, 7 | goal minus centre, x and y | longer side of the surface |
-    | 8, 9 | tanh of the same in 50 mm | 1 |
-    | 10, 11 | tanh of the same in 5 mm | 1 |
-    | 12 | goal minus heading, 0 where it does not count | full turn |
-    | 13, 14 | tanh of the same in 0.5 and 0.05 rad | 1 |
-    | 15, 16 | mean velocity over the last period, x and y | table speed a_h w (at least 1 mm/s) |
-    | 17 | mean angular velocity over the last period | 10 rad/s |
+    {pose table}
+
+    Sort and Singulate, blocks of 20, as many as there are parts or ``slots`` says; those of absent parts are all 0:
+
+    {arranged table}
 
     ``"goal"``: dictionary of ``observation`` (as above), ``achieved_goal`` and ``desired_goal``: x, y in m and, where the
     heading counts, the heading in rad; the reward is then :meth:`compute_reward`. ``"image"``: uint8
-    (6 rows, 6 columns, 3), see :class:`vibgym.envs.observations.ImageObservation`.
+    (6 rows, 6 columns, 3), see :class:`vibgym.envs.observations.ImageObservation`. Only tasks with a goal pose have ``"goal"``.
 
     ## Rewards
     The sum of ``info["reward_terms"]``, each bounded:
@@ -60,8 +62,8 @@ class VibgymEnv(gym.Env):
     | approach | progress of tanh(distance / 10 mm) | 1 |
     | turn | progress of the heading, per rad | 1 |
     | alignment | progress of tanh(heading error / 0.15 rad) | 1 |
-    | inside | within tolerance | 0.1 |
-    | time | every step | -0.02 |
+    | inside | within tolerance, every period | 0.1 |
+    | time | every period | -0.02 |
     | success | on success | 5 |
     | fallen | on falling off the surface | -5 |
 
@@ -70,30 +72,12 @@ class VibgymEnv(gym.Env):
     the last period. Singulate: every distance between parts above sqrt(2) x element size. With ``"patch"`` and ``"field"`` an
     element that several parts claim obeys the one whose centre is nearest to its own.
 
-    ``"state"``: float32 (slots x 20,) in [-1, 1]; part p has the numbers from 20 p. Those of an absent part are all 0.
-
-    | index | meaning | unit of 1 |
-    |---|---|---|
-    | 0 | 1: the part is there | 1 |
-    | 1, 2, 3 | 1 for its kind: the first, second or third of the list of parts | 1 |
-    | 4, 5 | centre within its element, x and y; -1 and 1 are the element's edges | half an element |
-    | 6, 7 | cos and sin of (symmetry x heading); 1, 0 for a disc | 1 |
-    | 8, 9 | centre on the surface, x and y; -1 and 1 are the borders | half the width, half the height |
-    | 10, 11 | nearest point of its zone minus centre, x and y; 0 inside, and without zones | longer side of the surface |
-    | 12, 13 | tanh of the same in 50 mm | 1 |
-    | 14, 15 | mean velocity over the last period, x and y | table speed a_h w (at least 1 mm/s) |
-    | 16 | mean angular velocity over the last period | 10 rad/s |
-    | 17 | tanh of (distance to the nearest other part / (sqrt(2) x element size)); 1 without others | 1 |
-    | 18, 19 | unit vector from its centre to that part's, x and y; 0, 0 without others | 1 |
-
-    ``"image"``: see :class:`vibgym.envs.crowd_observations.CrowdImageObservation`. There is no ``"goal"``.
-
     | reward term | meaning | bound |
     |---|---|---|
     | distance | progress of the parts' mean distance to their zones, per 100 mm | 1 |
     | inside | progress of the share of parts inside their zones | 1 |
     | clearance | Singulate: progress of the mean of min(distance to the nearest part / sqrt(2) x element size, 1) | 1 |
-    | time | every step | -0.003 |
+    | time | every period | -0.003 |
     | success | on success | 5 |
     | fallen | on a part's falling off the surface | -5 |
 
@@ -102,26 +86,29 @@ class VibgymEnv(gym.Env):
     surface's diagonal without others), ``touching`` (number of pairs closer than 0.1 mm) and ``parts_done``.
 
     ## Episode end
-    Success (within tolerance, or all parts done, for 10 steps in a row), a fallen part or a diverged simulation terminate
-    it; the step limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
+    Success (within tolerance, or all parts done, for 10 periods in a row), a fallen part or a diverged simulation terminate
+    it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
     where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``.
 
     Args:
-        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"`` or ``"Singulate"``.
+        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"``, ``"Singulate"``, or one that you have registered.
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields (keys may carry ``_mm``).
         parts: a list of names of shipped parts (``"aluminium_block"``, ``"steel_block"``) or mappings with ``shape`` and its
             fields; with one of them for Transport, Align and Rotate.
         model: ``"planar"``, ``"averaged"`` or ``"auto"`` (its default tolerance), as for :class:`vibgym.Simulator`.
         action, observation: see above.
-        actuators, sensor: ``"ideal"``.
+        actuators, sensor: ``"ideal"``, or a registered name, or a mapping with ``kind`` and its settings.
         randomize: None; Sort and Singulate take ``{"parts": [low, high]}``: so many of the parts, chosen at random, are
             there in an episode.
-        start: of Sort: ``"scattered"`` (default: at random, at least 2 mm apart) or ``"crowded"`` (one cluster, in touch).
+        start: of Sort: ``"scattered"`` (default: at random, at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left
             end for the first kind, at the right end for the second, in the middle for the third.
         slots: of Sort and Singulate: parts for which the state observation has room, at least the number of parts.
         walls: of Sort and Singulate: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
-        periods_per_step: oscillation periods per step.
+        task_settings: keyword arguments that only a task of your own has.
+        periods_per_step: oscillation periods per step. Hold, time cost and limit count periods, so the task stays the same.
+        max_episode_periods: periods after which an episode is truncated, where a step has several; with one a step that is
+            Gymnasium's own ``max_episode_steps``. None: no limit.
         render_mode: None, ``"rgb_array"`` or ``"human"``.
 
     Raises:
@@ -130,27 +117,71 @@ class VibgymEnv(gym.Env):
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 25}
 
-    def __init__(self, task: str, *, render_mode: str | None = None, **settings: Any) -> None:
+    def __init__(
+        self,
+        task: str,
+        *,
+        surface: str | Mapping[str, Any] | Surface = "prototype",
+        parts: Sequence[Any] | None = None,
+        model: str = "planar",
+        action: str = "element",
+        observation: str = "state",
+        actuators: str | Mapping[str, Any] = "ideal",
+        sensor: str | Mapping[str, Any] = "ideal",
+        randomize: Mapping[str, Any] | None = None,
+        walls: Sequence[str] | None = None,
+        start: str | None = None,
+        zones: Mapping[str, Sequence[float]] | None = None,
+        slots: int | None = None,
+        task_settings: Mapping[str, Any] | None = None,
+        periods_per_step: int = 1,
+        max_episode_periods: int | None = None,
+        render_mode: str | None = None,
+        **unknown: Any,
+    ) -> None:
+        refuse_unknown(unknown, ("render_mode", "max_episode_periods"))
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
-        self.core = Core(TASKS[checks.choice("task", task, tuple(TASKS))], 1, **settings)
+        known = Options(
+            task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
+            task_settings, periods_per_step,
+        )  # fmt: skip
+        self.core = Core(known, 1)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
-        self.metadata = {
-            "render_modes": list(RENDER_MODES),
-            "render_fps": round(1.0 / (self.core.surface.period * self.core.periods)) or 1,
-        }
+        self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": frames_per_second(self.core)}
+        self._limit = step_limit(self.core.periods, max_episode_periods)
+        self._steps = 0
+        self._closed = False
         self._viewer: Any = None
         if render_mode is not None:
             from vibgym.envs.viewer import Viewer  # pygame is an extra
 
-            self._viewer = Viewer(self.core, f"vibgym {task}")
+            self._viewer = Viewer(self, f"vibgym {task}")
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode. ``options`` are not used."""
-        super().reset(seed=None if seed is None else checks.count("seed", seed, least=0))
-        self.core.reset(_FIRST, [self.np_random])
+        """Begin an episode.
+
+        Args:
+            seed: of this and the following episodes; None goes on with the generator.
+            options: what to set of the start instead of drawing it: ``"pose"``, broadcastable to (parts, 3): x, y (m), heading
+                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"parts"``, numbers of those that are there, or
+                booleans.
+
+        Raises:
+            ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.
+        """
+        if seed is not None:
+            seed = checks.count("seed", seed, least=0)
+        starting = wishes(options, self.core)
+        if starting is not None:  # try it first: a start that cannot be must change nothing
+            generator = seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
+            uniform = generator.random((1, self.core.task.draws))
+            self.core.start_of(_FIRST, uniform, starting)
+        super().reset(seed=seed)
+        self.core.reset(_FIRST, [self.np_random], starting)
+        self._steps, self._closed = 0, False
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
@@ -159,40 +190,68 @@ class VibgymEnv(gym.Env):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
         core = self.core
+        if self._closed:
+            raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
         if not core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
         checked = core.action.check(action, None)
         if self._viewer is not None:
             checked = checked.copy()  # the picture is of this step, whatever the caller does to the array
         core.step(checked)
+        self._steps += 1
         if self._viewer is not None:
             self._viewer.follow(0)
             self._draw()
-        return self._observation(), float(core.score.reward[0]), bool(core.score.ended[0]), False, self._info()
+        truncated = self._limit is not None and self._steps >= self._limit
+        episode = core.episode
+        return self._observation(), episode.reward.item(), episode.ended.item(), truncated, self._info()
 
     @property
     def compute_reward(self) -> Any:
         """Reward of reaching one goal when another was asked for, single or batched (GoalEnv).
 
-        See :meth:`vibgym.tasks.PoseTask.compute_reward`. Only with ``observation="goal"``: learners take an environment
-        that has it for a GoalEnv.
+        See :meth:`vibgym.tasks.PoseTask.compute_reward`. It works on the goals of observations, which a sensor may blur; the
+        reward of a step is the same function of the truth. Only with ``observation="goal"``: learners take an environment that
+        has it for a GoalEnv.
         """
-        if not self.core.goal_reward:
+        if not self.core.observation.goal_reward:
             raise AttributeError("compute_reward: only with observation='goal'")
         return self._goal_reward
 
     def _goal_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> Any:
-        reward = self.core.compute_reward(achieved_goal, desired_goal, info)
+        reward = self.core.task.compute_reward(achieved_goal, desired_goal, info)  # type: ignore[attr-defined]
         return float(reward) if reward.ndim == 0 else reward
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit, generator included. Pictures' trails are not part of it."""
+        return {**self.core.get_state(), "generator": generators.state_of(self.np_random), "steps": self._steps}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave on an environment with the same settings.
+
+        Raises:
+            ValueError: a state of another environment, or a damaged one; nothing has changed.
+        """
+        names = (*Core.STATE, "generator", "steps")
+        check_keys("state", state, names)
+        steps = checks.count("state['steps']", state["steps"], least=0)
+        generator = generators.generator_from("state['generator']", state["generator"])
+        self.core.set_state({name: state[name] for name in Core.STATE})
+        self.np_random, self._steps, self._closed = generator, steps, False
+        if self._viewer is not None:
+            self._viewer.begin(0)
 
     def render(self) -> np.ndarray | None:
         """The picture for ``"rgb_array"``; ``"human"`` draws by itself."""
+        if self.render_mode is None:
+            gym.logger.warn("render(): the environment was made without render_mode; allowed: 'rgb_array', 'human'")
         if self.render_mode == "rgb_array":
             return self._viewer.frame(0)
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one; stepping goes on after a reset only."""
+        self._closed = True
         if self._viewer is not None:
             self._viewer.close()
 
@@ -208,6 +267,12 @@ class VibgymEnv(gym.Env):
 
     def _info(self) -> dict[str, Any]:
         core = self.core
-        info: dict[str, Any] = {name: values[0].item() for name, values in core.facts().items()}
+        info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
         info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
         return info
+
+
+if VibgymEnv.__doc__ is not None:  # python -OO has none
+    for _name, _task in (("pose", PoseTask), ("arranged", ArrangedTask)):
+        _table = layout.table(_task.FEATURES).replace("\n", "\n    ")
+        VibgymEnv.__doc__ = VibgymEnv.__doc__.replace(f"{{{_name} table}}", _table)

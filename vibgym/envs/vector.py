@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -12,21 +13,23 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
-from vibgym.envs.core import Core
-from vibgym.tasks import TASKS
+from vibgym.envs import generators
+from vibgym.envs.core import Core, Options, refuse_unknown
+from vibgym.envs.shared import SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.scene.surface import Surface
+from vibgym.snapshots import check_keys, copied, restored
 
 
-class VibgymVectorEnv(VectorEnv):
+class VibgymVectorEnv(SharedInterface, VectorEnv):
     """``num_envs`` worlds of one task; the same numbers, bit for bit, as that many single environments.
 
     Args:
-        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"`` or ``"Singulate"``.
+        task, surface ... max_episode_periods: as for :class:`vibgym.envs.VibgymEnv`.
         num_envs: number of worlds.
         max_episode_steps: step limit, which truncates; None for no limit.
         autoreset_mode: NEXT_STEP (default), SAME_STEP (``final_obs`` and ``final_info`` in the info) or DISABLED (reset
             with ``options={"reset_mask": mask}``), as an ``AutoresetMode`` or its value.
         render_mode: None or ``"rgb_array"``.
-        **settings: as for :class:`vibgym.envs.VibgymEnv`.
 
     Raises:
         ValueError: a bad setting.
@@ -43,11 +46,28 @@ class VibgymVectorEnv(VectorEnv):
         task: str,
         num_envs: int = 1,
         *,
+        surface: str | Mapping[str, Any] | Surface = "prototype",
+        parts: Sequence[Any] | None = None,
+        model: str = "planar",
+        action: str = "element",
+        observation: str = "state",
+        actuators: str | Mapping[str, Any] = "ideal",
+        sensor: str | Mapping[str, Any] = "ideal",
+        randomize: Mapping[str, Any] | None = None,
+        walls: Sequence[str] | None = None,
+        start: str | None = None,
+        zones: Mapping[str, Sequence[float]] | None = None,
+        slots: int | None = None,
+        task_settings: Mapping[str, Any] | None = None,
+        periods_per_step: int = 1,
+        max_episode_periods: int | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        **settings: Any,
+        **unknown: Any,
     ) -> None:
+        own = ("num_envs", "max_episode_periods", "max_episode_steps", "autoreset_mode", "render_mode")
+        refuse_unknown(unknown, own)
         self.num_envs = checks.count("num_envs", num_envs)
         if max_episode_steps is not None:
             checks.count("max_episode_steps", max_episode_steps)
@@ -58,10 +78,19 @@ class VibgymVectorEnv(VectorEnv):
         except ValueError:
             allowed = ", ".join(repr(mode.value) for mode in AutoresetMode)
             raise checks.refuse("autoreset_mode", autoreset_mode, allowed) from None
-        self.core = Core(TASKS[checks.choice("task", task, tuple(TASKS))], self.num_envs, **settings)
-        self.max_episode_steps = max_episode_steps
+        known = Options(
+            task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
+            task_settings, periods_per_step,
+        )  # fmt: skip
+        self.core = Core(known, self.num_envs)
+        limits = (max_episode_steps, step_limit(self.core.periods, max_episode_periods))
+        self.max_episode_steps = min((each for each in limits if each is not None), default=None)
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {
+            **self.metadata,
+            "render_fps": frames_per_second(self.core),
+            "autoreset_mode": self.autoreset_mode,
+        }
         self.single_action_space = self.core.action.space
         self.single_observation_space = self.core.observation.space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -73,7 +102,7 @@ class VibgymVectorEnv(VectorEnv):
         if render_mode is not None:
             from vibgym.envs.viewer import Viewer  # pygame is an extra
 
-            self._viewer = Viewer(self.core, f"vibgym {task}", self.num_envs)
+            self._viewer = Viewer(self, f"vibgym {task}", self.num_envs)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -82,26 +111,40 @@ class VibgymVectorEnv(VectorEnv):
 
         Args:
             seed: world k gets ``seed + k``, or entry k of a sequence; None goes on with the world's generator.
-            options: ``{"reset_mask": bool array (num_envs,)}`` or None.
+            options: ``"reset_mask"``, bool (num_envs,); ``"pose"``, ``"goal"`` and ``"parts"`` as for a single environment,
+                broadcastable to (num_envs, parts, 3) and (num_envs, parts).
+
+        Raises:
+            ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.
         """
+        starting = wishes(options, self.core, ("reset_mask",))
         mask = self._reset_mask(options)
+        fresh = list(self._generators)
         for world, each in enumerate(self._seeds(seed)):
-            if mask[world] and (each is not None or self._generators[world] is None):
-                self._generators[world] = seeding.np_random(each)[0]
+            if mask[world] and (each is not None or fresh[world] is None):
+                fresh[world] = seeding.np_random(each)[0]
+        if starting is not None:  # try it first: a start that cannot be must change nothing
+            worlds = np.flatnonzero(mask)
+            drawn = [copy.deepcopy(fresh[world]).random(self.core.task.draws) for world in worlds]  # type: ignore[union-attr]
+            self.core.start_of(worlds, np.array(drawn), starting)
+        self._generators = fresh
         if isinstance(seed, int | np.integer):
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
-        self._begin(mask)
+        self.closed = False
+        self._begin(mask, starting)
         return self.core.observe(), self._info(None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
         core = self.core
+        if self.closed:
+            raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
         if not core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
         actions = core.action.check(actions, self.num_envs)
         if self._viewer is not None:
             actions = actions.copy()  # the pictures are of this step, whatever the caller does to the array
-        waiting = self._finished
+        waiting = self._finished.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
             raise gym.error.ResetNeeded(
                 f"worlds {np.flatnonzero(waiting).tolist()} have ended: reset them with options={{'reset_mask': mask}}"
@@ -113,12 +156,12 @@ class VibgymVectorEnv(VectorEnv):
                 self._viewer.follow(world)
         if waiting.any():  # NEXT_STEP: the step after the end is the reset
             self._begin(waiting)
-        terminated = core.score.ended.copy()
+        terminated = core.episode.ended.copy()
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             truncated = self._steps >= self.max_episode_steps
         finished = terminated | truncated
-        reward = core.score.reward.copy()
+        reward = core.episode.reward.copy()
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and finished.any():
             final = {
@@ -129,29 +172,106 @@ class VibgymVectorEnv(VectorEnv):
             }
             self._begin(finished)
             finished = np.zeros(self.num_envs, dtype=bool)
-        self._finished = finished
+        self._finished[:] = finished
         return core.observe(), reward, terminated, truncated, {**final, **self._info()}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """One picture a world for ``"rgb_array"``."""
         if self._viewer is None:
+            gym.logger.warn("render(): the environment was made without render_mode; allowed: 'rgb_array'")
             return None
         return tuple(self._viewer.frame(world) for world in range(self.num_envs))
 
-    def compute_reward(self, achieved_goal: np.ndarray, desired_goal: np.ndarray, info: Any) -> np.ndarray:
-        """Batched goal reward, see :meth:`vibgym.tasks.PoseTask.compute_reward`."""
-        return self.core.compute_reward(achieved_goal, desired_goal, info)
+    @property
+    def compute_reward(self) -> Any:
+        """Batched goal reward, only with ``observation="goal"``; see :meth:`vibgym.tasks.PoseTask.compute_reward`."""
+        if not self.core.observation.goal_reward:
+            raise AttributeError("compute_reward: only with observation='goal'")
+        return self.core.task.compute_reward  # type: ignore[attr-defined]
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """A method's result, or an attribute, once for every world.
+
+        All worlds share one environment: what it says of all together, one for each world, is handed out one by one, and
+        anything else to every world.
+
+        Raises:
+            ValueError: there is no such public name.
+        """
+        value = self._attribute(name)
+        if callable(value):
+            value = value(*args, **kwargs)
+        if isinstance(value, tuple | list | np.ndarray) and len(value) == self.num_envs and self.num_envs > 1:
+            return tuple(value)
+        return (value,) * self.num_envs
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute, once for every world; see :meth:`call`."""
+        value = self._attribute(name)
+        return (value,) * self.num_envs
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute. All worlds share one environment: of a list or tuple, one for each world, all must be equal.
+
+        Raises:
+            ValueError: there is no such public attribute, or values differ.
+        """
+        if callable(self._attribute(name)) or isinstance(getattr(type(self), name, None), property):
+            raise checks.refuse("name", name, "an attribute that can be set, no method or property")
+        if isinstance(values, list | tuple):
+            if len(values) != self.num_envs or any(each is not values[0] and each != values[0] for each in values):
+                raise checks.refuse("values", values, f"{self.num_envs} equal values: all worlds share one environment")
+            values = values[0]
+        setattr(self, name, values)
+
+    def _attribute(self, name: Any) -> Any:
+        if not isinstance(name, str) or name.startswith("_") or not hasattr(self, name):
+            raise checks.refuse("name", name, f"the name of a public attribute or method of {type(self).__name__}")
+        return getattr(self, name)
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit, generators included. Pictures' trails are not part of it."""
+        own = [None if each is None else generators.state_of(each) for each in self._generators]
+        return {**self.core.get_state(), "generators": own, **copied(self._counters())}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave on an environment with the same settings and number of worlds.
+
+        Raises:
+            ValueError: a state of another environment, or a damaged one; nothing has changed.
+        """
+        counters = tuple(self._counters())
+        check_keys("state", state, (*Core.STATE, "generators", *counters))
+        values = restored("state", self._counters(), {name: state[name] for name in counters})
+        given = state["generators"]
+        if not isinstance(given, list | tuple) or len(given) != self.num_envs:
+            raise checks.refuse("state['generators']", given, f"a list of {self.num_envs}")
+        own = [
+            None if each is None else generators.generator_from(f"state['generators'][{world}]", each)
+            for world, each in enumerate(given)
+        ]
+        self.core.set_state({name: state[name] for name in Core.STATE})
+        for name, live in self._counters().items():
+            live[...] = values[name]
+        self._generators, self.closed = own, False
+        if self._viewer is not None:
+            for world in range(self.num_envs):
+                self._viewer.begin(world)
+
+    def _counters(self) -> dict[str, np.ndarray]:
+        return {"steps": self._steps, "finished": self._finished}
 
     def close_extras(self, **kwargs: Any) -> None:
         """Release the viewer."""
         if self._viewer is not None:
             self._viewer.close()
 
-    def _begin(self, mask: np.ndarray) -> None:
+    def _begin(self, mask: np.ndarray, starting: Any = None) -> None:
         worlds = np.flatnonzero(mask)
-        self.core.reset(worlds, [self._generators[world] for world in worlds.tolist()])  # type: ignore[misc]
+        own = [self._generators[world] for world in worlds.tolist()]
+        self.core.reset(worlds, own, starting)  # type: ignore[arg-type]
         self._steps[worlds] = 0
-        self._finished = self._finished & ~mask
+        self._finished[mask] = False
         if self._viewer is not None:
             for world in worlds:
                 self._viewer.begin(world)
@@ -191,7 +311,7 @@ class VibgymVectorEnv(VectorEnv):
         core = self.core
         here = np.ones(self.num_envs, dtype=bool) if mask is None else mask
         info: dict[str, Any] = {}
-        for name, value in core.facts().items():
+        for name, value in core.facts.items():
             info[name] = value.copy() if mask is None else np.where(mask, value, np.zeros((), value.dtype))
             info[f"_{name}"] = here.copy()
         terms: dict[str, Any] = {}

@@ -1,71 +1,62 @@
-"""From the core's state to a picture: the only place where environments meet rendering."""
+"""From an environment's state to a picture: the only place where environments meet rendering."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from vibgym.envs.core import Core
-from vibgym.rendering import SurfacePainter, View, Window, Zone
-from vibgym.tasks import ManyTask, PoseTask
+from vibgym.envs.shared import SharedInterface
+from vibgym.rendering import Scenery, Window, Zone
 
-TRAIL_STEPS = 250
+
+def scenery_of(env: SharedInterface) -> Scenery:
+    """What pictures of an environment's task show, from what is public of it; for films as well."""
+    surface, task = env.surface, env.task
+    zones = () if task.zones is None else zip(task.kinds, task.zones.tolist(), strict=True)
+    return Scenery(
+        surface.rows,
+        surface.columns,
+        surface.element_size,
+        tuple(np.array(part.outline) for part in env.parts),
+        kinds=tuple(task.kind.tolist()),
+        walls=tuple(env.walls),
+        zones=tuple(
+            Zone((zone[0], zone[1]), (zone[2], zone[3]), kind, name.replace("_", " "))
+            for kind, (name, zone) in enumerate(zones)
+        ),
+        goal_size=(3 if task.has_heading else 2) if task.has_goal else 0,
+        tolerance=task.position_tolerance if task.has_goal else None,
+    )
 
 
 class Viewer:
-    """Draws worlds of a core and keeps their trails."""
+    """Draws worlds of an environment and keeps their trails."""
 
-    def __init__(self, core: Core, title: str, worlds: int = 1) -> None:
-        surface, task = core.surface, core.task
-        self.core = core
-        self.zones: tuple[Zone, ...] = ()
-        kinds = None
-        if isinstance(task, ManyTask):
-            kinds = task.kind.tolist()
-            if task.zones is not None:
-                self.zones = tuple(
-                    Zone((zone[0], zone[1]), (zone[2], zone[3]), kind, name.replace("_", " "))
-                    for kind, (name, zone) in enumerate(zip(task.names, task.zones.tolist(), strict=True))
-                )
-        self.painter = SurfacePainter(
-            surface.rows,
-            surface.columns,
-            surface.element_size,
-            [np.array(part.outline) for part in core.parts],
-            kinds=kinds,
-            walls=core.simulator.walls,
-        )
-        self.window = Window(self.painter, 1.0 / (surface.period * core.periods), title)
+    def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
+        self.env = env
+        self.scenery = scenery_of(env)
+        self.painter = self.scenery.painter()
+        self.window = Window(self.painter, 1.0 / env.step_time, title)
         self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
 
     def begin(self, world: int) -> None:
         """Forget the trails of a world whose episode starts."""
-        self.trails[world] = [self._pose(world)[:, :2]]
+        self.trails[world] = []
+        self.follow(world)
 
     def follow(self, world: int) -> None:
         """Extend the trails by the present positions."""
         trail = self.trails[world]
-        trail.append(self._pose(world)[:, :2])
-        del trail[:-TRAIL_STEPS]
+        trail.append(self.env.core.simulator.state.pose[world, :, :2].copy())
+        del trail[: -self.scenery.trail]
 
     def frame(self, world: int) -> np.ndarray:
         """uint8 (height, width, 3) picture of a world."""
-        core, task = self.core, self.core.task
-        trails = np.array(self.trails[world]).reshape(-1, len(core.parts), 2)
-        goal = tolerance = None
-        if isinstance(task, PoseTask):
-            goal = (core.goal[world] if task.has_heading else core.goal[world, :2]).copy()
-            tolerance = task.position_tolerance
-        view = View(
-            pose=self._pose(world),
-            phasors=core.phasors(world),
-            goal_pose=goal,
-            goal_tolerance=tolerance,
-            trail=trails[:, 0] if goal is not None else np.zeros((0, 2)),
-            caption=task.caption(core.score, world),
-            zones=self.zones,
-            trails=() if goal is not None else list(np.moveaxis(trails, 1, 0)),
-        )
-        return self.painter.paint(view)
+        core, episode = self.env.core, self.env.core.episode
+        pose = core.simulator.state.pose[world]
+        trail = np.array(self.trails[world]).reshape(-1, *pose[:, :2].shape)
+        present, goal = episode.present[world], episode.goal[world]
+        caption = self.env.caption(world)
+        return self.painter.paint(self.scenery.view(pose, present, goal, core.phasors(world), trail, caption))
 
     def show(self, world: int) -> None:
         """Show a world in the window."""
@@ -74,10 +65,3 @@ class Viewer:
     def close(self) -> None:
         """Close the window, if one is open."""
         self.window.close()
-
-    def _pose(self, world: int) -> np.ndarray:
-        """(parts, 3) a copy; not a number where a part is absent, which is then not drawn."""
-        pose, score = self.core.simulator.state.pose[world].copy(), self.core.score
-        if isinstance(self.core.task, ManyTask):
-            pose[~score.present[world]] = np.nan
-        return pose

@@ -10,19 +10,20 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vibgym.rendering.raster import rasterise, rasterise_many
-    from vibgym.rendering.view import SurfacePainter, View, Zone
+    from vibgym.rendering.raster import Marks, rasterise
+    from vibgym.rendering.view import Scenery, SurfacePainter, View, Zone
     from vibgym.rendering.window import Window
 
-__all__ = ["SurfacePainter", "View", "Window", "Zone", "rasterise", "rasterise_many"]
+__all__ = ["Marks", "Scenery", "SurfacePainter", "View", "Window", "Zone", "rasterise"]
 
 _HOMES = {
+    "Marks": "raster",
+    "Scenery": "view",
     "SurfacePainter": "view",
     "View": "view",
     "Window": "window",
     "Zone": "view",
     "rasterise": "raster",
-    "rasterise_many": "raster",
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -31,6 +31,12 @@ TAG, SMALLEST_TAG = 18, 10
 
 TRAIL_POINTS = 400
 """Older centres are not drawn."""
+
+KEPT = 32
+"""Layers of goals and zones that are kept for the next picture."""
+
+TRAIL_PIXELS = 1.5
+"""Length of a trail's pieces, in pixels, at least."""
 
 
 @lru_cache(maxsize=32)
@@ -69,6 +75,7 @@ class Canvas:
             (np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1) + 0.5) * element_size
         )
         self._fine = pygame.Surface((FINE * self.size[0], FINE * table_bottom), 0, 32)
+        self._kept: dict[Hashable, tuple[pygame.Surface, list[int]] | None] = {}
         self._empty = self._fine.copy()
         self._empty.fill(colours.PAPER)
         low, size = FINE * np.array([MARGIN, MARGIN]), FINE * table
@@ -77,11 +84,20 @@ class Canvas:
             pygame.draw.rect(self._empty, colour, rectangle, border_radius=2 * grow)
         for wall in walls:
             pygame.draw.rect(self._empty, colours.INK, shapes.bar(wall, walls, low, low + size, FINE * WALL, 12))
+        # Most elements rest in most pictures.
+        self._tiles(self._empty, np.zeros((rows, columns, 2)), np.ones((rows, columns), dtype=bool))
         self._base = pygame.Surface(self.size, 0, 32)
         # Scaling darkens white a little; the band under the table has to match.
         self._base.fill(pygame.transform.smoothscale(self._empty, (self.size[0], table_bottom)).get_at((1, 1)))
         self._caption_top = table_bottom - 8
         self._caption_width = legend.draw(self._base, table_bottom - 8, MARGIN, pixels_per_metre)
+
+    def _tiles(self, picture: pygame.Surface, phasors: np.ndarray, which: np.ndarray) -> None:
+        """Draw the elements ``which`` (rows, columns) bool in the colours of their phasors (rows, columns, 2)."""
+        corners = np.rint(self._centres[which] - 0.5 * self._edge + 0.5 * FINE).astype(int).tolist()
+        size, radius = round(self._edge - FINE), min(3 * FINE, round(0.1 * self._edge))
+        for corner, tint in zip(corners, colours.element_colours(phasors[which]).tolist(), strict=True):
+            pygame.draw.rect(picture, tint, (*corner, size, size), border_radius=radius)
 
     def _to_pixels(self, points: np.ndarray) -> np.ndarray:
         return self._origin + points * (self._scale, -self._scale)
@@ -91,17 +107,34 @@ class Canvas:
         cosine, sine = math.cos(pose[2]), math.sin(pose[2])
         return self._to_pixels(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
+    def _blend(
+        self,
+        points: np.ndarray,
+        padding: float,
+        draw: Callable[[pygame.Surface, np.ndarray], None],
+        key: Hashable = None,
+    ) -> None:
+        """Lay over the picture what ``draw`` paints around ``points``, see :func:`shapes.painted`.
+
+        Args:
+            key: of what stays the same from picture to picture, which is kept.
+        """
+        layer = self._kept.get(key) if key is not None else None
+        if layer is None:
+            layer = shapes.painted(self._fine.get_size(), points, padding, draw)
+            if key is not None:
+                if len(self._kept) >= KEPT:
+                    self._kept.clear()
+                self._kept[key] = layer
+        if layer is not None:
+            self._fine.blit(*layer)
+
     def begin(self, phasors: np.ndarray) -> None:
         """Start over with the elements at ``phasors`` (rows, columns, 2), fractions of full scale."""
         self._fine.blit(self._empty, (0, 0))
         phasors = np.nan_to_num(phasors).reshape(*self._shape, 2)
-        edge, gap = self._edge, FINE
-        corners = np.rint(self._centres - 0.5 * edge + 0.5 * gap).astype(int)
-        size = round(edge - gap)
-        radius = min(3 * FINE, round(0.1 * edge))
-        tints = colours.element_colours(phasors)
-        for corner, tint in zip(corners.reshape(-1, 2).tolist(), tints.reshape(-1, 3).tolist(), strict=True):
-            pygame.draw.rect(self._fine, tint, (*corner, size, size), border_radius=radius)
+        edge = self._edge
+        self._tiles(self._fine, phasors, np.hypot(phasors[..., 0], phasors[..., 1]) > 0.0)
         strength = np.hypot(phasors[..., 0], phasors[..., 1])
         moving = strength >= ARROW_FROM
         if moving.any():
@@ -135,7 +168,7 @@ class Canvas:
                 pygame.draw.rect(layer, (*colour, 255), place, border_bottom_right_radius=5 * FINE)
                 layer.blit(tag, tag.get_rect(center=place.center))
 
-        shapes.blend(self._fine, corners, 0.0, draw)
+        self._blend(corners, 0.0, draw, ("zone", low.tobytes(), high.tobytes(), colour, label))
 
     def goal(self, pose: np.ndarray, outline: np.ndarray, tolerance: float | None) -> None:
         """Ghost of ``outline`` at ``pose`` (3,) or a crosshair at ``pose`` (2,), and the circle of ``tolerance``, m."""
@@ -165,7 +198,8 @@ class Canvas:
                     ring = shapes.circle_points(centre, radius) - low
                     shapes.stroke(layer, ring, 0.7 * width, colour, closed=True)
 
-        shapes.blend(self._fine, np.vstack([around, centre]), max(radius, 12.0 * FINE) + 4.0 * FINE, draw)
+        key = ("goal", pose.tobytes(), outline.tobytes(), tolerance)
+        self._blend(np.vstack([around, centre]), max(radius, 12.0 * FINE) + 4.0 * FINE, draw, key)
 
     def trail(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
         """Line through ``points`` (k, 2), m, oldest first, fading with age; light colours get a dark edge."""
@@ -174,7 +208,11 @@ class Canvas:
         points = points[((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1)]
         if len(points) < 2:
             return
-        alpha = np.linspace(30.0, 240.0, len(points) - 1)
+        alpha = np.linspace(30.0, 240.0, len(points))[1:]
+        # Points that are less than a pixel or two further along show nothing: half the time of a picture went into them.
+        along = np.hypot(*np.diff(points, axis=0).T).cumsum()
+        kept = np.append(np.diff(along // (TRAIL_PIXELS * FINE)) > 0, True)
+        points, alpha = points[np.append(True, kept)], alpha[kept]
         lines = [(2.4 * FINE, colour, 1.0)]
         if colours.is_light(colour):
             lines.insert(0, (4.4 * FINE, colours.INK, 0.7))
@@ -182,10 +220,9 @@ class Canvas:
         def draw(layer: pygame.Surface, low: np.ndarray) -> None:
             for width, shade, share in lines:
                 strengths = np.rint(share * alpha).astype(int).tolist()
-                for start, end, strength in zip(points - low, points[1:] - low, strengths, strict=False):
-                    shapes.segment(layer, start, end, width, (*shade, strength))
+                shapes.segments(layer, points - low, width, [(*shade, strength) for strength in strengths])
 
-        shapes.blend(self._fine, points, 3.0 * FINE, draw)
+        self._blend(points, 3.0 * FINE, draw)
 
     def part(self, pose: np.ndarray, outline: np.ndarray, colour: tuple[int, ...]) -> None:
         """Part with ``outline`` (n, 2) at ``pose`` (3,) and its heading mark, a wedge that points ahead."""
@@ -202,7 +239,7 @@ class Canvas:
             shapes.stroke(layer, body - low, 1.6 * FINE, (*shade, 215), closed=True)
             shapes.polygon_within(layer, wedge - low, body - low, mark)
 
-        shapes.blend(self._fine, body, 4.0 * FINE, draw)
+        self._blend(body, 4.0 * FINE, draw)
 
     def finish(self, caption: str) -> np.ndarray:
         """The picture (H, W, 3) uint8, with ``caption`` under the table."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 import pygame
@@ -19,11 +20,20 @@ _FINE = 4
 _BARS = np.outer(10.0 ** np.arange(-4, 2), [1.0, 2.0, 5.0]).ravel()
 
 
+@lru_cache(maxsize=32)
+def _font(size: int) -> pygame.font.Font:
+    pygame.font.init()
+    return pygame.font.Font(None, size)
+
+
 def render_text(line: str, size: int, colour: tuple[int, ...]) -> pygame.Surface:
     """``line`` on a transparent surface, in pygame's own font, which is the same on every machine."""
-    pygame.font.init()
     # Scaled down from a larger size: at small ones, rounding to pixels spoils the font's spacing.
-    text = pygame.font.Font(None, _FINE * size).render(line, True, colour)
+    try:
+        text = _font(_FINE * size).render(line, True, colour)
+    except pygame.error:  # somebody has quit pygame since the font was loaded
+        _font.cache_clear()
+        text = _font(_FINE * size).render(line, True, colour)
     return pygame.transform.smoothscale(
         text, (math.ceil(text.get_width() / _FINE), math.ceil(text.get_height() / _FINE))
     )

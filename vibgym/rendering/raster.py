@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics._jit import jit
+from vibgym.physics.core.jit import jit
 
 GRID_EVEN, GRID_ODD, MARK = 64, 128, 255
 """Values of channel 2: elements with even and odd row + column, heading mark."""
@@ -141,96 +142,62 @@ def _mark(
                 image[row, column, 2] = MARK if wedge else background[row, column, 2]
 
 
+class Marks(NamedTuple):
+    """What is drawn in every world: outlines and zones, and their values."""
+
+    outline: np.ndarray  # (total, 2) corners of all parts, one part after the other, each in its own frame, m
+    first: np.ndarray  # (parts + 1,) int64; part p has the corners from first[p] to before first[p + 1]
+    value: np.ndarray  # (parts,) uint8
+    zone: np.ndarray  # (zones, 4) smallest x and y, largest x and y, m
+    zone_value: np.ndarray  # (zones,) uint8
+
+
 @jit
 def rasterise(
     pose: np.ndarray,
-    outline: np.ndarray,
+    present: np.ndarray,
     goal: np.ndarray,
     goal_value: np.ndarray,
+    marks: Marks,
     rows: int,
     columns: int,
     element_size: float,
     pixels_per_element: int,
     image: np.ndarray,
 ) -> None:
-    """Draw one part and its goal for each world.
+    """Draw the parts of each world, and their goals or the zones where they shall end.
 
-    Channel 0 is 255 inside the part, channel 1 is ``goal_value`` inside the part's outline at its goal, channel 2 is
-    the grid of elements and the part's heading mark. A pixel is inside if its centre is. A pose that is not finite is
-    not drawn.
+    Channel 0 is the part's value inside a part, channel 1 is ``goal_value`` inside a part's outline at its goal and the zone's
+    value inside a zone, channel 2 is the grid of elements and the parts' heading marks. Where parts or zones overlap, the
+    later one is drawn. A pixel is inside if its centre is. A pose that is not finite is not drawn.
 
     Args:
-        pose: (worlds, 3) float64, x, y (m), heading (rad); y points up, the origin is the surface's lower left corner.
-        outline: (n, 2) float64 corners of the part in its own frame, m; need not be convex.
-        goal: (worlds, 3) float64, like ``pose``.
-        goal_value: (worlds,) uint8, 0 for no goal.
-        rows: elements along y.
-        columns: elements along x.
+        pose: (worlds, parts, 3) x, y (m), heading (rad); y points up, the origin is the surface's lower left corner.
+        present: (worlds, parts) bool; absent parts are not drawn, nor their goals.
+        goal: (worlds, parts, 3), like ``pose``.
+        goal_value: (worlds, parts) uint8, 0 for no goal.
+        marks: what all worlds share.
+        rows, columns: elements along y and x.
         element_size: edge of an element, m.
         pixels_per_element: edge of an element in the image.
         image: (worlds, rows * pixels_per_element, columns * pixels_per_element, 3) uint8, contiguous, overwritten;
             its row 0 has the largest y.
     """
+    outline, first = marks.outline, marks.first
     scale, height = pixels_per_element / element_size, rows * pixels_per_element
     corners, inside = np.empty_like(outline), np.empty(columns * pixels_per_element, dtype=np.bool_)
-    nowhere, nothing = np.empty((0, 4)), np.empty(0, dtype=np.uint8)
-    background = _background(rows, columns, scale, pixels_per_element, nowhere, nothing, inside)
-    for world in range(pose.shape[0]):
-        picture = image[world]
-        _copy(background, picture)
-        if goal_value[world] != 0 and _corners(goal[world], outline, scale, height, corners):
-            _fill(corners, goal_value[world], 1, inside, picture)
-        if _corners(pose[world], outline, scale, height, corners):
-            _fill(corners, 255, 0, inside, picture)
-            _mark(pose[world], corners, outline, scale, background, inside, picture)
-
-
-@jit
-def rasterise_many(
-    pose: np.ndarray,
-    present: np.ndarray,
-    outline: np.ndarray,
-    first: np.ndarray,
-    value: np.ndarray,
-    zone: np.ndarray,
-    zone_value: np.ndarray,
-    rows: int,
-    columns: int,
-    element_size: float,
-    pixels_per_element: int,
-    image: np.ndarray,
-) -> None:
-    """Draw several parts and the zones where they shall end for each world.
-
-    Channel 0 is the part's ``value`` inside a part, channel 1 is ``zone_value`` inside a zone, channel 2 is the grid of
-    elements and the parts' heading marks. Where parts or zones overlap, the later one is drawn. A pixel is inside if
-    its centre is. A pose that is not finite is not drawn.
-
-    Args:
-        pose: (worlds, parts, 3) float64, x, y (m), heading (rad); y points up, the origin is the surface's lower left
-            corner.
-        present: (worlds, parts) bool; absent parts are not drawn.
-        outline: (total, 2) float64 corners of all parts, one part after the other, each in its own frame, m.
-        first: (parts + 1,) int64; part p has the corners from ``first[p]`` to before ``first[p + 1]``.
-        value: (parts,) uint8.
-        zone: (zones, 4) float64 smallest x and y, largest x and y, m.
-        zone_value: (zones,) uint8.
-        rows: elements along y.
-        columns: elements along x.
-        element_size: edge of an element, m.
-        pixels_per_element: edge of an element in the image.
-        image: (worlds, rows * pixels_per_element, columns * pixels_per_element, 3) uint8, contiguous, overwritten;
-            its row 0 has the largest y.
-    """
-    scale, height = pixels_per_element / element_size, rows * pixels_per_element
-    corners, inside = np.empty_like(outline), np.empty(columns * pixels_per_element, dtype=np.bool_)
-    background = _background(rows, columns, scale, pixels_per_element, zone, zone_value, inside)
+    background = _background(rows, columns, scale, pixels_per_element, marks.zone, marks.zone_value, inside)
     for world in range(pose.shape[0]):
         picture = image[world]
         _copy(background, picture)
         for part in range(pose.shape[1]):
+            own = outline[first[part] : first[part + 1]]
+            placed, shown = corners[: own.shape[0]], goal_value[world, part]
+            if shown != 0 and present[world, part] and _corners(goal[world, part], own, scale, height, placed):
+                _fill(placed, shown, 1, inside, picture)
+        for part in range(pose.shape[1]):
             here, own = pose[world, part], outline[first[part] : first[part + 1]]
             placed = corners[: own.shape[0]]
             if present[world, part] and _corners(here, own, scale, height, placed):
-                _fill(placed, value[part], 0, inside, picture)
+                _fill(placed, marks.value[part], 0, inside, picture)
                 _mark(here, placed, own, scale, background, inside, picture)

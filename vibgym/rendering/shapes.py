@@ -50,20 +50,25 @@ def arrow_outlines(tails: np.ndarray, vectors: np.ndarray, thickness: float) -> 
 
 def stroke(surface: pygame.Surface, points: np.ndarray, width: float, colour: Colour, closed: bool = False) -> None:
     """Draw a line of any ``width`` with round joints and ends through ``points`` (n, 2)."""
-    following = np.roll(points, -1, axis=0) if closed else points[1:]
-    for start, end in zip(points, following, strict=False):
-        segment(surface, start, end, width, colour)
+    points = np.vstack([points, points[:1]]) if closed else points
+    segments(surface, points, width, [colour] * (len(points) - 1))
 
 
-def segment(surface: pygame.Surface, start: np.ndarray, end: np.ndarray, width: float, colour: Colour) -> None:
-    """Draw one straight line with round ends; pygame cuts the ends of its wide lines along the axes."""
-    step = end - start
-    length = float(np.hypot(step[0], step[1]))
-    if length > 0.0:
-        side = np.array([-step[1], step[0]]) * (0.5 * width / length)
-        pygame.draw.polygon(surface, colour, [start + side, end + side, end - side, start - side])
-    for point in (start, end):
-        pygame.draw.circle(surface, colour, point, 0.5 * width)
+def segments(surface: pygame.Surface, points: np.ndarray, width: float, colours: Sequence[Colour]) -> None:
+    """Draw the straight lines between ``points`` (n, 2) with round ends, each in its colour, later ones on top.
+
+    pygame cuts the ends of its wide lines along the axes, so that they are drawn as polygons.
+    """
+    step = np.diff(points, axis=0)
+    length = np.hypot(step[:, 0], step[:, 1])[:, None]
+    side = np.stack([-step[:, 1], step[:, 0]], axis=1) * (0.5 * width / np.where(length > 0.0, length, np.inf))
+    corners = np.stack([points[:-1] + side, points[1:] + side, points[1:] - side, points[:-1] - side], axis=1)
+    ends = points.tolist()
+    for k, (quad, colour) in enumerate(zip(corners.tolist(), colours, strict=True)):
+        if length[k] > 0.0:
+            pygame.draw.polygon(surface, colour, quad)
+        pygame.draw.circle(surface, colour, ends[k], 0.5 * width)
+        pygame.draw.circle(surface, colour, ends[k + 1], 0.5 * width)
 
 
 def dashes(points: np.ndarray, length: float) -> list[np.ndarray]:
@@ -96,20 +101,20 @@ def polygon_within(surface: pygame.Surface, points: np.ndarray, window: np.ndarr
     surface.blit(inner, (0, 0))
 
 
-def blend(
-    target: pygame.Surface,
+def painted(
+    size: tuple[int, int],
     points: np.ndarray,
     padding: float,
     draw: Callable[[pygame.Surface, np.ndarray], None],
-) -> None:
-    """Let ``draw`` paint transparent colours on a layer around ``points`` (n, 2), then lay it over ``target``.
+) -> tuple[pygame.Surface, list[int]] | None:
+    """A layer around ``points`` (n, 2) on which ``draw`` has painted transparent colours, and its place in the picture.
 
-    ``draw`` gets the layer and the layer's origin in ``target``. Does nothing where the layer would miss the target.
+    ``draw`` gets the layer and its origin in the picture of this ``size``. None where the layer would miss the picture.
     """
     low = np.maximum(np.floor(points.min(axis=0) - padding), 0.0)
-    high = np.minimum(np.ceil(points.max(axis=0) + padding), target.get_size())
+    high = np.minimum(np.ceil(points.max(axis=0) + padding), size)
     if not (low < high).all():
-        return
+        return None
     layer = pygame.Surface((high - low).astype(int).tolist(), pygame.SRCALPHA, 32)
     draw(layer, low)
-    target.blit(layer, low.astype(int).tolist())
+    return layer, low.astype(int).tolist()

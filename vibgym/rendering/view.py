@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,9 +13,14 @@ from vibgym import checks
 from vibgym.rendering import colours as palette
 from vibgym.rendering._pygame import require_pygame
 
+if TYPE_CHECKING:
+    from vibgym.rendering.canvas import Canvas
+
 DEFAULT_SIZE = (960, 640)
 """The table is drawn as large as fits into this (width, height) in pixels, elements being 4 to 64 whole pixels."""
 
+TRAIL_STEPS = 250
+"""Older places are left out of trails."""
 
 WALLS = ("left", "right", "bottom", "top")
 """Borders of the surface at which a wall can stand."""
@@ -55,22 +62,21 @@ class View:
     Attributes:
         pose: (parts, 3) x, y (m) and heading (rad) of each part; one that is not finite is not drawn.
         phasors: (rows, columns, 2) vertical oscillation (C, S) of each element as a fraction of full scale.
-        goal_pose: (3,) x, y, heading or (2,) x, y of part 0's goal; None for no goal.
-        goal_tolerance: radius of the circle around the goal, m; None for no circle.
-        trail: (k, 2) past centres of part 0, m, oldest first, drawn in ink.
-        caption: one line of text under the table.
+        goals: (parts, 3) x, y, heading or (parts, 2) x, y of each part's goal, one that is not finite is not drawn; None for
+            no goals.
+        tolerance: radius of the circle around each goal, m; None for no circles.
+        trails: one (k, 2) array of past centres for each part, m, oldest first, drawn in the part's colour; none for no trails.
         zones: drawn under everything that moves, in the colours of their kinds.
-        trails: one (k, 2) array for each part like ``trail``, drawn in the part's colour; none for no trails.
+        caption: one line of text under the table.
     """
 
     pose: np.ndarray
     phasors: np.ndarray
-    goal_pose: np.ndarray | None
-    goal_tolerance: float | None
-    trail: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
-    caption: str = ""
-    zones: tuple[Zone, ...] = ()
+    goals: np.ndarray | None = None
+    tolerance: float | None = None
     trails: Sequence[np.ndarray] = ()
+    zones: tuple[Zone, ...] = ()
+    caption: str = ""
 
 
 def _kinds(outlines: Sequence[np.ndarray]) -> list[int]:
@@ -93,6 +99,8 @@ def _points(trail: np.ndarray) -> np.ndarray:
 class SurfacePainter:
     """Draws views of one surface with fixed parts. Needs no display.
 
+    Its surfaces are made with the first picture; copies, pickled or not, make their own and draw the same.
+
     Args:
         rows: elements along y.
         columns: elements along x.
@@ -102,9 +110,6 @@ class SurfacePainter:
         colours: fill (r, g, b) of each part; by default that of its kind.
         kinds: number of each part's kind, 0 or more; by default parts with the same outline are of one kind.
         walls: borders at which a wall stands, among "left", "right", "bottom" and "top".
-
-    Attributes:
-        width, height: of the picture in pixels.
 
     Raises:
         ImportError: pygame is not installed.
@@ -124,8 +129,6 @@ class SurfacePainter:
         walls: Sequence[str] = (),
     ) -> None:
         require_pygame()
-        from vibgym.rendering.canvas import Canvas
-
         if pixels_per_metre is None:
             pixels_per_metre = max(4, min(64, DEFAULT_SIZE[0] // columns, DEFAULT_SIZE[1] // rows)) / element_size
         self._outlines = [np.ascontiguousarray(outline, dtype=np.float64) for outline in outlines]
@@ -139,28 +142,111 @@ class SurfacePainter:
         # A zone has the colour of the first part that shall end there, also where colours were given.
         self._kinds = dict(zip(reversed(kinds), reversed(self._colours), strict=True))
         borders = [checks.choice(f"walls[{k}]", wall, WALLS) for k, wall in enumerate(walls)]
-        self._canvas = Canvas(rows, columns, element_size, pixels_per_metre, borders)
-        self.width, self.height = self._canvas.size
+        self._table = (rows, columns, element_size, pixels_per_metre, borders)
+
+    @cached_property
+    def _canvas(self) -> Canvas:
+        from vibgym.rendering.canvas import Canvas
+
+        return Canvas(*self._table)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the surfaces."""
+        return {name: value for name, value in vars(self).items() if name != "_canvas"}
+
+    @property
+    def width(self) -> int:
+        """Of the picture, in pixels."""
+        return self._canvas.size[0]
+
+    @property
+    def height(self) -> int:
+        """Of the picture, in pixels."""
+        return self._canvas.size[1]
 
     def paint(self, view: View) -> np.ndarray:
         """Picture (height, width, 3) uint8 of ``view``; a new array every time.
 
         Raises:
-            ValueError: there are trails, but not one for each part.
+            ValueError: there are trails or goals, but not one for each part.
         """
-        trails, parts = len(view.trails), len(self._outlines)
-        if trails not in (0, parts):
-            raise checks.refuse("trails", f"{trails} trails", f"none, or one for each of {parts} parts")
+        parts = len(self._outlines)
+        for name, values in (("trails", view.trails), ("goals", view.goals)):
+            count = 0 if values is None else len(values)
+            if count not in (0, parts):
+                raise checks.refuse(name, f"{count} {name}", f"none, or one for each of {parts} parts")
         canvas = self._canvas
         canvas.begin(np.asarray(view.phasors, dtype=np.float64))
         for zone in view.zones:
             colour = self._kinds.get(zone.kind, _colour_of(zone.kind))
             canvas.zone(np.array(zone.low), np.array(zone.high), colour, zone.label)
-        if view.goal_pose is not None:
-            canvas.goal(np.asarray(view.goal_pose, dtype=np.float64), self._outlines[0], view.goal_tolerance)
-        canvas.trail(_points(view.trail), palette.INK)
-        for points, colour in zip(view.trails, self._colours, strict=False):
-            canvas.trail(_points(points), colour)
+        if view.goals is not None:
+            for goal, outline in zip(np.asarray(view.goals, dtype=np.float64), self._outlines, strict=False):
+                canvas.goal(goal, outline, view.tolerance)
+        for trail, colour in zip(view.trails, self._colours, strict=False):
+            canvas.trail(np.asarray(trail, dtype=np.float64).reshape(-1, 2), colour)
         for pose, outline, colour in zip(view.pose, self._outlines, self._colours, strict=True):
             canvas.part(np.asarray(pose, dtype=np.float64), outline, colour)
         return canvas.finish(view.caption)
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What stays the same in all pictures of a task; can be pickled, and needs no pygame until something is painted.
+
+    Attributes:
+        rows, columns: elements along y and x.
+        element_size: edge of an element, m.
+        outlines: (n, 2) corners of each part in its own frame, m.
+        kinds: number of each part's kind.
+        walls: borders at which a wall stands.
+        zones: where the kinds shall end; empty for tasks without.
+        goal_size: numbers of a goal that count: 3 for poses, 2 for positions, 0 for tasks without.
+        tolerance: m, from goals; None for tasks without.
+        trail: past centres of each part that are shown.
+    """
+
+    rows: int
+    columns: int
+    element_size: float
+    outlines: tuple[np.ndarray, ...]
+    kinds: tuple[int, ...]
+    walls: tuple[str, ...] = ()
+    zones: tuple[Zone, ...] = ()
+    goal_size: int = 0
+    tolerance: float | None = None
+    trail: int = TRAIL_STEPS
+
+    def painter(self, pixels_per_metre: float | None = None) -> SurfacePainter:
+        """A painter for views of the task."""
+        table = (self.rows, self.columns, self.element_size, self.outlines, pixels_per_metre)
+        return SurfacePainter(*table, kinds=self.kinds, walls=self.walls)
+
+    def view(
+        self,
+        pose: np.ndarray,
+        present: np.ndarray,
+        goal: np.ndarray,
+        phasors: np.ndarray,
+        trail: np.ndarray,
+        caption: str,
+    ) -> View:
+        """What is to be seen of a world.
+
+        Args:
+            pose, goal: (parts, 3) x, y (m), heading (rad); goals of tasks without are not looked at.
+            present: (parts,) bool; absent parts are not drawn.
+            phasors: (rows, columns, 2) fractions of full scale.
+            trail: (k, parts, 2) centres of the steps up to now, m, oldest first, of which the last ones are drawn.
+            caption: one line.
+        """
+        there = np.asarray(present, dtype=bool)[:, None]
+        return View(
+            pose=np.where(there, pose, np.nan),
+            phasors=phasors,
+            goals=np.where(there, goal[:, : self.goal_size], np.nan) if self.goal_size else None,
+            tolerance=self.tolerance,
+            trails=list(np.moveaxis(np.where(there, trail[-self.trail :], np.nan), 1, 0)),
+            zones=self.zones,
+            caption=caption,
+        )

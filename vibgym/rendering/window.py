@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from vibgym.rendering._pygame import require_pygame
@@ -12,7 +14,7 @@ class Window:
     """Shows frames of a painter's size at a steady pace.
 
     pygame has one display per process, so one window can be open at a time. The user may close it at any moment:
-    further frames are then dropped and nothing else happens.
+    further frames are then dropped and nothing else happens. Copies, pickled or not, open a window of their own.
 
     Args:
         painter: its width and height become the window's.
@@ -22,12 +24,16 @@ class Window:
 
     def __init__(self, painter: SurfacePainter, fps: float, title: str = "vibgym") -> None:
         self._pygame = require_pygame()
-        self._size = (painter.width, painter.height)
-        self._fps = fps
-        self._title = title
-        self._opened = False
-        self._open = False
-        self._clock = self._pygame.time.Clock()
+        self._painter, self._fps, self._title = painter, fps, title
+        self._clock: Any = None
+        self._open = self._closed = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but pygame's module and clock; a copy is not on the screen yet."""
+        return {**vars(self), "_pygame": None, "_clock": None, "_open": False}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _pygame=require_pygame())
 
     @property
     def is_open(self) -> bool:
@@ -36,25 +42,26 @@ class Window:
 
     def show(self, frame: np.ndarray) -> None:
         """Show ``frame`` (H, W, 3) uint8 and wait until the next one is due; the first call opens the window."""
-        if not self._opened:
-            self._pygame.display.init()
-            self._pygame.display.set_mode(self._size)
-            self._pygame.display.set_caption(self._title)
-            self._opened = self._open = True
-        if not self._open:
+        if self._closed:
             return
+        display, size = self._pygame.display, (self._painter.width, self._painter.height)
+        if not self._open:
+            display.init()
+            display.set_mode(size)
+            display.set_caption(self._title)
+            self._clock = self._pygame.time.Clock()
+            self._open = True
         # Fetching the events also tells the window manager that this program is alive.
-        if not self._pygame.display.get_init() or any(e.type == self._pygame.QUIT for e in self._pygame.event.get()):
+        if not display.get_init() or any(e.type == self._pygame.QUIT for e in self._pygame.event.get()):
             self.close()
             return
-        picture = self._pygame.image.frombuffer(np.ascontiguousarray(frame), self._size, "RGB")
-        self._pygame.display.get_surface().blit(picture, (0, 0))
-        self._pygame.display.flip()
+        picture = self._pygame.image.frombuffer(np.ascontiguousarray(frame), size, "RGB")
+        display.get_surface().blit(picture, (0, 0))
+        display.flip()
         self._clock.tick(self._fps)
 
     def close(self) -> None:
         """Take the window off the screen for good. May be called any number of times."""
         if self._open and self._pygame.display.get_init():
             self._pygame.display.quit()
-        self._opened = True
-        self._open = False
+        self._open, self._closed = False, True

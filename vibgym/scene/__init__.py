@@ -1,8 +1,7 @@
-"""What is on the table and how it moves on: surface, parts, simulator."""
+"""What is on the table: surface, parts, outlines. No engine."""
 
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
-from vibgym.scene.simulator import Simulator
 from vibgym.scene.surface import Surface
 
-__all__ = ["Part", "Simulator", "Surface", "hulls_of"]
+__all__ = ["Part", "Surface", "hulls_of"]

@@ -120,9 +120,12 @@ def simple_outline(vertices: object) -> np.ndarray:
     area = signed_area(outline)
     if abs(area) <= 1e-9 * size**2:
         raise checks.refuse("vertices", f"an area of {abs(area):g} m^2", "a polygon that encloses an area")
+    given = np.array(vertices, dtype=np.float64)
     if area < 0.0:
-        outline = outline[::-1]
-    return np.ascontiguousarray(outline - centroid(outline))
+        outline, given = outline[::-1], given[::-1]
+    # Corners that are given about the centroid keep every bit: an outline that is written down and read again is the same.
+    centred = np.abs(centroid(given)).max() <= 1e-14 * size
+    return np.ascontiguousarray(given if centred else outline - centroid(outline))
 
 
 def disc_outline(radius: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.records import Bodies, Body
+from vibgym.physics.core.records import Bodies, Body
 from vibgym.scene import outlines
 
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
@@ -143,6 +143,21 @@ class Part:
             outlines.is_convex(self.outline),
             self.symmetry != 0,
         )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The part as a mapping for JSON, from which :func:`vibgym.config.part_from` makes an equal one."""
+        shape: dict[str, Any] = {"shape": "polygon", "vertices": self.outline.tolist()}
+        if self.symmetry == 0:
+            shape = {"shape": "disc", "radius": self._disc_radius()}
+        names = ("friction", "static_friction", "height", "mass", "name", "restitution", "contact_friction")
+        return {**shape, **{name: getattr(self, name) for name in names}}
+
+    def _disc_radius(self) -> float:
+        """The number that the disc was made from, to the last bit."""
+        near = math.sqrt(self.area / math.pi)
+        around = [near + k * math.ulp(near) for k in (0, -1, 1, -2, 2, -3, 3, -4, 4)]
+        same = (radius for radius in around if math.pi * radius**2 == self.area)
+        return next((radius for radius in same if np.array_equal(outlines.disc_outline(radius), self.outline)), near)
 
     def same_as(self, other: Part) -> bool:
         """Whether the other part is one of the same kind: equal in all that physics knows of it."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.planar import Table
+from vibgym.physics.core.records import Table
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from vibgym.scene.parts import Part
 from vibgym.tasks.pose import PoseTask
 
 
@@ -19,9 +20,9 @@ class Align(PoseTask):
     heading_tolerance = math.radians(3.0)
     draws = 6
 
-    def heading_period(self) -> float:
+    def heading_period(self, part: Part) -> float:
         # A disc's heading shows nowhere; a tiny period makes every heading the same.
-        return 2.0 * math.pi / self.part.symmetry if self.part.symmetry else 1e-9
+        return 2.0 * math.pi / part.symmetry if part.symmetry else 1e-9
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         headings = 2.0 * math.pi * uniform[:, 4:6] - math.pi

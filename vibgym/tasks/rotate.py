@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from vibgym.scene.parts import Part
+from vibgym.tasks.base import Start
 from vibgym.tasks.pose import PoseTask
 
 
@@ -16,8 +18,11 @@ class Rotate(PoseTask):
     heading_tolerance = math.radians(2.0)
     draws = 4
 
-    def heading_period(self) -> float:
+    def heading_period(self, part: Part) -> float:
         return 0.0  # a full turn is not the same as none
+
+    def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
+        return start.goal + (pose - start.pose)  # in place, wherever that is
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         heading = 2.0 * math.pi * uniform[:, 2] - math.pi

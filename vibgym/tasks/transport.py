@@ -14,6 +14,7 @@ class Transport(PoseTask):
 
     position_tolerance = 0.005
     draws = 5
+    FACTS = ("is_success", "position_error", "fallen", "diverged")
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         heading = 2.0 * math.pi * uniform[:, 2] - math.pi

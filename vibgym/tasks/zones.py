@@ -1,4 +1,4 @@
-"""Kinds of parts and the zones where they shall end."""
+"""Zones where the kinds of parts shall end."""
 
 from __future__ import annotations
 
@@ -10,27 +10,12 @@ import numpy as np
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.arrange import lattice
-
-MOST_KINDS = 3
-"""Observations have room for these."""
+from vibgym.tasks.lattice import lattice
 
 ZONE_COLUMNS = 6
 """Elements along x of a default zone, which spans the surface's height."""
 
 ROUNDING = 1e-9  # m, that a zone may stick out: borders are products of a size and a number of elements
-
-
-def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names of the kinds in order of appearance, and each part's kind (parts,). Parts with the same name are of one kind.
-
-    Raises:
-        ValueError: there are too many kinds.
-    """
-    names = tuple(dict.fromkeys(part.name for part in parts))
-    if len(names) > MOST_KINDS:
-        raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MOST_KINDS} kinds (names)")
-    return names, np.array([names.index(part.name) for part in parts])
 
 
 def default_zones(surface: Surface, names: Sequence[str]) -> dict[str, tuple[float, float, float, float]]:

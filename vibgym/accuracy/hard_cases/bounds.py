@@ -8,12 +8,13 @@ import numpy as np
 
 from vibgym.accuracy.hard_cases.case import HardCase, Outcome, at_most
 from vibgym.accuracy.hard_cases.motion import one_element, random_drive, sound, threshold
-from vibgym.physics.careful import cells_across, contact_arrays, cut_into_points
-from vibgym.physics.drive import PolarDrive
-from vibgym.physics.friction import sliding_wrench
+from vibgym.physics.contact_area.cut import cells_across, new_cut, points_at
+from vibgym.physics.contact_area.phasors import new_phasors
+from vibgym.physics.core.drive import polar_drive
+from vibgym.physics.friction.wrench import sliding_wrench
 from vibgym.scene.parts import Part
-from vibgym.scene.simulator import Simulator
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 
 def kinetic_energy(part: Part, velocity: np.ndarray) -> np.ndarray:
@@ -84,21 +85,22 @@ def power() -> Outcome:
     table, w = surface.table(), surface.angular_frequency
     for part in (Part.rectangle(0.05, 0.035, friction=0.6), Part.disc(0.02, friction=2.0)):
         body = part.body()
-        contact = contact_arrays(len(body.outline), cells_across(table, body, 2))
+        cut = new_cut(len(body.outline), cells_across(table, body, 2))
+        phasors = new_phasors(1, cells_across(table, body, 1))
         amplitude, phase = random_drive(surface, 17)
-        drive = PolarDrive(amplitude[None], phase[None], w)
+        drive = polar_drive(amplitude[None], phase[None], w)
         for _ in range(400):
             x, y, heading = rng.uniform([0, 0, -3], [surface.width, surface.height, 3])
-            n = cut_into_points(table, body, int(rng.integers(1, 3)), drive, 0, x, y, heading, contact)
+            n = points_at(table, body, int(rng.integers(1, 3)), drive, 0, x, y, heading, cut, phasors, 0)
             ux, uy = rng.normal(size=2) * 10.0 ** rng.uniform(-9, 1)
             spin, at = rng.normal() * 10.0 ** rng.uniform(-9, 3), rng.uniform(0, 2 * math.pi)
-            weight, px, py = contact.points
+            weight, px, py = cut.points
             force_x, force_y, torque = sliding_wrench(
                 weight,
                 px,
                 py,
-                contact.phasor_c,
-                contact.phasor_s,
+                cut.phasor_c,
+                cut.phasor_s,
                 n,
                 table.gravity,
                 math.cos(at),

@@ -10,11 +10,11 @@ import numpy as np
 from vibgym.accuracy.hard_cases.case import HardCase, Outcome, at_most
 from vibgym.accuracy.hard_cases.motion import one_element, random_drive, sound
 from vibgym.fields import radial, uniform
-from vibgym.physics.hulls import all_gaps, place_hulls, wall_gap
+from vibgym.physics.collision.hulls import all_gaps, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part, shipped_part
-from vibgym.scene.simulator import Simulator
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 MU = 0.6
 PUSHED = 3e-4

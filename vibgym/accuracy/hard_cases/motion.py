@@ -13,8 +13,8 @@ import numpy as np
 from vibgym.accuracy.hard_cases.case import HardCase, at_most
 from vibgym.accuracy.reference import Trajectory, integrate
 from vibgym.scene.parts import Part
-from vibgym.scene.simulator import Simulator
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 FINE: dict[str, Any] = {"steps": 100, "substeps": 2, "pieces": 4}
 """Knobs at which second order leaves 1/400 of the default's error in time, and 1/16 of it in space."""

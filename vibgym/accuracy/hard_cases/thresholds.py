@@ -20,8 +20,8 @@ from vibgym.accuracy.hard_cases.motion import (
     threshold,
 )  # fmt: skip
 from vibgym.scene.parts import Part
-from vibgym.scene.simulator import Simulator
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 MU = 0.6
 

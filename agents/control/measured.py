@@ -1,0 +1,111 @@
+"""What a state observation says of the parts, back in SI units, whatever the task; and what controllers remember."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from agents.task_info import TaskInfo
+from vibgym import checks
+from vibgym.envs.layout import Layout
+
+Memory = TypeVar("Memory", bound=tuple)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A batch of observations: arrays of (batch, parts) or (batch, parts, 2). Those of absent parts are meaningless."""
+
+    present: np.ndarray  # bool
+    centre: np.ndarray  # m
+    heading: np.ndarray  # rad, modulo the part's symmetry; 0 for a disc
+    way: np.ndarray  # goal, or nearest point of the zone, minus centre, m; 0 without
+    turn: np.ndarray  # goal minus heading, rad; 0 where headings do not count
+    velocity: np.ndarray  # mean over the last period, m/s
+    spin: np.ndarray  # the same, rad/s
+    gap: np.ndarray  # distance to the nearest other part, m, capped at about eight elements; infinite for one part
+    single: bool  # whether one observation without batch axis was given
+
+    @classmethod
+    def of(cls, observation: Any, info: TaskInfo) -> Measured:
+        """Decode one state observation or a batch of them.
+
+        Raises:
+            ValueError: the array is not (size,) or (batch, size).
+        """
+        layout, values = info.layout, check_state(observation, info.layout)
+        rows = np.atleast_2d(values)
+        none = np.zeros((len(rows), len(info.parts), 1))
+
+        def quantity(name: str, default: np.ndarray = none) -> np.ndarray:
+            return layout.quantity(rows, name) if name in layout else default
+
+        return cls(
+            present=quantity("present", none + 1.0)[..., 0] > 0.5,
+            centre=quantity("position"),
+            heading=quantity("heading")[..., 0],
+            way=quantity("way", np.repeat(none, 2, axis=-1)),
+            turn=quantity("turn")[..., 0],
+            velocity=quantity("velocity"),
+            spin=quantity("spin")[..., 0],
+            gap=quantity("gap", none + math.inf)[..., 0],
+            single=values.ndim == 1,
+        )
+
+
+def check_state(observation: Any, layout: Layout) -> np.ndarray:
+    """One state observation (size,) or a batch (batch, size) as float64.
+
+    Raises:
+        ValueError: another shape.
+    """
+    try:
+        values = np.asarray(observation, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise checks.refuse("observation", observation, f"real numbers of shape (..., {layout.size})") from None
+    if values.ndim not in (1, 2) or values.shape[-1] != layout.size:
+        raise checks.refuse("observation", f"array of shape {values.shape}", f"shape (..., {layout.size})")
+    return values
+
+
+def wrap(angle: np.ndarray, symmetry: np.ndarray) -> np.ndarray:
+    """Angles to the nearest equivalent one of parts with this symmetry, within +-pi / symmetry, rad."""
+    period = 2.0 * math.pi / np.maximum(symmetry, 1)
+    return angle - period * np.round(angle / period)
+
+
+def started(state: Any, episode_start: Any, batch: int) -> np.ndarray:
+    """(batch,) bool: whose episode has just begun."""
+    if state is None:
+        return np.ones(batch, dtype=bool)
+    if episode_start is None:
+        return np.zeros(batch, dtype=bool)
+    return np.broadcast_to(np.asarray(episode_start, dtype=bool), (batch,))
+
+
+def recall(state: Any, episode_start: Any, initial: Memory) -> tuple[Memory, np.ndarray]:
+    """A controller's memory at the beginning of a step, a copy of its own, and (batch,) whose episode has just begun.
+
+    Args:
+        state: what the controller returned last; None at the very start.
+        episode_start: (batch,) bool, see :meth:`agents.policy.Policy.predict`.
+        initial: what the controller's ``initial(batch)`` gives: arrays (batch, ...).
+
+    Raises:
+        ValueError: a memory of another controller or batch.
+    """
+    batch = len(initial[0])
+    new = started(state, episode_start, batch)
+    if state is None:
+        return initial, new
+    if type(state) is not type(initial) or len(state[0]) != batch:
+        got = (
+            f"{type(state).__name__} of {len(state[0])}" if isinstance(state, tuple) and state else type(state).__name__
+        )
+        raise checks.refuse("state", got, f"None, or what predict() returned for {batch}: {type(initial).__name__}")
+    make: Any = type(initial)
+    kept = (np.where(new.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(initial, state, strict=True))
+    return make(*kept), new

@@ -1,0 +1,107 @@
+"""From a name, a mapping, a file or an object to a policy."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from agents.control.constant import RandomPolicy, ZeroPolicy
+from agents.control.local_field import LocalFieldPolicy
+from agents.control.open_loop import OpenLoopPolicy
+from agents.control.planner import PlannerPolicy
+from agents.foreign import Foreign
+from agents.policy import Policy
+from agents.task_info import TaskInfo
+from vibgym import checks
+from vibgym.registry import Registry
+
+
+def local_field(info: TaskInfo, **arguments: Any) -> Policy:
+    """:class:`LocalFieldPolicy` where every part has a goal pose of its own."""
+    if not info.has_goal:
+        raise checks.refuse(
+            "policy 'local_field'", f"the task {info.name}", "tasks with goal poses; see 'local_fields'"
+        )
+    return LocalFieldPolicy(info, **arguments)
+
+
+def local_fields(info: TaskInfo, **arguments: Any) -> Policy:
+    """:class:`LocalFieldPolicy` where parts share zones, or shall be apart."""
+    if info.has_goal:
+        raise checks.refuse(
+            "policy 'local_fields'", f"the task {info.name}", "tasks without goal poses; see 'local_field'"
+        )
+    return LocalFieldPolicy(info, **arguments)
+
+
+def trained(info: TaskInfo, *, path: str) -> Policy:
+    """The trained policy in a JSON file; ``{task}`` in its path is replaced by the task's name in lower case.
+
+    Raises:
+        ValueError: the file holds no policy for this task.
+    """
+    from agents.learned.trained import load_trained  # safetensors is an extra
+
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a trained policy's JSON file")
+    return load_trained(Path(path.replace("{task}", info.name.lower())), info)
+
+
+CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
+    "controller",
+    {
+        "zero": ZeroPolicy,
+        "random": RandomPolicy,
+        "open_loop": OpenLoopPolicy,
+        "local_field": local_field,
+        "local_fields": local_fields,
+        "planner": PlannerPolicy,
+        "trained": trained,
+    },
+)
+"""Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.
+
+``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"planner"`` those that ask
+for places: goals, zones, or a distance to keep. ``"local_field"`` and ``"local_fields"`` are one law under the names of its two
+uses: parts with goal poses of their own, and parts that share zones or shall be apart.
+"""
+
+
+def make_policy(policy: Any, info: TaskInfo, seed: int = 0) -> Policy:
+    """A policy from a name, the path of a trained one's JSON file, a mapping, or anything that has ``predict``.
+
+    - ``{"kind": name, **arguments}``: one of :data:`CONTROLLERS`. ``{"kind": "trained", "path":
+      "agents/learned/shipped/{task}.json"}``: ``{task}`` is replaced by the task's name in lower case.
+    - ``{"policy": model, "action": name}``: a model that has ``predict`` alone, and the actions that it speaks; see
+      :class:`agents.foreign.Foreign`. One that has both ``action`` and ``observation`` is a policy as it is.
+
+    Args:
+        seed: of policies that draw random numbers, where the mapping has none.
+
+    Raises:
+        ValueError: unknown name or arguments, a policy that does not serve this task, or a file that holds none for it.
+    """
+    if hasattr(policy, "predict"):
+        return policy if hasattr(policy, "action") and hasattr(policy, "observation") else Foreign(policy, info)
+    if isinstance(policy, str):
+        policy = {"kind": "trained", "path": policy} if policy.endswith(".json") else {"kind": policy}
+    if not isinstance(policy, Mapping):
+        raise checks.refuse("policy", policy, "a name, a path, a mapping with 'kind', or an object with predict()")
+    arguments = dict(policy)
+    if "policy" in arguments:
+        model = arguments.pop("policy")
+        if not hasattr(model, "predict") or not set(arguments) <= {"action"}:
+            raise checks.refuse(
+                "policy", dict(policy), "'policy', an object with predict(), and 'action', what it speaks"
+            )
+        return Foreign(model, info, **arguments)
+    kind = arguments.pop("kind", None)
+    make = CONTROLLERS.choose("policy.kind", kind)
+    if "seed" in inspect.signature(make).parameters:
+        arguments.setdefault("seed", seed)
+    try:
+        return make(info, **arguments)
+    except TypeError as error:
+        raise checks.refuse(f"policy {kind!r}", arguments, f"its own arguments ({error})") from error

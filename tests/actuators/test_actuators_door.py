@@ -1,0 +1,121 @@
+"""The door that all actuators go through: latency in periods, resets of single worlds, snapshots."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same
+from vibgym.actuators import ACTUATORS, Actuators
+
+
+class Weak(Actuators):
+    """Elements that do only a share of what they are told, a share drawn for each episode."""
+
+    draws = 1
+
+    def __init__(self, *scene, least=0.5, **base):
+        super().__init__(*scene, **base)
+        self.least, self.share = least, np.ones((self.worlds, 1))
+
+    def begin(self, worlds, uniform):
+        self.share[worlds] = self.least + (1.0 - self.least) * uniform
+
+    def realise(self, phasors):
+        phasors *= self.share[:, :, None, None]
+
+    def own_state(self):
+        return {"share": self.share}
+
+
+@pytest.fixture(autouse=True)
+def named(monkeypatch):
+    monkeypatch.setattr(ACTUATORS, "_items", {**ACTUATORS._items, "weak": Weak})
+
+
+def batch(worlds, actuators="ideal", **settings):
+    settings = {"action": "phasor", **settings}
+    return gym.make_vec("vibgym/Align-v0", num_envs=worlds, actuators=actuators, **settings).unwrapped
+
+
+def random_actions(env, steps, seed=1):
+    return np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape)).astype(np.float32)
+
+
+def test_faithful_actuators_without_latency_are_the_ideal_ones():
+    """But for rounding: what is done is written down as amplitude and phase."""
+    ideal, faithful = batch(3), batch(3, {"kind": "weak", "least": 1.0})
+    ideal.reset(seed=5), faithful.reset(seed=5)
+    for action in random_actions(ideal, 8):
+        ideal.step(action), faithful.step(action)
+        assert faithful.phasors(1) == pytest.approx(ideal.phasors(1), abs=1e-12)
+    assert faithful.truth.pose == pytest.approx(ideal.truth.pose, abs=1e-8)
+
+
+@pytest.mark.parametrize("periods, latency", [(1, 1), (1, 3), (4, 1), (4, 4), (4, 6), (3, 7)])
+def test_commands_take_effect_after_the_latency(periods, latency):
+    """Against environments of one period a step that are told what acts in each period, rest at first."""
+    slow = batch(2, {"kind": "weak", "least": 1.0, "latency": latency}, periods_per_step=periods)
+    fine = batch(2, {"kind": "weak", "least": 1.0})
+    slow.reset(seed=5), fine.reset(seed=5)
+    actions = random_actions(slow, 6)
+    for step, action in enumerate(actions):
+        slow.step(action)
+        for period in range(periods):
+            acting = (step * periods + period - latency) // periods
+            fine.step(actions[acting] if acting >= 0 else np.zeros_like(action))
+        assert (slow.truth.pose == fine.truth.pose).all(), step
+
+
+def test_a_reset_brings_the_elements_of_its_world_to_rest():
+    env = batch(2, {"kind": "weak", "latency": 2}, autoreset_mode="Disabled")
+    env.reset(seed=5)
+    action = np.ones(env.action_space.shape, dtype=np.float32)
+    for _ in range(3):
+        env.step(action)
+    assert all(np.abs(env.phasors(world)).max() > 0.1 for world in (0, 1))
+    env.reset(options={"reset_mask": np.array([True, False])})
+    env.step(action)
+    assert np.abs(env.phasors(0)).max() == 0.0 and np.abs(env.phasors(1)).max() > 0.1
+
+
+def test_a_world_alone_does_what_it_does_in_a_batch():
+    actuators = {"kind": "weak", "latency": 2}
+    many = batch(3, actuators, autoreset_mode="SameStep", max_episode_steps=5)
+    actions = random_actions(many, 12)
+    seen = [many.reset(seed=7)[0]] + [many.step(action)[0] for action in actions]
+    for world in range(3):
+        one = gym.make("vibgym/Align-v0", action="phasor", actuators=actuators, max_episode_steps=5)
+        alone = [one.reset(seed=7 + world)[0]]
+        for action in actions:
+            observation, _, terminated, truncated, _ = one.step(action[world])
+            alone.append(one.reset()[0] if terminated or truncated else observation)
+        assert_same(alone, [each[world] for each in seen])
+
+
+def test_what_actuators_remember_is_part_of_the_snapshot():
+    actuators = {"kind": "weak", "latency": 3}
+    env, other = batch(2, actuators), batch(2, actuators)
+    env.reset(seed=3)
+    actions = random_actions(env, 12)
+    for action in actions[:5]:
+        env.step(action)
+    state = copy.deepcopy(env.get_state())
+    rest = [env.step(action) for action in actions[5:]]
+    other.set_state(state)
+    assert_same([other.step(action) for action in actions[5:]], rest)
+    again = pickle.loads(pickle.dumps(env))  # a copied environment goes on alike
+    assert_same(again.step(actions[0]), env.step(actions[0]))
+
+
+@pytest.mark.parametrize("actuators, message", [
+    ({"kind": "weak", "colour": 1}, r"^actuators: got \"the setting 'colour'\"; allowed: least, latency"),
+    ({"kind": "weak", "latency": -1}, r"^actuators\.latency: got -1; allowed: "),
+    ({"kind": "ideal", "latency": 1}, r"^actuators: got .*latency.*; allowed: no settings"),
+    ("steam", r"^actuators: got 'steam'; allowed: 'ideal', 'weak'"),
+])  # fmt: skip
+def test_bad_actuators_are_refused(actuators, message):
+    with pytest.raises(ValueError, match=message):
+        batch(2, actuators)

@@ -1,0 +1,106 @@
+"""The batch environment as Stable-Baselines3 sees it."""
+
+import warnings
+
+import numpy as np
+import pytest
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from agents.learned.adapter import StableBaselinesAdapter
+from tests.envs.helpers import SMALL, batch, single
+
+WORLDS = 3
+
+
+def adapter(task="Align", worlds=WORLDS, **settings):
+    return StableBaselinesAdapter(batch(task, worlds, autoreset_mode="SameStep", **settings))
+
+
+@pytest.mark.parametrize("settings", [
+    {"action": "patch", "max_episode_steps": 7},
+    {"action": "field", "max_episode_steps": 60, "surface": SMALL},
+    {"action": "field", "max_episode_steps": 5, "observation": "image"},
+])  # fmt: skip
+def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(settings):
+    mine = adapter(**settings)
+    theirs = DummyVecEnv([lambda: Monitor(single("Align", **settings))] * WORLDS)
+    assert mine.num_envs == theirs.num_envs == WORLDS
+    assert mine.action_space == theirs.action_space and mine.observation_space == theirs.observation_space
+    mine.seed(5), theirs.seed(5)
+    assert (mine.reset() == theirs.reset()).all()
+    generator = np.random.default_rng(0)
+    push = np.zeros((WORLDS, mine.action_space.shape[0]), dtype=np.float32)
+    truncated = terminated = 0
+    for _ in range(70):
+        push += generator.uniform(-0.2, 0.2, push.shape).astype(np.float32)
+        np.clip(push, -1, 1, out=push)
+        observation, reward, done, infos = mine.step(push)
+        expected, rewards, dones, their_infos = theirs.step(push)
+        assert (observation == expected).all() and observation.dtype == expected.dtype
+        assert (reward == rewards).all() and reward.dtype == rewards.dtype == np.float32
+        assert (done == dones).all() and done.dtype == bool
+        for world in range(WORLDS):
+            if not done[world]:
+                assert infos[world] == {}
+                continue
+            got, want = infos[world], their_infos[world]
+            assert (got["terminal_observation"] == want["terminal_observation"]).all()
+            assert (got["terminal_observation"] != observation[world]).any()
+            assert got["TimeLimit.truncated"] is want["TimeLimit.truncated"]
+            assert got["is_success"] is want["is_success"]
+            assert got["episode"]["r"] == pytest.approx(want["episode"]["r"], abs=1e-6)
+            assert got["episode"]["l"] == want["episode"]["l"]
+            truncated += got["TimeLimit.truncated"]
+            terminated += not got["TimeLimit.truncated"]
+    assert truncated + terminated >= 2 * WORLDS
+    assert terminated > 0 if "surface" in settings else truncated > 0
+    mine.close(), theirs.close()
+
+
+def test_seeds_and_resets():
+    env = adapter(action="field")
+    assert env.seed(5) == [5, 6, 7]
+    first = env.reset()
+    second = env.reset()  # goes on: a seed counts once
+    env.seed(5)
+    assert (env.reset() == first).all() and (second != first).any()
+
+
+def test_a_reset_forgets_returns():
+    env = adapter(action="field", max_episode_steps=3)
+    push = np.zeros((WORLDS, 6), dtype=np.float32)
+    env.reset(), env.step(push), env.reset()
+    infos = [env.step(push)[3] for _ in range(3)]
+    assert [[bool(info) for info in each] for each in infos] == [[False] * 3, [False] * 3, [True] * 3]
+    assert {info["episode"]["l"] for info in infos[-1]} == {3}
+
+
+def test_attributes_and_methods():
+    env = adapter(action="field")
+    env.reset()
+    assert env.get_attr("num_envs") == [3, 3, 3] and env.get_attr("num_envs", [1]) == [3]
+    env.set_attr("note", "hello")
+    assert env.env.note == "hello"
+    assert env.env_is_wrapped(Monitor) == [False] * 3
+    assert len(env.env_method("render", indices=[0, 2])) == 2
+
+
+def test_other_environments_are_refused():
+    with pytest.raises(ValueError, match="^env: .*autoreset_mode"):
+        StableBaselinesAdapter(batch("Align", 2))
+    with pytest.raises(ValueError, match="^env: .*observation"):
+        StableBaselinesAdapter(batch("Align", 2, observation="goal", autoreset_mode="SameStep"))
+
+
+def test_stable_baselines_learns_and_evaluates_on_it():
+    env = adapter(action="field", max_episode_steps=5)
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=24, n_epochs=1, policy_kwargs={"net_arch": [4]}, device="cpu")
+    model.learn(48)
+    assert model.num_timesteps == 48 and len(model.ep_info_buffer) == 9
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Evaluation environment is not wrapped")
+        returns, lengths = evaluate_policy(model, env, n_eval_episodes=3, return_episode_rewards=True)
+    assert lengths == [5, 5, 5] and np.isfinite(returns).all()

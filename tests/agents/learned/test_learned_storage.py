@@ -1,0 +1,293 @@
+"""Tensors and settings on disk: what is damaged or foreign is refused by name, a kill leaves files that load."""
+
+import hashlib
+import json
+import os
+import pickle
+import struct
+import subprocess
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+from agents.learned.storage import load_set, save_set
+from agents.learned.trained import KIND as POLICY
+from agents.learned.trained import TrainedPolicy, load_trained
+from agents.registry import make_policy
+from tests.agents.helpers import info_of
+from vibgym.files import write_atomically
+
+KIND = "vibgym-test"
+FIRST = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "b": np.array([1.5]), "n": np.array(7, dtype=np.int64)}
+SECOND = {"a": -FIRST["a"]}
+
+
+def tensor_file(path):
+    (file,) = path.parent.glob("*.safetensors")
+    return file
+
+
+def test_round_trip(tmp_path):
+    path = tmp_path / "deeper" / "set.json"
+    save_set(path, KIND, FIRST, {"task": "Align", "numbers": [1, 2.5]})
+    tensors, record = load_set(path, KIND)
+    assert tensors.keys() == FIRST.keys()
+    for name, value in FIRST.items():
+        assert tensors[name].dtype == value.dtype and (tensors[name].ravel() == value.ravel()).all()
+    assert record["task"] == "Align" and record["numbers"] == [1, 2.5]
+    mask = os.umask(0)
+    os.umask(mask)
+    assert path.stat().st_mode & 0o777 == 0o666 & ~mask  # to be read like any other file
+
+
+def test_saving_again_replaces_and_leaves_no_litter(tmp_path):
+    path = tmp_path / "set.json"
+    other = tmp_path / "set-of-mine.safetensors"
+    other.write_bytes(b"mine")
+    for tensors in (FIRST, FIRST, SECOND):
+        save_set(path, KIND, tensors, {})
+    assert load_set(path, KIND)[0]["a"].tolist() == SECOND["a"].tolist()
+    assert len(list(tmp_path.iterdir())) == 3 and other.read_bytes() == b"mine"
+
+
+def test_two_sets_in_one_folder_do_not_touch_each_other(tmp_path):
+    save_set(tmp_path / "a.json", KIND, FIRST, {})
+    save_set(tmp_path / "b.json", KIND, FIRST, {})
+    save_set(tmp_path / "a.json", KIND, SECOND, {})
+    assert load_set(tmp_path / "b.json", KIND)[0]["a"].tolist() == FIRST["a"].tolist()
+
+
+def flip(path):
+    file = tensor_file(path)
+    data = bytearray(file.read_bytes())
+    data[-3] ^= 1
+    file.write_bytes(bytes(data))
+
+
+def rewritten(**changes):
+    def change(path):
+        path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+    return change
+
+
+def lacking(*names):
+    def change(path):
+        path.write_text(json.dumps({k: v for k, v in json.loads(path.read_text()).items() if k not in names}))
+
+    return change
+
+
+def pickled(path):
+    path.write_bytes(pickle.dumps({"format": KIND, "version": 1}))
+
+
+def zipped(path):
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("data.pkl", pickle.dumps(1))
+
+
+def signed_rubbish(path):
+    tensor_file(path).write_bytes(b"rubbish")
+    rewritten(sha256=hashlib.sha256(b"rubbish").hexdigest())(path)
+
+
+DAMAGE = {
+    "flipped byte": (flip, "tensors.*SHA-256"),
+    "truncated tensors": (lambda path: os.truncate(tensor_file(path), 20), "tensors.*SHA-256"),
+    "empty tensors": (lambda path: os.truncate(tensor_file(path), 0), "tensors.*SHA-256"),
+    "missing tensors": (lambda path: tensor_file(path).unlink(), "tensors.*readable file"),
+    "tensors that are none": (signed_rubbish, "tensors.*whole safetensors"),
+    "truncated json": (lambda path: os.truncate(path, 30), "not JSON"),
+    "empty json": (lambda path: os.truncate(path, 0), "not JSON"),
+    "not text": (lambda path: path.write_bytes(b"\xff\xfe\x00\x01"), "not JSON"),
+    "deep json": (lambda path: path.write_text("[" * 100_000), "not JSON"),
+    "foreign json": (lambda path: path.write_text('{"hello": 1}'), f"format '{KIND}', version 1"),
+    "list": (lambda path: path.write_text("[1, 2]"), f"format '{KIND}', version 1"),
+    "number": (lambda path: path.write_text("3"), f"format '{KIND}', version 1"),
+    "another kind": (rewritten(format="vibgym-other"), "vibgym-other"),
+    "a later version": (rewritten(version=2), "'version': 2"),
+    "pickle": (pickled, "not JSON"),
+    "zip": (zipped, "not JSON|allowed"),
+    "path traversal": (rewritten(tensors="../set.safetensors"), "tensors.*beside it"),
+    "absolute path": (rewritten(tensors="/etc/hostname.safetensors"), "tensors.*beside it"),
+    "null byte": (rewritten(tensors="a\0.safetensors"), "tensors.*beside it"),
+    "another suffix": (rewritten(tensors="set.json"), "tensors.*beside it"),
+    "tensors no name": (rewritten(tensors=["a.safetensors"]), "tensors.*beside it"),
+    "no tensors": (lacking("tensors"), "tensors.*beside it"),
+    "no hash": (lacking("sha256"), "SHA-256"),
+    "no format": (lacking("format"), f"format '{KIND}'"),
+    "missing file": (lambda path: path.unlink(), "readable"),
+}
+
+
+@pytest.mark.parametrize("damage, message", DAMAGE.values(), ids=DAMAGE)
+def test_damaged_and_foreign_files_are_refused_by_name(tmp_path, damage, message):
+    path = tmp_path / "set.json"
+    save_set(path, KIND, FIRST, {})
+    damage(path)
+    with pytest.raises(ValueError, match=message) as error:
+        load_set(path, KIND)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+class Killed(BaseException):
+    """What no `except Exception` stops."""
+
+
+@pytest.mark.parametrize("call", [1, 2])
+@pytest.mark.parametrize("moment", ["before", "after"])
+def test_a_kill_while_saving_leaves_a_set_that_loads(tmp_path, monkeypatch, call, moment):
+    path = tmp_path / "set.json"
+    save_set(path, KIND, FIRST, {"which": "first"})
+    replace, calls = os.replace, []
+
+    def dying(source, target):
+        calls.append(target)
+        if len(calls) == call and moment == "before":
+            raise Killed
+        replace(source, target)
+        if len(calls) == call:
+            raise Killed
+
+    monkeypatch.setattr(os, "replace", dying)
+    with pytest.raises(Killed):
+        save_set(path, KIND, SECOND, {"which": "second"})
+    monkeypatch.undo()
+    tensors, record = load_set(path, KIND)
+    done = (call, moment) == (2, "after")
+    assert record["which"] == ("second" if done else "first")
+    assert tensors["a"].tolist() == (SECOND if done else FIRST)["a"].tolist()
+    save_set(path, KIND, SECOND, {"which": "second"})
+    assert load_set(path, KIND)[1]["which"] == "second"
+    assert len(list(tmp_path.iterdir())) == 2  # the next save tidies up
+
+
+@pytest.mark.parametrize("fails", ["write", "fsync"])
+def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch, fails):
+    path = tmp_path / "file"
+    path.write_bytes(b"old")
+    if fails == "fsync":
+        monkeypatch.setattr(os, "fsync", lambda handle: (_ for _ in ()).throw(OSError("disk full")))
+    with pytest.raises((OSError, TypeError)):
+        write_atomically(path, b"new" if fails == "fsync" else 3)
+    assert path.read_bytes() == b"old" and list(tmp_path.iterdir()) == [path]
+
+
+# -- policies ----------------------------------------------------------------------------------------------------------
+
+
+def network(seed=0, sizes=(18, 5, 6)):
+    generator = np.random.default_rng(seed)
+    tensors = {"log_std": np.full(sizes[-1], -1.0, dtype=np.float32)}
+    for k in range(len(sizes) - 1):
+        tensors[f"layer{k}.weight"] = generator.normal(size=(sizes[k + 1], sizes[k])).astype(np.float32)
+        tensors[f"layer{k}.bias"] = generator.normal(size=sizes[k + 1]).astype(np.float32)
+    return tensors
+
+
+RECORD = {"task": "Align", "action": "field", "activation": "tanh"}
+
+
+def saved(tmp_path, tensors=None, **changes):
+    path = tmp_path / "policy.json"
+    save_set(path, POLICY, network() if tensors is None else tensors, {**RECORD, **changes})
+    return path
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+def test_a_loaded_policy_is_its_network(tmp_path, activation):
+    tensors = network()
+    policy = make_policy(str(saved(tmp_path, tensors, activation=activation)), info_of("Align"))
+    assert isinstance(policy, TrainedPolicy) and (policy.action, policy.observation) == ("field", "state")
+    seen = np.random.default_rng(1).uniform(-1, 1, (7, 18)).astype(np.float32)
+    hidden = seen @ tensors["layer0.weight"].T + tensors["layer0.bias"]
+    hidden = np.tanh(hidden) if activation == "tanh" else np.maximum(hidden, 0)
+    mean = hidden @ tensors["layer1.weight"].T + tensors["layer1.bias"]
+    action, state = policy.predict(seen, "kept")
+    assert action.shape == (7, 6) and action.dtype == np.float32 and state == "kept"
+    assert action == pytest.approx(np.clip(mean, -1, 1), abs=1e-5)
+    one, _ = policy.predict(seen[2])
+    assert one.shape == (6,) and one == pytest.approx(action[2], abs=1e-6)
+    draws = np.array([policy.predict(0 * seen[0], deterministic=False)[0] for _ in range(300)])
+    inner = np.abs(policy.predict(0 * seen[0])[0]) < 0.2
+    assert draws.dtype == np.float32 and draws.std(axis=0).max() > 0.1 and np.abs(draws).max() <= 1.0
+    assert draws.std(axis=0)[inner] == pytest.approx(np.exp(-1.0), rel=0.2)
+
+
+def without(name):
+    return {key: value for key, value in network().items() if key != name}
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"task": "Rotate"}, "task.*'Rotate'.*'Align'"), ({"task": None}, "task"),
+    ({"action": "wrench"}, "action.*wrench"), ({"action": None}, "action"), ({"action": "patch"}, "layers.*32 outputs"),
+    ({"activation": "sine"}, "activation.*sine.*'tanh', 'relu'"),
+    ({"tensors": {}}, "layers"), ({"tensors": without("log_std")}, "log_std"),
+    ({"tensors": without("layer0.bias")}, "layer0"), ({"tensors": without("layer1.weight")}, "layers"),
+    ({"tensors": network(sizes=(17, 5, 6))}, "layer0.*18"), ({"tensors": network(sizes=(18, 5, 7))}, "7 outputs"),
+    ({"tensors": {**network(), "layer1.weight": np.zeros((6, 4), np.float32)}}, "layer1.*5"),
+    ({"tensors": {**network(), "layer1.bias": np.full(6, np.nan, np.float32)}}, "tensors.*finite"),
+])  # fmt: skip
+def test_policies_that_do_not_fit_are_refused(tmp_path, changes, message):
+    path = saved(tmp_path, **changes)
+    with pytest.raises(ValueError, match=message) as error:
+        load_trained(path, info_of("Align"))
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_checkpoint_is_not_a_policy(tmp_path):
+    path = tmp_path / "checkpoint.json"
+    save_set(path, "vibgym-checkpoint", network(), RECORD)
+    with pytest.raises(ValueError, match="vibgym-checkpoint.*vibgym-policy"):
+        load_trained(path, info_of("Align"))
+
+
+def test_loading_and_acting_need_neither_torch_nor_pickle(tmp_path):
+    """Whatever lies beside it: JSON and safetensors are all that is read, in a process that cannot unpickle."""
+    path = saved(tmp_path)
+    code = f"""
+import builtins, marshal, pickle, sys
+from pathlib import Path
+import numpy as np
+import gymnasium
+import vibgym
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+info = TaskInfo.of(gymnasium.make("vibgym/Align-v0"))
+read = []
+def hook(event, arguments):
+    if event == "open" and isinstance(arguments[0], str) and str({str(tmp_path)!r}) in arguments[0]:
+        read.append(Path(arguments[0]).suffix)
+    if event in ("exec", "compile", "pickle.find_class", "marshal.loads") and ARMED:
+        raise SystemExit(f"code ran: {{event}} {{arguments}}")
+ARMED = False
+make_policy({str(path)!r}, info)  # lazy imports happen here
+read.clear()
+sys.addaudithook(hook)
+ARMED = True
+policy = make_policy({str(path)!r}, info)
+action, _ = policy.predict(np.zeros(18))
+ARMED = False
+assert action.shape == (6,), action
+assert sorted(read) == [".json", ".safetensors"], read
+assert "torch" not in sys.modules and "stable_baselines3" not in sys.modules
+"""
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("kind", ["BF16", "F8_E4M3", "XYZ"])
+def test_unknown_number_types_are_refused(tmp_path, kind):
+    """Tensors as other programs write them, with the right hash: NumPy has no such numbers."""
+    size = {"BF16": 4, "F8_E4M3": 2, "XYZ": 2}[kind]
+    header = json.dumps({"x": {"dtype": kind, "shape": [2], "data_offsets": [0, size]}}).encode()
+    header += b" " * (-len(header) % 8)
+    data = struct.pack("<Q", len(header)) + header + bytes(size)
+    path = saved(tmp_path)
+    tensor_file(path).write_bytes(data)
+    rewritten(sha256=hashlib.sha256(data).hexdigest())(path)
+    with pytest.raises(ValueError, match=f"{path}: tensors.*whole safetensors"):
+        load_trained(path, info_of("Align"))

@@ -1,0 +1,79 @@
+"""The layout table against the observations that it describes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import batch, single
+from vibgym.envs import VibgymEnv
+from vibgym.envs.layout import FEATURES, Layout
+
+CASES = [
+    ("Rotate", {}), ("Align", {}), ("Transport", {}), ("Sort", {"slots": 8}), ("Singulate", {"randomize": {"parts": [2, 6]}})
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("task, settings", CASES)
+def test_every_number_is_named_once(task, settings):
+    for env in (single(task, **settings), batch(task, 2, **settings)):
+        rows = env.unwrapped.observation_layout
+        size = getattr(env, "single_observation_space", env.observation_space).shape[0]
+        assert sum(row.width for row in rows) == size
+        assert [row.start for row in rows] == np.cumsum([0, *(row.width for row in rows)])[:-1].tolist()
+        for row in rows:
+            assert row.name and row.unit and row.meaning and len(row.scale) == row.width
+            assert row.range in ((-1.0, 1.0), (0.0, 1.0))
+        parts = {row.part for row in rows}
+        assert parts - {None} == set(range(len(env.unwrapped.parts)))
+
+
+@pytest.mark.parametrize("task, settings", CASES)
+def test_quantities_come_back_in_si_units(task, settings):
+    env = batch(task, 30, action="field", **settings)
+    env.reset(seed=1)
+    env.action_space.seed(1)
+    action = env.action_space.sample()
+    for _ in range(3):
+        seen, *_ = env.step(action)
+    truth, layout = env.truth, Layout(env.surface, env.parts, env.task.FEATURES, env.task.slots)
+    assert layout.rows == env.observation_layout
+    there = truth.present
+
+    def same(name, expected, tolerance):
+        got = layout.quantity(seen, name)
+        assert got[there] == pytest.approx(expected[there], abs=tolerance)
+
+    same("position", truth.pose[..., :2], 1e-7)
+    same("velocity", truth.mean_velocity[..., :2], 1e-6)
+    same("spin", np.clip(truth.mean_velocity[..., 2:], -10, 10), 1e-5)
+    symmetry = np.array([part.symmetry for part in env.parts])
+    turned = layout.quantity(seen, "heading")[..., 0] - truth.pose[..., 2]
+    assert np.sin(0.5 * symmetry * turned)[there] == pytest.approx(0.0, abs=1e-6)
+    same("way", truth.error[..., :2], 1e-6)
+    if "turn" in layout:
+        same("turn", truth.error[..., 2:], 1e-5)
+    if "gap" in layout:
+        near = there & (truth.gap < 0.1)
+        assert layout.quantity(seen, "gap")[near][:, 0] == pytest.approx(truth.gap[near], abs=1e-4)
+        assert (layout.numbers(seen, "present")[..., 0] == there).all()
+    low, high = (np.concatenate([np.full(row.width, row.range[k]) for row in layout.rows]) for k in range(2))
+    assert (seen >= low).all() and (seen <= high).all()
+
+
+def test_the_documentation_has_the_table():
+    text = VibgymEnv.__doc__ or ""
+    for feature in FEATURES:
+        assert f"| {feature.name} | {feature.meaning} | {feature.unit} |" in text
+    assert "{" not in text.replace('{"parts"', "")
+    assert text.count("| 0, 1 | element |") == 1 and text.count("| 18, 19 | neighbour |") == 1
+
+
+def test_scales_are_the_documented_ones():
+    rows = {row.name: row for row in single("Rotate").unwrapped.observation_layout}
+    assert rows["element"].scale == pytest.approx((0.013, 0.013))
+    assert rows["position"].scale == pytest.approx((0.416, 0.104))
+    assert rows["way"].scale == pytest.approx((0.832, 0.832))
+    assert rows["way_coarse"].scale == (0.05, 0.05) and rows["way_fine"].scale == (0.005, 0.005)
+    assert rows["turn"].scale == pytest.approx((2 * math.pi,)) and rows["turn_fine"].scale == (0.05,)
+    assert rows["velocity"].scale == pytest.approx((2.7e-3 * 2 * math.pi * 25,) * 2)

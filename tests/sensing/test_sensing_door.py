@@ -1,0 +1,157 @@
+"""The door that every sensor goes through: delay in periods, resets of single worlds, snapshots, and who gets to know what."""
+
+import copy
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same
+from vibgym.sensing import SENSORS, Sensor
+from vibgym.tasks import PoseTask
+
+
+class Shifted(Sensor):
+    """Sees all parts shifted along x by a distance drawn for each episode."""
+
+    draws = 1
+
+    def __init__(self, *scene, most=0.010, **base):
+        super().__init__(*scene, **base)
+        self.most, self.shift = most, np.zeros((self.worlds, 1))
+
+    def begin(self, worlds, uniform):
+        self.shift[worlds] = self.most * uniform
+
+    def measure(self, state, measurement):
+        measurement.pose[...] = state.pose
+        measurement.pose[..., 0] += self.shift
+        measurement.mean_velocity[...] = state.mean_velocity
+        measurement.gone[...] = state.fallen
+
+    def own_state(self):
+        return {"shift": self.shift}
+
+
+@pytest.fixture(autouse=True)
+def named(monkeypatch):
+    monkeypatch.setattr(SENSORS, "_items", {**SENSORS._items, "shifted": Shifted})
+
+
+def batch(worlds, task="Align", sensor="ideal", **settings):
+    return gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action="patch", sensor=sensor, **settings).unwrapped
+
+
+def driven(env, seed=3, steps=12):
+    """Observations under random patches, which are aimed by the measurement."""
+    random = np.random.default_rng(1)
+    seen = [env.reset(seed=seed)[0]]
+    truth = [env.truth.pose]
+    for _ in range(steps):
+        seen.append(env.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))[0])
+        truth.append(env.truth.pose)
+    return seen, truth
+
+
+@pytest.mark.parametrize("periods, delay", [(1, 1), (1, 3), (4, 1), (4, 4), (4, 6), (3, 7)])
+def test_a_delayed_sensor_says_what_was_true_then(periods, delay):
+    """Against environments of one period a step, driven alike."""
+    settings = {"sensor": {"kind": "shifted", "most": 0.0}, "model": "planar"}
+    slow = gym.make_vec("vibgym/Align-v0", num_envs=3, action="element", periods_per_step=periods,
+                        **{**settings, "sensor": {**settings["sensor"], "delay": delay}}).unwrapped  # fmt: skip
+    fine = gym.make_vec("vibgym/Align-v0", num_envs=3, action="element").unwrapped
+    slow.reset(seed=5), fine.reset(seed=5)
+    random, true = np.random.default_rng(2), [fine.truth.pose]
+    for step in range(1, 7):
+        action = random.uniform(-1, 1, slow.action_space.shape).astype(np.float32)
+        slow.step(action)
+        for _ in range(periods):
+            fine.step(action)
+            true.append(fine.truth.pose)
+        assert (slow.truth.pose == true[-1]).all()
+        expected = true[max(step * periods - delay, 0)]
+        if step * periods <= delay:  # not yet due: what it saw at the reset
+            expected = true[0]
+        assert (slow.core.sensor.measurement.pose == expected).all(), step
+
+
+def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth():
+    ideal, shifted = batch(4, observation="goal"), batch(4, sensor={"kind": "shifted"}, observation="goal")
+    ideal.reset(seed=3), shifted.reset(seed=3)
+    shift = shifted.core.sensor.shift
+    assert (shift > 1e-4).all() and (ideal.truth.pose == shifted.truth.pose).all()  # the start is drawn as ever
+    seen = shifted.step(np.zeros(shifted.action_space.shape, dtype=np.float32))
+    true = ideal.step(np.zeros(ideal.action_space.shape, dtype=np.float32))
+    moved = seen[0]["achieved_goal"] - true[0]["achieved_goal"]
+    assert moved[:, :1] == pytest.approx(shift, abs=1e-6) and (moved[:, 1:] == 0).all()
+    for k in (1, 2, 3):
+        assert_same(seen[k], true[k])
+    assert_same(seen[4]["position_error"], true[4]["position_error"])
+    # A learner computes rewards of what it saw; the step's is of the truth.
+    goal = true[0]["achieved_goal"]
+    assert (shifted.compute_reward(goal, goal, None) == 0.0).all()
+    assert (
+        shifted.compute_reward(seen[0]["achieved_goal"], goal, None)[shift[:, 0] > PoseTask.position_tolerance] <= 0
+    ).all()
+    far, near = batch(1, sensor={"kind": "shifted", "most": 2.5}), batch(1)
+    for env in (far, near):
+        env.reset(seed=11, options={"pose": [0.3, 0.1, 0.0]})
+        env.step(np.ones(env.action_space.shape, dtype=np.float32))
+    columns = [np.flatnonzero(np.hypot(*env.phasors(0)[4].T)) for env in (far, near)]
+    assert columns[0].min() > columns[1].max()  # the patch is where the part is believed to be
+
+
+def test_distances_between_parts_are_the_measured_ones():
+    ideal, shifted = batch(3, "Sort"), batch(3, "Sort", sensor={"kind": "shifted", "most": 1e-9})
+    assert driven(ideal)[0][-1] == pytest.approx(driven(shifted)[0][-1], abs=1e-5)
+
+
+def test_a_world_alone_sees_what_it_sees_in_a_batch():
+    sensor = {"kind": "shifted", "delay": 2}
+    many = batch(3, sensor=sensor, autoreset_mode="SameStep", max_episode_steps=5)
+    random = np.random.default_rng(1)
+    actions = random.uniform(-1, 1, (12, *many.action_space.shape)).astype(np.float32)
+    seen = [many.reset(seed=7)[0]] + [many.step(action)[0] for action in actions]
+    for world in range(3):
+        one = gym.make("vibgym/Align-v0", action="patch", sensor=sensor, max_episode_steps=5)
+        alone = [one.reset(seed=7 + world)[0]]
+        for action in actions:
+            observation, _, terminated, truncated, _ = one.step(action[world])
+            alone.append(one.reset()[0] if terminated or truncated else observation)
+        assert_same(alone, [each[world] for each in seen])
+
+
+def test_what_a_sensor_remembers_is_part_of_the_snapshot():
+    sensor = {"kind": "shifted", "delay": 3}
+    env, other = batch(2, sensor=sensor), batch(2, sensor=sensor)
+    driven(env, steps=5)
+    state = copy.deepcopy(env.get_state())
+    action = np.ones(env.action_space.shape, dtype=np.float32)
+    rest = [env.step(action) for _ in range(6)]
+    other.set_state(state)
+    assert_same([other.step(action) for _ in range(6)], rest)
+
+
+@pytest.mark.parametrize("sensor, message", [
+    ({"kind": "shifted", "colour": 1}, r"^sensor: got \"the setting 'colour'\"; allowed: most, delay"),
+    ({"kind": "shifted", "delay": -1}, r"^sensor\.delay: got -1; allowed: "),
+    ({"kind": "shifted", "delay": 0.5}, r"^sensor\.delay: got 0\.5; allowed: "),
+    ({"kind": "ideal", "delay": 1}, r"^sensor: got .*delay.*; allowed: no settings"),
+    ({"kind": "nose"}, r"^sensor\['kind'\]: got 'nose'; allowed: 'ideal', 'shifted'"),
+    ({"delay": 1}, r"^sensor: got .*; allowed: a mapping with 'kind'"),
+    ("nose", r"^sensor: got 'nose'; allowed: 'ideal', 'shifted'"),
+    (3, r"^sensor: got 3; allowed: "),
+])  # fmt: skip
+def test_bad_sensors_are_refused(sensor, message):
+    with pytest.raises(ValueError, match=message):
+        batch(2, sensor=sensor)
+
+
+def test_names_that_exist_are_refused():
+    with pytest.raises(ValueError, match="^sensor name: got 'ideal'; allowed: one that is not taken"):
+        SENSORS.register("ideal", Shifted)
+    with pytest.raises(ValueError, match="^sensor name: got 'two words'; allowed: a word"):
+        SENSORS.register("two words", Shifted)
+    with pytest.raises(ValueError, match="^sensor: got 3; allowed: a class"):
+        SENSORS.register("three", 3)
+    assert "three" not in SENSORS

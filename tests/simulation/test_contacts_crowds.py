@@ -1,0 +1,372 @@
+"""Many parts in a world: bits that do not depend on who else is there, states, walls, rest and push on the vibrating table."""
+
+import copy
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from vibgym import Part, Simulator, Surface
+from vibgym.fields import radial, uniform
+from vibgym.scene.hulls import WALLS, gaps_between
+from vibgym.simulation.threads import available_threads
+
+SURFACE = Surface()
+STEEL = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel")
+ALUMINIUM = Part.rectangle(0.05, 0.035, friction=0.58, height=0.02, mass=0.0945, name="aluminium")
+DISC = Part.disc(0.02, friction=0.6, name="disc")
+L_SHAPE = Part.polygon(
+    np.array([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)]) * 1e-3, friction=0.6, name="L"
+)
+SMALL = Part.disc(0.005, friction=0.6, name="small")
+MIXED = [STEEL, ALUMINIUM, DISC, L_SHAPE]
+CORNER = uniform(math.radians(225)).drive(SURFACE)
+
+
+def random_fields(worlds, seed=0):
+    rng = np.random.default_rng(seed)
+    shape = (worlds, SURFACE.rows, SURFACE.columns)
+    return rng.uniform(0.0, SURFACE.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
+
+
+def snapshot(simulator, worlds=slice(None)):
+    state = simulator.get_state()
+    return {name: np.asarray(value)[worlds] for name, value in state.items() if name != "periods"}
+
+
+def same(one, other):
+    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
+
+
+def grid(parts):
+    """Poses of up to 33 parts, none in touch with another or a wall."""
+    columns = math.ceil(len(parts) / 3)
+    k = np.arange(len(parts))
+    return np.column_stack([0.05 + (k % columns) * 0.072, 0.035 + (k // columns) * 0.068, np.zeros(len(parts))])
+
+
+def pushed(parts, worlds=1, periods=0, **keywords):
+    """Parts next to one another under random fields: most worlds have contacts soon."""
+    simulator = Simulator(SURFACE, parts, worlds=worlds, **keywords)
+    rng = np.random.default_rng(4)
+    pose = np.tile(grid(parts), (worlds, 1, 1))
+    pose[..., 2] += rng.choice([0.0, math.pi], (worlds, len(parts)))
+    simulator.reset(pose, rng.uniform(-1, 1, pose.shape) * [0.1, 0.1, 1.0])
+    if periods:
+        simulator.advance(*random_fields(worlds), periods)
+    return simulator
+
+
+# -- the bits of one part alone ----------------------------------------------------------------------------------------
+
+
+def test_parts_far_apart_are_alone():
+    """Kinds of different step counts among them: every part goes as in a world of its own, bit for bit."""
+    parts = [STEEL, SMALL, L_SHAPE, ALUMINIUM, SMALL, DISC]
+    rng, worlds = np.random.default_rng(1), 24
+    pose = np.zeros((worlds, 6, 3))
+    pose[..., 0] = np.linspace(0.08, 0.75, 6) + rng.uniform(-0.003, 0.003, (worlds, 6))
+    pose[..., 1], pose[..., 2] = rng.uniform(0.08, 0.12, (worlds, 6)), rng.uniform(-3, 3, (worlds, 6))
+    velocity = rng.uniform(-1, 1, pose.shape) * [0.05, 0.05, 5.0]
+    fields = random_fields(worlds)
+    together = Simulator(SURFACE, parts, worlds=worlds)
+    together.reset(pose, velocity)
+    together.advance(*fields, 3)
+    assert together.statistics == {"free": 3 * worlds, "near": 0, "contact": 0, "contact_steps": 0}
+    for k, part in enumerate(parts):
+        alone = Simulator(SURFACE, part, worlds=worlds)
+        alone.reset(pose[:, k : k + 1], velocity[:, k : k + 1])
+        alone.advance(*fields, 3)
+        for name in ("pose", "velocity", "mean_velocity", "fallen", "sticking"):
+            assert (getattr(alone, name)[:, 0] == getattr(together, name)[:, k]).all(), (k, name)
+
+
+def test_parts_that_pass_one_another_are_alone():
+    """Near enough to be looked at, never in touch: still the bits of one part alone."""
+    parts = [STEEL, STEEL, SMALL]
+    pose = np.array([[0.3, 0.1, 0.0], [0.3, 0.143, 0.0], [0.348, 0.1, 0.0]])
+    velocity = np.array([[0.1, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    fields = uniform(0.0).drive(SURFACE)
+    together = Simulator(SURFACE, parts)
+    together.reset(pose, velocity)
+    together.advance(*fields, 4)
+    assert together.statistics["near"] >= 2 and together.statistics["contact"] == 0
+    for k, part in enumerate(parts):
+        alone = Simulator(SURFACE, part)
+        alone.reset(pose[k], velocity[k])
+        alone.advance(*fields, 4)
+        assert (alone.pose[:, 0] == together.pose[:, k]).all() and (
+            alone.velocity[:, 0] == together.velocity[:, k]
+        ).all()
+
+
+def test_walls_far_away_change_nothing():
+    plain, walled = Simulator(SURFACE, STEEL, worlds=4), Simulator(SURFACE, STEEL, worlds=4, walls=WALLS)
+    for simulator in (plain, walled):
+        simulator.reset([0.4, 0.1, 0.3], [0.1, 0.0, 4.0])
+        simulator.advance(*random_fields(4), 5)
+    assert same(snapshot(plain), snapshot(walled))
+
+
+# -- bits do not depend on the company ---------------------------------------------------------------------------------
+
+WORLDS = 64
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """64 worlds of mixed parts after 6 periods with contacts."""
+    simulator = pushed(MIXED * 2, WORLDS, 6, walls=["left", "bottom"], threads=1)
+    counts = simulator.statistics
+    assert counts["contact"] > 3 * WORLDS and counts["contact"] < 6 * WORLDS
+    return snapshot(simulator)
+
+
+def again(index, threads=1):
+    """The worlds ``index`` of the crowd, in that order, in a simulator of their own."""
+    index = np.asarray(index)
+    whole = pushed(MIXED * 2, WORLDS, walls=["left", "bottom"])
+    amplitude, phase = random_fields(WORLDS)
+    simulator = Simulator(SURFACE, MIXED * 2, worlds=len(index), walls=["left", "bottom"], threads=threads)
+    simulator.reset(whole.pose[index], whole.velocity[index])
+    simulator.advance(amplitude[index], phase[index], 6)
+    return snapshot(simulator)
+
+
+@pytest.mark.parametrize("world", [0, 1, 17, 63])
+def test_one_world_alone(crowd, world):
+    assert same(again([world]), {name: value[[world]] for name, value in crowd.items()})
+
+
+def test_order_of_worlds(crowd):
+    order = np.random.default_rng(5).permutation(WORLDS)
+    assert same(again(order), {name: value[order] for name, value in crowd.items()})
+
+
+def test_same_world_many_times(crowd):
+    index = np.full(20, 7)
+    assert same(again(index), {name: value[index] for name, value in crowd.items()})
+
+
+@pytest.mark.parametrize("threads", [2, 4])
+def test_threads(crowd, threads):
+    assert available_threads() >= 1
+    assert same(again(range(WORLDS), threads), crowd)
+
+
+def test_contacts_elsewhere(crowd):
+    """A world between others that have no contacts at all."""
+    whole = pushed(MIXED * 2, WORLDS, walls=["left", "bottom"])
+    amplitude, phase = random_fields(WORLDS)
+    pose, velocity = np.array(whole.pose[:5]), np.array(whole.velocity[:5])
+    amplitude, phase = amplitude[:5].copy(), phase[:5].copy()
+    for world in (0, 1, 3, 4):
+        pose[world, :, 0] += 0.2 * np.arange(8) / 8.0
+        velocity[world] = 0.0
+        amplitude[world] = 0.0
+    simulator = Simulator(SURFACE, MIXED * 2, worlds=5, walls=["left", "bottom"])
+    simulator.reset(pose, velocity)
+    simulator.advance(amplitude, phase, 6)
+    assert same(snapshot(simulator, [2]), {name: value[[2]] for name, value in crowd.items()})
+
+
+def test_periods_one_by_one():
+    at_once, one_by_one = pushed(MIXED * 2, 16), pushed(MIXED * 2, 16)
+    fields = random_fields(16)
+    at_once.advance(*fields, 5)
+    for _ in range(5):
+        one_by_one.advance(*fields)
+    assert same(snapshot(at_once), snapshot(one_by_one))
+    assert at_once.statistics == one_by_one.statistics and at_once.statistics["contact"] > 0
+
+
+def test_statistics_add_up():
+    simulator = pushed(MIXED * 2, 9, 7, threads=2)
+    counts = simulator.statistics
+    assert counts["free"] + counts["near"] + counts["contact"] == 9 * 7
+    assert counts["contact_steps"] > 0
+    simulator.reset(np.tile(grid(MIXED * 2), (9, 1, 1)))
+    assert set(simulator.statistics.values()) == {0}
+    alone = Simulator(SURFACE, STEEL, worlds=3)
+    alone.advance(0.0, 0.0, 4)
+    assert alone.statistics == {"free": 12, "near": 0, "contact": 0, "contact_steps": 0}
+
+
+# -- states ------------------------------------------------------------------------------------------------------------
+
+
+def heap(count=12, periods=40):
+    """A simulator whose parts lie in the corner against one another."""
+    parts = [MIXED[k % 4] for k in range(count)]
+    simulator = Simulator(SURFACE, parts, walls=WALLS)
+    simulator.reset(grid(parts))
+    simulator.advance(*CORNER, periods)
+    return simulator
+
+
+def test_states_in_the_middle_of_a_pile():
+    """Restored into itself, into a fresh simulator, into one that has done other things, into copies: the same bits."""
+    original = heap()
+    touching = gaps_between(original.parts, original.pose)[0] < 1e-4
+    assert touching.sum() >= 2 * 6
+    state = original.get_state()
+    copies = {"deepcopy": copy.deepcopy(original), "pickle": pickle.loads(pickle.dumps(original))}
+    original.advance(*CORNER, 8)
+    after = snapshot(original)
+    copies["fresh"] = Simulator(SURFACE, original.parts, walls=WALLS)
+    copies["used"] = heap(periods=3)
+    copies["itself"] = original
+    for name in ("fresh", "used", "itself"):
+        copies[name].set_state(state)
+    for name, each in copies.items():
+        assert each.time == pytest.approx(40 / 25.0)
+        each.advance(*CORNER, 8)
+        assert same(snapshot(each), after), name
+
+
+def test_copies_are_on_their_own():
+    original = heap(6, 10)
+    before = snapshot(original)
+    twin = copy.deepcopy(original)
+    twin.advance(*CORNER, 5)
+    assert same(snapshot(original), before) and not same(snapshot(twin), before)
+    assert original.statistics["contact"] + 5 == twin.statistics["contact"]
+
+
+# -- falling, and walls ------------------------------------------------------------------------------------------------
+
+
+def test_a_part_that_has_fallen_is_not_there():
+    """The others go on as if it were far away, through where it lies, bit for bit."""
+    fields = uniform(math.pi).drive(SURFACE)
+    pose = np.array([[0.7, 0.1, 0.0], [0.08, 0.1, 0.1], [0.15, 0.1, 0.0]])
+    far, fell = (Simulator(SURFACE, [STEEL, DISC, STEEL]) for _ in range(2))
+    far.reset(pose)
+    state = far.get_state()
+    state["pose"][0, 0], state["fallen"][0, 0] = [0.02, 0.1, 0.0], True
+    fell.set_state(state)
+    for _ in range(30):
+        for simulator in (far, fell):
+            simulator.advance(*fields)
+        assert (fell.pose[0, 0] == [0.02, 0.1, 0.0]).all() and (fell.velocity[0, 0] == 0.0).all()
+        for name in ("pose", "velocity", "fallen", "sticking"):
+            assert (getattr(fell, name)[:, 1:] == getattr(far, name)[:, 1:]).all()
+    assert fell.statistics == far.statistics and fell.statistics["contact"] > 0  # the two have met
+    assert fell.fallen[0, 1] and not far.fallen[0, 0]  # over the border, past where the first one lies
+
+
+def test_parts_fall_one_after_the_other():
+    """What is over the border at once does not hold up those behind it, which follow."""
+    simulator = Simulator(SURFACE, [STEEL, DISC, ALUMINIUM])
+    simulator.reset([[0.03, 0.1, 0.0], [0.1, 0.1, 0.0], [0.17, 0.1, 0.0]])
+    fields, order = uniform(math.pi).drive(SURFACE), []
+    for _ in range(80):
+        simulator.advance(*fields)
+        order += [k for k in np.flatnonzero(simulator.fallen[0]) if k not in order]
+        assert (simulator.velocity[0, order] == 0.0).all()
+    assert order == [0, 1, 2]
+
+
+@pytest.mark.parametrize("direction", [0.0, 90.0, 180.0, 270.0, 45.0])
+def test_walls_hold_parts(direction):
+    """Full push towards every wall for two seconds: nothing falls and nothing is in a wall."""
+    simulator = Simulator(SURFACE, MIXED, walls=WALLS)
+    simulator.reset([[0.2, 0.05, 0.3], [0.4, 0.1, 0.2], [0.6, 0.15, 0.0], [0.7, 0.06, 2.0]])
+    fields = uniform(math.radians(direction)).drive(SURFACE)
+    for _ in range(10):
+        simulator.advance(*fields, 5)
+        assert not simulator.fallen.any() and not simulator.diverged.any()
+        assert deepest(simulator) > -0.3e-3
+    # Without that wall they do fall.
+    way = {0.0: "right", 90.0: "top", 180.0: "left", 270.0: "bottom", 45.0: "right"}[direction]
+    others = [wall for wall in WALLS if wall != way]
+    open_side = Simulator(SURFACE, MIXED, walls=others)
+    open_side.reset([[0.2, 0.05, 0.3], [0.4, 0.1, 0.2], [0.6, 0.15, 0.0], [0.7, 0.06, 2.0]])
+    open_side.advance(*fields, 60)
+    assert open_side.fallen.any()
+
+
+# -- rest and push on the vibrating table ------------------------------------------------------------------------------
+
+
+def in_walls(simulator):
+    """Gap to the nearest wall, m, of all parts (parts,)."""
+    gaps = np.full(len(simulator.parts), math.inf)
+    for k, part in enumerate(simulator.parts):
+        x, y, turn = simulator.pose[0, k]
+        if part.symmetry == 0:
+            r = math.sqrt(part.area / math.pi)
+            low, high = np.array([x - r, y - r]), np.array([x + r, y + r])
+        else:
+            c, s = math.cos(turn), math.sin(turn)
+            corners = part.outline @ np.array([[c, s], [-s, c]]) + [x, y]
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        table = np.array([SURFACE.width, SURFACE.height])
+        for name, gap in zip(("left", "bottom", "right", "top"), (*low, *(table - high))):
+            if name in simulator.walls:
+                gaps[k] = min(gaps[k], gap)
+    return gaps
+
+
+def deepest(simulator):
+    """Smallest gap between any two parts, or a part and a wall, m."""
+    between = gaps_between(simulator.parts, simulator.pose) if len(simulator.parts) > 1 else np.array(math.inf)
+    return min(between.min(), in_walls(simulator).min())
+
+
+@pytest.mark.parametrize("count", [6, 12])
+def test_push_into_a_corner(count):
+    """The hardest push there is: parts overlap by less than 0.3 mm at any period's end, and by 0.1 mm where they rest."""
+    parts = [(STEEL, ALUMINIUM)[k % 2] for k in range(count)]
+    simulator = Simulator(SURFACE, parts, walls=WALLS)
+    simulator.reset(grid(parts))
+    begun = simulator.pose
+    for period in range(120):
+        simulator.advance(*CORNER)
+        assert deepest(simulator) > (-0.3e-3 if period < 100 else -0.1e-3)
+    assert not simulator.fallen.any() and not simulator.diverged.any()
+    assert np.hypot(*(simulator.pose - begun)[0, :, :2].T).max() > 0.02
+    assert in_walls(simulator).min() < 1e-3  # they have arrived
+
+
+@pytest.mark.parametrize("kind", ["mixed", "blocks"])
+def test_push_from_all_sides(kind):
+    parts = [MIXED[k % 4] for k in range(8)] if kind == "mixed" else [STEEL, ALUMINIUM] * 4
+    simulator = Simulator(SURFACE, parts)
+    simulator.reset(grid(parts) + [0.25, 0.0, 0.0])
+    fields = radial(0.35, 0.1).drive(SURFACE)
+    for _ in range(80):
+        simulator.advance(*fields)
+        assert deepest(simulator) > -0.3e-3
+    assert not simulator.fallen.any()
+    assert np.hypot(*(simulator.pose[0, :, :2] - [0.35, 0.1]).T).max() < 0.12
+
+
+def test_rest_against_one_another():
+    """Blocks laid in rows with no gap on a table that idles go round as one: no push, no creep, no turn."""
+    simulator, alone = Simulator(SURFACE, [STEEL] * 6), Simulator(SURFACE, STEEL)
+    pose = np.array([[0.3 + 0.05 * (k % 3), 0.08 + 0.04 * (k // 3), 0.0] for k in range(6)])
+    simulator.reset(pose)
+    alone.reset(pose[0])
+    for _ in range(60):
+        simulator.advance(0.0, 0.0)
+        alone.advance(0.0, 0.0)
+        moved = simulator.pose[0] - pose
+        assert np.abs(moved - moved[0]).max() < 1e-12 and np.abs(moved[:, 2]).max() < 1e-12
+        # The steps are those of contacts, not those of a part alone.
+        assert np.abs(moved[0] - (alone.pose[0, 0] - pose[0])).max() < 1e-5
+    assert simulator.statistics["contact"] == 60
+
+
+def test_a_pile_in_a_corner():
+    """30 parts of four kinds, 12 s of full push. The long run is ``python -m benchmarks.pile``."""
+    parts = [MIXED[k % 4] for k in range(30)]
+    simulator = Simulator(SURFACE, parts, walls=WALLS)
+    simulator.reset(grid(parts))
+    for _ in range(60):
+        simulator.advance(*CORNER, 5)
+        assert deepest(simulator) > -0.3e-3
+        assert not simulator.fallen.any() and not simulator.diverged.any()
+        assert np.hypot(*simulator.velocity[0, :, :2].T).max() < 2.0 * SURFACE.table_speed
+    assert simulator.statistics["contact"] > 250

@@ -1,0 +1,59 @@
+"""The step sizes that are chosen when none are given."""
+
+import math
+
+import pytest
+
+from vibgym import Part, Simulator, Surface
+from vibgym.scene.parts import SHIPPED, shipped_part
+from vibgym.simulation.schemes import planar_scheme
+
+SURFACE = Surface()
+
+
+def scheme(part, **given):
+    chosen = planar_scheme(SURFACE, part, **given)
+    return chosen.steps, chosen.substeps
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_blocks_are_cut_five_times(name):
+    assert scheme(shipped_part(name)) == (5, 4)
+
+
+def test_small_parts_are_cut_more_often():
+    # The radius of gyration of a disc is r / sqrt(2); the table's speed makes 2 pi a_h = 17 mm in a period.
+    limit = 2.0 * math.pi * SURFACE.horizontal_amplitude * math.sqrt(2.0)
+    assert scheme(Part.disc(0.999 * limit, friction=0.5)) == (9, 2)
+    assert scheme(Part.disc(1.001 * limit, friction=0.5)) == (5, 4)
+
+
+@pytest.mark.parametrize("steps", [4, 5, 6, 17, 18, 40])
+def test_at_least_eighteen_runge_kutta_steps(steps):
+    got, substeps = scheme(shipped_part("steel_block"), steps=steps)
+    assert got == steps and steps * substeps >= 18 and steps * (substeps - 1) < 18
+
+
+@pytest.mark.parametrize("name", ["steps", "substeps"])
+@pytest.mark.parametrize("value", [0, -1, 2.0, "many", None, True])
+def test_bad_step_counts_are_refused_by_name(name, value):
+    with pytest.raises(ValueError, match=rf"^{name}.*allowed: a whole number >= 1"):
+        Simulator(SURFACE, shipped_part("steel_block"), **{name: value})
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_too_few_cuts_are_refused(steps):
+    """They would err by millimetres in a second, and nothing would show it (see the hard cases)."""
+    with pytest.raises(ValueError, match=rf"^steps: got {steps}; allowed: a whole number >= 4 on several elements"):
+        Simulator(SURFACE, shipped_part("steel_block"), steps=steps, substeps=20)
+    one, still = Surface(rows=1, columns=1, element_size=1.0), Surface(horizontal_amplitude=0.0)
+    assert Simulator(one, shipped_part("steel_block"), steps=steps, substeps=20).choice.model == "planar"
+    assert (
+        Simulator(still, shipped_part("steel_block"), steps=steps, substeps=1).choice.model == "planar"
+    )  # only a clock
+
+
+def test_too_few_substeps_are_refused():
+    one = Surface(rows=1, columns=1, element_size=1.0)
+    with pytest.raises(ValueError, match="^substeps: got 3; allowed: a whole number >= 4 with steps=1"):
+        Simulator(one, shipped_part("steel_block"), steps=1, substeps=3)

@@ -1,0 +1,47 @@
+"""What the task tests share."""
+
+from typing import Any
+
+import numpy as np
+
+from vibgym.physics.core.records import State
+from vibgym.tasks.base import Start
+from vibgym.tasks.scoring import Scoring
+
+
+class Judge:
+    """A task's scoring on states that the test makes up."""
+
+    def __init__(self, task: Any, worlds: int, periods: int = 1) -> None:
+        shape = (worlds, len(task.parts))
+        off = np.zeros(shape, dtype=bool)
+        self.state = State(
+            pose=np.zeros((*shape, 3)),
+            velocity=np.full((*shape, 3), np.nan),  # scores look at the mean only
+            mean_velocity=np.zeros((*shape, 3)),
+            fallen=off.copy(),
+            sticking=off.copy(),
+            doubtful=off.copy(),
+            diverged=np.zeros(worlds, dtype=bool),
+        )
+        self.scoring = Scoring(task, self.state, periods)
+        self.episode, self.relations = self.scoring.episode, self.scoring.relations
+
+    def begin(self, start: Start, worlds: Any = None) -> None:
+        """Put the parts of some worlds down at a start, one row a world, and begin their episodes."""
+        worlds = np.arange(len(self.state.pose)) if worlds is None else np.asarray(worlds)
+        self.state.pose[worlds], self.state.fallen[worlds] = start.pose, ~start.present
+        self.scoring.begin(worlds, start)
+
+    def score(self, pose: Any, mean_velocity: Any = 0.0, fallen: Any = False, diverged: Any = False) -> None:
+        """Score a step that ends in this state."""
+        self.state.pose[...], self.state.mean_velocity[...] = pose, mean_velocity
+        self.state.fallen[...], self.state.diverged[...] = fallen, diverged
+        self.scoring.score()
+
+
+def assert_only(judge: Judge, world: int, before: int) -> None:
+    """All worlds but one still have the value that every number had before."""
+    others = np.arange(len(judge.state.pose)) != world
+    for values in (*judge.episode, *judge.relations):
+        assert (values[others] == np.array(before).astype(values.dtype)).all()

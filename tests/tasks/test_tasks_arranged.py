@@ -1,0 +1,204 @@
+"""Scoring of zones and distances against a plain reference."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.tasks.helpers import Judge, assert_only
+from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
+from vibgym.tasks import TASKS, Singulate, Sort
+
+ARRANGED = {"Sort": Sort, "Singulate": Singulate}
+
+RULE = math.sqrt(2) * 0.026
+FAR = math.hypot(0.832, 0.208)
+
+
+class Reference:
+    """One world, written from the environment's documentation."""
+
+    def __init__(self, task, parts, present, pose):
+        self.task, self.parts, self.present, self.held = task, parts, present, 0
+        self.look(pose, np.zeros((len(parts), 3)), np.zeros(len(parts), dtype=bool))
+
+    def look(self, pose, mean_velocity, fallen):
+        parts = range(len(self.parts))
+        there = [k for k in parts if self.present[k]]
+        lying = [k for k in there if not fallen[k]]
+        between = distances([self.parts[k] for k in lying], pose[lying])
+        self.gap = dict.fromkeys(parts, FAR) | {k: min(between[i].min(), FAR) for i, k in enumerate(lying)}
+        self.neighbour = {k: lying[between[i].argmin()] for i, k in enumerate(lying) if len(lying) > 1}
+        self.clearance = min([FAR, *(self.gap[k] for k in lying)])
+        self.touching = int(np.triu(between < 1e-4).sum())
+        self.way, done = {k: np.zeros(2) for k in parts}, []
+        for k in there:
+            if self.task.zones is not None:
+                zone = self.task.zones[self.task.kind[k]]
+                self.way[k] = np.clip(pose[k, :2], zone[:2], zone[2:]) - pose[k, :2]
+                slow = np.hypot(*mean_velocity[k, :2]) < 0.020
+                done.append(not fallen[k] and slow and not self.way[k].any())
+            else:
+                done.append(not fallen[k] and self.gap[k] > RULE)
+        self.done, self.count = sum(done), len(there)
+        length = [np.hypot(*self.way[k]) for k in there]
+        sort = self.task.zones is not None
+        self.error = max(length) if sort else max(RULE - self.clearance, 0.0)
+        self.distance = np.mean(length)
+        self.inside = np.mean([not self.way[k].any() for k in there])
+        self.share = 0.0 if sort else np.mean([min(max(self.gap[k], 0.0) / RULE, 1.0) for k in there])
+
+    def step(self, pose, mean_velocity, fallen, diverged):
+        before = self.distance, self.inside, self.share
+        self.look(pose, mean_velocity, fallen)
+        down = (self.present & fallen).any()
+        self.held = self.held + 1 if self.done == self.count and not down and not diverged else 0
+        success = self.held >= 10
+        terms = {
+            "distance": min(max((before[0] - self.distance) / 0.1, -1), 1),
+            "inside": self.inside - before[1],
+            "clearance": self.share - before[2],
+            "time": -0.003,
+            "success": 5.0 if success else 0.0,
+            "fallen": -5.0 if down else 0.0,
+        }
+        return terms, success, success or down or diverged
+
+
+def settled(task, generator, worlds):
+    """Poses (worlds, parts, 3) where most parts are done: columns of their zones, or a wide row."""
+    pose = np.zeros((worlds, len(task.parts), 3))
+    for k in range(len(task.parts)):
+        if task.zones is None:
+            pose[:, k, :2] = 0.06 + 0.12 * k, 0.104
+        else:
+            zone = task.zones[task.kind[k]]
+            row = list(np.flatnonzero(task.kind == task.kind[k])).index(k)
+            pose[:, k, :2] = zone[0] + 0.078, 0.035 + 0.068 * row
+    spread = np.array([0.004, 0.004, 2.0]) * generator.choice([0.5, 3.0], (worlds, 1, 1), p=[0.8, 0.2])
+    return pose + spread * generator.standard_normal(pose.shape)
+
+
+@pytest.mark.parametrize("parts", [SIX, MIXED, [STEEL, DISC]], ids=["six", "mixed", "two"])
+@pytest.mark.parametrize("name", ARRANGED)
+def test_score_kernel(name, parts):
+    worlds, steps = 30, 40
+    generator = np.random.default_rng(2)
+    task = ARRANGED[name](SURFACE, parts, randomize={"parts": [1, len(parts)]})
+    whole = Sort(SURFACE, parts, start="crowded") if name == "Sort" else Singulate(SURFACE, parts)
+    start = task.start(generator.random((worlds, task.draws)))
+    judge = Judge(task, worlds)
+    judge.begin(start)
+    result = judge.episode
+    reference = [Reference(task, parts, start.present[k], start.pose[k]) for k in range(worlds)]
+    seen = {"success": 0, "fallen": 0, "diverged": 0, "touching": 0, "alone": 0}
+    base = settled(task, generator, worlds)
+    for step in range(steps):
+        pose = base + np.array([2e-4, 2e-4, 0.02]) * generator.standard_normal(base.shape)
+        away = generator.random(worlds) < 0.02
+        pose[away] = whole.start(generator.random((worlds, whole.draws))).pose[away]
+        velocity = generator.choice([0.005, 0.03], (worlds, 1, 1), p=[0.98, 0.02]) * generator.standard_normal(
+            pose.shape
+        )
+        fallen = ~start.present | (generator.random(start.present.shape) < 0.003)
+        diverged = generator.random(worlds) < 0.01
+        judge.score(pose, velocity, fallen, diverged)
+        for k in range(worlds):
+            terms, success, ended = reference[k].step(pose[k], velocity[k], fallen[k], diverged[k])
+            where = (step, k)
+            assert list(terms) == list(task.TERMS)
+            overlap = reference[k].clearance <= 0.0  # shapely tells that two overlap, but not how far
+            assert result.terms[k] == pytest.approx(list(terms.values()), abs=1e-9), where
+            assert result.reward[k] == pytest.approx(math.fsum(terms.values()), abs=1e-9)
+            assert (result.success[k], result.ended[k]) == (success, ended), where
+            assert result.fallen[k] == (start.present[k] & fallen[k]).any()
+            assert (result.parts_done[k], result.touching[k]) == (reference[k].done, reference[k].touching), where
+            assert result.done[k].sum() == reference[k].done
+            assert judge.relations.error[k, :, :2] == pytest.approx(
+                np.array(list(reference[k].way.values())), abs=1e-12
+            )
+            if overlap:
+                assert result.clearance[k] <= 1e-12
+            else:
+                assert result.position_error[k] == pytest.approx(reference[k].error, abs=1e-9)
+                assert result.clearance[k] == pytest.approx(reference[k].clearance, abs=1e-9)
+                assert judge.relations.gap[k] == pytest.approx(list(reference[k].gap.values()), abs=1e-9)
+                near = {p: int(other) for p, other in enumerate(judge.relations.neighbour[k]) if other >= 0}
+                for p, other in reference[k].neighbour.items():  # or another one, just as near
+                    pair = [p, near[p]]
+                    between = distances([parts[q] for q in pair], pose[k, pair])[0, 1]
+                    assert between == pytest.approx(reference[k].gap[p], abs=1e-9), (other, where)
+                assert near.keys() == reference[k].neighbour.keys()
+            seen["touching"] += reference[k].touching
+            seen["alone"] += reference[k].count == 1
+        seen["success"] += result.success.sum()
+        seen["fallen"] += result.fallen.sum()
+        seen["diverged"] += diverged.sum()
+    assert min(seen.values()) > 0
+
+
+def scored(task, pose, steps=1, **state: Any):
+    """The score after steps at one pose (parts, 3)."""
+    judge = Judge(task, 1)
+    start = task.start(np.full((1, task.draws), 0.5))._replace(pose=pose[None], present=np.ones((1, len(pose)), bool))
+    judge.begin(start)
+    for _ in range(steps):
+        judge.score(pose[None], **state)
+    return judge
+
+
+@pytest.mark.parametrize("speed, done", [(0.0199, 2), (0.0201, 0)])
+def test_sort_asks_for_slow_parts(speed, done):
+    task = Sort(SURFACE, [STEEL, ALUMINIUM])
+    pose = np.array([[0.05, 0.1, 0.0], [0.78, 0.1, 0.0]])
+    for direction in (0.3, 2.0):
+        moving = speed * np.array([math.cos(direction), math.sin(direction), 1e6])  # whatever the spin
+        assert scored(task, pose, mean_velocity=moving).episode.parts_done[0] == done
+
+
+@pytest.mark.parametrize("x, done", [(0.1559, 2), (0.1561, 1)])
+def test_sort_counts_centres(x, done):
+    result = scored(Sort(SURFACE, [STEEL, ALUMINIUM]), np.array([[x, 0.1, 0.0], [0.78, 0.1, 0.0]])).episode
+    assert result.parts_done[0] == done
+    assert result.position_error[0] == pytest.approx(max(x - 0.156, 0.0), abs=1e-12)
+
+
+@pytest.mark.parametrize("beyond, success", [(1e-6, True), (-1e-6, False)])
+def test_singulate_asks_for_more_than_an_elements_diagonal(beyond, success):
+    task = Singulate(SURFACE, [STEEL, ALUMINIUM, STEEL])
+    pose = np.array([[0.1, 0.1, 0.0], [0.15 + RULE + beyond, 0.1, 0.0], [0.6, 0.1, 0.0]])
+    assert not scored(task, pose, steps=9).episode.success[0]
+    result = scored(task, pose, steps=10).episode
+    assert result.success[0] == success and result.parts_done[0] == (3 if success else 1)
+    assert result.position_error[0] == pytest.approx(max(-beyond, 0.0), abs=1e-12)
+
+
+def test_a_part_on_its_own_has_all_the_room():
+    result = scored(Singulate(SURFACE, [STEEL]), np.array([[0.1, 0.1, 0.0]]))
+    assert result.episode.clearance[0] == FAR and result.relations.neighbour[0, 0] == -1
+    assert result.episode.parts_done[0] == 1
+
+
+def test_a_whole_episode_costs_less_than_a_fall():
+    """Or jumping off the table would pay."""
+    from vibgym.registration import ENVIRONMENTS
+
+    for limit, settings in ENVIRONMENTS.values():
+        cost = TASKS[settings["task"]].TERMS
+        assert limit * cost["time"][1] <= cost["fallen"][1]
+
+
+@pytest.mark.parametrize("name", ARRANGED)
+def test_begin_touches_the_given_worlds_only(name):
+    task = ARRANGED[name](SURFACE, SIX)
+    start = task.start(np.random.default_rng(0).random((4, task.draws)))
+    judge = Judge(task, 4)
+    judge.state.pose[...] = start.pose
+    for values in (*judge.episode, *judge.relations):
+        values[...] = 7
+    judge.begin(type(start)(*(each[2:3] for each in start)), [2])
+    assert_only(judge, 2, before=7)
+    result = judge.episode
+    assert not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all()
+    assert result.present[2].all() and result.reward[2] == 0.0

@@ -1,0 +1,39 @@
+"""``python -m vibgym warm``: after it, no process compiles anything."""
+
+import os
+import subprocess
+import sys
+
+LATER = """
+import gymnasium, numpy as np, vibgym
+for name in ("Rotate", "Sort"):
+    for action in ("element", "field", "patch", "phasor"):
+        env = gymnasium.make(f"vibgym/{name}-v0", action=action)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+part = vibgym.Part.rectangle(0.05, 0.035, friction=0.6)
+pair = vibgym.Simulator(vibgym.Surface(), [part, part], walls=["top"], worlds=3)
+pair.reset([[0.10, 0.1, 0.0], [0.15, 0.1, 0.0]])
+pair.advance(1e-4, 0.0, periods=2)
+assert pair.statistics["contact"] > 0
+"""
+
+
+def run(*command, **more):
+    return subprocess.run([sys.executable, *command], text=True, capture_output=True, env={**os.environ, **more})
+
+
+def test_nothing_is_compiled_afterwards():
+    done = run("-m", "vibgym", "warm")
+    assert done.returncode == 0 and "all kernels compiled in" in done.stdout and "kept in" in done.stdout
+    later = run("-c", LATER)
+    assert (later.returncode, later.stderr) == (0, "")
+
+
+def test_without_a_cache_it_says_so():
+    done = run("-m", "vibgym", "warm", VIBGYM_CACHE="0")
+    assert done.returncode == 1 and len(done.stderr.splitlines()) == 1 and "VIBGYM_CACHE" in done.stderr
+
+
+def test_unknown_commands_are_refused():
+    assert run("-m", "vibgym", "cool").returncode == 2

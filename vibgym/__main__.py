@@ -1,0 +1,38 @@
+"""Command line: ``python -m vibgym warm`` compiles all kernels, so that no first step has to wait for them.
+
+Exit codes: 0 done, 2 bad input, 1 anything else (such as no folder that compiled kernels can be kept in).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from vibgym.physics.core import jit
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's grammar."""
+    result = argparse.ArgumentParser(prog="python -m vibgym", description="Vibrating surfaces for learning.")
+    commands = result.add_subparsers(dest="command", required=True)
+    commands.add_parser("warm", help="compile all kernels and keep them, for images of machines and clusters")
+    return result
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    parser().parse_args(argv)
+    folder = jit.cache_folder()
+    if folder is None:
+        print("compiled kernels are not kept: VIBGYM_CACHE is 0, or no folder can be written", file=sys.stderr)
+        return 1
+    from vibgym.warm import warm
+
+    took = warm(print)
+    print(f"all kernels compiled in {took:.1f} s, kept in {folder}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

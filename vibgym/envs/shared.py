@@ -1,0 +1,139 @@
+"""What single and vector environments have in common besides the core: public knowledge of the scene, and the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.envs.core import Core
+from vibgym.envs.layout import Numbers
+from vibgym.envs.starting import KEYS, Starting, starting_from
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.tasks import Task
+
+
+class Truth(NamedTuple):
+    """The true state of all worlds, for those who judge and draw; policies do not get it. Copies."""
+
+    pose: np.ndarray  # (worlds, parts, 3) m, m, rad
+    velocity: np.ndarray  # (worlds, parts, 3) at this instant, m/s, m/s, rad/s
+    mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period
+    present: np.ndarray  # (worlds, parts) bool, parts of this episode
+    fallen: np.ndarray  # (worlds, parts) bool
+    done: np.ndarray  # (worlds, parts) bool
+    goal: np.ndarray  # (worlds, parts, 3) goal poses; zeros for tasks without
+    error: np.ndarray  # (worlds, parts, 3) goal, or nearest point of the zone, minus pose: m, m, rad
+    gap: np.ndarray  # (worlds, parts) m, distance to the nearest other part
+
+
+class SharedInterface:
+    """Properties of single and vector environments alike.
+
+    Attributes:
+        core: the batched core.
+    """
+
+    core: Core
+
+    @property
+    def surface(self) -> Surface:
+        """The table."""
+        return self.core.surface
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """The parts of every world."""
+        return self.core.parts
+
+    @property
+    def walls(self) -> tuple[str, ...]:
+        """Borders with a wall."""
+        return self.core.simulator.walls
+
+    @property
+    def task(self) -> Task:
+        """What is asked of the parts: tolerances, kinds, zones."""
+        return self.core.task
+
+    @property
+    def action_shape(self) -> tuple[int, ...]:
+        """What the numbers of an action mean, such as (parts, k, k, 2); the space is flat, and ``step`` takes either."""
+        return self.core.action.shape
+
+    @property
+    def periods_per_step(self) -> int:
+        """Oscillation periods of a step."""
+        return self.core.periods
+
+    @property
+    def step_time(self) -> float:
+        """s that one step lasts in the world."""
+        return self.core.surface.period * self.core.periods
+
+    @property
+    def observation_layout(self) -> tuple[Numbers, ...]:
+        """What every number of the state observation means: name, width, unit, scale, range, part and place, in order."""
+        return self.core.observation.layout.rows
+
+    @property
+    def truth(self) -> Truth:
+        """The true state of all worlds; copies."""
+        core, state = self.core, self.core.simulator.state
+        return Truth(
+            *(
+                values.copy()
+                for values in (
+                    state.pose, state.velocity, state.mean_velocity, core.episode.present, state.fallen,
+                    core.episode.done, core.episode.goal, core.relations.error, core.relations.gap,
+                )
+            )
+        )  # fmt: skip
+
+    def phasors(self, world: int = 0) -> np.ndarray:
+        """(rows, columns, 2) what the elements of a world did last, as fractions of full scale; zeros before the first step."""
+        return self.core.phasors(checks.count("world", world, least=0, most=self.core.worlds - 1))
+
+    def caption(self, world: int = 0) -> str:
+        """One line on how the task stands in a world, for pictures."""
+        return self.core.task.caption(self.core.relations, self.core.episode, world)
+
+
+def frames_per_second(core: Core) -> int:
+    """Steps a second in the world, at least 1: ``metadata["render_fps"]``."""
+    return round(1.0 / (core.surface.period * core.periods)) or 1
+
+
+def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
+    """Steps after which an episode is truncated by the environment itself.
+
+    With one period a step that is left to Gymnasium's limit in steps, which users may change. With longer steps that limit, the
+    same number, would be one on another time.
+    """
+    if max_episode_periods is None:
+        return None
+    limit = checks.count("max_episode_periods", max_episode_periods)
+    return None if periods_per_step == 1 else math.ceil(limit / periods_per_step)
+
+
+def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | None:
+    """What the options of a reset want of the start.
+
+    Args:
+        more: other options that are known.
+
+    Raises:
+        ValueError: an unknown option, or a bad value.
+    """
+    if options is None:
+        return None
+    if not isinstance(options, Mapping):
+        raise checks.refuse("options", options, f"None or a mapping with keys among {', '.join((*KEYS, *more))}")
+    for name in options:
+        if name not in (*KEYS, *more):
+            raise checks.refuse("options", f"the key {name!r}", f"keys among {', '.join((*KEYS, *more))}")
+    return starting_from(options, core.task, core.worlds)

@@ -1,0 +1,116 @@
+"""What a caller may want of an episode's start: ``reset(options={"pose", "goal", "parts"})``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.scene import overlaps
+from vibgym.simulation.simulator import Simulator
+from vibgym.tasks import Start, Task
+
+KEYS = ("pose", "goal", "parts")
+
+
+@dataclass(frozen=True)
+class Starting:
+    """Wishes for the start of episodes in all worlds; what is None is drawn as ever.
+
+    Attributes:
+        pose: (worlds, parts, 3) x, y (m), heading (rad).
+        goal: (worlds, parts, 3) likewise, for tasks with goal poses.
+        present: (worlds, parts) bool, which parts are there.
+    """
+
+    pose: np.ndarray | None
+    goal: np.ndarray | None
+    present: np.ndarray | None
+
+    def start(self, task: Task, simulator: Simulator, worlds: np.ndarray, uniform: np.ndarray) -> Start:
+        """The start of ``worlds`` (index array) with these wishes.
+
+        Raises:
+            ValueError: parts off the surface, or overlapping one another or a wall.
+        """
+        present = None if self.present is None else self.present[worlds]
+        start = task.start(uniform, present)
+        pose, there, goal = start
+        if self.pose is not None:
+            pose = np.where(there[..., None], self.pose[worlds], pose)
+            goal = task.goal_from(start, pose)
+            where = (simulator.hulls, simulator.surface, simulator.parts, simulator.walls, pose, ~there)
+            overlaps.check("options['pose']", *where, overlaps.AT_REST)
+        if self.goal is not None:
+            goal = self.goal[worlds]
+        return Start(pose, there, goal)
+
+
+def starting_from(options: Mapping[str, Any], task: Task, worlds: int) -> Starting | None:
+    """Checked wishes from the options of a reset; None where there are none.
+
+    Raises:
+        ValueError: names the option, its value and what is allowed.
+    """
+    wishes = {name: value for name, value in options.items() if value is not None and name in KEYS}
+    if not wishes:
+        return None
+    shape = (worlds, len(task.parts), 3)
+    pose = goal = present = None
+    if "pose" in wishes:
+        pose = _on_surface("options['pose']", wishes["pose"], shape, task)
+    if "goal" in wishes:
+        if not task.has_goal:
+            raise checks.refuse("options['goal']", wishes["goal"], f"nothing for {task.name}, which has no goal poses")
+        goal = _goals(wishes["goal"], shape, task)
+    if "parts" in wishes:
+        present = _present(wishes["parts"], shape[:2])
+    return Starting(pose, goal, present)
+
+
+def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:
+    pose = np.array(checks.array(name, value, shape))
+    surface = task.surface
+    off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.height)
+    if off.any():
+        allowed = f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.height:g}]"
+        raise checks.refuse(name, pose[off][0].tolist(), allowed)
+    return pose
+
+
+def _goals(value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:
+    """Goal poses; where headings do not count, positions will do."""
+    name = "options['goal']"
+    try:
+        width = np.shape(value)[-1:]
+    except ValueError:
+        width = ()
+    if width == (2,) and not task.has_heading:
+        value = np.concatenate([checks.array(name, value, np.shape(value)), np.zeros((*np.shape(value)[:-1], 1))], -1)
+    return _on_surface(name, value, shape, task)
+
+
+def _present(value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Which parts are there, from a list of their numbers or from booleans."""
+    name, parts = "options['parts']", shape[1]
+    allowed = f"different numbers of parts from 0 to {parts - 1}, at least one, or booleans that broadcast to {shape}"
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        raise checks.refuse(name, value, allowed) from None
+    if given.dtype == bool:
+        present = np.array(checks.array(name, given, shape, dtype=bool))
+    else:
+        if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or given.ndim != 1 or not len(given):
+            raise checks.refuse(name, value, allowed)
+        numbers = [checks.count(f"{name}[{k}]", each, least=0, most=parts - 1) for k, each in enumerate(given.tolist())]
+        if len(set(numbers)) < len(numbers):
+            raise checks.refuse(name, value, allowed)
+        present = np.zeros(shape, dtype=bool)
+        present[:, numbers] = True
+    if not present.any(axis=1).all():
+        raise checks.refuse(name, value, allowed)
+    return present

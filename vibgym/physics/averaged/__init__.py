@@ -1,0 +1,1 @@
+"""Friction averaged over the period: averages, their map and inverse, integrator."""

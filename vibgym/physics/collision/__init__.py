@@ -1,0 +1,1 @@
+"""Several parts: hulls, broad phase, impulses through pymunk."""

@@ -1,0 +1,1 @@
+"""The outline cut by the element grid: pieces, contact points, pressure moments."""

@@ -1,0 +1,243 @@
+"""What each element does: the phasor ``(C, S)`` of its vertical motion, read where a part needs it.
+
+With ``A = a_v w^2`` the normal acceleration over an element is ``g - C cos wt + S sin wt``, where ``C = A cos(alpha)`` and
+``S = A sin(alpha)`` (m/s^2): linear in ``(C, S)``, and lift-off is the disc ``C^2 + S^2 = g^2``.
+
+A drive says how the phasors of a batch of worlds are written down. There is one record for all of them, with a mode, so that
+the kernels that read it are compiled once. Nothing is converted for the whole surface: a part rests on about nine of 256
+elements, so only these are read, once per call, and the mode costs a branch in each reading.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym.physics.core.jit import borrowing
+
+FIELD_STRENGTHS = 6
+"""Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
+
+POLAR, ELEMENT, PHASOR, PATCH, FIELD = range(5)
+"""How a drive is written down; see the function of that name, such as :func:`polar_drive`."""
+
+
+class Drive(NamedTuple):
+    """The elements' motion in a batch of worlds; the mode says which fields count, and the others are empty.
+
+    Made by :func:`polar_drive`, :func:`element_drive`, :func:`phasor_drive`, :func:`patch_drive` and :func:`field_drive`.
+    """
+
+    mode: int
+    values: np.ndarray  # (worlds, n) float32, numbers in [-1, 1] (clipped): all modes but POLAR
+    amplitude: np.ndarray  # (worlds, rows, columns) m: POLAR
+    phase: np.ndarray  # (worlds, rows, columns) rad: POLAR
+    origin: np.ndarray  # (worlds, parts, 2) int64, row and column of a patch's first element: PATCH
+    centre: np.ndarray  # (worlds, parts, 2), of the parts; PATCH: rows, columns in elements; FIELD: x, y in m
+    size: int  # elements along a side of a patch: PATCH
+    columns: int  # of the surface: ELEMENT, PHASOR
+    full_scale: float  # a_v w^2 at the largest amplitude, m/s^2: all modes but POLAR
+    angular_frequency: float  # rad/s: POLAR
+    element_size: float  # m: FIELD
+    reach: float  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
+
+
+def _plain(values: Any, kind: type) -> np.ndarray:
+    """The values as an array of the one layout that kernels are compiled for: in C order and writeable."""
+    if isinstance(values, np.ndarray) and values.dtype == kind and values.flags.carray:
+        return values
+    return np.array(values, dtype=kind, order="C")
+
+
+_NO_VALUES = np.zeros((0, 0), dtype=np.float32)
+_NO_MOTION = np.zeros((0, 0, 0))
+_NO_ORIGIN = np.zeros((0, 0, 0), dtype=np.int64)
+
+
+def polar_drive(amplitude: np.ndarray, phase: np.ndarray, angular_frequency: float) -> Drive:
+    """Amplitude ``a_v`` (m) and phase ``alpha`` (rad) of every element, each (worlds, rows, columns)."""
+    amplitude, phase = _plain(amplitude, np.float64), _plain(phase, np.float64)
+    return Drive(
+        POLAR, _NO_VALUES, amplitude, phase, _NO_ORIGIN, _NO_MOTION, 0, 0, 0.0, float(angular_frequency), 0.0, 0.0
+    )
+
+
+def element_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
+    """Amplitude [-1, 1] -> [0, largest] and phase [-1, 1] -> [-pi, pi] of every element.
+
+    Args:
+        values: (worlds, rows * columns * 2) float32.
+        columns: of the surface.
+        full_scale: ``a_v w^2`` at the largest amplitude, m/s^2.
+    """
+    return _of_values(ELEMENT, values, _NO_ORIGIN, _NO_MOTION, 0, columns, full_scale)
+
+
+def phasor_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
+    """Amplitude times (cos, sin) of phase of every element, shortened to the unit disc; see :func:`element_drive`."""
+    return _of_values(PHASOR, values, _NO_ORIGIN, _NO_MOTION, 0, columns, full_scale)
+
+
+def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size: int, full_scale: float) -> Drive:
+    """Phasors of the k x k elements around each part, all others at rest.
+
+    An element in several patches obeys the part whose centre is nearest to the element's centre; ties go to the lower index.
+    A part whose centre is infinitely far away commands nothing.
+
+    Args:
+        values: (worlds, parts * k * k * 2) float32, rows first.
+        origin: (worlds, parts, 2) row and column of each patch's first element.
+        centre: (worlds, parts, 2) of each part along rows and columns, in elements.
+        size: k.
+        full_scale: m/s^2.
+    """
+    return _of_values(PATCH, values, _plain(origin, np.int64), centre, size, 0, full_scale)
+
+
+def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, reach: float, full_scale: float) -> Drive:
+    """Strengths of the basic fields around each part, on the whole surface: those of :mod:`vibgym.fields`.
+
+    The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push. Every element
+    obeys the part whose centre is nearest to its own; ties go to the lower index. A part whose centre is infinitely far away
+    commands nothing, and where none commands the elements rest.
+
+    Args:
+        values: (worlds, parts * FIELD_STRENGTHS) float32.
+        centre: (worlds, parts, 2) x and y of each part, m.
+        element_size: m.
+        reach: m, distance at which squeeze, radial and tangential fields are at full strength.
+        full_scale: m/s^2.
+    """
+    return _of_values(FIELD, values, _NO_ORIGIN, centre, 0, 0, full_scale, element_size, reach)
+
+
+def _of_values(
+    mode: int,
+    values: np.ndarray,
+    origin: np.ndarray,
+    centre: np.ndarray,
+    size: int,
+    columns: int,
+    full_scale: float,
+    element_size: float = 0.0,
+    reach: float = 0.0,
+) -> Drive:
+    return Drive(
+        mode, _plain(values, np.float32), _NO_MOTION, _NO_MOTION, origin, _plain(centre, np.float64),
+        int(size), int(columns), float(full_scale), 0.0, float(element_size), float(reach),
+    )  # fmt: skip
+
+
+@borrowing
+def _clipped(value):
+    return min(max(np.float64(value), -1.0), 1.0)
+
+
+@borrowing
+def unit_phasor(first, second, full_scale):
+    """Phasor of a vector in the unit disc; longer vectors are shortened to it."""
+    length = math.sqrt(first * first + second * second)
+    scale = full_scale / max(length, 1.0)
+    return first * scale, second * scale
+
+
+@borrowing
+def push_phasor(push_x, push_y, full_scale):
+    """Phasor that pushes a resting part along ``(push_x, push_y)``; length 1 is full amplitude.
+
+    Near rest the mean acceleration is ``-(mu / 2) (S, C)`` to first order (thesis eqs. 5.60 and 5.61 at zero velocity).
+    """
+    return unit_phasor(-push_y, -push_x, full_scale)
+
+
+@borrowing
+def _polar(drive, world, row, column):
+    normal = drive.amplitude[world, row, column] * drive.angular_frequency * drive.angular_frequency
+    phase = drive.phase[world, row, column]
+    return normal * math.cos(phase), normal * math.sin(phase)
+
+
+@borrowing
+def _element(drive, world, at):
+    normal = 0.5 * (1.0 + _clipped(drive.values[world, at])) * drive.full_scale
+    phase = math.pi * _clipped(drive.values[world, at + 1])
+    return normal * math.cos(phase), normal * math.sin(phase)
+
+
+@borrowing
+def _phasor(drive, world, at):
+    return unit_phasor(_clipped(drive.values[world, at]), _clipped(drive.values[world, at + 1]), drive.full_scale)
+
+
+@borrowing
+def _patch(drive, world, row, column):
+    size = drive.size
+    part, nearest = -1, math.inf
+    for k in range(drive.centre.shape[1]):
+        i = row - drive.origin[world, k, 0]
+        j = column - drive.origin[world, k, 1]
+        if i >= 0 and j >= 0 and i < size and j < size:
+            dy = row + 0.5 - drive.centre[world, k, 0]
+            dx = column + 0.5 - drive.centre[world, k, 1]
+            square = dx * dx + dy * dy
+            if square < nearest:
+                part, nearest = k, square
+    if part < 0:
+        return 0.0, 0.0
+    i = row - drive.origin[world, part, 0]
+    j = column - drive.origin[world, part, 1]
+    return _phasor(drive, world, ((part * size + i) * size + j) * 2)
+
+
+@borrowing
+def _field(drive, world, row, column):
+    part, nearest = -1, math.inf
+    for k in range(drive.centre.shape[1]):
+        # In elements: a product shared with the lines below would be rounded differently, for a single part as well.
+        dx = column + 0.5 - drive.centre[world, k, 0] / drive.element_size
+        dy = row + 0.5 - drive.centre[world, k, 1] / drive.element_size
+        square = dx * dx + dy * dy
+        if square < nearest:
+            part, nearest = k, square
+    if part < 0:
+        return 0.0, 0.0
+    values, at = drive.values, part * FIELD_STRENGTHS
+    dx = (column + 0.5) * drive.element_size - drive.centre[world, part, 0]
+    dy = (row + 0.5) * drive.element_size - drive.centre[world, part, 1]
+    far = max(math.sqrt(dx * dx + dy * dy), drive.reach)
+    radial = _clipped(values[world, at + 4]) / far
+    tangential = _clipped(values[world, at + 5]) / far
+    squeeze_x = _clipped(values[world, at + 2]) * _clipped(dx / drive.reach)
+    squeeze_y = _clipped(values[world, at + 3]) * _clipped(dy / drive.reach)
+    return push_phasor(
+        _clipped(values[world, at]) - squeeze_x - radial * dx - tangential * dy,
+        _clipped(values[world, at + 1]) - squeeze_y - radial * dy + tangential * dx,
+        drive.full_scale,
+    )
+
+
+@borrowing
+def element_phasor(drive, world, row, column):
+    """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
+    if drive.mode == POLAR:
+        return _polar(drive, world, row, column)
+    if drive.mode == ELEMENT:
+        return _element(drive, world, (row * drive.columns + column) * 2)
+    if drive.mode == PHASOR:
+        return _phasor(drive, world, (row * drive.columns + column) * 2)
+    if drive.mode == PATCH:
+        return _patch(drive, world, row, column)
+    return _field(drive, world, row, column)
+
+
+@borrowing
+def all_phasors(drive, phasors):
+    """Fill ``phasors`` (worlds, rows, columns, 2) with every element's ``(C, S)``, for pictures and tests."""
+    for world in range(phasors.shape[0]):
+        for row in range(phasors.shape[1]):
+            for column in range(phasors.shape[2]):
+                c, s = element_phasor(drive, world, row, column)
+                phasors[world, row, column, 0] = c
+                phasors[world, row, column, 1] = s

@@ -1,0 +1,110 @@
+"""What the kernels of all models share: the table, the parts and the state of the worlds."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.reference import Layout
+
+
+class Table(NamedTuple):
+    """The surface as the kernels need it."""
+
+    rows: int
+    columns: int
+    element_size: float  # m
+    gravity: float  # m/s^2
+    period: float  # s
+    radius: float  # m, of the horizontal motion
+    speed: float  # m/s, of the horizontal motion
+
+
+class Body(NamedTuple):
+    """One part as the kernels need it; without contacts the motion does not depend on mass."""
+
+    outline: np.ndarray  # (n, 2) m, about the centre of mass, counter-clockwise
+    area: float  # m^2
+    radius: float  # m, of the circle about the centre of mass that holds the outline
+    gyration: float  # m^2, planar inertia over mass
+    friction: float
+    static_friction: float
+    convex: bool
+    turns: bool  # False for a disc, whose contact area does not depend on heading
+
+
+class Bodies(NamedTuple):
+    """The parts of a world, field by field, so that one compiled kernel takes any number of them."""
+
+    kind: np.ndarray  # (parts,) parts of the same kind are the same body
+    outline: np.ndarray  # (all corners, 2)
+    first: np.ndarray  # (kinds + 1,) of each kind's corners
+    area: np.ndarray  # (kinds,) and so on
+    radius: np.ndarray
+    gyration: np.ndarray
+    friction: np.ndarray
+    static_friction: np.ndarray
+    convex: np.ndarray
+    turns: np.ndarray
+
+
+@borrowing
+def body_of(bodies, kind):
+    """The body of a kind."""
+    return Body(
+        bodies.outline[bodies.first[kind] : bodies.first[kind + 1]],
+        bodies.area[kind],
+        bodies.radius[kind],
+        bodies.gyration[kind],
+        bodies.friction[kind],
+        bodies.static_friction[kind],
+        bodies.convex[kind],
+        bodies.turns[kind],
+    )
+
+
+class Scheme(NamedTuple):
+    """Steps of the friction dynamics in a period, and their tables."""
+
+    steps: int  # cuts of the contact area a period
+    substeps: int  # Runge-Kutta steps from cut to cut
+    pieces: int  # cells per element and direction; 0: series where it holds, else by spin
+    lanes: int  # LANES, handed in at run time
+    cosine: np.ndarray  # (3 * steps * substeps + 1) cos wt at the stage times
+    sine: np.ndarray
+
+
+class State(NamedTuple):
+    """State of all worlds, changed in place."""
+
+    pose: np.ndarray  # (worlds, parts, 3) m, m, rad
+    velocity: np.ndarray  # (worlds, parts, 3) m/s, m/s, rad/s
+    mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period
+    fallen: np.ndarray  # (worlds, parts) bool
+    sticking: np.ndarray  # (worlds, parts) bool, at the current instant
+    doubtful: np.ndarray  # (worlds, parts) bool: since the start the model has left the range that it is certified for
+    diverged: np.ndarray  # (worlds,) bool
+
+
+class Motion(NamedTuple):
+    """Pose and velocity of one part."""
+
+    x: float  # m
+    y: float  # m
+    heading: float  # rad
+    vx: float  # m/s
+    vy: float  # m/s
+    spin: float  # rad/s
+
+
+@borrowing
+def is_finite(motion):
+    """Whether all numbers are finite. A comparison, since isfinite(a + b) does not survive reassociation."""
+    return abs(motion.x + motion.y + motion.heading + motion.vx + motion.vy + motion.spin) < math.inf
+
+
+STATE: Layout[State] = Layout("STATE", __name__)
+state_at = STATE.at

@@ -1,0 +1,1 @@
+"""Sliding and static friction of a flat part, resolved in time."""

@@ -1,0 +1,179 @@
+"""``model="auto"``: the cheapest model and settings that keep a tolerance, from evidence measured once and stored.
+
+The evidence (``evidence.json``, written by ``python -m vibgym.accuracy.evidence``) holds, for classes of scenes, how far every
+candidate strays from a converged run in 25 periods and what a period costs. Scenes of one class are alike up to scale: errors
+are in units of the table's amplitude ``a_h``, and what decides is
+
+- whether the part always slides or may stick (only ``"planar"`` covers that), and whether there is one element or many,
+- ``eps = mu g / (a_h w^2)``, how far friction bends the motion within a period,
+- ``scale``, the radius of gyration of the part or of an element, whichever is smaller, over the way ``2 pi a_h`` that the table
+  makes in a period: how fast what rests on an element changes.
+
+A scene takes the class whose ``eps`` is just above and whose ``scale`` is just below its own, so that it is easier than what
+was measured, and :data:`MARGIN` comes on top.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+from vibgym import checks
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+PERIODS = 25
+"""Periods after which an error is measured: one second at 25 Hz."""
+
+MARGIN = 1.5
+"""Factor between a measured error and what is promised."""
+
+DEFAULT_TOLERANCE = 1e-4  # m
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What a simulator computes with, and why.
+
+    Attributes:
+        model: its name.
+        knobs: settings of the model.
+        tolerance: m, as asked for; None if the model was named.
+        error: m, promised: how far a part's outline strays at most from the converged model's in 25 periods, in the median
+            over worlds with random fields; None if the model was named.
+        error_95: m, the same that 95 of 100 worlds kept in the evidence; None likewise, and where more than 5 of 100 failed.
+        cost: microseconds per period, world and core on the machine where the evidence was measured; None likewise.
+        reason: one sentence.
+    """
+
+    model: str
+    knobs: Mapping[str, Any]
+    tolerance: float | None
+    error: float | None
+    error_95: float | None
+    cost: float | None
+    reason: str
+
+    def __str__(self) -> str:
+        knobs = ", ".join(f"{name}={value}" for name, value in self.knobs.items())
+        return f"{self.model}({knobs}): {self.reason}"
+
+
+@functools.cache
+def evidence() -> Any:
+    """The stored evidence."""
+    return json.loads(resources.files("vibgym.simulation").joinpath("evidence.json").read_text(encoding="utf-8"))
+
+
+@dataclass(frozen=True)
+class Traits:
+    """What decides how hard a scene is."""
+
+    kind: str  # "one element", "many elements", "stick-slip"
+    eps: float
+    scale: float
+
+
+def traits(surface: Surface, part: Part) -> Traits:
+    """The traits of a scene."""
+    horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
+    eps = part.friction * surface.gravity / horizontal if horizontal > 0.0 else math.inf
+    size = min(math.sqrt(part.gyration), surface.element_size / math.sqrt(6.0))
+    travel = 2.0 * math.pi * surface.horizontal_amplitude
+    scale = size / travel if travel > 0.0 else math.inf
+    if not surface.slides_permanently(part.static_friction):
+        return Traits("stick-slip", eps, scale)
+    return Traits("one element" if surface.rows * surface.columns == 1 else "many elements", eps, scale)
+
+
+def class_of(scene: Traits) -> Any:
+    """The evidence class that a scene belongs to, or None where none is at least as hard."""
+    fitting = [
+        each
+        for each in evidence()["classes"]
+        if each["kind"] == scene.kind
+        and scene.eps <= each["eps"] * (1 + 1e-9)
+        and scene.scale >= each["scale"] * (1 - 1e-9)
+    ]
+    return min(fitting, key=lambda each: (each["eps"], -each["scale"]), default=None)
+
+
+def cost_of(row: Mapping[str, Any], periods_per_call: int) -> float:
+    """Microseconds per period, world and core: a share per period and a share per call."""
+    return row["us_per_period"] + row["us_per_call"] / periods_per_call
+
+
+def choose_for(surface: Surface, kinds: Sequence[Part], models: Sequence[str], **knobs: Any) -> Choice:
+    """The choice for the kind of part that needs the finest steps, among some models."""
+    choices = [choose(surface, part, models=models, **knobs) for part in kinds]
+    return max(choices, key=lambda each: (each.knobs.get("steps", 0), each.knobs.get("substeps", 0)))
+
+
+def choose(
+    surface: Surface,
+    part: Part,
+    tolerance: Any = DEFAULT_TOLERANCE,
+    periods_per_call: Any = 1,
+    models: Sequence[str] | None = None,
+) -> Choice:
+    """The cheapest candidate whose error, with the margin, is within ``tolerance``.
+
+    Args:
+        tolerance: m, see :attr:`Choice.error`.
+        periods_per_call: how many periods ``advance`` will typically be asked for at once. Averaging costs something at the
+            start of every call.
+        models: that may be chosen; None: all.
+
+    Raises:
+        ValueError: no candidate is good enough, or no evidence covers the scene; says what would work.
+    """
+    tolerance = checks.number("tolerance", tolerance, above=0.0)
+    periods_per_call = checks.count("periods_per_call", periods_per_call)
+    scene = traits(surface, part)
+    unit = surface.horizontal_amplitude
+    found = class_of(scene)
+    if found is None:
+        kinds = [each for each in evidence()["classes"] if each["kind"] == scene.kind]
+        raise checks.refuse(
+            "model",
+            "auto",
+            f"scenes ({scene.kind}) with mu g / (a_h w^2) <= {max(each['eps'] for each in kinds):g} and a size of part and "
+            f"element >= {min(each['scale'] for each in kinds):g} of the table's way per period; here {scene.eps:.3g} and "
+            f"{scene.scale:.3g}: name model='planar' and its steps",
+        )
+    rows = sorted(found["rows"], key=lambda row: cost_of(row, periods_per_call))
+    able = [
+        row
+        for row in rows
+        if row["error"] is not None
+        and row["knobs"].get("stride", 1) <= periods_per_call
+        and (models is None or row["model"] in models)
+    ]
+    for row in able:
+        error = MARGIN * row["error"] * unit
+        if error <= tolerance:
+            cost = cost_of(row, periods_per_call)
+            tail = None if row["error_95"] is None else MARGIN * row["error_95"] * unit
+            return Choice(
+                row["model"], row["knobs"], tolerance, error, tail, cost,
+                f"the cheapest of {len(able)} candidates within {tolerance:g} m on {describe(scene)} (promised {error:.2g} m, "
+                f"about {cost:.2g} us per period and core)",
+            )  # fmt: skip
+    best = min(able, key=lambda row: row["error"])
+    knobs = ", ".join(f"{name}={value}" for name, value in best["knobs"].items())
+    raise checks.refuse(
+        "tolerance",
+        tolerance,
+        f"at least {MARGIN * best['error'] * unit:.2g} m on {describe(scene)}, where the most exact candidate is "
+        f"model={best['model']!r} with {knobs}; name model='planar' with more steps and pieces for less",
+    )
+
+
+def describe(scene: Traits) -> str:
+    """A scene's traits in words."""
+    return f"a scene with {scene.kind}, mu g / (a_h w^2) = {scene.eps:.3g}, size / way per period = {scene.scale:.3g}"

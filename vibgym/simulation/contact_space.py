@@ -1,0 +1,185 @@
+"""pymunk's contact solver, as the kernels call it: the only place that knows pymunk.
+
+One space serves one world at a time. It is built once, with all parts and walls; the kernel puts a world's poses and
+velocities in, steps it by the addresses of the library's own functions, and takes the parts out again
+(:mod:`vibgym.physics.collision.coupling`), so that every world finds it in the same condition.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pymunk
+from pymunk._chipmunk_cffi import ffi, lib
+
+from vibgym import checks
+from vibgym.physics.collision.solver import Solver
+from vibgym.scene.hulls import WALLS, convex_pieces, rounding
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+INSET = 1e-6
+"""m; the solver's shapes are smaller all around, so that parts laid against one another by computed numbers do not overlap."""
+
+SLOP = 3e-5
+"""m of overlap that is left alone; contacts that come and go would lose what the solver has learnt."""
+
+KEPT_PER_SECOND = 1e-150
+"""Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
+
+FEWEST_ITERATIONS, MOST_ITERATIONS = 10, 1000
+"""Rounds of the solver over all contacts."""
+
+MATERIALS = 31
+"""Different contact properties that walls can tell apart: bits of pymunk's shape filter."""
+
+
+class ContactSpace:
+    """A pymunk space with the parts of a world and the walls.
+
+    Restitution and friction of a contact between two parts are the geometric means of theirs; a wall takes on those of
+    the part that touches it.
+
+    Args:
+        surface: the table.
+        parts: of a world.
+        walls: names among :data:`vibgym.scene.hulls.WALLS`.
+
+    Attributes:
+        solver: what the kernels take. It holds addresses into this object: keep both together.
+    """
+
+    def __init__(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str]) -> None:
+        self._made_of = (surface, tuple(parts), tuple(walls))
+        materials = sorted({(part.restitution, part.contact_friction) for part in parts})
+        if walls and len(materials) > MATERIALS:
+            allowed = f"at most {MATERIALS} different pairs of restitution and contact_friction on a surface with walls"
+            raise checks.refuse("parts", f"{len(materials)} pairs", allowed)
+        self.space = space = pymunk.Space()
+        space.iterations = iterations(parts)
+        space.collision_slop = SLOP
+        space.collision_bias = KEPT_PER_SECOND
+        self._bodies, self._shapes, owner = [], [], [0]
+        fixed = _wall_shapes(space, surface, walls, materials)
+        for part in parts:
+            body = pymunk.Body(part.mass, part.mass * part.gyration)
+            # Rebounds and friction come out as products over the two shapes.
+            bit = 1 << materials.index((part.restitution, part.contact_friction)) % 32 if walls else 1
+            for shape in _part_shapes(body, part):
+                shape.elasticity, shape.friction = math.sqrt(part.restitution), math.sqrt(part.contact_friction)
+                shape.filter = pymunk.ShapeFilter(categories=bit | 1 << 31)
+                self._shapes.append(shape)
+            owner.append(len(self._shapes))
+            self._bodies.append(body)
+            space.add(body)
+        space.add(*self._shapes)
+        space.remove(*self._shapes)  # hash tables have grown now to what they will be: their order never changes again
+        self._keep: list[Any] = []
+        n = len(parts)
+        data = np.zeros(6 * n + 8)  # the library grows its arrays when they are nearly full: never let it
+        floats = ffi.new("pmFloatArray *")
+        floats.arr, floats.max, floats.num = ffi.from_buffer("cpFloat[]", data), 1 << 30, 0
+        integers = ffi.new("pmIntArray *")
+        self._keep += [data, floats, integers]
+
+        def batch(fields: int) -> int:
+            made = ffi.new("pmBatchedData *")
+            made.fields, made.floatArray, made.intArray = fields, floats, integers
+            self._keep.append(made)
+            return _address(made)
+
+        place, speed = lib.POSITION | lib.ANGLE, lib.VELOCITY | lib.ANGULAR_VELOCITY
+        self.solver = Solver(
+            space=_address(space._space),
+            step=_function("cpSpaceStep"),
+            each=_function("cpSpaceEachBody"),
+            put=_function("pmSpaceBodySetIteratorFuncBatched"),
+            take=_function("pmSpaceBodyGetIteratorFuncBatched"),
+            update=_function("cpBodyUpdatePosition"),
+            add=_function("cpSpaceAddShape"),
+            remove=_function("cpSpaceRemoveShape"),
+            set_rebound=_function("cpShapeSetElasticity"),
+            number_from=_function("cpSpaceSetShapeIDCounter"),
+            last_step=_function("cpSpaceSetCurrentTimeStep"),
+            put_all=batch(place | speed),
+            put_velocity=batch(speed),
+            take_all=batch(place | speed),
+            take_pose=batch(place),
+            data=data,
+            cursor=np.frombuffer(ffi.buffer(floats, 4), dtype=np.int32),
+            bodies=np.array([_address(body._body) for body in self._bodies]),
+            shapes=np.array([_address(shape._shape) for shape in self._shapes]),
+            owner=np.array(owner),
+            rebound=np.array([shape.elasticity for shape in self._shapes]),
+            fixed=fixed,
+            slop=SLOP,
+        )
+
+    def __reduce__(self) -> Any:
+        """Copies and pickles are built anew: the solver's addresses are this object's own."""
+        return ContactSpace, self._made_of
+
+
+def iterations(parts: Sequence[Part]) -> int:
+    """Rounds that the solver needs: a push has to find its way through a heap, and from heavy to light parts.
+
+    A light part between a heavy one and a wall takes up a share ``light / heavy`` of the push in each round.
+    """
+    mass = [part.mass for part in parts]
+    return min(FEWEST_ITERATIONS + round(2.0 * math.sqrt(len(parts)) + max(mass) / min(mass)), MOST_ITERATIONS)
+
+
+def _address(pointer: Any) -> int:
+    return int(ffi.cast("intptr_t", pointer))
+
+
+def _function(name: str) -> int:
+    return _address(ffi.addressof(lib, name))
+
+
+def _part_shapes(body: pymunk.Body, part: Part) -> list[pymunk.Shape]:
+    if part.symmetry == 0:
+        return [pymunk.Circle(body, rounding(part) - INSET)]
+    return [pymunk.Poly(body, _inset(piece).tolist()) for piece in convex_pieces(part)]
+
+
+def _inset(piece: np.ndarray) -> np.ndarray:
+    """A convex polygon with every edge moved inwards by :data:`INSET`."""
+    edges = np.roll(piece, -1, axis=0) - piece
+    edges = edges / np.hypot(edges[:, 0], edges[:, 1])[:, None]
+    before = np.roll(edges, 1, axis=0)
+    turn = before[:, 0] * edges[:, 1] - before[:, 1] * edges[:, 0]
+    # Where edges are parallel the corner moves straight in.
+    way = np.where(
+        turn[:, None] > 1e-9, (edges - before) / np.maximum(turn, 1e-9)[:, None], edges[:, ::-1] * [-1.0, 1.0]
+    )
+    # A sharp corner moves far; not so far that a sliver turns inside out.
+    return piece + INSET * way / np.maximum(np.hypot(way[:, 0], way[:, 1]) / 100.0, 1.0)[:, None]
+
+
+def _wall_shapes(
+    space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[tuple[float, float]]
+) -> int:
+    """Add the walls, once for each material, as thick bars outside the surface; returns how many shapes that makes."""
+    width, height = surface.width, surface.height
+    thick = max(width, height)
+    bars = {
+        "left": (-thick, -thick, 0.0, height + thick),
+        "right": (width, -thick, width + thick, height + thick),
+        "bottom": (-thick, -thick, width + thick, 0.0),
+        "top": (-thick, height, width + thick, height + thick),
+    }
+    shapes = []
+    for name in WALLS:
+        for index, (restitution, friction) in enumerate(materials if name in walls else ()):
+            low_x, low_y, high_x, high_y = bars[name]
+            corners = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
+            bar = pymunk.Poly(space.static_body, corners)
+            bar.elasticity, bar.friction = math.sqrt(restitution), math.sqrt(friction)
+            bar.filter = pymunk.ShapeFilter(mask=1 << index)
+            shapes.append(bar)
+    space.add(*shapes)
+    return len(shapes)

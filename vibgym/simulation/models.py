@@ -1,0 +1,98 @@
+"""The models: what :class:`vibgym.Simulator` advances worlds with, one protocol for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.averaged import contact, integrator
+from vibgym.physics.averaged.contact import AveragedScheme
+from vibgym.physics.contact_area.pressure_moments import LANES
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import Scheme, State
+from vibgym.physics.core.reference import Pinned
+from vibgym.physics.friction.planar import slide_rows
+from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.scene.parts import bodies_of, kinds_of
+from vibgym.simulation.protocol import NO_PATHS, Model, Setup
+from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_schemes
+from vibgym.simulation.threads import Pool
+
+
+class Alone:
+    """What models have in common whose parts touch nothing."""
+
+    def reset(self) -> None:
+        """Begin counting anew."""
+
+    def statistics(self, periods: int) -> dict[str, int]:
+        """All periods are free."""
+        return {"free": periods, "near": 0, "contact": 0, "contact_steps": 0}
+
+
+class Planar(Alone):
+    """The planar model of one part a world."""
+
+    def __init__(self, setup: Setup, scheme: Scheme) -> None:
+        self._setups = Pool(partial(_planar_setup, setup, scheme))
+
+    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+        """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
+        setup = self._setups.borrow()
+        try:
+            slide_rows(np.arange(start, stop), setup.address, drive, state.address, periods, NO_PATHS, 0)
+        finally:
+            self._setups.give_back(setup)
+
+
+def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
+    """What one thread needs."""
+    table, bodies = setup.surface.table(), bodies_of(setup.parts)
+    return Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES)))
+
+
+class Averaged(Alone):
+    """The averaged model, of one part a world."""
+
+    def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
+        self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
+        self._workspaces = Pool(partial(contact.new_workspace, self._table, self._body))
+
+    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+        """See :class:`Model`."""
+        workspace = self._workspaces.borrow()
+        try:
+            scene = integrator.AveragedScene(self._table, self._body, self._scheme, drive, state.record, workspace)
+            integrator.advance_worlds(start, stop, scene, periods)
+        finally:
+            self._workspaces.give_back(workspace)
+
+
+def planar(setup: Setup, knobs: Mapping[str, Any]) -> Model:
+    """The planar model, for one part or for several."""
+    if setup.multibody:
+        check_knobs("planar", planar_schemes, knobs)
+    else:
+        check_knobs("planar", planar_schemes, knobs, without=("contact_steps", "contact_overlap"))
+    schemes = planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls, **knobs)
+    if not setup.multibody:
+        return Planar(setup, schemes.alone[0])
+    from vibgym.simulation.multibody import Multibody  # pymunk is loaded where there are contacts
+
+    return Multibody(setup, schemes)
+
+
+def averaged(setup: Setup, knobs: Mapping[str, Any]) -> Model:
+    """The averaged model."""
+    if setup.multibody:
+        raise checks.refuse("model", "averaged", "'planar' with several parts or walls: contacts are resolved in time")
+    check_knobs("averaged", averaged_scheme, knobs)
+    return Averaged(setup, averaged_scheme(setup.surface, setup.parts[0], **knobs))
+
+
+MODELS: Mapping[str, Callable[[Setup, Mapping[str, Any]], Model]] = {"planar": planar, "averaged": averaged}
+"""By name. Each raises ValueError for a knob that the model does not have, a bad value, or a scene that it does not cover."""

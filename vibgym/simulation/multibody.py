@@ -1,0 +1,107 @@
+"""The planar model of several parts in a world, or walls: by the ways of :mod:`vibgym.physics.collision.multibody`."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, FixedEncounter, new_contacts
+from vibgym.physics.collision.multibody import (
+    CALLS,
+    CONTACT,
+    COUNTS,
+    FREE,
+    LOOKED,
+    PROSPECT,
+    Prospect,
+    broad_phase,
+    new_prospect,
+    resolve,
+)
+from vibgym.physics.contact_area.pressure_moments import LANES
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import State
+from vibgym.physics.core.reference import Pinned
+from vibgym.physics.friction.planar import slide_rows
+from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.scene.parts import bodies_of
+from vibgym.simulation.contact_space import ContactSpace
+from vibgym.simulation.protocol import NO_PATHS, Setup
+from vibgym.simulation.schemes import PlanarSchemes
+from vibgym.simulation.threads import Pool
+
+STATISTICS = {"free": FREE, "near": LOOKED, "contact": CONTACT, "contact_steps": CALLS}
+
+
+class Multibody:
+    """Advances worlds with several parts or walls.
+
+    Attributes:
+        counts: (worlds, 4) periods and solver calls since the reset, see :data:`STATISTICS`.
+    """
+
+    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
+        self._tools = Pool(partial(Tools, setup, schemes))
+        self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
+
+    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+        """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
+        tools = self._tools.borrow()
+        prospect = tools.prospect(stop - start)
+        together, seen, at, first = tools.together.address, prospect.address, state.address, start * tools.parts
+        rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
+        try:
+            for _ in range(periods):
+                near, touching = broad_phase(start, stop, together, at, seen)
+                for kind, alone in enumerate(tools.alone):
+                    if count[kind]:
+                        chosen = rows[kind, : count[kind]]
+                        slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
+                if near or touching:
+                    resolve(start, stop, together, drive, at, seen, self.counts)
+                else:
+                    self.counts[start:stop, FREE] += 1
+        finally:
+            self._tools.give_back(tools)
+
+    def reset(self) -> None:
+        """Begin counting anew."""
+        self.counts[:] = 0
+
+    def statistics(self, periods: int) -> dict[str, int]:
+        """See :attr:`vibgym.Simulator.statistics`."""
+        return {name: int(self.counts[:, column].sum()) for name, column in STATISTICS.items()}
+
+
+class Tools:
+    """What one thread needs.
+
+    Attributes:
+        parts: of a world.
+        together: for the parts of a world, with contacts.
+        alone: for any eight parts of each kind, without; all of them work on the same arrays.
+    """
+
+    def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
+        table, bodies = setup.surface.table(), bodies_of(setup.parts)
+        self.parts = len(setup.parts)
+        self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
+        friction = FixedScene(
+            table, bodies, schemes.together, new_workspace(table, bodies, schemes.together, self.parts)
+        )
+        together = FixedEncounter(
+            friction, setup.hulls, self._space.solver, new_contacts(self.parts, setup.hulls),
+            schemes.couplings, schemes.overlap, schemes.walls,
+        )  # fmt: skip
+        self.together = Pinned(FIXED_ENCOUNTER, together)
+        workspace = new_workspace(table, bodies, schemes.together, LANES)
+        self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in schemes.alone]
+        self._steps = np.array([scheme.steps for scheme in schemes.alone])
+        self._prospects: dict[int, Pinned[Prospect]] = {}
+
+    def prospect(self, worlds: int) -> Pinned[Prospect]:
+        """Arrays for a block of so many worlds."""
+        if worlds not in self._prospects:
+            self._prospects[worlds] = Pinned(PROSPECT, new_prospect(worlds, self.parts, self._steps))
+        return self._prospects[worlds]

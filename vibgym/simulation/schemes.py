@@ -1,0 +1,135 @@
+"""Steps and tables of the models, made once from their knobs."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.averaged.contact import AveragedScheme
+from vibgym.physics.contact_area.pressure_moments import LANES
+from vibgym.physics.core.records import Scheme
+from vibgym.scene.hulls import WALLS
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.simulation import averages_tables
+
+RUNGE_KUTTA_STEPS = 18
+"""Fewest of them in a period unless asked for otherwise."""
+
+FEWEST_STEPS = 4
+"""With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
+
+CONTACT_OVERLAP = 5e-6
+"""m that an impact may make two parts overlap unless asked for otherwise."""
+
+CONTACT_STEPS = 10
+"""Fewest steps of the coupling between friction and contacts in a period unless asked for otherwise."""
+
+
+class PlanarSchemes(NamedTuple):
+    """Schemes of the planar model: each kind's own without contacts, and what goes for all with them."""
+
+    alone: tuple[Scheme, ...]  # one a kind
+    together: Scheme  # of all parts where there are contacts
+    couplings: int  # fewest steps of the coupling from cut to cut
+    overlap: float  # m that an impact may add to the overlap of two parts
+    walls: int  # set of walls, a bit each
+
+
+def chosen(name: str, value: Any, most: int | None = None) -> int | None:
+    """A count, or None for ``"auto"``."""
+    if isinstance(value, str) and value == "auto":
+        return None
+    return checks.count(f"{name} (or 'auto')", value, most=most)
+
+
+def planar_scheme(
+    surface: Surface, part: Part, steps: int | str = "auto", substeps: int | str = "auto", pieces: int | str = "auto"
+) -> Scheme:
+    """Resolved in time: the contact area is cut ``steps`` times a period, friction takes ``substeps`` in each."""
+    travel = 2.0 * math.pi * surface.horizontal_amplitude
+    cuts = chosen("steps", steps) or (5 if part.gyration >= travel**2 else 9)
+    if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
+        raise checks.refuse(
+            "steps",
+            cuts,
+            f"a whole number >= {FEWEST_STEPS} on several elements: fewer cuts a period miss what lies beneath",
+        )
+    inner = chosen("substeps", substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
+    if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
+        allowed = (
+            f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
+        )
+        raise checks.refuse("substeps", inner, allowed)
+    cells = chosen("pieces", pieces, most=64) or 0
+    phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))
+    return Scheme(cuts, inner, cells, LANES, np.cos(phase), np.sin(phase))
+
+
+def planar_schemes(
+    surface: Surface,
+    kinds: Sequence[Part],
+    walls: Sequence[str],
+    *,
+    steps: int | str = "auto",
+    substeps: int | str = "auto",
+    pieces: int | str = "auto",
+    contact_steps: int | str = "auto",
+    contact_overlap: float | str = "auto",
+) -> PlanarSchemes:
+    """The planar model: each kind by itself as :func:`planar_scheme` says, and steps for contacts.
+
+    ``contact_steps``: fewest steps of the coupling in a period with contacts. ``contact_overlap``: m, how far parts may run
+    into one another before the solver sees the impact; steps are cut short for it.
+    """
+    overlap = CONTACT_OVERLAP
+    if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
+        overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
+    alone = [planar_scheme(surface, part, steps, substeps, pieces) for part in kinds]
+    finest = max(alone, key=lambda scheme: scheme.steps)
+    coupled = chosen("contact_steps", contact_steps) or CONTACT_STEPS
+    return PlanarSchemes(
+        alone=tuple(alone),
+        together=finest,
+        couplings=math.ceil(coupled / finest.steps),
+        overlap=overlap,
+        walls=sum(1 << WALLS.index(name) for name in walls),
+    )
+
+
+def averaged_scheme(
+    surface: Surface, part: Part, *, order: int = 2, stride: int = 1, steps: int | str = "auto"
+) -> AveragedScheme:
+    """Averaged over the period: ``steps`` in each span of ``stride`` periods."""
+    order = checks.count("order", order, most=2)
+    stride = checks.count("stride", stride)
+    cuts = chosen("steps", steps) or 1
+    check_sliding(surface, part)
+    return AveragedScheme(order, stride, cuts, averages_tables.averages())
+
+
+def check_sliding(surface: Surface, part: Part) -> None:
+    """Refuse scenes that the averaged model does not cover."""
+    if not surface.slides_permanently(part.static_friction):
+        needed = part.static_friction * (surface.gravity + surface.full_scale)
+        horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
+        raise checks.refuse(
+            "model",
+            "averaged",
+            f"scenes that always slide, a_h w^2 > static_friction (g + a_v w^2); here {horizontal:.4g} <= {needed:.4g} m/s^2:"
+            " use model='planar', or lower max_amplitude",
+        )
+
+
+def check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any], without: Sequence[str] = ()) -> None:
+    """Refuse knobs that are not keyword arguments of ``make``, or among those left out."""
+    parameters = inspect.signature(make).parameters.items()
+    known = [name for name, each in parameters if each.kind is each.KEYWORD_ONLY and name not in without]
+    for name, value in knobs.items():
+        if name not in known:
+            raise checks.refuse(name, value, f"the knobs of model={model!r}: {', '.join(known)}")

@@ -1,0 +1,307 @@
+"""The simulator: many independent worlds of one surface, each with its parts, advanced together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.core.drive import Drive, polar_drive
+from vibgym.physics.core.records import STATE, State
+from vibgym.physics.core.reference import Pinned
+from vibgym.scene import overlaps
+from vibgym.scene.hulls import WALLS, hulls_of
+from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.surface import Surface
+from vibgym.simulation import threads as workers
+from vibgym.simulation.choice import Choice, choose, choose_for
+from vibgym.simulation.models import MODELS as FIXED
+from vibgym.simulation.protocol import Setup
+
+MODELS = (*FIXED, "auto")
+
+
+class Simulator:
+    """Worlds of one surface and its parts, in planar contact.
+
+    Args:
+        surface: the table.
+        parts: the parts of every world, one or a list.
+        walls: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``; parts fall off the others.
+        worlds: number of independent worlds. Results never depend on it, nor on order or threads.
+        model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
+            over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
+            ``"auto"``: the cheapest that keeps a tolerance; :attr:`choice` says what that is and why.
+        threads: None uses all processors of this process.
+        knobs: of the model.
+
+            planar:
+                steps: times per period that the contact area is cut by the element grid; its error is of second order.
+                    ``"auto"``: 5, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's
+                    speed makes in a period: what rests on an element changes faster under them.
+                substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order. ``"auto"``: so many that
+                    a period has at least 18, which resolve the fast table to 0.1 % at full speed.
+                pieces: cells per element and direction into which the contact area is cut. ``"auto"`` sums friction as a
+                    series over the whole contact area where slip varies little under the part, and over as many cells as
+                    the spin asks for elsewhere.
+                contact_steps: with several parts or walls, fewest steps in which friction and contacts take turns in a period;
+                    ``"auto"``: 10. Steps are shorter where parts come together fast.
+                contact_overlap: m, likewise: how far parts may run into one another before contacts see it; ``"auto"``: 5e-6.
+
+            averaged (one part and no walls):
+                order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
+                stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
+                steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
+
+            auto:
+                tolerance: m, default 1e-4: how far a part's outline may stray from the converged model's in 25 periods, in
+                    the median over worlds with random fields.
+                periods_per_call: periods that :meth:`advance` will typically be asked for at once, default 1.
+
+    Attributes:
+        choice: model and knobs in effect, and why (:class:`vibgym.simulation.choice.Choice`).
+
+    Raises:
+        ValueError: a bad argument, an unknown knob, or a scene that the model does not cover; nothing has been built.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Part | Sequence[Part],
+        *,
+        walls: Sequence[str] = (),
+        worlds: int = 1,
+        model: str = "planar",
+        threads: int | None = None,
+        **knobs: Any,
+    ) -> None:
+        if not isinstance(surface, Surface):
+            raise checks.refuse("surface", surface, "a vibgym.Surface")
+        parts = (parts,) if isinstance(parts, Part) else parts
+        if not isinstance(parts, Sequence) or not parts or not all(isinstance(part, Part) for part in parts):
+            raise checks.refuse("parts", parts, "a vibgym.Part or a list of them")
+        largest = 2.0 * (surface.width + surface.height)
+        for part in parts:
+            if part.radius > largest:
+                got = f"{part.name!r} with radius {part.radius:g} m"
+                raise checks.refuse(
+                    "parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)"
+                )
+        if isinstance(walls, str) or not isinstance(walls, Sequence) or len(set(walls)) != len(walls):
+            raise checks.refuse("walls", walls, f"a list of different names among {', '.join(map(repr, WALLS))}")
+        for name in walls:
+            checks.choice("walls", name, WALLS)
+        self.surface = surface
+        self.parts = tuple(parts)
+        self.walls = tuple(walls)
+        self.worlds = checks.count("worlds", worlds)
+        checks.choice("model", model, MODELS)
+        self.hulls = hulls_of(self.parts)
+        setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds)
+        kinds, _ = kinds_of(self.parts)
+        if model == "auto":
+            for name, value in knobs.items():
+                if name not in ("tolerance", "periods_per_call"):
+                    raise checks.refuse(name, value, "the knobs of model='auto': tolerance, periods_per_call")
+            self.choice = (
+                choose_for(surface, kinds, ("planar",), **knobs)
+                if setup.multibody
+                else choose(surface, kinds[0], **knobs)
+            )
+        else:
+            self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
+        self.model = self.choice.model
+        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
+        self._model = FIXED[self.model](setup, self.choice.knobs)
+        shape = (self.worlds, len(self.parts), 3)
+        self._state = State(
+            pose=np.tile(overlaps.apart(surface, self.parts), (self.worlds, 1, 1)),
+            velocity=np.zeros(shape),
+            mean_velocity=np.zeros(shape),
+            fallen=np.zeros(shape[:2], dtype=bool),
+            sticking=np.zeros(shape[:2], dtype=bool),
+            doubtful=np.zeros(shape[:2], dtype=bool),
+            diverged=np.zeros(self.worlds, dtype=bool),
+        )
+        self._pinned = Pinned(STATE, self._state)
+        self._periods = 0
+        self._counted = 0  # periods since the last reset; snapshots leave it alone
+
+    def reset(self, pose: Any, velocity: Any = None) -> None:
+        """Put the parts down and set time to 0.
+
+        Args:
+            pose: broadcastable to (worlds, parts, 3): x and y (m) of the centre of mass, heading (rad).
+            velocity: like ``pose``, m/s and rad/s, in the world frame; None is at rest.
+
+        Raises:
+            ValueError: a number is not finite, a shape does not fit, a centre of mass is off the surface, or parts overlap one
+                another or a wall by more than 0.1 mm.
+        """
+        shape = self._state.pose.shape
+        pose = checks.array("pose", pose, shape)
+        velocity = checks.array("velocity", 0.0 if velocity is None else velocity, shape)
+        surface = self.surface
+        off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.height)
+        if off.any():
+            bad = pose[off][0].tolist()
+            raise checks.refuse(
+                "pose", bad, f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.height:g}]"
+            )
+        fallen = np.zeros(shape[:2], dtype=bool)
+        overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
+        self.place(slice(None), pose, velocity, velocity)
+        self._periods = 0
+        self._counted = 0
+        self._model.reset()
+
+    def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
+        """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on.
+
+        ``fallen``: parts that take no part; they touch nothing.
+        """
+        state = self._state
+        state.pose[worlds], state.velocity[worlds], state.mean_velocity[worlds] = pose, velocity, mean_velocity
+        for flag in (state.sticking, state.doubtful, state.diverged):
+            flag[worlds] = False
+        state.fallen[worlds] = fallen
+
+    def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
+        """Advance by whole periods with the elements' motion held.
+
+        Args:
+            amplitude: a_v of every element, broadcastable to (worlds, rows, columns), m, in [0, max_amplitude].
+            phase: alpha of every element, likewise, rad.
+            periods: number of periods, at least 1.
+
+        Raises:
+            ValueError: a bad argument; nothing has moved.
+        """
+        surface = self.surface
+        shape = (self.worlds, surface.rows, surface.columns)
+        amplitude = checks.array("amplitude", amplitude, shape, least=0.0)
+        if amplitude.max() > _limit(surface):
+            raise _too_large(surface, float(amplitude.max()))
+        phase = checks.array("phase", phase, shape)
+        self.run(polar_drive(amplitude, phase, surface.angular_frequency), periods)
+
+    def run(self, drive: Drive, periods: int = 1) -> None:
+        """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
+        periods = checks.count("periods", periods)
+        advance, state = self._model.advance, self._pinned
+
+        def work(start: int, stop: int) -> None:
+            advance(start, stop, drive, state, periods)
+
+        workers.share(work, self.worlds, self._threads)
+        self._periods += periods
+        self._counted += periods
+
+    @property
+    def pose(self) -> np.ndarray:
+        """(worlds, parts, 3) x, y (m) and heading (rad, not wrapped) at the current instant; a copy."""
+        return self._state.pose.copy()
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(worlds, parts, 3) at the current instant, m/s and rad/s; a copy. It is not the mean velocity."""
+        return self._state.velocity.copy()
+
+    @property
+    def mean_velocity(self) -> np.ndarray:
+        """(worlds, parts, 3) mean over the last period, m/s and rad/s; before the first, the starting velocity."""
+        return self._state.mean_velocity.copy()
+
+    @property
+    def fallen(self) -> np.ndarray:
+        """(worlds, parts) whether the part's centre of mass has left its support; it then rests where that was seen."""
+        return self._state.fallen.copy()
+
+    @property
+    def sticking(self) -> np.ndarray:
+        """(worlds, parts) whether the part sticks to the table at the current instant."""
+        return self._state.sticking.copy()
+
+    @property
+    def doubtful(self) -> np.ndarray:
+        """(worlds, parts) whether since the reset something has happened that the model is not certified for.
+
+        Averaged: slip may have passed through zero within a period. Planar: never.
+        """
+        return self._state.doubtful.copy()
+
+    @property
+    def diverged(self) -> np.ndarray:
+        """(worlds,) whether a number stopped being finite; the world then keeps its last sound state."""
+        return self._state.diverged.copy()
+
+    @property
+    def statistics(self) -> dict[str, int]:
+        """Periods of all worlds since the reset by the way they took, and calls of the contact solver.
+
+        ``free``: nothing was near enough to touch.  ``near``: paths were compared and stayed apart.  ``contact``: friction
+        and contacts took turns.  ``contact_steps``: in how many steps of these the solver was called.
+        """
+        return self._model.statistics(self.worlds * self._counted)
+
+    @property
+    def time(self) -> float:
+        """Time since the reset, s."""
+        return self._periods / self.surface.frequency
+
+    @property
+    def state(self) -> State:
+        """The live arrays, for those who drive the simulator every step; do not keep or change them."""
+        return self._state
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit."""
+        return {**{name: values.copy() for name, values in self._state._asdict().items()}, "periods": self._periods}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave, on a simulator with the same worlds and parts.
+
+        Raises:
+            ValueError: a key is missing or unknown, a value has the wrong shape or is not finite, or parts overlap by more
+                than contacts let them.
+        """
+        names = (*State._fields, "periods")
+        if not isinstance(state, Mapping) or set(state) != set(names):
+            got = sorted(map(str, state)) if isinstance(state, Mapping) else state
+            raise checks.refuse("state", got, f"a mapping with exactly the keys {', '.join(names)}")
+        values = {}
+        for name, mine in self._state._asdict().items():
+            try:
+                value = np.asarray(state[name])
+            except ValueError:
+                raise checks.refuse(f"state[{name!r}]", state[name], f"an array of shape {mine.shape}") from None
+            if value.shape != mine.shape:
+                raise checks.refuse(f"state[{name!r}]", f"array of shape {value.shape}", f"shape {mine.shape}")
+            values[name] = checks.array(f"state[{name!r}]", value, mine.shape, dtype=mine.dtype)
+        periods = checks.count("state['periods']", state["periods"], least=0)
+        where = (values["pose"], values["fallen"] | values["diverged"][:, None])
+        overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
+        for name, mine in self._state._asdict().items():
+            mine[...] = values[name]
+        self._periods = periods
+
+
+def _limit(surface: Surface) -> float:
+    """Largest allowed amplitude; a little rounding room, so that values computed from the limit pass."""
+    assert surface.max_amplitude is not None
+    return surface.max_amplitude * (1.0 + 1e-12)
+
+
+def _too_large(surface: Surface, amplitude: float) -> ValueError:
+    allowed = f"numbers in [0, {surface.max_amplitude:.10g}]"
+    if amplitude > surface.lift_off_amplitude:
+        best = math.sqrt(surface.gravity / amplitude) / (2.0 * math.pi)
+        allowed += (
+            f"; parts lift off above g / w^2 = {surface.lift_off_amplitude:.4g} m, which no model covers: lower the amplitude, "
+            f"or the surface's frequency to {best:.4g} Hz"
+        )
+    return checks.refuse("amplitude", f"{amplitude!r} m", allowed)

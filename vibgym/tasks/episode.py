@@ -1,0 +1,367 @@
+"""Episodes: how the parts stand to their goals and to one another, and what a step is worth. One compiled pass over the worlds.
+
+Every part has a goal: a rectangle for its centre, which is a point for a pose and may be the whole plane, and a heading, where
+it counts. It is done within the tolerances, slowly enough, and far enough from the others. A task sets these numbers and says
+which reward terms it has and how much they weigh; the kernels know no tasks.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics.collision.hulls import Hulls, part_gap, place_hulls
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import state_at
+from vibgym.physics.core.reference import Layout
+
+DISTANCE_SCALE = 0.1  # m of progress that earn the term's full reward
+APPROACH_SCALE = 0.010  # m
+TURN_SCALE = 1.0  # rad
+ALIGNMENT_SCALE = 0.15  # rad
+TOUCHING = 1e-4
+"""Pairs closer than this are counted as touching, m."""
+
+QUANTITIES = (
+    "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen"
+)  # fmt: skip
+"""What reward terms may count, each at most 1 in magnitude; changes are those since the last step, all means are over the
+parts.
+
+- distance: by how much the mean distance has shrunk, per 100 mm; approach: the same of tanh(mean distance / 10 mm)
+- turn: by how much the mean heading error has shrunk, per rad; alignment: the same of tanh(heading error / 0.15 rad)
+- inside: change of the share of parts whose centre is at its goal
+- within: 1 if all parts are where and as they should be
+- clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
+- time: -1, success: 1, fallen: -1 if a part has fallen
+"""
+(DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN) = range(len(QUANTITIES))
+
+
+class Rules(NamedTuple):
+    """What the kernels know of the task."""
+
+    zone: np.ndarray  # (parts, 4) m: x_low, y_low, x_high, y_high of each part's rectangle, about its goal
+    heading_period: np.ndarray  # (parts,) rad; headings that differ by it are the same; 0: headings are not wrapped
+    limit: np.ndarray  # (LIMITS,)
+    term: np.ndarray  # (terms,) int64 index among QUANTITIES of each reward term
+    weight: np.ndarray  # (terms,)
+
+
+LIMITS = ("position", "heading", "slow", "apart", "far", "hold", "periods")
+"""- position: m, tolerance from the rectangle; heading: rad, tolerance, infinite where headings do not count
+- slow: m/s, speed below which a part is done
+- apart: m, distance to the nearest other part above which a part is done; -inf where it does not count
+- far: m, taken as the distance where there is no other part
+- hold: periods in a row with all parts done; periods: of a step
+"""
+POSITION, HEADING, SLOW, APART, FAR, HOLD, PERIODS = range(len(LIMITS))
+
+
+class Relations(NamedTuple):
+    """How the parts stand to their goals and to one another, by true or by measured poses."""
+
+    error: (
+        np.ndarray
+    )  # (worlds, parts, 3) goal minus pose, to the nearest point of the rectangle: m, m, rad; 0 of absent ones
+    gap: np.ndarray  # (worlds, parts) m, to the nearest other part; negative: overlap
+    neighbour: np.ndarray  # (worlds, parts) int64, which that is; -1: none
+
+
+class Episode(NamedTuple):
+    """Progress of every world's episode, changed in place; what is one number a world stands together, see the properties."""
+
+    goal: np.ndarray  # (worlds, parts, 3) m, m, rad; zeros where the task has zones or none
+    present: np.ndarray  # (worlds, parts) bool, for the whole episode
+    done: np.ndarray  # (worlds, parts) bool
+    number: np.ndarray  # (worlds, NUMBERS)
+    count: np.ndarray  # (worlds, COUNTS) int64
+    flag: np.ndarray  # (worlds, FLAGS) bool
+    terms: np.ndarray  # (worlds, terms) reward terms
+
+    @property
+    def reward(self) -> np.ndarray:
+        """(worlds,) sum of the terms."""
+        return self.number[:, REWARD]
+
+    @property
+    def position_error(self) -> np.ndarray:
+        """(worlds,) m, largest distance of a part to its goal, or what the smallest gap lacks."""
+        return self.number[:, POSITION_ERROR]
+
+    @property
+    def heading_error(self) -> np.ndarray:
+        """(worlds,) rad, the largest, magnitude; 0 where headings do not count."""
+        return self.number[:, HEADING_ERROR]
+
+    @property
+    def clearance(self) -> np.ndarray:
+        """(worlds,) m, smallest distance between parts; negative: overlap."""
+        return self.number[:, SMALLEST_GAP]
+
+    @property
+    def parts_done(self) -> np.ndarray:
+        """(worlds,) int64."""
+        return self.count[:, PARTS_DONE]
+
+    @property
+    def touching(self) -> np.ndarray:
+        """(worlds,) int64, pairs of parts in touch."""
+        return self.count[:, IN_TOUCH]
+
+    @property
+    def fallen(self) -> np.ndarray:
+        """(worlds,) bool, whether a present part has fallen."""
+        return self.flag[:, DOWN]
+
+    @property
+    def success(self) -> np.ndarray:
+        """(worlds,) bool."""
+        return self.flag[:, SUCCEEDED]
+
+    @property
+    def ended(self) -> np.ndarray:
+        """(worlds,) bool: success, fallen or diverged."""
+        return self.flag[:, ENDED]
+
+
+class Judged(NamedTuple):
+    """All that the kernels need, pinned in memory."""
+
+    relations: Relations
+    episode: Episode
+    rules: Rules
+    hulls: Hulls
+    placed: np.ndarray  # scratch: as hulls.corner; (4,) see score_worlds; (QUANTITIES,)
+    before: np.ndarray
+    quantity: np.ndarray
+
+
+JUDGED: Layout[Judged] = Layout("JUDGED", __name__)
+judged_at = JUDGED.at
+
+# Columns of Episode.number: mean distance (m), mean heading error (rad), share of the parts at the goal and mean share of the
+# clearance are what the next step is held against.
+MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
+PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: periods in a row with all parts done
+DOWN, SUCCEEDED, ENDED = range(3)  # of Episode.flag
+
+
+def new_relations(worlds: int, parts: int) -> Relations:
+    """Arrays for ``worlds`` worlds."""
+    return Relations(
+        error=np.zeros((worlds, parts, 3)),
+        gap=np.zeros((worlds, parts)),
+        neighbour=np.full((worlds, parts), -1, dtype=np.int64),
+    )
+
+
+def new_episode(worlds: int, parts: int, terms: int) -> Episode:
+    """Arrays for ``worlds`` worlds."""
+    return Episode(
+        goal=np.zeros((worlds, parts, 3)),
+        present=np.zeros((worlds, parts), dtype=bool),
+        done=np.zeros((worlds, parts), dtype=bool),
+        number=np.zeros((worlds, 8)),
+        count=np.zeros((worlds, 3), dtype=np.int64),
+        flag=np.zeros((worlds, 3), dtype=bool),
+        terms=np.zeros((worlds, terms)),
+    )
+
+
+@borrowing
+def _limited(value):
+    return min(max(value, -1.0), 1.0)
+
+
+@borrowing
+def wrapped(difference, period):
+    """An angle's equivalent in [-period / 2, period / 2]; the angle itself for a period of 0."""
+    if period > 0.0:
+        return difference - period * math.floor(difference / period + 0.5)
+    return difference
+
+
+@borrowing
+def misses_goal(difference, position_tolerance, heading_tolerance, heading_period, result):
+    """Whether poses miss their goals, by goal minus pose.
+
+    Args:
+        difference: (n, 2) m, or (n, 3) with the heading, rad.
+        result: (n,) bool, overwritten.
+    """
+    for k in range(difference.shape[0]):
+        away = math.sqrt(difference[k, 0] * difference[k, 0] + difference[k, 1] * difference[k, 1])
+        turned = abs(wrapped(difference[k, 2], heading_period)) if difference.shape[1] > 2 else 0.0
+        result[k] = away > position_tolerance or turned > heading_tolerance
+
+
+@borrowing
+def relate_gaps(all_of, pose, gone, world):
+    """Nearest neighbours in one world; parts that are gone are out of the way.
+
+    Returns:
+        The smallest gap, m, and the number of touching pairs.
+    """
+    parts, hulls, placed, far = pose.shape[1], all_of.hulls, all_of.placed, all_of.rules.limit[FAR]
+    here, gap, neighbour = all_of.episode.present[world], all_of.relations.gap[world], all_of.relations.neighbour[world]
+    for i in range(parts):
+        gap[i], neighbour[i] = far, -1
+        if parts > 1 and here[i] and not gone[world, i]:
+            place_hulls(hulls, i, pose[world, i, 0], pose[world, i, 1], pose[world, i, 2], placed)
+    touching, clearance = 0, far
+    for i in range(parts):
+        if not here[i] or gone[world, i]:
+            continue
+        for j in range(i):
+            if not here[j] or gone[world, j]:
+                continue
+            dx, dy = pose[world, i, 0] - pose[world, j, 0], pose[world, i, 1] - pose[world, j, 1]
+            least = math.sqrt(dx * dx + dy * dy) - hulls.radius[i] - hulls.radius[j]
+            if least >= gap[i] and least >= gap[j] and least >= TOUCHING:
+                continue
+            between = part_gap(hulls, placed, i, j)
+            if between < gap[i]:
+                gap[i], neighbour[i] = between, j
+            if between < gap[j]:
+                gap[j], neighbour[j] = between, i
+            clearance = min(clearance, between)
+            touching += between < TOUCHING
+    return clearance, touching
+
+
+@borrowing
+def relate_world(all_of, pose, gone, world):
+    """How the parts of one world stand to their goals and to one another; returns the smallest gap and the touching pairs."""
+    rules, goal, present, error = all_of.rules, all_of.episode.goal, all_of.episode.present, all_of.relations.error
+    clearance, touching = relate_gaps(all_of, pose, gone, world)
+    for i in range(pose.shape[1]):
+        ex, ey, turn = 0.0, 0.0, 0.0
+        if present[world, i]:
+            x, y, gx, gy = pose[world, i, 0], pose[world, i, 1], goal[world, i, 0], goal[world, i, 1]
+            ex = min(max(x, gx + rules.zone[i, 0]), gx + rules.zone[i, 2]) - x
+            ey = min(max(y, gy + rules.zone[i, 1]), gy + rules.zone[i, 3]) - y
+            if rules.limit[HEADING] < math.inf:
+                turn = wrapped(goal[world, i, 2] - pose[world, i, 2], rules.heading_period[i])
+        error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
+    return clearance, touching
+
+
+@borrowing
+def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
+    """Which parts of one world are done, and its errors.
+
+    Args:
+        clearance, touching: from :func:`relate_world`.
+
+    Returns:
+        Whether all parts are done, and whether all are where and as they should be, be it on the floor.
+    """
+    relations, episode, limit = all_of.relations, all_of.episode, all_of.rules.limit
+    number = episode.number[world]
+    apart = limit[APART]
+    error, clear = max(apart - clearance, 0.0), 0.0
+    down, count, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
+    for i in range(mean_velocity.shape[1]):
+        episode.done[world, i] = False
+        if not episode.present[world, i]:
+            continue
+        ex, ey = relations.error[world, i, 0], relations.error[world, i, 1]
+        away, turned, gap = math.sqrt(ex * ex + ey * ey), abs(relations.error[world, i, 2]), relations.gap[world, i]
+        vx, vy = mean_velocity[world, i, 0], mean_velocity[world, i, 1]
+        error, most_turned = max(error, away), max(most_turned, turned)
+        count, distance, turn, inside = count + 1, distance + away, turn + turned, inside + (ex == 0.0 and ey == 0.0)
+        if apart > 0.0:
+            clear += min(max(gap, 0.0), apart) / apart
+        slow = vx * vx + vy * vy < limit[SLOW] * limit[SLOW]
+        fitting = away <= limit[POSITION] and turned <= limit[HEADING] and slow and gap > apart
+        fit += fitting
+        if fallen[world, i]:
+            down = True
+        elif fitting:
+            episode.done[world, i] = True
+            done += 1
+    share = float(max(count, 1))
+    number[MEAN_DISTANCE], number[MEAN_TURN] = distance / share, turn / share
+    number[SHARE_INSIDE], number[SHARE_CLEAR] = inside / share, clear / share
+    number[POSITION_ERROR], number[HEADING_ERROR], number[SMALLEST_GAP] = error, most_turned, clearance
+    episode.count[world, PARTS_DONE], episode.count[world, IN_TOUCH] = done, touching
+    episode.flag[world, DOWN] = down
+    return done == count, fit == count
+
+
+@borrowing
+def reward_world(all_of, within, world):
+    """Reward terms of one world and their sum.
+
+    Args:
+        within: whether all parts are where and as they should be.
+    """
+    rules, episode, before, quantity = all_of.rules, all_of.episode, all_of.before, all_of.quantity
+    now, flag = episode.number[world], episode.flag[world]
+    quantity[DISTANCE] = _limited((before[MEAN_DISTANCE] - now[MEAN_DISTANCE]) / DISTANCE_SCALE)
+    quantity[APPROACH] = math.tanh(before[MEAN_DISTANCE] / APPROACH_SCALE) - math.tanh(
+        now[MEAN_DISTANCE] / APPROACH_SCALE
+    )
+    quantity[TURN] = _limited((before[MEAN_TURN] - now[MEAN_TURN]) / TURN_SCALE)
+    quantity[ALIGNMENT] = math.tanh(before[MEAN_TURN] / ALIGNMENT_SCALE) - math.tanh(now[MEAN_TURN] / ALIGNMENT_SCALE)
+    quantity[INSIDE] = now[SHARE_INSIDE] - before[SHARE_INSIDE]
+    quantity[WITHIN] = 1.0 if within else 0.0
+    quantity[CLEARANCE] = now[SHARE_CLEAR] - before[SHARE_CLEAR]
+    quantity[TIME] = -1.0
+    quantity[SUCCESS] = 1.0 if flag[SUCCEEDED] else 0.0
+    quantity[FALLEN] = -1.0 if flag[DOWN] else 0.0
+    terms = episode.terms[world]
+    for k in range(terms.shape[0]):
+        terms[k] = rules.weight[k] * quantity[rules.term[k]]
+    total = 0.0
+    for k in range(terms.shape[0]):
+        total += terms[k]
+    now[REWARD] = total
+
+
+@borrowing
+def relate_worlds(pose, gone, judged):
+    """Bring the relations of all worlds up to date.
+
+    Args:
+        pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
+        judged: address of a pinned :class:`Judged`, whose relations are overwritten.
+    """
+    all_of = judged_at(judged)
+    for world in range(pose.shape[0]):
+        relate_world(all_of, pose, gone, world)
+
+
+@borrowing
+def score_worlds(worlds, state, judged):
+    """Score one step of every world against the one before, or start the episodes of some, whose goals and parts are set.
+
+    Args:
+        worlds: (n,) index of those whose episodes start; empty: a step of all.
+        state: address of the pinned true state.
+        judged: address of a pinned :class:`Judged`, whose relations and episode are changed.
+    """
+    true, all_of = state_at(state), judged_at(judged)
+    episode, limit, before = all_of.episode, all_of.rules.limit, all_of.before
+    starting = worlds.shape[0] > 0
+    for k in range(worlds.shape[0] if starting else true.pose.shape[0]):
+        world = worlds[k] if starting else k
+        number, count, flag = episode.number, episode.count, episode.flag
+        for i in range(4):
+            before[i] = number[world, i]
+        clearance, touching = relate_world(all_of, true.pose, true.fallen, world)
+        complete, within = judge_world(all_of, true.mean_velocity, true.fallen, world, clearance, touching)
+        if starting:
+            count[world, HELD], flag[world, SUCCEEDED], flag[world, ENDED] = 0, False, False
+            number[world, REWARD] = 0.0
+            for term in range(episode.terms.shape[1]):
+                episode.terms[world, term] = 0.0
+            continue
+        sound = not (flag[world, DOWN] or true.diverged[world])
+        count[world, HELD] = count[world, HELD] + int(limit[PERIODS]) if sound and complete else 0
+        flag[world, SUCCEEDED] = count[world, HELD] >= limit[HOLD]
+        flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
+        reward_world(all_of, within, world)

@@ -1,0 +1,314 @@
+"""Where parts start: scattered over the surface, or in a heap and in touch.
+
+All is computed from uniform numbers, which the environments draw, so an episode's start depends on nothing but them. Where
+chance finds no room within a number of tries, parts go to a lattice that has been checked to hold them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.collision.hulls import hull_gap, part_gap, place_hulls, wall_gap
+from vibgym.physics.core.jit import jit
+from vibgym.scene.hulls import hulls_of
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.tasks.lattice import lattice
+
+TRIES = 20
+"""Random poses, or directions of approach, for each part."""
+
+CLEAR = 0.002
+"""Smallest distance between scattered parts, m."""
+
+TOUCH = 1e-6
+"""Parts closer than this are in touch, m. Approaching parts stop at half of it."""
+
+MOST_STEPS = 200
+"""Of one approach; a handful is usual."""
+
+START_NUMBERS = {"scattered": 3, "crowded": 2}
+"""Uniform numbers of one try."""
+
+
+class Room(NamedTuple):
+    """What the drawing kernels know of the surface."""
+
+    width: float  # m
+    height: float  # m
+    cells: (
+        np.ndarray
+    )  # (n, 2) m, centres of cells that hold any part, column by column, each from the bottom to the top
+    clear: float  # m, smallest distance between scattered parts
+
+
+@jit
+def choose_present(low, high, numbers, order):
+    """How many parts are present, between ``low`` and ``high``; ``order`` begins with those, at random.
+
+    Args:
+        numbers: (1 + parts,) uniform.
+        order: (parts,) int64, overwritten.
+    """
+    parts = order.shape[0]
+    for k in range(parts):  # sorted by their numbers, by insertion
+        at = k
+        while at > 0 and numbers[1 + order[at - 1]] > numbers[1 + k]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = k
+    return min(low + int(numbers[0] * (high - low + 1)), high)
+
+
+@jit
+def is_clear(hulls, placed, pose, order, count, clear):
+    """Whether the part ``order[count]`` keeps ``clear`` from those before it; all are placed."""
+    part = order[count]
+    for k in range(count):
+        other = order[k]
+        dx, dy = pose[other, 0] - pose[part, 0], pose[other, 1] - pose[part, 1]
+        reach = hulls.radius[part] + hulls.radius[other] + clear
+        if dx * dx + dy * dy < reach * reach and not part_gap(hulls, placed, part, other) >= clear:
+            return False
+    return True
+
+
+@jit
+def scatter(hulls, room, order, count, numbers, placed, pose):
+    """Put the parts ``order[:count]`` anywhere, each wholly on the surface and clear of the others.
+
+    Args:
+        numbers: (parts, TRIES, 3) uniform.
+        placed: scratch, as ``hulls.corner``.
+        pose: (parts, 3), overwritten for these parts.
+    """
+    for k in range(count):
+        part, found = order[k], False
+        radius = hulls.radius[part]
+        for t in range(numbers.shape[1]):
+            pose[part, 0] = radius + (room.width - 2.0 * radius) * numbers[part, t, 0]
+            pose[part, 1] = radius + (room.height - 2.0 * radius) * numbers[part, t, 1]
+            pose[part, 2] = math.pi * (2.0 * numbers[part, t, 2] - 1.0)
+            place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
+            if is_clear(hulls, placed, pose, order, k, room.clear):
+                found = True
+                break
+        if not found:
+            spread(room, order, count, numbers, pose)
+            return
+
+
+@jit
+def spread(room, order, count, numbers, pose):
+    """Put the parts into cells of the lattice, chosen at random, with random headings."""
+    cells = np.arange(room.cells.shape[0])
+    for k in range(count):
+        part = order[k]
+        other = min(k + int(numbers[part, 0, 0] * (cells.shape[0] - k)), cells.shape[0] - 1)
+        cells[k], cells[other] = cells[other], cells[k]
+        pose[part, 0], pose[part, 1] = room.cells[cells[k], 0], room.cells[cells[k], 1]
+        pose[part, 2] = math.pi * (2.0 * numbers[part, 0, 2] - 1.0)
+
+
+@jit
+def slide(hulls, placed, pose, order, count, ux, uy, length):
+    """Move the part ``order[count]`` along ``(ux, uy)`` until it touches one of those before it, ``length`` m at most.
+
+    Each step is the longest that is safe: along the direction in which two hulls are apart they cannot meet before their gap
+    is used up. Changes the part's pose and placed corners; returns whether it touches.
+    """
+    part = order[count]
+    travelled = 0.0
+    for _ in range(MOST_STEPS):
+        place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
+        smallest, step = math.inf, length - travelled
+        for k in range(count):
+            other = order[k]
+            for a in range(hulls.owner[part], hulls.owner[part + 1]):
+                for b in range(hulls.owner[other], hulls.owner[other + 1]):
+                    gap, nx, ny = hull_gap(hulls, placed, a, b)
+                    smallest = min(smallest, gap)
+                    rate = nx * ux + ny * uy
+                    if rate > 0.0:
+                        step = min(step, (gap - 0.5 * TOUCH) / rate)
+        if smallest < TOUCH:
+            return smallest >= 0.0
+        if travelled >= length:
+            return False
+        pose[part, 0] += step * ux
+        pose[part, 1] += step * uy
+        travelled += step
+    return False
+
+
+@jit
+def is_on_surface(hulls, placed, part, room):
+    """Whether a placed part lies wholly on the surface."""
+    for wall in range(4):
+        if not wall_gap(hulls, placed, part, wall, room.width, room.height) >= 0.0:
+            return False
+    return True
+
+
+@jit
+def heap(hulls, room, order, count, numbers, placed, pose):
+    """Put the parts ``order[:count]`` down in one heap: each comes from afar towards the first and stops where it touches.
+
+    The first lies near a random point. A part that would stick out of the surface tries another direction and heading.
+
+    Args: as for :func:`scatter`, but for numbers: (parts, TRIES, 2) uniform.
+    """
+    largest = 0.0
+    for k in range(count):
+        largest = max(largest, hulls.radius[order[k]])
+    first = order[0]
+    margin = largest * (0.5 + math.sqrt(count))
+    for axis in range(2):
+        size = room.width if axis == 0 else room.height
+        edge = min(max(margin, hulls.radius[first]), 0.5 * size)
+        pose[first, axis] = edge + (size - 2.0 * edge) * numbers[first, 0, axis]
+    pose[first, 2] = math.pi * (2.0 * numbers[first, 1, 0] - 1.0)
+    place_hulls(hulls, first, pose[first, 0], pose[first, 1], pose[first, 2], placed)
+    far = room.width + room.height + 4.0 * largest
+    for k in range(1, count):
+        part, found = order[k], False
+        for t in range(numbers.shape[1]):
+            ux, uy = math.cos(2.0 * math.pi * numbers[part, t, 0]), math.sin(2.0 * math.pi * numbers[part, t, 0])
+            pose[part, 0], pose[part, 1] = pose[first, 0] - far * ux, pose[first, 1] - far * uy
+            pose[part, 2] = math.pi * (2.0 * numbers[part, t, 1] - 1.0)
+            touches = slide(hulls, placed, pose, order, k, ux, uy, far)
+            if touches and is_on_surface(hulls, placed, part, room):
+                found = True
+                break
+        if not found:
+            push_together(hulls, room, order, count, numbers, placed, pose)
+            return
+
+
+@jit
+def push_together(hulls, room, order, count, numbers, placed, pose):
+    """Put the parts into the first cells of the lattice and push each to the left, and at the border down, until it touches.
+
+    Cells are filled column by column, so a part's way is within the lattice and those before it are out of its cell. At the
+    border it meets the part below head on.
+    """
+    for k in range(count):
+        part = order[k]
+        pose[part, 0], pose[part, 1] = room.cells[k, 0], room.cells[k, 1]
+        pose[part, 2] = math.pi * (2.0 * numbers[part, 0, 1] - 1.0)
+        if not slide(hulls, placed, pose, order, k, -1.0, 0.0, room.cells[k, 0] - room.cells[0, 0]):
+            slide(hulls, placed, pose, order, k, 0.0, -1.0, room.cells[k, 1] - room.cells[0, 1])
+
+
+@jit
+def chosen_first(present, order):
+    """Let ``order`` begin with the parts that are present, as they stand; returns their number."""
+    count = 0
+    for k in range(order.shape[0]):
+        if present[order[k]]:
+            first = order[k]
+            for at in range(k, count, -1):
+                order[at] = order[at - 1]
+            order[count] = first
+            count += 1
+    return count
+
+
+@jit
+def draw_starts(hulls, room, heaped, low, high, given, uniform, pose, present):
+    """Starts of n worlds.
+
+    Args:
+        heaped: whether parts start in one heap; else they are scattered.
+        low, high: smallest and largest number of parts present.
+        given: whether ``present`` says which parts there are; else it is drawn.
+        uniform: (n, 1 + parts + parts * TRIES * numbers per try): how many, which, and the tries.
+        pose: (n, parts, 3), overwritten; of absent parts beside the surface.
+        present: (n, parts) bool, overwritten.
+    """
+    parts = pose.shape[1]
+    order, placed = np.empty(parts, np.int64), np.empty_like(hulls.corner)
+    for world in range(pose.shape[0]):
+        count = choose_present(low, high, uniform[world], order)
+        if given:
+            count = chosen_first(present[world], order)
+        pose[world], present[world] = 0.0, False
+        for k in range(parts):
+            pose[world, k, 0], pose[world, k, 1] = -room.width, -room.height
+        for k in range(count):
+            present[world, order[k]] = True
+        tries = uniform[world, 1 + parts :].reshape((parts, TRIES, -1))
+        if heaped:
+            heap(hulls, room, order, count, tries, placed, pose[world])
+        else:
+            scatter(hulls, room, order, count, tries, placed, pose[world])
+
+
+class Starts:
+    """Draws where the parts of an episode lie, and which there are.
+
+    Args:
+        surface, parts: the scene.
+        arrangement: ``"scattered"`` (random poses at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
+        randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there; None: all.
+        apart: m, distance that the surface has to have room for between parts.
+
+    Attributes:
+        most: largest number of parts in an episode.
+        draws: uniform numbers for an episode.
+
+    Raises:
+        ValueError: a bad setting, or too little room.
+    """
+
+    def __init__(
+        self, surface: Surface, parts: Sequence[Part], arrangement: str, randomize: Any = None, apart: float = 0.0
+    ) -> None:
+        checks.choice("start", arrangement, tuple(START_NUMBERS))
+        self.parts, self.heaped = tuple(parts), arrangement == "crowded"
+        self.fewest, self.most = _number_present(randomize, len(parts))
+        self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[arrangement])
+        gap = max(0.0 if self.heaped else CLEAR, apart)
+        radius = max(part.radius for part in parts)
+        cells = lattice(np.zeros(2), np.array([surface.width, surface.height]), radius, gap)
+        if len(cells) < self.most:
+            names = ", ".join(dict.fromkeys(part.name for part in parts))
+            raise checks.refuse(
+                "parts",
+                f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart",
+                f"at most {len(cells)} on this surface, {surface.width:g} x {surface.height:g} m",
+            )
+        self._hulls = hulls_of(parts)
+        self._room = Room(surface.width, surface.height, cells, CLEAR)
+
+    def draw(self, uniform: np.ndarray, present: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Poses (n, parts, 3) and which parts are there (n, parts), from ``uniform`` (n, draws) in [0, 1).
+
+        Args:
+            present: (n, parts) bool to say which are there; None: drawn.
+        """
+        shape = (len(uniform), len(self.parts))
+        pose, given = np.empty((*shape, 3)), present is not None
+        there = np.array(present) if present is not None else np.empty(shape, dtype=bool)
+        uniform = np.ascontiguousarray(uniform)
+        draw_starts(self._hulls, self._room, self.heaped, self.fewest, self.most, given, uniform, pose, there)
+        return pose, there
+
+
+def _number_present(randomize: Any, parts: int) -> tuple[int, int]:
+    """Smallest and largest number of parts in an episode."""
+    allowed = f"None, or {{'parts': [low, high]}} with whole numbers 1 <= low <= high <= {parts}"
+    if randomize is None or randomize == {}:
+        return parts, parts
+    if not isinstance(randomize, Mapping) or set(randomize) != {"parts"}:
+        raise checks.refuse("randomize", randomize, allowed)
+    bounds = randomize["parts"]
+    if isinstance(bounds, str) or not isinstance(bounds, Sequence) or len(bounds) != 2:
+        raise checks.refuse("randomize['parts']", bounds, allowed)
+    low = checks.count("randomize['parts'][0]", bounds[0], most=parts)
+    return low, checks.count("randomize['parts'][1]", bounds[1], least=low, most=parts)

@@ -1,0 +1,78 @@
+"""Compile everything that environments and simulators need, for images of machines and for clusters: nobody waits then."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import gymnasium
+import numpy as np
+
+from vibgym import Part, Simulator, Surface
+from vibgym.allocation import mean_acceleration, mean_state, phasors_for
+from vibgym.physics.core.drive import all_phasors, polar_drive
+
+BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)]
+
+
+def environment(name: str, observation: str) -> None:
+    """A step of an environment. All actions come to the same kernels, see :class:`vibgym.physics.core.drive.Drive`."""
+    try:
+        made = gymnasium.make(name, observation=observation)
+    except ValueError:
+        return  # the task does not have this observation
+    made.reset(seed=0)
+    made.step(made.action_space.sample())
+    made.close()
+
+
+def simulator(**settings: object) -> None:
+    """A period of a simulator."""
+    made = Simulator(Surface(), **settings)  # type: ignore[arg-type]
+    made.advance(0.0, 0.0)
+
+
+def contacts() -> None:
+    """A period in which parts touch one another and a wall."""
+    made = Simulator(Surface(), BLOCKS, walls=["left"])
+    made.reset([[[0.025, 0.1, 0.0], [0.07, 0.1, 0.0]]], [[[-0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]])
+    made.advance(0.0, 0.0)
+
+
+def allocation() -> None:
+    """Phasors for a wrench, and back."""
+    surface, part = Surface(), BLOCKS[0]
+    pose, velocity = [0.4, 0.1, 0.0], [0.1, 0.0, 0.0]
+    found = phasors_for(surface, part, pose, velocity, [0.1, 0.0, 0.0])
+    mean_acceleration(surface, part, pose, velocity, found.amplitude, found.phase)
+    mean_state(surface, part, pose, velocity, found.amplitude, found.phase)
+
+
+def phasors() -> None:
+    """What viewers draw."""
+    still = np.zeros((1, 1, 1))
+    all_phasors(polar_drive(still, still, 1.0), np.zeros((1, 1, 1, 2)))
+
+
+def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
+    """What there is to compile, by name."""
+    yield "planar model", lambda: simulator(parts=BLOCKS[0])
+    yield "averaged model", lambda: simulator(parts=BLOCKS[0], model="averaged")
+    yield "contacts", contacts
+    yield "allocation", allocation
+    yield "viewers", phasors
+    for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
+        for observation in ("state", "goal", "image"):
+            yield f"{name}, {observation}", lambda name=name, kind=observation: environment(name, kind)
+
+
+def warm(say: Callable[[str], None]) -> float:
+    """Compile everything; returns the seconds that it took. ``say`` is told what has taken time."""
+    began = time.perf_counter()
+    for name, job in jobs():
+        started = time.perf_counter()
+        job()
+        took = time.perf_counter() - started
+        if took > 0.5:
+            say(f"{took:6.1f} s  {name}")
+    return time.perf_counter() - began
