@@ -1,7 +1,7 @@
 """How long the first step takes: with nothing compiled, in a new process with everything compiled, and for a further action.
 
     python -m benchmarks.cold_start            # this tree
-    python -m benchmarks.cold_start /work/base # and another one, in turn, on the same machine
+    python -m benchmarks.cold_start ../base # and another checkout, in turn, on the same machine
 
 Times are from before ``gym.make`` to after the first step, without the imports. Processor time is given as well: it
 depends less on what else the machine does.

@@ -20,6 +20,7 @@ from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.models import MODELS as FIXED
 from vibgym.simulation.protocol import Setup
+from vibgym.snapshots import check_keys, copied, restored
 
 MODELS = (*FIXED, "auto")
 
@@ -260,7 +261,7 @@ class Simulator:
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit."""
-        return {**{name: values.copy() for name, values in self._state._asdict().items()}, "periods": self._periods}
+        return {**copied(self._state._asdict()), "periods": self._periods}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what :meth:`get_state` gave, on a simulator with the same worlds and parts.
@@ -269,23 +270,13 @@ class Simulator:
             ValueError: a key is missing or unknown, a value has the wrong shape or is not finite, or parts overlap by more
                 than contacts let them.
         """
-        names = (*State._fields, "periods")
-        if not isinstance(state, Mapping) or set(state) != set(names):
-            got = sorted(map(str, state)) if isinstance(state, Mapping) else state
-            raise checks.refuse("state", got, f"a mapping with exactly the keys {', '.join(names)}")
-        values = {}
-        for name, mine in self._state._asdict().items():
-            try:
-                value = np.asarray(state[name])
-            except ValueError:
-                raise checks.refuse(f"state[{name!r}]", state[name], f"an array of shape {mine.shape}") from None
-            if value.shape != mine.shape:
-                raise checks.refuse(f"state[{name!r}]", f"array of shape {value.shape}", f"shape {mine.shape}")
-            values[name] = checks.array(f"state[{name!r}]", value, mine.shape, dtype=mine.dtype)
+        check_keys("state", state, (*State._fields, "periods"))
+        live = self._state._asdict()
+        values = restored("state", live, {name: state[name] for name in live})
         periods = checks.count("state['periods']", state["periods"], least=0)
         where = (values["pose"], values["fallen"] | values["diverged"][:, None])
         overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
-        for name, mine in self._state._asdict().items():
+        for name, mine in live.items():
             mine[...] = values[name]
         self._periods = periods
 
