@@ -98,14 +98,15 @@ class Core:
         self.identity = _identity(options, self)
         velocity = [np.append(self.surface.idle_velocity(part.friction), 0.0) for part in self.parts]
         self.idle = np.array(velocity)
-        state = (
-            self.simulator.state
-        )  # its arrays, as those of the scoring, live as long as the core and change in place
+        # Arrays of the state and of the scoring live as long as the core and are changed in place.
+        state = self.simulator.state
         self.scoring = Scoring(self.task, state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # A sensor that tells the truth needs no relations of its own.
-        self._measured = self.relations if self.sensor.exact else new_relations(worlds, len(self.parts))
-        self._judged_by_measurement = self.scoring.judged(self._measured)
+        self._measured, self._by_measurement = self.relations, None
+        if not self.sensor.exact:
+            self._measured = new_relations(worlds, len(self.parts))
+            self._by_measurement = self.scoring.judged(self._measured)
         self.facts = self.task.facts(state.diverged, self.episode)
         self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
         if self.observation.goal_reward:
@@ -179,9 +180,9 @@ class Core:
 
     def _look(self) -> None:
         """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
-        if not self.sensor.exact:
+        if self._by_measurement is not None:
             measured = self.sensor.measurement
-            self.scoring.relate(measured.pose, measured.gone, self._judged_by_measurement)
+            self.scoring.relate(measured.pose, measured.gone, self._by_measurement)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""

@@ -92,10 +92,6 @@ def _colour_of(kind: int) -> tuple[int, int, int]:
     return palette.PARTS[kind % len(palette.PARTS)]
 
 
-def _points(trail: np.ndarray) -> np.ndarray:
-    return np.asarray(trail, dtype=np.float64).reshape(-1, 2)
-
-
 class SurfacePainter:
     """Draws views of one surface with fixed parts. Needs no display.
 
