@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.physics.core.records import Table
+
+LEDGE = 1e-3
+"""m that a centre of mass may lie beyond a border with a wall: contacts let parts into walls by less."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +126,9 @@ class Surface:
         y = (np.arange(self.rows) + 0.5) * self.element_size
         return np.meshgrid(x, y)
 
-    def table(self) -> Table:
-        """The surface as the kernels take it."""
+    def table(self, walls: Sequence[str] = ()) -> Table:
+        """The surface as the kernels take it, with walls along some of its borders."""
+        room = {name: LEDGE if name in walls else 0.0 for name in ("left", "right", "bottom", "top")}
         return Table(
             self.rows,
             self.columns,
@@ -132,4 +137,8 @@ class Surface:
             self.period,
             self.horizontal_amplitude,
             self.table_speed,
+            -room["left"],
+            self.width + room["right"],
+            -room["bottom"],
+            self.height + room["top"],
         )
