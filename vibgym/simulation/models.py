@@ -29,6 +29,10 @@ class Alone:
     def reset(self) -> None:
         """Begin counting anew."""
 
+    def deepest_overlap(self) -> float:
+        """There is none."""
+        return 0.0
+
     def statistics(self, periods: int) -> dict[str, int]:
         """All periods are free."""
         return {"free": periods, "near": 0, "contact": 0, "contact_steps": 0}

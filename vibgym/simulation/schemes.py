@@ -14,6 +14,7 @@ from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.records import Scheme
 from vibgym.scene.hulls import WALLS
+from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import averages_tables
@@ -26,6 +27,9 @@ FEWEST_STEPS = 4
 
 CONTACT_OVERLAP = 5e-6
 """m that an impact may make two parts overlap unless asked for otherwise."""
+
+FRICTION_OVERLAP = 1.7e-4
+"""m that ``mu g h^2``, what friction makes two parts that it drives together overlap in a step ``h``, may be."""
 
 CONTACT_STEPS = 10
 """Fewest steps of the coupling between friction and contacts in a period unless asked for otherwise."""
@@ -84,15 +88,21 @@ def planar_schemes(
 ) -> PlanarSchemes:
     """The planar model: each kind by itself as :func:`planar_scheme` says, and steps for contacts.
 
-    ``contact_steps``: fewest steps of the coupling in a period with contacts. ``contact_overlap``: m, how far parts may run
-    into one another before the solver sees the impact; steps are cut short for it.
+    ``contact_steps``: fewest steps of the coupling in a period with contacts; ``"auto"``: ten, or as many as keep what friction
+    adds to an overlap in a step small. ``contact_overlap``: m, how far parts may run into one another before the solver sees
+    the impact; steps are cut short for it. Both are finer for parts that are not much larger than the overlaps.
     """
-    overlap = CONTACT_OVERLAP
+    half_width = 0.5 * min(narrowest_width(kind.outline) for kind in kinds)
+    overlap = min(CONTACT_OVERLAP, half_width / 50.0)
     if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
         overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
     alone = [planar_scheme(surface, part, steps, substeps, pieces) for part in kinds]
     finest = max(alone, key=lambda scheme: scheme.steps)
-    coupled = chosen("contact_steps", contact_steps) or CONTACT_STEPS
+    friction = max(part.friction for part in kinds) * surface.gravity
+    pressed = min(FRICTION_OVERLAP, 0.25 * half_width)
+    coupled = chosen("contact_steps", contact_steps) or max(
+        CONTACT_STEPS, math.ceil(surface.period * math.sqrt(friction / pressed))
+    )
     return PlanarSchemes(
         alone=tuple(alone),
         together=finest,

@@ -250,6 +250,14 @@ class Simulator:
         return self._model.statistics(self.worlds * self._counted)
 
     @property
+    def deepest_overlap(self) -> float:
+        """Largest overlap since the reset that parts had with one another or with walls when a step of contacts was over, m.
+
+        Steps are short parts of a period: so this bounds what periods end with.
+        """
+        return self._model.deepest_overlap()
+
+    @property
     def time(self) -> float:
         """Time since the reset, s."""
         return self._periods / self.surface.frequency
