@@ -39,7 +39,7 @@ def one_run(directory: Path, field: str = "output", file: str = FILE, patience: 
     try:
         lock.acquire(timeout=patience, poll_interval=0.02)
     except Timeout:
-        allowed = f"a directory in which no other run is at work ({_owner(path)} is)"
+        allowed = f"a directory in which no other run is at work (in use by {_owner(path)})"
         raise checks.refuse(field, str(directory), allowed) from None
     except OSError as error:
         allowed = f"a directory in which {file} can be locked ({reason(error)})"
