@@ -6,6 +6,7 @@ Exit codes: 0 done, 2 bad input (one line that names file, field and allowed val
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,7 +35,9 @@ def parser() -> argparse.ArgumentParser:
 def evaluate(arguments: argparse.Namespace) -> int:
     """Run an evaluation, write its files and print the summary."""
     from agents import evaluation
+    from vibgym import files, locks
 
+    held = contextlib.ExitStack()  # the directory is this run's until its files are written
     try:
         settings = evaluation.load_settings(arguments.config, arguments.episodes, arguments.output)
         gif = None
@@ -43,12 +46,17 @@ def evaluate(arguments: argparse.Namespace) -> int:
             gif = evaluation.Gif(task, policy, Path(path))
         try:
             prepared = evaluation.prepare(settings, gif)
+            held.enter_context(locks.one_run(Path(settings.output), "evaluation.output"))
         except ValueError as error:
             raise ValueError(f"{arguments.config}: {error}") from None
     except ValueError as error:
         return refused(error)
-    results = evaluation.evaluate(prepared, arguments.quiet)
-    page = evaluation.write(results, gif, arguments.quiet)
+    try:
+        with held:
+            results = evaluation.evaluate(prepared, arguments.quiet)
+            page = evaluation.write(results, gif, arguments.quiet)
+    except files.WriteError as error:
+        return failed(error)
     print(evaluation.summary_table(results))
     print(f"\nreport: {page}")
     return 0
@@ -56,13 +64,16 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
 def train(arguments: argparse.Namespace) -> int:
     """Train a policy."""
-    from agents.learned.train import train
+    from agents.learned.train import TrainingError, train
+    from vibgym.files import WriteError
 
     output = None if arguments.output is None else Path(arguments.output)
     try:
         train(arguments.config, output=output, quiet=arguments.quiet, policy=arguments.policy)
     except ValueError as error:
         return refused(error)
+    except (TrainingError, WriteError) as error:
+        return failed(error)
     return 0
 
 
@@ -70,6 +81,12 @@ def refused(error: ValueError) -> int:
     """Say in one line what is wrong with the input."""
     print(" ".join(str(error).split()), file=sys.stderr)
     return 2
+
+
+def failed(error: Exception) -> int:
+    """Say in one line what has kept a run with good input from its end."""
+    print(" ".join(str(error).split()), file=sys.stderr)
+    return 1
 
 
 def main(argv: Sequence[str] | None = None) -> int:

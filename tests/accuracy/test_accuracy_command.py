@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from vibgym import locks
 from vibgym.accuracy import __main__ as command
-from vibgym.accuracy import mujoco_scene, report, settings
+from vibgym.accuracy import mujoco_scene, page, report, settings, tables
 
 GOOD: dict[str, Any] = {
     "rounds": 2,
@@ -98,6 +101,55 @@ def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         command.main([])
     assert stop.value.code == 2
+
+
+@pytest.mark.parametrize("place", ["file", "x" * 300, "a\0b", "a\ud800", "/proc/vibgym", "taken", "kept"])
+def test_bad_places(
+    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file, names that no file system takes, a directory in the place of the table, and another run's directory."""
+    monkeypatch.setattr(report, "run", lambda *_: pytest.fail("runs"))
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "taken" / "results.csv").mkdir(parents=True)
+    (tmp_path / "kept").mkdir()
+    path = save(tmp_path, {})
+    with locks.one_run(tmp_path / "kept"):
+        line = refusal(capsys, str(path), "--output", str(tmp_path / place))
+    assert line.startswith(f"{path}: output: got ") and (tmp_path / "file").read_text() == "mine"
+    assert (f"process {os.getpid()} on host" in line) == (place == "kept")
+
+
+def test_a_full_disk_leaves_the_old_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is measured here, and nothing drawn: it is about the files."""
+    out = tmp_path / "out"
+    text = {"page": "old", "csv_text": "old", "json_text": "old"}
+    for name in text:
+        monkeypatch.setattr(page, name, lambda _, name=name: text[name])
+    monkeypatch.setattr(report, "run", lambda *_: None)
+    monkeypatch.setattr(tables, "summary", lambda _: "")
+    path = str(save(tmp_path, {}))
+    assert command.main([path, "--quiet"]) == 0
+    capsys.readouterr()
+    flush, calls = os.fsync, []
+
+    def full(handle: int) -> None:
+        calls.append(handle)
+        if len(calls) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(handle)
+
+    def measured(*_: Any) -> None:
+        text.update(dict.fromkeys(text, "new"))
+        monkeypatch.setattr(os, "fsync", full)
+
+    monkeypatch.setattr(report, "run", measured)
+    assert command.main([path, "--quiet"]) == 1
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err
+    names = ("report.html", "results.csv", "results.json")
+    assert {each.name: each.read_text() for each in out.iterdir()} == dict.fromkeys(names, "old")
 
 
 def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ Exit codes: 0 done, 2 bad input (one line that names file, field and allowed val
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,22 +36,29 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         # All of it now: what is missing should not show after minutes of measuring.
+        from vibgym import files, locks
         from vibgym.accuracy import page, report, settings, tables
     except ImportError as error:
         print(f"{error}; the report needs more packages: pip install 'vibgym[accuracy]'", file=sys.stderr)
         return 1
+    held = contextlib.ExitStack()  # the directory is this run's until its files are written
     try:
         asked = settings.load_settings(arguments.config, arguments.output)
         try:
             prepared = report.prepare(asked)
+            held.enter_context(locks.one_run(prepared.output))
         except ValueError as error:
             raise ValueError(f"{arguments.config}: {error}") from None
     except ValueError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return 2
     try:
-        found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
-        path = page.write(found, prepared.output)
+        with held:
+            found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
+            path = page.write(found, prepared.output)
+    except files.WriteError as error:
+        print(error, file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("interrupted: whatever was written before is whole", file=sys.stderr)
         return 1
