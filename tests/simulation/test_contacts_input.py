@@ -195,7 +195,9 @@ def test_too_many_materials_for_walls():
         return [Part.disc(0.005, friction=0.6, contact_friction=k / 100.0) for k in range(count)]
 
     assert Simulator(SURFACE, materials(31), walls=["left"]).worlds == 1
-    with pytest.raises(ValueError, match="parts: got '32 values'; allowed: at most 31 different values of contact_friction"):
+    with pytest.raises(
+        ValueError, match="parts: got '32 values'; allowed: at most 31 different values of contact_friction"
+    ):
         Simulator(SURFACE, materials(32), walls=["left"])
     # Without walls there is no such limit; nor does it count parts of one material.
     assert len(Simulator(SURFACE, materials(32)).parts) == 32

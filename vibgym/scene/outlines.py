@@ -58,7 +58,9 @@ def narrowest_width(outline: np.ndarray) -> float:
     corners = np.asarray(to_convex_hull(outline.tolist(), 0.0))[:, None, :]
     edges = np.roll(corners, -1, axis=0) - corners
     length = np.hypot(edges[..., 0], edges[..., 1])
-    normals = np.stack([edges[..., 1], -edges[..., 0]], axis=2)[length[:, 0] > 0.0] / length[length > 0.0][:, None, None]
+    normals = (
+        np.stack([edges[..., 1], -edges[..., 0]], axis=2)[length[:, 0] > 0.0] / length[length > 0.0][:, None, None]
+    )
     reach = (normals * outline[None]).sum(axis=2)
     return float((reach.max(axis=1) - reach.min(axis=1)).min())
 
@@ -95,7 +97,7 @@ def _first_fault(outline: np.ndarray) -> str | None:
     def within(point: np.ndarray) -> np.ndarray:
         """Whether each point (columns) lies in the box around each edge (rows)."""
         low, high = np.minimum(begin, end)[:, None, :], np.maximum(begin, end)[:, None, :]
-        return ((low <= point[None]) & (point[None] <= high)).all(axis=2)
+        return np.all((low <= point[None]) & (point[None] <= high), axis=2)
 
     from_begin, from_end = side(begin), side(end)  # of edge i's line: where edge j begins and ends
     apart = (from_begin != 0.0) & (from_end != 0.0) & ((from_begin > 0.0) != (from_end > 0.0))

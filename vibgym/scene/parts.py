@@ -32,7 +32,8 @@ class Part:
         area: m^2.  gyration: planar inertia over mass, m^2.  radius: of the smallest circle about the centre of mass, m.
         symmetry: turns by ``2 pi / symmetry`` map the part onto itself; 0 for a disc, whose heading shows nowhere.
         height: m.  mass: kg (of steel, if not given; sliding does not depend on it).
-        restitution, contact_friction: of contacts with other parts and walls.
+        restitution, contact_friction: of contacts with other parts and walls; the energetic coefficient of restitution
+            (:mod:`vibgym.physics.collision.impact`).
     """
 
     outline: np.ndarray

@@ -145,8 +145,12 @@ def check_parts(parts: Sequence[Part]) -> None:
     ratio = max(masses) / min(masses)
     if ratio > MOST_MASS_RATIO:
         heavy, light = masses.index(max(masses)), masses.index(min(masses))
-        got = f"part {heavy} ({parts[heavy].name!r}), {ratio:.3g} times as heavy as part {light} ({parts[light].name!r})"
-        raise checks.refuse("parts", got, f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another")
+        got = (
+            f"part {heavy} ({parts[heavy].name!r}), {ratio:.3g} times as heavy as part {light} ({parts[light].name!r})"
+        )
+        raise checks.refuse(
+            "parts", got, f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        )
 
 
 def bounce_of(parts: Sequence[Part]) -> Bounce:
@@ -197,9 +201,7 @@ def _inset(piece: np.ndarray) -> np.ndarray:
     return piece + INSET * way / np.maximum(np.hypot(way[:, 0], way[:, 1]) / 100.0, 1.0)[:, None]
 
 
-def _wall_shapes(
-    space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]
-) -> int:
+def _wall_shapes(space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]) -> int:
     """Add the walls, once for each material, as thick bars outside the surface; returns how many shapes that makes."""
     width, height = surface.width, surface.height
     thick = max(width, height)

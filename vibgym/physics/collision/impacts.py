@@ -65,7 +65,7 @@ def closing_speed(scene, i, j, span):
 
 @borrowing
 def hardest(encounter, pairs, n, struck):
-    """Which two bodies come together fastest, and where: of the pairs that met in this step, and those of parts that were struck.
+    """Which two bodies come together fastest, and where: of the pairs that met in this step or of which one was struck.
 
     Returns:
         Number of the pair, -1 if there is none, and the span of its contact.

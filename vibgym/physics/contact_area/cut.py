@@ -108,8 +108,15 @@ def place_part(table, body, split, x, y, heading, cut):
     outline_x, outline_y = cut.outline_x[:corners], cut.outline_y[:corners]
     place_outline(body, x, y, heading, 1.0 / pitch, outline_x, outline_y)
     if not body.convex and not support_holds(
-        outline_x, outline_y, table.left / pitch, table.right / pitch, table.bottom / pitch, table.top / pitch,
-        x / pitch, y / pitch, cut.angles,
+        outline_x,
+        outline_y,
+        table.left / pitch,
+        table.right / pitch,
+        table.bottom / pitch,
+        table.top / pitch,
+        x / pitch,
+        y / pitch,
+        cut.angles,
     ):
         return OFF
     return PLACED
