@@ -113,8 +113,7 @@ class Part:
         static_friction = checks.number("static_friction", static_friction, least=friction)
         height = checks.number("height", height, above=0.0)
         mass = STEEL_DENSITY * area * height if mass is None else checks.number("mass", mass, above=0.0)
-        if not isinstance(name, str) or not name:
-            raise checks.refuse("name", name, "a non-empty string")
+        checks.label("name", name)
         outline.setflags(write=False)
         return cls(
             outline=outline,
