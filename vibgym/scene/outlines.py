@@ -90,8 +90,10 @@ def simple_outline(vertices: object) -> np.ndarray:
     """
     allowed = "an (n, 2) array of at least three corners of a simple polygon, m"
     try:
+        if np.asarray(vertices).dtype.kind not in "biuf":  # texts would be read as numbers
+            raise TypeError
         outline = np.array(vertices, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         raise checks.refuse("vertices", vertices, allowed) from None
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
         raise checks.refuse("vertices", f"array of shape {outline.shape}", allowed)

@@ -24,6 +24,9 @@ RUNGE_KUTTA_STEPS = 18
 FEWEST_STEPS = 4
 """With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
 
+MOST_STEPS, MOST_SUBSTEPS = 10_000, 256
+"""In a period, and in a step: far beyond what rounding leaves of any gain."""
+
 CONTACT_OVERLAP = 5e-6
 """m that an impact may make two parts overlap unless asked for otherwise."""
 
@@ -53,14 +56,14 @@ def planar_scheme(
 ) -> Scheme:
     """Resolved in time: the contact area is cut ``steps`` times a period, friction takes ``substeps`` in each."""
     travel = 2.0 * math.pi * surface.horizontal_amplitude
-    cuts = chosen("steps", steps) or (5 if part.gyration >= travel**2 else 9)
+    cuts = chosen("steps", steps, most=MOST_STEPS) or (5 if part.gyration >= travel**2 else 9)
     if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
         raise checks.refuse(
             "steps",
             cuts,
             f"a whole number >= {FEWEST_STEPS} on several elements: fewer cuts a period miss what lies beneath",
         )
-    inner = chosen("substeps", substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
+    inner = chosen("substeps", substeps, most=MOST_SUBSTEPS) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
         allowed = (
             f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
@@ -92,7 +95,7 @@ def planar_schemes(
         overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
     alone = [planar_scheme(surface, part, steps, substeps, pieces) for part in kinds]
     finest = max(alone, key=lambda scheme: scheme.steps)
-    coupled = chosen("contact_steps", contact_steps) or CONTACT_STEPS
+    coupled = chosen("contact_steps", contact_steps, most=MOST_STEPS) or CONTACT_STEPS
     return PlanarSchemes(
         alone=tuple(alone),
         together=finest,
@@ -107,8 +110,8 @@ def averaged_scheme(
 ) -> AveragedScheme:
     """Averaged over the period: ``steps`` in each span of ``stride`` periods."""
     order = checks.count("order", order, most=2)
-    stride = checks.count("stride", stride)
-    cuts = chosen("steps", steps) or 1
+    stride = checks.count("stride", stride, most=checks.MOST_PERIODS)
+    cuts = chosen("steps", steps, most=MOST_STEPS) or 1
     check_sliding(surface, part)
     return AveragedScheme(order, stride, cuts, averages_tables.averages())
 
