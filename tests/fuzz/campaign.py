@@ -117,8 +117,9 @@ def _campaign(test: Any, seconds: float, arguments: Any, fixtures: Any) -> None:
             seed(start)(test)(*arguments, **fixtures)
         except (Exception, pytest.fail.Exception) as failure:
             count("failures")
-            failure.add_note(f"In the round of seed {start}")
-            found.setdefault(_place(failure), failure)
+            for each in failure.exceptions if isinstance(failure, BaseExceptionGroup) else (failure,):
+                each.add_note(f"In the round of seed {start}")
+                found.setdefault(_place(each), each)
     if found:
         failures = [each if isinstance(each, Exception) else AssertionError(str(each)) for each in found.values()]
         raise ExceptionGroup(f"{len(failures)} different failures", failures)

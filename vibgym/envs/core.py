@@ -224,7 +224,7 @@ class Core:
             ValueError: a state of another environment, or a damaged one; nothing has changed.
         """
         check_keys("state", state, self.STATE)
-        if state["environment"] != self.identity:
+        if not isinstance(state["environment"], str) or state["environment"] != self.identity:
             raise checks.refuse("state['environment']", *_difference(state["environment"], self.identity))
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
