@@ -97,7 +97,7 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
         raise checks.refuse(where, data, "a mapping that does not contain itself") from None
     except ValidationError as error:
         fault = error.errors()[0]
-        field = ".".join([where, *(str(part) for part in fault["loc"])])
+        field = ".".join([where, *(str(part) or "''" for part in fault["loc"])])
         allowed = fault["msg"]
         if fault["type"] == "extra_forbidden":
             allowed = f"keys among {', '.join(model.model_fields)}"
