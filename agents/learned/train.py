@@ -18,6 +18,7 @@ import vibgym
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.settings import TrainSettings, load_settings
+from agents.learned.storage import load_set
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
@@ -104,6 +105,15 @@ class Progress(BaseCallback):
         self.saved_at = self.num_timesteps
 
 
+def _saved(directory: Path) -> str:
+    """What the checkpoint itself says: an interruption may come between its writing and anything that counts."""
+    path = directory / checkpoint.FILE
+    if not path.exists():
+        return f"no checkpoint was due yet, so nothing is saved in {directory}"
+    steps = load_set(path, checkpoint.KIND)[1]["steps"]
+    return f"{steps} steps are saved in {directory}; the same command goes on from there"
+
+
 def train(config: Path, output: Path | None = None, quiet: bool = False, policy: Path | None = None) -> Path:
     """Train as the file ``config`` says, from its last checkpoint if there is one.
 
@@ -144,9 +154,7 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
     except ValueError as error:  # the settings were fine; what failed is no bad input
         raise RuntimeError(f"training failed after {model.num_timesteps} steps: {error}") from error
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"{progress.saved_at} steps are saved in {directory}; the same command goes on from there"
-        ) from None
+        raise KeyboardInterrupt(_saved(directory)) from None
     finally:
         progress.bar.close()
         model.logger.close()

@@ -104,10 +104,11 @@ def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
     def interrupted(*arguments: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(report, "run", interrupted)
-    assert command.main([str(save(tmp_path, {})), "--quiet"]) == 1
-    line = capsys.readouterr().err
-    assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
+    for place in ("run", "prepare"):
+        monkeypatch.setattr(report, place, interrupted)
+        assert command.main([str(save(tmp_path, {})), "--quiet"]) == 130
+        line = capsys.readouterr().err
+        assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
 
 
 def test_shipped_settings_are_sound(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
 """Command line: ``python -m vibgym.accuracy CONFIG`` measures error against cost and writes a report.
 
-Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 1 anything else.
+Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from vibgym import interrupts
 
 
 def parser() -> argparse.ArgumentParser:
@@ -33,6 +35,11 @@ def progress(text: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
+    return interrupts.run(lambda: measure(arguments))
+
+
+def measure(arguments: argparse.Namespace) -> int:
+    """Measure what the file asks for and write the report."""
     try:
         # All of it now: what is missing should not show after minutes of measuring.
         from vibgym.accuracy import page, report, settings, tables
@@ -48,12 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ValueError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return 2
-    try:
-        found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
-        path = page.write(found, prepared.output)
-    except KeyboardInterrupt:
-        print("interrupted: whatever was written before is whole", file=sys.stderr)
-        return 1
+    found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
+    path = page.write(found, prepared.output)
     if not arguments.quiet and sys.stderr.isatty():
         print("\r\x1b[2K", end="", file=sys.stderr)
     print(tables.summary(found))
@@ -62,4 +65,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

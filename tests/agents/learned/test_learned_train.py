@@ -122,6 +122,24 @@ class Interrupted(Progress):
         return super()._on_step()
 
 
+def test_an_interruption_says_what_the_checkpoint_holds(config, tmp_path, monkeypatch):
+    """Not what this sitting has saved, which is nothing yet."""
+
+    def interrupted(self):
+        raise KeyboardInterrupt
+
+    run = tmp_path / "run"
+    monkeypatch.setattr(Progress, "_on_training_start", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="nothing is saved"):
+        train(config, run, quiet=True)
+    settings = load_settings(config)
+    model = make_model(settings, make_env(settings))
+    model.num_timesteps = 1024
+    checkpoint.save(run, model, settings, 1.0)
+    with pytest.raises(KeyboardInterrupt, match="1024 steps are saved in .*goes on from there"):
+        train(config, run, quiet=True)
+
+
 def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, monkeypatch):
     run = tmp_path / "run"
     monkeypatch.setattr("agents.learned.train.Progress", Interrupted)
