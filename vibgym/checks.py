@@ -143,9 +143,13 @@ def array(
         given = np.asarray(value)
         if given.dtype.kind not in "biuf":
             raise TypeError
-        with np.errstate(invalid="ignore"):  # told below
+        changed = None
+        if given.dtype == dtype or np.dtype(dtype).kind == "f":
             result = given.astype(dtype, copy=False)
-        changed = result != given if result.dtype.kind in "biu" and result.dtype != given.dtype else None
+        else:
+            with np.errstate(invalid="ignore"):  # told below
+                result = given.astype(dtype)
+            changed = result != given
         if result.shape != shape:
             if result.ndim > len(shape):
                 raise ValueError

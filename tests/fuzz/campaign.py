@@ -40,6 +40,10 @@ shares = 0.0
 _counts: Counter[str] = Counter()
 
 
+class _Over(KeyboardInterrupt):
+    """The time of the campaign; as an interruption, for which hypothesis stops without looking for flaws in the test."""
+
+
 def count(what: str, number: int = 1) -> None:
     """Add to one of the running fuzzer's counts, which its line of the table shows."""
     _counts[what] += int(number)
@@ -89,13 +93,13 @@ def fuzz(*, examples: int, seconds_share: float = 1.0, seconds: float | None = N
 
 
 def count_examples(test: Any) -> None:
-    """Let a hypothesis test count its examples, and drop them when its campaign's time is over."""
+    """Let a hypothesis test count its examples, and stop when its campaign's time is over."""
     inner = test.hypothesis.inner_test
 
     @functools.wraps(inner)
     def counting(*arguments: Any, **values: Any) -> None:
         if time.monotonic() > getattr(test, "ends", float("inf")) and not getattr(test, "failed", False):
-            return  # the rest of a round; but a failure is shrunk, and must then repeat itself
+            raise _Over  # but a failure is still shrunk, and must then repeat itself
         count("examples")
         try:
             inner(*arguments, **values)
@@ -115,6 +119,8 @@ def _campaign(test: Any, seconds: float, arguments: Any, fixtures: Any) -> None:
         count("rounds")
         try:
             seed(start)(test)(*arguments, **fixtures)
+        except _Over:
+            break
         except (Exception, pytest.fail.Exception) as failure:
             count("failures")
             for each in failure.exceptions if isinstance(failure, BaseExceptionGroup) else (failure,):

@@ -166,7 +166,7 @@ def numpy_warns_of_nothing() -> Iterator[None]:
         yield
 
 
-@fuzz(examples=60, seconds_share=2.0)
+@fuzz(examples=150, seconds_share=2.0)
 @given(documents())
 def test_mutated_files(document: tuple[str, bytes]) -> None:
     kind, content = document
