@@ -86,6 +86,12 @@ def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert not (tmp_path / "out").exists()
 
 
+def test_lists_of_knobs_that_multiply_beyond_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    many = {"model": "planar", "steps": [5] * 200, "substeps": [4] * 200, "pieces": [1] * 200}
+    line = refusal(capsys, str(save(tmp_path, {"models": [many]})))
+    assert "models.0: got 'lists of 8000000 combinations'" in line
+
+
 def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert str(tmp_path / "none.yaml") in refusal(capsys, str(tmp_path / "none.yaml"))
     path = tmp_path / "bad.yaml"
