@@ -1,6 +1,6 @@
 """Command line: ``python -m agents evaluate CONFIG`` and ``python -m agents train CONFIG``.
 
-Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 1 anything else.
+Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from vibgym import interrupts
 
 
 def parser() -> argparse.ArgumentParser:
@@ -92,12 +94,8 @@ def failed(error: Exception) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    try:
-        return {"evaluate": evaluate, "train": train}[arguments.command](arguments)
-    except KeyboardInterrupt as interrupt:
-        print(f"interrupted: {str(interrupt) or 'whatever was written before is whole'}", file=sys.stderr)
-        return 1
+    return interrupts.run(lambda: {"evaluate": evaluate, "train": train}[arguments.command](arguments))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

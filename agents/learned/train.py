@@ -21,7 +21,7 @@ from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.checkpoint import Diverged
 from agents.learned.settings import TrainSettings, load_settings
-from agents.learned.storage import check_name
+from agents.learned.storage import check_name, load_set
 from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
 from vibgym.files import WriteError, output_directory, output_files, reason
@@ -130,6 +130,15 @@ class Progress(BaseCallback):
         self.saved_at = self.num_timesteps
 
 
+def _saved(directory: Path) -> str:
+    """What the checkpoint itself says: an interruption may come between its writing and anything that counts."""
+    path = directory / checkpoint.FILE
+    if not path.exists():
+        return f"no checkpoint was due yet, so nothing is saved in {directory}"
+    steps = load_set(path, checkpoint.KIND)[1]["steps"]
+    return f"{steps} steps are saved in {directory}; the same command goes on from there"
+
+
 def train(config: Path, output: Path | None = None, quiet: bool = False, policy: Path | None = None) -> Path:
     """Train as the file ``config`` says, from its last checkpoint if there is one.
 
@@ -172,9 +181,7 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
             except OSError as error:
                 raise WriteError(f"training stopped, {progress.saved_at} steps are saved ({reason(error)})") from error
             except KeyboardInterrupt:
-                raise KeyboardInterrupt(
-                    f"{progress.saved_at} steps are saved in {directory}; the same command goes on from there"
-                ) from None
+                raise KeyboardInterrupt(_saved(directory)) from None
             training = {
                 "algorithm": "PPO (Stable-Baselines3)",
                 "settings": settings.model_dump(mode="json"),

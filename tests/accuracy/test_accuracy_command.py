@@ -89,6 +89,12 @@ def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert not (tmp_path / "out").exists()
 
 
+def test_lists_of_knobs_that_multiply_beyond_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    many = {"model": "planar", "steps": [5] * 200, "substeps": [4] * 200, "pieces": [1] * 200}
+    line = refusal(capsys, str(save(tmp_path, {"models": [many]})))
+    assert "models.0: got 'lists of 8000000 combinations'" in line
+
+
 def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert str(tmp_path / "none.yaml") in refusal(capsys, str(tmp_path / "none.yaml"))
     path = tmp_path / "bad.yaml"
@@ -156,10 +162,11 @@ def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
     def interrupted(*arguments: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(report, "run", interrupted)
-    assert command.main([str(save(tmp_path, {})), "--quiet"]) == 1
-    line = capsys.readouterr().err
-    assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
+    for place in ("run", "prepare"):
+        monkeypatch.setattr(report, place, interrupted)
+        assert command.main([str(save(tmp_path, {})), "--quiet"]) == 130
+        line = capsys.readouterr().err
+        assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
 
 
 def test_shipped_settings_are_sound(tmp_path: Path) -> None:

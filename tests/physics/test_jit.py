@@ -1,5 +1,6 @@
 """Compiled kernels: compiled anew when what they depend on has changed, kept where that is possible, announced once."""
 
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import vibgym
+from vibgym.physics.core import jit
 from vibgym.physics.core.jit import sources
 
 ROOT = Path(vibgym.__file__).parent
@@ -108,6 +110,37 @@ def test_without_a_cache(run):
         (line,) = once(VIBGYM_CACHE="0")[1]
         assert "compiling kernels" in line and "not kept" in line
     assert not (package.parent / "cache").exists()
+
+
+@pytest.mark.parametrize("kind, damage", [
+    ("*.nbc", lambda content: content[: len(content) // 2]), ("*.nbc", lambda content: b""),
+    ("*.nbc", lambda content: content[:-40] + bytes(40)), ("*.nbi", lambda content: content[: len(content) // 2]),
+    ("*.nbi", lambda content: b"\x80garbage"), ("*.nb[ci]", lambda content: content[:60]),
+], ids=["half", "empty", "other bytes", "half index", "garbage index", "both"])  # fmt: skip
+def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, caplog, kind, damage):
+    monkeypatch.setattr(jit.config, "CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "mine.py").write_text(
+        "from vibgym.physics.core.jit import jit\n\n\n@jit\ndef twice(x):\n    return 2.0 * x\n"
+    )
+
+    def once():
+        """As in a process of its own: the number, and what was said."""
+        caplog.clear()
+        monkeypatch.setattr(jit, "_damaged", set())
+        spec = importlib.util.spec_from_file_location("mine", tmp_path / "mine.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        result = module.twice(3.0)
+        return result, sum(module.twice.stats.cache_hits.values()), [record.getMessage() for record in caplog.records]
+
+    assert once()[:2] == (6.0, 0) and once() == (6.0, 1, [])
+    for path in (tmp_path / "cache").rglob(kind):
+        path.write_bytes(damage(path.read_bytes()))
+    *again, lines = once()
+    assert again == [6.0, 0]
+    (line,) = (each for each in lines if "compiling" not in each)
+    assert "damaged" in line and str(tmp_path / "cache") in line
+    assert once() == (6.0, 1, [])
 
 
 def test_where_no_folder_can_be_written(run):

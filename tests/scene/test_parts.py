@@ -229,7 +229,7 @@ BAD = (
     + [("friction", v) for v in [-0.1, *BAD_NUMBERS]]
     + [("static_friction", v) for v in [-0.1, 0.59, *(v for v in BAD_NUMBERS if v is not None)]]
     + [("height", v) for v in [0.0, -1.0, *BAD_NUMBERS]]
-    + [("mass", v) for v in [0.0, -1.0, 1e-320, 9e-10, 1.1e6, *(v for v in BAD_NUMBERS if v is not None)]]
+    + [("mass", v) for v in [0.0, -1.0, 1e-320, 9e-10, 1.1e9, *(v for v in BAD_NUMBERS if v is not None)]]
     + [("name", v) for v in ["", 3, None]]
     + [("restitution", v) for v in [-0.1, 1.1, *BAD_NUMBERS]]
     + [("contact_friction", v) for v in [-0.1, *BAD_NUMBERS]]

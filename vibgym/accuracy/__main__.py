@@ -1,6 +1,6 @@
 """Command line: ``python -m vibgym.accuracy CONFIG`` measures error against cost and writes a report.
 
-Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 1 anything else.
+Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from vibgym import interrupts
 
 
 def parser() -> argparse.ArgumentParser:
@@ -34,6 +36,11 @@ def progress(text: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
+    return interrupts.run(lambda: measure(arguments))
+
+
+def measure(arguments: argparse.Namespace) -> int:
+    """Measure what the file asks for and write the report."""
     try:
         # All of it now: what is missing should not show after minutes of measuring.
         from vibgym import files, locks
@@ -59,9 +66,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except files.WriteError as error:
         print(error, file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("interrupted: whatever was written before is whole", file=sys.stderr)
-        return 1
     if not arguments.quiet and sys.stderr.isatty():
         print("\r\x1b[2K", end="", file=sys.stderr)
     print(tables.summary(found))
@@ -70,4 +74,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

@@ -128,8 +128,10 @@ def simple_outline(vertices: object) -> np.ndarray:
     """
     allowed = "an (n, 2) array of at least three corners of a simple polygon, m"
     try:
+        if np.asarray(vertices).dtype.kind not in "biuf":  # texts would be read as numbers
+            raise TypeError
         outline = np.array(vertices, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         raise checks.refuse("vertices", vertices, allowed) from None
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
         raise checks.refuse("vertices", f"array of shape {outline.shape}", allowed)
@@ -143,7 +145,7 @@ def simple_outline(vertices: object) -> np.ndarray:
     outline = outline - outline.mean(axis=0)
     size = float(np.abs(outline).max())
     edges = np.roll(outline, -1, axis=0) - outline
-    if size < LEAST_SIZE or np.hypot(*edges.T).min() <= 1e-9 * size:
+    if 2.0 * size < LEAST_SIZE or np.hypot(*edges.T).min() <= 1e-9 * size:
         allowed = f"corners that differ from their neighbours, a size of at least {LEAST_SIZE:g} m"
         raise checks.refuse("vertices", vertices, allowed)
     fault = _first_fault(outline)

@@ -13,7 +13,7 @@ from vibgym import checks
 from vibgym.physics.core.records import Bodies, Body
 from vibgym.scene import outlines
 
-LEAST_MASS, MOST_MASS = 1e-9, 1e6
+LEAST_MASS, MOST_MASS = 1e-9, 1e9
 """kg."""
 
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
@@ -118,8 +118,7 @@ class Part:
         height = checks.number("height", height, above=0.0, most=outlines.MOST_PLACE)
         given = STEEL_DENSITY * area * height if mass is None else mass
         mass = checks.number("mass", given, least=LEAST_MASS, most=MOST_MASS)
-        if not isinstance(name, str) or not name:
-            raise checks.refuse("name", name, "a non-empty string")
+        checks.label("name", name)
         outline.setflags(write=False)
         return cls(
             outline=outline,

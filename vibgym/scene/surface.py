@@ -14,6 +14,9 @@ from vibgym.physics.core.records import Table
 LEDGE = 1e-3
 """m that a centre of mass may lie beyond a border with a wall: contacts let parts into walls by less."""
 
+MOST_ELEMENTS = 1_000_000
+"""Of a surface: a kernel goes through all of them."""
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -48,8 +51,11 @@ class Surface:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)  # the class is frozen
 
-        put("rows", checks.count("rows", self.rows))
-        put("columns", checks.count("columns", self.columns))
+        put("rows", checks.count("rows", self.rows, most=MOST_ELEMENTS))
+        put("columns", checks.count("columns", self.columns, most=MOST_ELEMENTS))
+        if self.rows * self.columns > MOST_ELEMENTS:
+            got = f"{self.columns} in {self.rows} rows"
+            raise checks.refuse("columns", got, f"at most {MOST_ELEMENTS} elements in all")
         for name in ("element_size", "frequency", "gravity"):
             put(name, checks.number(name, getattr(self, name), above=0.0, least=1e-9, most=1e9))
         put(
