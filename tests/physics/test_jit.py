@@ -154,3 +154,35 @@ def test_where_no_folder_can_be_written(run):
     assert [("cannot be kept" in line, "compiling kernels" in line) for line in lines] == [(True, False), (False, True)]
     assert "NUMBA_CACHE_DIR" in lines[0] and "not kept" in lines[1]
     assert first == once()[0]
+
+
+TOGETHER = """
+import itertools, sys, threading, time
+sys.path.insert(0, {folder!r})
+from vibgym.physics.core import jit
+from mine import double
+digest, turn = jit.sources, itertools.count(1)
+jit.sources = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
+threads = [threading.Thread(target=double, args=(1.0,)) for _ in range(int(sys.argv[1]))]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(sum(double.stats.cache_hits.values()), sum(double.stats.cache_misses.values()))
+"""
+
+
+def test_threads_that_need_a_kernel_at_once_all_find_it(tmp_path):
+    """The second thread must not read the cache while the first has yet to say which version it wants."""
+    (tmp_path / "mine.py").write_text(
+        "from vibgym.physics.core.jit import jit\n\n\n@jit\ndef double(x):\n    return 2.0 * x\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT.parent)}
+
+    def run_threads(number):
+        command = [sys.executable, "-c", TOGETHER.format(folder=str(tmp_path)), str(number)]
+        return subprocess.run(command, text=True, env=environment, capture_output=True, check=True).stdout.split()
+
+    assert run_threads(1) == ["0", "1"]
+    hits, misses = run_threads(4)
+    assert misses == "0" and int(hits) > 0

@@ -32,6 +32,7 @@ from typing import Any
 from numba.core import codegen, compiler, event, types
 from numba.core import config as numba_config
 from numba.core.caching import IndexDataCacheFile
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
 from vibgym.physics.core.reference import handed_on
@@ -156,6 +157,7 @@ class _Kernel(CPUDispatcher):
     def _numba_type_(self) -> Any:
         return types.Dispatcher(self.called)
 
+    @global_compiler_lock  # or a second thread reads the cache while the first is about to say what its version is
     def compile(self, sig: Any) -> Any:
         if CACHE and not self.overloads:
             self.enable_caching()
