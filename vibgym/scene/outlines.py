@@ -53,16 +53,28 @@ def is_convex(outline: np.ndarray) -> bool:
 
 def narrowest_width(outline: np.ndarray) -> float:
     """Smallest extent of an outline over all directions, m: it is across an edge of the convex hull."""
-    from pymunk.autogeometry import to_convex_hull  # imported late: most scenes have no contacts
-
-    corners = np.asarray(to_convex_hull(outline.tolist(), 0.0))[:, None, :]
+    corners = _convex_hull(outline)
     edges = np.roll(corners, -1, axis=0) - corners
-    length = np.hypot(edges[..., 0], edges[..., 1])
-    normals = (
-        np.stack([edges[..., 1], -edges[..., 0]], axis=2)[length[:, 0] > 0.0] / length[length > 0.0][:, None, None]
-    )
-    reach = (normals * outline[None]).sum(axis=2)
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(edges[:, 0], edges[:, 1])[:, None]
+    reach = normals @ outline.T
     return float((reach.max(axis=1) - reach.min(axis=1)).min())
+
+
+def _convex_hull(points: np.ndarray) -> np.ndarray:
+    """Corners of the convex hull, counter-clockwise (A. M. Andrew, 1979: from left to right below, and back above)."""
+    ordered = sorted(map(tuple, points.tolist()))
+    hull: list[tuple[float, ...]] = []
+    for way in (ordered, ordered[::-1]):
+        chain: list[tuple[float, ...]] = []
+        for x, y in way:
+            while len(chain) > 1:
+                (ax, ay), (bx, by) = chain[-2:]
+                if (bx - ax) * (y - by) - (by - ay) * (x - bx) > 0.0:
+                    break
+                chain.pop()
+            chain.append((x, y))
+        hull += chain[:-1]
+    return np.array(hull)
 
 
 def symmetry_order(outline: np.ndarray) -> int:
