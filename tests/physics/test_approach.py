@@ -16,7 +16,7 @@ from vibgym.physics.core.reference import reference
 from vibgym.physics.friction.workspace import FixedScene, Scene, new_workspace
 from vibgym.scene.hulls import gaps_between, hulls_of
 from vibgym.scene.parts import bodies_of
-from vibgym.simulation.contact_space import ContactSpace, bounce_of
+from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
 from vibgym.simulation.schemes import planar_schemes
 
 SURFACE = Surface(16, 16, 0.05, 0.0)
@@ -45,7 +45,7 @@ def encounter_of(parts, walls):
     flags = [np.zeros(shape[:2], bool) for _ in range(3)]
     state = State(*(np.zeros(shape) for _ in range(3)), *flags, np.zeros(1, bool))
     fixed = FixedEncounter(
-        FixedScene(table, bodies, schemes.together, workspace), hulls, space.solver, bounce_of(parts),
+        FixedScene(table, bodies, schemes.together, workspace), hulls, space.solver, impact_properties_of(parts),
         new_contacts(len(parts), hulls), schemes.couplings, OVERLAP, schemes.walls,
     )  # fmt: skip
     drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)

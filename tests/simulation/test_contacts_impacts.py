@@ -1,4 +1,4 @@
-"""Fast, spinning, light, heavy, thin and small parts: overlaps stay small, blows lose energy, walls hold."""
+"""Fast, spinning, light, heavy, thin and small parts: overlaps stay small, impacts lose energy, walls hold."""
 
 import numpy as np
 import pytest
@@ -100,8 +100,8 @@ def test_a_corner_turns_into_a_wall_that_the_part_leaves():
     ],
 )
 @pytest.mark.parametrize("ratio", [1.0, 1000.0])
-def test_no_blow_gains_energy(length, width, restitution, friction, ratio):
-    """Newton's ratio of velocities gains up to 60 % in one blow of these. Free flight between blows, so nothing hides it."""
+def test_no_impact_gains_energy(length, width, restitution, friction, ratio):
+    """Newton's ratio of velocities gains up to 60 % in one impact of these. Free flight between them, so nothing hides it."""
     properties = {"friction": 0.0, "restitution": restitution, "contact_friction": friction}
     parts = [Part.rectangle(length, width, mass=mass, **properties) for mass in (0.1, 0.1 * ratio)]
     simulator = two_at_one_another(parts[0], 300, 1.5, 20.0, other=parts[1])
@@ -129,7 +129,7 @@ def test_four_blocks_that_meet_in_the_middle():
 
 
 def test_momentum_and_spin_are_kept():
-    """Blows and the solver between them hand over what they take, about any point."""
+    """Impacts and the solver between them hand over what they take, about any point."""
     part = Part.polygon([[0, 0], [0.06, 0], [0.01, 0.03]], friction=0.0, restitution=0.7, contact_friction=0.5)
     simulator = two_at_one_another(part, 100, 1.0, 30.0)
 
@@ -152,7 +152,7 @@ def test_momentum_and_spin_are_kept():
 
 @pytest.mark.parametrize("gap", [0.5e-3, 1e-3, 2e-3, 3e-3])
 def test_what_is_hit_softly_hits_what_it_reaches(gap):
-    """A blow too soft for parts to be looked at again still sends one into a third within the period."""
+    """An impact too soft for parts to be looked at again still sends one into a third within the period."""
     disc = Part.disc(0.02, friction=0.0, restitution=1.0, contact_friction=0.0)
     simulator = Simulator(STILL, [disc] * 3)
     simulator.reset(

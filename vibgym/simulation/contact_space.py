@@ -16,7 +16,7 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
-from vibgym.physics.collision.impacts import Bounce
+from vibgym.physics.collision.impact_sequence import ImpactProperties
 from vibgym.physics.collision.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
 from vibgym.scene.outlines import narrowest_width
@@ -48,8 +48,8 @@ MATERIALS = 31
 class ContactSpace:
     """A pymunk space with the parts of a world and the walls.
 
-    Contacts in it do not rebound: :mod:`vibgym.physics.collision.impacts` does that. Friction of a contact between two parts is
-    the geometric mean of theirs; a wall takes on that of the part that touches it.
+    Contacts in it do not rebound: :mod:`vibgym.physics.collision.impact_sequence` does that. Friction of a contact between two
+    parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
 
     Args:
         surface: the table.
@@ -153,10 +153,10 @@ def check_parts(parts: Sequence[Part]) -> None:
         )
 
 
-def bounce_of(parts: Sequence[Part]) -> Bounce:
-    """What blows between the parts of a world depend on."""
+def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
+    """What impacts between the parts of a world depend on."""
     mass = np.array([part.mass for part in parts])
-    return Bounce(
+    return ImpactProperties(
         inverse_mass=1.0 / mass,
         inverse_inertia=1.0 / (mass * [part.gyration for part in parts]),
         restitution=np.array([part.restitution for part in parts]),

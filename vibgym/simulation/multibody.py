@@ -26,7 +26,7 @@ from vibgym.physics.core.reference import Pinned
 from vibgym.physics.friction.planar import slide_rows
 from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of
-from vibgym.simulation.contact_space import ContactSpace, bounce_of
+from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
 from vibgym.simulation.protocol import NO_PATHS, Setup
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
@@ -101,7 +101,7 @@ class Tools:
         )
         self.contacts = new_contacts(self.parts, setup.hulls)
         together = FixedEncounter(
-            friction, setup.hulls, self._space.solver, bounce_of(setup.parts), self.contacts,
+            friction, setup.hulls, self._space.solver, impact_properties_of(setup.parts), self.contacts,
             schemes.couplings, schemes.overlap, schemes.walls,
         )  # fmt: skip
         self.together = Pinned(FIXED_ENCOUNTER, together)

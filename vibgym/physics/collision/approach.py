@@ -59,7 +59,7 @@ def meet(encounter, approach, gap, later, pull, curve, shortest, pair):
     if later < 0.5 * (pull + curve) * h * h:
         touching = encounter.contacts.close[pair] = True
         if gap - later > RESTING * h:
-            impact = encounter.contacts.meets[pair] = True
+            impact = encounter.contacts.impact[pair] = True
     overlap, change, along = encounter.overlap, later - gap, h
     lowest = min(gap, 0.0) - (overlap if gap < -DEEP * overlap else SLOWLY * overlap)
     least = min(gap, 0.0) - overlap if -change > FAST * h else lowest
@@ -132,7 +132,7 @@ def meet_part(encounter, approach, shortest, pair, i, j):
 
 @borrowing
 def safe_step(encounter, pairs, n, h, shortest):
-    """How long friction may go on alone, and what may touch by then: ``contacts.close``, and ``contacts.meets`` where it comes
+    """How long friction may go on alone, and what may touch by then: ``contacts.close``, and ``contacts.impact`` where it comes
     together faster than ``RESTING``.
 
     Velocities may add as much as ``encounter.overlap`` to the overlap of two parts; slow ones, and the circles on which
@@ -146,7 +146,7 @@ def safe_step(encounter, pairs, n, h, shortest):
     away = encounter.scene.workspace.away
     approach = Approach(h, False, False)
     for pair in range(n):
-        encounter.contacts.close[pair] = encounter.contacts.meets[pair] = False
+        encounter.contacts.close[pair] = encounter.contacts.impact[pair] = False
         i, j = pairs[pair, 0], pairs[pair, 1]
         if away[i] or (j >= 0 and away[j]):
             continue

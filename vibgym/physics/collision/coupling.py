@@ -20,7 +20,7 @@ import numpy as np
 from vibgym.physics.collision.approach import safe_step
 from vibgym.physics.collision.broad_phase import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.collision.hulls import Hulls, place_hulls
-from vibgym.physics.collision.impacts import CONTACT_FROM, Bounce, strike
+from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts
 from vibgym.physics.collision.solver import JOLT, Solver, forget_impacts, leave, solve
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
@@ -44,8 +44,8 @@ class Contacts(NamedTuple):
     reach: np.ndarray  # (parts,) see near_pairs
     order: np.ndarray  # (parts,)
     close: np.ndarray  # (pairs,) bool: may touch in this step
-    meets: np.ndarray  # (pairs,) bool: come together in it faster than parts that rest against one another
-    struck: np.ndarray  # (parts,) bool: by a blow of this step
+    impact: np.ndarray  # (pairs,) bool: come together in it faster than parts that rest against one another
+    hit: np.ndarray  # (parts,) bool: by an impact of this step
     deepest: np.ndarray  # (1,) m, smallest gap that a step has ended with since this was set to zero
 
 
@@ -58,8 +58,8 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
         reach=np.zeros(parts),
         order=np.zeros(parts, np.int64),
         close=np.zeros(pair_capacity(parts), np.bool_),
-        meets=np.zeros(pair_capacity(parts), np.bool_),
-        struck=np.zeros(parts, np.bool_),
+        impact=np.zeros(pair_capacity(parts), np.bool_),
+        hit=np.zeros(parts, np.bool_),
         deepest=np.zeros(1),
     )
 
@@ -70,7 +70,7 @@ class FixedEncounter(NamedTuple):
     friction: FixedScene  # with the steps for contacts, and a slot for every part of a world
     hulls: Hulls
     solver: Solver
-    bounce: Bounce
+    properties: ImpactProperties
     contacts: Contacts
     couplings: int
     overlap: float
@@ -87,7 +87,7 @@ class Encounter(NamedTuple):
     scene: Scene
     hulls: Hulls
     solver: Solver
-    bounce: Bounce
+    properties: ImpactProperties
     contacts: Contacts
     couplings: int  # fewest steps of the coupling from cut to cut
     overlap: float  # m that an impact may add to the overlap of two parts
@@ -236,9 +236,9 @@ def collide_period(world, encounter, pairs, n):
                 if gap < -CONTACT_FROM:
                     undo = gap < -solver.slop
                     if impact:
-                        fell, stale = strike(encounter, pairs, n, JOLT)
-                        if fell and calls > 0:
-                            forget_impacts(solver, contacts.struck)
+                        hit, stale = resolve_impacts(encounter, pairs, n, JOLT)
+                        if hit and calls > 0:
+                            forget_impacts(solver, contacts.hit)
                     stale = solve(encounter, world, h, calls > 0, undo) or stale
                     calls += 1
                     placed = not undo

@@ -1,11 +1,11 @@
-"""The blow with which two bodies meet: one impulse, integrated over the blow in closed pieces (Darboux and Keller).
+"""The impact of two bodies: one impulse, integrated in closed pieces (Darboux and Keller).
 
 While two bodies are in touch for an instant, the impulse between them grows and their velocities change with it, linearly as
 long as nothing switches. First the normal velocity at the contact goes to zero (compression); then they are driven apart
 (restitution) until the normal impulse has given back a share ``e^2`` of the work that compression took: Stronge's energetic
 coefficient of restitution (W. J. Stronge, Impact Mechanics, 2000, ch. 3; J. B. Keller, J. Appl. Mech. 53, 1986). On the way
 dry friction opposes the slip at every instant: slip may end, stick or reverse. So normal impulse and friction both take
-energy in every blow, whatever the shapes, whereas Newton's ratio of velocities makes some where slip turns around.
+energy in every impact, whatever the shapes, whereas Newton's ratio of velocities makes some where slip turns around.
 
 Two faces meet along a segment. The impulse acts at the end that is pressed in fastest, until both are equally fast, and then
 where it keeps the faces flat on one another, as long as that place lies between the ends.
@@ -19,17 +19,17 @@ from typing import NamedTuple
 from vibgym.physics.core.jit import borrowing
 
 MOST_PIECES = 24
-"""Switches of a blow are few: its slip ends or turns once, its faces come to lie flat or tip over."""
+"""Switches are few: slip ends or turns once, faces come to lie flat or tip over."""
 
 
 LOW, HIGH, FLAT = 0, 1, 2
 """At which end of the contact the bodies press against one another; ``FLAT``: somewhere between."""
 
 NOTHING, SLIP_ENDS, FACES_FLAT = 0, 1, 2
-"""What ends a piece of a blow besides compression and restitution."""
+"""What ends a piece of an impact besides compression and restitution."""
 
 
-class Response(NamedTuple):
+class Mobility(NamedTuple):
     """Change of the relative velocity at a contact by a unit impulse; a symmetric matrix.
 
     Rows and columns: normal (n), tangential (t) and rotation (w). The tangent is the normal turned by 90 degrees; an impulse
@@ -45,7 +45,7 @@ class Response(NamedTuple):
 
 
 class Impulse(NamedTuple):
-    """What a blow hands over at the contact's origin."""
+    """What an impact hands over at the contact's origin."""
 
     normal: float  # N s
     tangential: float  # N s
@@ -53,14 +53,14 @@ class Impulse(NamedTuple):
 
 
 @borrowing
-def response_of(inverse_mass, inverse_inertia, rn, rt):
-    """The response of one body.
+def mobility_of(inverse_mass, inverse_inertia, rn, rt):
+    """The mobility of one body.
 
     Args:
         inverse_mass: 1/kg.  inverse_inertia: 1/(kg m^2).
         rn, rt: m, from its centre to the contact's origin, along normal and tangent.
     """
-    return Response(
+    return Mobility(
         inverse_mass + rt * rt * inverse_inertia, -rn * rt * inverse_inertia, -rt * inverse_inertia,
         inverse_mass + rn * rn * inverse_inertia, rn * inverse_inertia, inverse_inertia,
     )  # fmt: skip
@@ -68,8 +68,8 @@ def response_of(inverse_mass, inverse_inertia, rn, rt):
 
 @borrowing
 def both(one, other):
-    """The response of a contact between two bodies."""
-    return Response(
+    """The mobility of a contact between two bodies."""
+    return Mobility(
         one.nn + other.nn, one.nt + other.nt, one.nw + other.nw, one.tt + other.tt, one.tw + other.tw,
         one.ww + other.ww,
     )  # fmt: skip
@@ -92,7 +92,7 @@ def friction_ratio(slip, coefficient, coupling, resistance):
 
 
 @borrowing
-def acting(response, slip, end, low, high, coefficient):
+def acting(mobility, slip, end, low, high, coefficient):
     """Where the impulse acts now: its place along the contact, the ratio of its friction, and at which end that is.
 
     Args:
@@ -103,30 +103,30 @@ def acting(response, slip, end, low, high, coefficient):
     """
     if end == FLAT:
         # As if a torque kept the faces parallel: it is there as long as its force lies between the ends.
-        coupling = response.nt - response.tw * response.nw / response.ww
-        resistance = response.tt - response.tw * response.tw / response.ww
+        coupling = mobility.nt - mobility.tw * mobility.nw / mobility.ww
+        resistance = mobility.tt - mobility.tw * mobility.tw / mobility.ww
         ratio = friction_ratio(slip, coefficient, coupling, resistance)
-        place = (response.nw + ratio * response.tw) / response.ww
+        place = (mobility.nw + ratio * mobility.tw) / mobility.ww
         if low <= place <= high:
             return place, ratio, FLAT
         end = LOW if place < low else HIGH
     place = low if end == LOW else high
-    return place, friction_ratio(slip, coefficient, response.nt - place * response.tw, response.tt), end
+    return place, friction_ratio(slip, coefficient, mobility.nt - place * mobility.tw, mobility.tt), end
 
 
 @borrowing
-def blow(response, approach, slip, turning, low, high, restitution, coefficient):
-    """The impulse of a blow.
+def impact_impulse(mobility, approach, slip, turning, low, high, restitution, coefficient):
+    """The impulse of an impact.
 
     Args:
-        response: of the contact.
+        mobility: of the contact.
         approach, slip, turning: velocity of the second body against the first at the contact's origin: along the normal, which
             points from the first to the second, along the tangent, m/s, and rotation, rad/s.
         low, high: m, places along the tangent between which the bodies touch.
         restitution: energetic coefficient, 0 to 1.  coefficient: of dry friction.
 
     Returns:
-        The impulse on the second body. No part of it ever adds energy: to rounding, the kinetic energy after the blow, or
+        The impulse on the second body. No part of it ever adds energy: to rounding, the kinetic energy after the impact, or
         after any part of it, is not above that before.
     """
     normal, tangential, turn, taken, owed = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -137,10 +137,10 @@ def blow(response, approach, slip, turning, low, high, restitution, coefficient)
     elif turning > 0.0:
         end = HIGH
     for _ in range(MOST_PIECES):
-        place, ratio, end = acting(response, slip, end, low, high, coefficient)
-        by_normal = response.nn + ratio * response.nt - place * response.nw
-        by_slip = response.nt + ratio * response.tt - place * response.tw
-        by_turning = response.nw + ratio * response.tw - place * response.ww
+        place, ratio, end = acting(mobility, slip, end, low, high, coefficient)
+        by_normal = mobility.nn + ratio * mobility.nt - place * mobility.nw
+        by_slip = mobility.nt + ratio * mobility.tt - place * mobility.tw
+        by_turning = mobility.nw + ratio * mobility.tw - place * mobility.ww
         if slip == 0.0 and abs(ratio) < coefficient:
             by_slip = 0.0  # not only to rounding
         if end == FLAT:

@@ -147,7 +147,7 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
     scene = Scene(friction.table, friction.bodies, friction.scheme, reference(drive), state, friction.workspace)
     encounter = reference(
         Encounter(
-            reference(scene), fixed.hulls, fixed.solver, fixed.bounce, fixed.contacts,
+            reference(scene), fixed.hulls, fixed.solver, fixed.properties, fixed.contacts,
             fixed.couplings, fixed.overlap, fixed.walls,
         )
     )  # fmt: skip
