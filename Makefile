@@ -2,10 +2,12 @@
 #   make PYTHON=/path/to/python    another interpreter
 #   make VENV=/path                another place for the environment
 #   make test ARGS="-k rotate"     more arguments for pytest
+#   make fuzz SECONDS=600          shorter than an hour
 VENV ?= .venv
 PYTHON ?= $(shell for p in python3.11 python3 python3.12 python3.13; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' >/dev/null 2>&1 && echo $$p && break; done)
 ARGS ?=
+SECONDS ?= 3600
 
 BIN := $(VENV)/bin
 PY := $(BIN)/python
@@ -19,10 +21,11 @@ PUSHT := $(VENV)-pusht
 POLICIES := transport align rotate
 
 .NOTPARALLEL:
-.PHONY: help venv test report accuracy benchmark train format clean
+.PHONY: help venv test fuzz report accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
+	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
 	@echo "make report      evaluate the shipped policies: runs/report/report.html"
 	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
 	@echo "make benchmark   accuracy and speed, as the README quotes them"
@@ -61,6 +64,10 @@ test: $(DEV)
 		$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/lint-imports && $(BIN)/pyright --pythonpath $(PY) && \
 		{ wait $$warm || { cat "$$cache/warm.log"; exit 1; }; } && \
 		$(PY) -m pytest -n 2 --dist worksteal $(ARGS)
+
+# Each of two processes runs every fuzzer, on seeds of its own.
+fuzz: $(DEV)
+	VIBGYM_FUZZ_SECONDS=$(SECONDS) $(PY) -m pytest -n 2 --dist each $(ARGS) tests/fuzz
 
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml

@@ -1,14 +1,17 @@
 """Command line: ``python -m agents evaluate CONFIG`` and ``python -m agents train CONFIG``.
 
-Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 1 anything else.
+Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from vibgym import interrupts
 
 
 def parser() -> argparse.ArgumentParser:
@@ -34,7 +37,9 @@ def parser() -> argparse.ArgumentParser:
 def evaluate(arguments: argparse.Namespace) -> int:
     """Run an evaluation, write its files and print the summary."""
     from agents import evaluation
+    from vibgym import files, locks
 
+    held = contextlib.ExitStack()  # the directory is this run's until its files are written
     try:
         settings = evaluation.load_settings(arguments.config, arguments.episodes, arguments.output)
         gif = None
@@ -43,12 +48,17 @@ def evaluate(arguments: argparse.Namespace) -> int:
             gif = evaluation.Gif(task, policy, Path(path))
         try:
             prepared = evaluation.prepare(settings, gif)
+            held.enter_context(locks.one_run(Path(settings.output), "evaluation.output"))
         except ValueError as error:
             raise ValueError(f"{arguments.config}: {error}") from None
     except ValueError as error:
         return refused(error)
-    results = evaluation.evaluate(prepared, arguments.quiet)
-    page = evaluation.write(results, gif, arguments.quiet)
+    try:
+        with held:
+            results = evaluation.evaluate(prepared, arguments.quiet)
+            page = evaluation.write(results, gif, arguments.quiet)
+    except files.WriteError as error:
+        return failed(error)
     print(evaluation.summary_table(results))
     print(f"\nreport: {page}")
     return 0
@@ -56,13 +66,16 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
 def train(arguments: argparse.Namespace) -> int:
     """Train a policy."""
-    from agents.learned.train import train
+    from agents.learned.train import TrainingError, train
+    from vibgym.files import WriteError
 
     output = None if arguments.output is None else Path(arguments.output)
     try:
         train(arguments.config, output=output, quiet=arguments.quiet, policy=arguments.policy)
     except ValueError as error:
         return refused(error)
+    except (TrainingError, WriteError) as error:
+        return failed(error)
     return 0
 
 
@@ -72,15 +85,17 @@ def refused(error: ValueError) -> int:
     return 2
 
 
+def failed(error: Exception) -> int:
+    """Say in one line what has kept a run with good input from its end."""
+    print(" ".join(str(error).split()), file=sys.stderr)
+    return 1
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    try:
-        return {"evaluate": evaluate, "train": train}[arguments.command](arguments)
-    except KeyboardInterrupt as interrupt:
-        print(f"interrupted: {str(interrupt) or 'whatever was written before is whole'}", file=sys.stderr)
-        return 1
+    return interrupts.run(lambda: {"evaluate": evaluate, "train": train}[arguments.command](arguments))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

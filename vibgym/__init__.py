@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from vibgym import interrupts
+
+if interrupts.started():
+    interrupts.at_once()  # before the imports below, which take seconds
+
 import importlib
 from typing import Any
 

@@ -1,6 +1,6 @@
 """Command line: ``python -m vibgym warm`` compiles all kernels, so that no first step has to wait for them.
 
-Exit codes: 0 done, 2 bad input, 1 anything else (such as no folder that compiled kernels can be kept in).
+Exit codes: 0 done, 2 bad input, 130 interrupted, 1 anything else (such as no folder that compiled kernels can be kept in).
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from vibgym import interrupts
 from vibgym.physics.core import jit
 
 
@@ -23,6 +24,11 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser().parse_args(argv)
+    return interrupts.run(compiled)
+
+
+def compiled() -> int:
+    """Compile all kernels; returns the exit code."""
     folder = jit.cache_folder()
     if folder is None:
         print("compiled kernels are not kept: VIBGYM_CACHE is 0, or no folder can be written", file=sys.stderr)
@@ -35,4 +41,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

@@ -19,6 +19,9 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation.averages_tables import averages
 from vibgym.simulation.schemes import check_sliding
 
+LARGEST = 1e9
+"""Of poses, velocities and accelerations: squares of larger numbers lose what is looked for."""
+
 ITERATIONS = 12
 SCALINGS = 20
 CLOSE = 1e-12  # error of the solution, over mu g
@@ -54,7 +57,7 @@ def phasors_for(surface: Surface, part: Part, pose: Any, velocity: Any, wrench: 
     Raises:
         ValueError: a bad argument, a part without support, or a pair that can stick.
     """
-    check_sliding(surface, part)
+    _check_pair(surface, part)
     order = checks.count("order", order, most=2)
     pose, velocity, wrench = _aligned(pose=pose, velocity=velocity, wrench=wrench)
     worlds = len(pose)
@@ -151,7 +154,7 @@ def _driven(
     surface: Surface, part: Part, pose: Any, velocity: Any, amplitude: Any, phase: Any
 ) -> tuple[np.ndarray, np.ndarray, Drive]:
     """Checked pose, velocity and drive."""
-    check_sliding(surface, part)
+    _check_pair(surface, part)
     pose, velocity = _aligned(pose=pose, velocity=velocity)
     full = (len(pose), surface.rows, surface.columns)
     assert surface.max_amplitude is not None
@@ -159,6 +162,12 @@ def _driven(
     phase = checks.array("phase", phase, full)
     drive = polar_drive(amplitude, phase, surface.angular_frequency)
     return pose, velocity, drive
+
+
+def _check_pair(surface: Any, part: Any) -> None:
+    checks.instance("surface", surface, Surface)
+    checks.instance("part", part, Part)
+    check_sliding(surface, part)
 
 
 def _check_support(pose: np.ndarray, unsupported: np.ndarray) -> None:
@@ -172,12 +181,15 @@ def _aligned(**given: Any) -> list[np.ndarray]:
     for name, value in given.items():
         try:
             rows[name] = np.atleast_2d(np.asarray(value, dtype=np.float64))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError, RecursionError):
             raise checks.refuse(name, value, "real numbers of shape (worlds, 3)") from None
         if rows[name].ndim != 2 or rows[name].shape[1] not in (1, 3):
             raise checks.refuse(name, f"array of shape {rows[name].shape}", "shape (worlds, 3)")
     worlds = max(len(each) for each in rows.values())
-    return [np.ascontiguousarray(checks.array(name, each, (worlds, 3))) for name, each in rows.items()]
+    return [
+        np.ascontiguousarray(checks.array(name, each, (worlds, 3), least=-LARGEST, most=LARGEST))
+        for name, each in rows.items()
+    ]
 
 
 def _largest(phasors: np.ndarray) -> np.ndarray:

@@ -5,17 +5,47 @@ from __future__ import annotations
 import inspect
 import math
 import numbers
+import os
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+MOST_PERIODS = 1_000_000_000
+"""That one call may ask for: hours of computing, and a number that compiled code can hold."""
+
+MOST_LABEL = 80
+"""Characters of a name that reports and pictures show."""
+
 
 def refuse(name: str, value: object, allowed: str) -> ValueError:
-    """The error for argument ``name``, in one line; long values are shortened."""
-    text = repr(value)
-    message = f"{name}: got {text if len(text) <= 120 else text[:117] + '...'}; allowed: {allowed}"
-    return ValueError(" ".join(message.splitlines()))
+    """The error for argument ``name``, in one line of characters that show; long values and names are shortened."""
+    message = f"{_shortened(name, 500)}: got {_shortened(shown(value), 120)}; allowed: {_shortened(allowed, 2000)}"
+    return ValueError(plain_text(" ".join(message.splitlines())))
+
+
+def plain_text(text: str) -> str:
+    """``text`` with escapes for what does not show, or cannot be written as UTF-8 (lone surrogates)."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode("ascii") for each in text)
+
+
+def _shortened(text: str, most: int) -> str:
+    if len(text) <= most:
+        return text
+    tail = 0 if most <= 120 else most // 2  # of a path the end says more
+    return text[: most - 3 - tail] + "..." + (text[-tail:] if tail else "")
+
+
+def shown(value: object) -> str:
+    """``repr``, whatever the object."""
+    try:
+        return repr(value)
+    except Exception:  # Python refuses to write out numbers of thousands of digits, and objects may do anything
+        if isinstance(value, int):
+            return f"a whole number of about {math.ceil(value.bit_length() * math.log10(2.0))} digits"
+        return f"an object of type {type(value).__name__}, which cannot be shown"
 
 
 def number(
@@ -32,7 +62,10 @@ def number(
     allowed = "a finite number" + (" " + " and ".join(bounds) if bounds else "")
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise refuse(name, value, allowed)
-    result = float(value)
+    try:
+        result = float(value)
+    except OverflowError:  # a whole number or fraction beyond all floats
+        raise refuse(name, value, allowed) from None
     if not math.isfinite(result) or not (result > above and result >= least and result <= most):
         raise refuse(name, value, allowed)
     return result
@@ -47,6 +80,39 @@ def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> 
     if whole < least or (most is not None and whole > most):
         raise refuse(name, value, allowed)
     return whole
+
+
+def fitting(name: str, value: int, bytes_each: int) -> int:
+    """A number of things that this machine's memory can hold, if each takes ``bytes_each``."""
+    most = max(memory() // bytes_each, 1)
+    if value > most:
+        allowed = (
+            f"a whole number <= {most}: each takes about {bytes_each} bytes, of {memory() / 2**30:.3g} GiB of memory"
+        )
+        raise refuse(name, value, allowed)
+    return value
+
+
+def memory() -> int:
+    """Bytes of this machine's memory; where the system does not say (Windows), 16 GiB are taken for it."""
+    names = getattr(os, "sysconf_names", {})
+    if "SC_PAGE_SIZE" in names and "SC_PHYS_PAGES" in names:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return 2**34
+
+
+def label(name: str, value: Any, most: int = MOST_LABEL) -> str:
+    """A text that pictures, tables and pages can show: printable, not empty, and in one line."""
+    if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > most:
+        raise refuse(name, value, f"a non-empty text of at most {most} printable characters")
+    return value
+
+
+def instance(name: str, value: Any, cls: type) -> Any:
+    """An object of a class of this package."""
+    if not isinstance(value, cls):
+        raise refuse(name, value, f"a vibgym.{cls.__name__}")
+    return value
 
 
 def flag(name: str, value: Any) -> bool:
@@ -74,21 +140,29 @@ def array(
 ) -> np.ndarray:
     """A finite array broadcast to ``shape`` (a read-only view where it had to be spread)."""
     try:
-        result = np.asarray(value)
-        if result.dtype.kind not in "biuf":
+        given = np.asarray(value)
+        if given.dtype.kind not in "biuf":
             raise TypeError
-        result = result.astype(dtype, copy=False)
+        changed = None
+        if given.dtype == dtype or np.dtype(dtype).kind == "f":
+            result = given.astype(dtype, copy=False)
+        else:
+            with np.errstate(invalid="ignore"):  # told below
+                result = given.astype(dtype)
+            changed = result != given
         if result.shape != shape:
             if result.ndim > len(shape):
                 raise ValueError
             result = np.broadcast_to(result, shape)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError, RecursionError):
         got = getattr(value, "shape", None)
         raise refuse(
             name,
             value if got is None else f"array of shape {got} and type {value.dtype}",
             f"real numbers that broadcast to {shape}",
         ) from None
+    if changed is not None and changed.any():
+        raise refuse(name, _first(given, changed), "True or False" if result.dtype.kind == "b" else "whole numbers")
     # min and max in one pass each, over the data that is really there (a spread array repeats itself)
     low, high = (result.min(), result.max()) if result.size else (0.0, 0.0)
     if not (math.isfinite(low) and math.isfinite(high)):

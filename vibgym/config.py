@@ -10,10 +10,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from vibgym import checks
+from vibgym import checks, strict_yaml
 from vibgym.scene.parts import SHIPPED, Part, shipped_part
 from vibgym.scene.surface import Surface
 
@@ -22,9 +21,9 @@ UNITS = {"_mm": 1e-3, "_deg": math.pi / 180.0, "_g": 1e-3}
 
 
 class Settings(BaseModel):
-    """Base of all settings: no unknown keys, no silent conversions, frozen."""
+    """Base of all settings: no unknown keys, no silent conversions, finite numbers, frozen."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -85,7 +84,7 @@ def _scaled(value: Any, factor: float, where: str) -> Any:
         return [_scaled(each, factor, where) for each in value]
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise checks.refuse(where, value, "a number")
-    return value * factor
+    return checks.number(where, value) * factor if isinstance(value, int) else value * factor
 
 
 def parse(model: type[Model], data: Any, where: str) -> Model:
@@ -94,9 +93,11 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
         raise checks.refuse(where, data, f"a mapping with keys among {', '.join(model.model_fields)}")
     try:
         return model.model_validate(_plain(to_si(data, where)))
+    except RecursionError:
+        raise checks.refuse(where, data, "a mapping that does not contain itself") from None
     except ValidationError as error:
         fault = error.errors()[0]
-        field = ".".join([where, *(str(part) for part in fault["loc"])])
+        field = ".".join([where, *(str(part) or "''" for part in fault["loc"])])
         allowed = fault["msg"]
         if fault["type"] == "extra_forbidden":
             allowed = f"keys among {', '.join(model.model_fields)}"
@@ -115,17 +116,22 @@ def _plain(data: dict[str, Any]) -> dict[str, Any]:
 def load_yaml(path: str | Path) -> dict[str, Any]:
     """Read a YAML mapping.
 
+    Beyond YAML's own rules every key stands once, nothing contains itself, texts hold no control characters, and there are
+    bounds: a file of :data:`vibgym.strict_yaml.MOST_BYTES`, :data:`~vibgym.strict_yaml.DEEPEST` levels of nesting, and
+    :data:`~vibgym.strict_yaml.MOST_NODES` values once every alias is written out.
+
     Raises:
-        ValueError: the file cannot be read, is not YAML, or is not a mapping.
+        ValueError: the file cannot be read, breaks a rule (names file and line), or is not a mapping.
     """
     path = Path(path)
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise checks.refuse("config", str(path), f"a readable file ({error.strerror})") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise checks.refuse(str(path), reason, "valid YAML") from None
+        # One byte more than allowed tells that there is too much, be the file as large as it may, or endless.
+        with path.open("rb") as file:
+            content = file.read(strict_yaml.MOST_BYTES + 1)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise checks.refuse("config", str(path), f"a readable file ({reason})") from None
+    data = strict_yaml.load(content, str(path))
     if not isinstance(data, dict):
         raise checks.refuse(str(path), type(data).__name__, "a mapping of settings")
     return data

@@ -33,9 +33,10 @@ def lead_angle(surface: Surface, friction: float) -> float:
     To first order in ``eps = mu g / (a_h w^2)`` the direction does not depend on friction; measured, a part at rest is
     pushed off by about ``1.6 atan(eps)``.
     """
+    checks.instance("surface", surface, Surface)
+    friction = checks.number("friction", friction, least=0.0)
     if surface.horizontal_amplitude == 0.0:
         return 0.0
-    friction = checks.number("friction", friction, least=0.0)
     acceleration = surface.horizontal_amplitude * surface.angular_frequency**2
     return 1.6 * math.atan(friction * surface.gravity / acceleration)
 
@@ -49,6 +50,9 @@ class Field:
     __array_ufunc__ = None  # array * field is for __rmul__, not one field for every number
 
     def __add__(self, other: Field) -> Field:
+        if not isinstance(other, Field):
+            return NotImplemented
+
         def push(x: np.ndarray, y: np.ndarray) -> Push:
             (ax, ay), (bx, by) = self.push(x, y), other.push(x, y)
             return ax + bx, ay + by
@@ -85,6 +89,7 @@ class Field:
             surface: the table.
             friction: of the part, to correct the push's direction by :func:`lead_angle`; None leaves it as it is.
         """
+        checks.instance("surface", surface, Surface)
         x, y = surface.element_centres()
         px, py = np.broadcast_arrays(*self.push(x, y))
         if friction is not None:
@@ -106,7 +111,7 @@ def _finite(**values: Any) -> None:
     for name, value in values.items():
         try:
             shape = np.shape(value)
-        except ValueError:  # rows of different lengths
+        except (TypeError, ValueError, RecursionError):  # rows of different lengths
             shape = ()
         checks.array(name, value, shape)
 

@@ -34,7 +34,7 @@ def restored(argument: str, live: Mapping[str, np.ndarray], state: Any) -> dict[
         where = f"{argument}[{name!r}]"
         try:
             values = np.asarray(state[name])
-        except ValueError:
+        except (TypeError, ValueError, RecursionError):
             raise checks.refuse(where, state[name], f"an array of shape {mine.shape}") from None
         if values.shape != mine.shape or values.dtype.kind not in "biuf":
             raise checks.refuse(where, f"array of shape {values.shape} and type {values.dtype}", f"shape {mine.shape}")

@@ -6,14 +6,12 @@ import bisect
 import io
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
 from agents.evaluation.log import Film
-from vibgym.files import write_atomically
 from vibgym.rendering import Scenery, SurfacePainter
 
 MOST_FRAMES = 120
@@ -97,11 +95,10 @@ def png(frame: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-def write_gif(path: Path, frames: Sequence[np.ndarray], fps: float) -> None:
-    """Write a looping GIF in one step.
+def gif(frames: Sequence[np.ndarray], fps: float) -> bytes:
+    """A looping GIF.
 
     Args:
-        path: of the file.
         frames: pictures (height, width, 3) uint8 of one size, at least one; the last one stays for a while.
         fps: frames per second; browsers show at most 50.
     """
@@ -119,10 +116,10 @@ def write_gif(path: Path, frames: Sequence[np.ndarray], fps: float) -> None:
         loop=0,
         optimize=True,
     )
-    write_atomically(path, file.getvalue())
+    return file.getvalue()
 
 
-def write_film_gif(path: Path, film: Film, scenery: Scenery, step_time: float, width: int = 840) -> None:
-    """Write a film as a GIF, for the README."""
+def film_gif(film: Film, scenery: Scenery, step_time: float, width: int = 840) -> bytes:
+    """A film as a GIF, for the README."""
     frames, interval = frames_of(film, scenery, step_time, width)
-    write_gif(path, frames, 1.0 / interval)
+    return gif(frames, 1.0 / interval)

@@ -242,7 +242,9 @@ def measure(
 def measure_alone(quiet: bool = False, counts: Sequence[int] = COUNTS, repetitions: int = REPETITIONS) -> Cost:
     """:func:`measure` in a process of its own, in which no library has more than one thread."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    code = f"from agents.evaluation.cost import main; main({quiet}, {list(counts)}, {repetitions})"
+    # The child dies of Ctrl-C without a word: the parent has the say.
+    quietly = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)"
+    code = f"{quietly}; from agents.evaluation.cost import main; main({quiet}, {list(counts)}, {repetitions})"
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True, check=True)
     return Cost.from_values(json.loads(done.stdout))

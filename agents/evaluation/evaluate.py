@@ -27,8 +27,11 @@ from agents.registry import CONTROLLERS, make_policy
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.viewer import scenery_of
-from vibgym.files import output_directory, write_atomically
+from vibgym.files import csv_text, output_directory, output_files, write_together
 from vibgym.rendering import Scenery
+
+FILES = ("results.csv", "episodes.csv", "results.json", "report.html")
+"""Of an evaluation, beside a film that is asked for."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,11 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
     if gif is not None:
         checks.choice("--gif TASK", gif.task, tuple(tasks))
         checks.choice("--gif POLICY", gif.policy, tuple(name for task, name in policies if task == gif.task))
-        output_directory(gif.path.parent, "--gif PATH")
-    output_directory(Path(settings.output), "evaluation.output")
+        output_files([gif.path], "--gif PATH")
+    directory = output_directory(Path(settings.output), "evaluation.output")
+    output_files((directory / name for name in FILES), "evaluation.output")
+    if gif is not None and gif.path.resolve() in [(directory / name).resolve() for name in FILES]:
+        raise checks.refuse("--gif PATH", str(gif.path), "a name that no other file of the report has")
     return Evaluation(settings, tasks, scenery, policies, gif)
 
 
@@ -203,21 +209,22 @@ def _made_and_judged(content: Any, info: TaskInfo, seeds: list[int], *asked: Any
 
 
 def write(found: Results, gif: Gif | None = None, quiet: bool = False) -> Path:
-    """Write report.html, results.csv, episodes.csv and results.json, each in one step; returns the page's path.
+    """Write report.html, results.csv, episodes.csv and results.json, and the film that is asked for.
 
-    Everything is made before the first file is replaced, so that an interruption hardly ever leaves a mixed set.
+    Returns:
+        The page's path.
+
+    Raises:
+        WriteError: a file could not be written; then none is new.
     """
     directory = Path(found.settings.output)
     episodes = [one for key, rollout in found.rollouts.items() for one in tables.episodes_of(key[1], rollout)]
-    files = {
-        "results.csv": tables.csv_text([vars(row) for row in found.rows]),
-        "episodes.csv": tables.csv_text(episodes),
-        "results.json": tables.json_text(found),
-        "report.html": report.page(found, quiet),
-    }
+    tabled = csv_text([vars(row) for row in found.rows]), csv_text(episodes), tables.json_text(found)
+    contents: dict[Path, str | bytes] = {}
+    for name, content in zip(FILES, (*tabled, report.page(found, quiet)), strict=True):
+        contents[directory / name] = content
     if gif is not None:
         rollout = found.rollouts[gif.task, gif.policy]
-        animation.write_film_gif(gif.path, rollout.film, found.scenery[gif.task], rollout.step_time)
-    for name, content in files.items():
-        write_atomically(directory / name, content)
+        contents[gif.path] = animation.film_gif(rollout.film, found.scenery[gif.task], rollout.step_time)
+    write_together(contents)
     return directory / "report.html"

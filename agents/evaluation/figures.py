@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
@@ -45,7 +46,9 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as a file."""
+    """The figure as a file. All text means what it says: a policy's name is no formula, whatever dollars are in it."""
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # type: ignore[attr-defined]
     canvas, file = FigureCanvasAgg(figure), io.BytesIO()
     canvas.draw()  # once: savefig draws twice, for the layout first
     Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).save(file, format="PNG")
@@ -219,10 +222,12 @@ def arrivals(results: Results, task: str) -> bytes:
             axes.plot(times(rollout), share, **shown)
         axes.set(xlim=(0.0, end), ylim=(-2.0, 103.0))
         style(axes, xlabel="time (s)", ylabel="parts done, mean (%)")
-    handles, labels = left.get_legend_handles_labels()
-    legend = figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize=8.5, handlelength=1.4)
-    for text in legend.get_texts():
-        text.set_color(INK)
+    labels = [str(line.get_label()) for line in left.get_lines()]
+    # The texts come afterwards: a label that begins with "_" would be left out.
+    shown = {"frameon": False, "fontsize": 8.5, "handlelength": 1.4, "labelcolor": INK}
+    legend = figure.legend(left.get_lines(), ["policy"] * len(labels), loc="outside right center", **shown)
+    for text, label in zip(legend.get_texts(), labels, strict=True):
+        text.set(text=label, parse_math=False)
     return png(figure)
 
 

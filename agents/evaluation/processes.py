@@ -38,9 +38,19 @@ def side_by_side(processes: int) -> Iterator[Submit]:
     context = multiprocessing.get_context("spawn")
     before = {name: os.environ.get(name) for name in LIBRARIES}
     os.environ.update(dict.fromkeys(LIBRARIES, str(available_threads() // processes)))  # read where processes start
+    others = set(multiprocessing.active_children())
     pool = ProcessPoolExecutor(processes, context, _settle, (context.Value("i", 0), processes))
+
+    def submit(function: Callable[..., Found], *arguments: Any) -> Future[Found]:
+        with _held_back():  # here processes are started
+            return pool.submit(function, *arguments)
+
     try:
-        yield pool.submit
+        yield submit
+    except KeyboardInterrupt:
+        for child in set(multiprocessing.active_children()) - others:
+            child.terminate()  # those that it has not reached: of a signal to this process alone, and while they start
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
         for name, value in before.items():
@@ -55,9 +65,24 @@ def _at_once(function: Callable[..., Found], *arguments: Any) -> Future[Found]:
     return future
 
 
+@contextmanager
+def _held_back() -> Iterator[None]:
+    """Ctrl-C waits. Processes that are started meanwhile let it wait until :func:`_settle`, lest imports print tracebacks."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _settle(started: Any, processes: int) -> None:
     """The beginning of a process: its share of the processors, and a quiet end when the user interrupts."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     with started.get_lock():
         number, started.value = started.value, started.value + 1
     if hasattr(os, "sched_setaffinity"):

@@ -92,6 +92,7 @@ class EvaluationSettings(Settings):
         found: list[PolicyEntry] = []
         for index, policy in enumerate(self.policies):
             entry = _entry(policy, f"policies.{index}", self.tasks)
+            checks.label(f"policies.{index}.name", entry.name)
             if any(entry.name == other.name for other in found):
                 raise checks.refuse(f"policies.{index}.name", entry.name, "a name that no other policy has")
             found.append(entry)
@@ -136,8 +137,7 @@ def _entry(policy: Any, field: str, tasks: list[str]) -> PolicyEntry:
         if "action" not in content:
             subject = model
     name = content.pop("name", default)
-    if not isinstance(name, str) or not 0 < len(name) <= 40:
-        raise checks.refuse(f"{field}.name", name, "a text of 1 to 40 characters")
+    checks.label(f"{field}.name", name, most=40)
     return PolicyEntry(name, subject, None if own is None else tuple(own))
 
 

@@ -1,12 +1,10 @@
-"""Results as CSV, JSON and Markdown."""
+"""Results as rows, JSON and Markdown."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -43,15 +41,6 @@ def episodes_of(policy: str, rollout: Rollout) -> list[dict[str, Any]]:
 def _whole(values: np.ndarray) -> list[int | float]:
     """Counts as whole numbers, where there are any."""
     return [int(value) if math.isfinite(value) else value for value in values.tolist()]
-
-
-def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """CSV with a header; what does not apply is empty."""
-    file = io.StringIO()
-    writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({key: "" if _missing(value) else value for key, value in row.items()} for row in rows)
-    return file.getvalue()
 
 
 def json_text(results: Results) -> str:

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 
-from agents.learned.settings import TrainSettings
-from agents.learned.storage import load_set, save_set
+from agents.learned.settings import MOST_STEPS, TrainSettings
+from agents.learned.storage import as_float32, load_set, save_set
 from agents.learned.trained import KIND as POLICY_KIND
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -22,15 +22,42 @@ FREE = {"steps", "checkpoint_steps", "output"}
 """Settings that may change between the sittings of a run."""
 
 
+class Diverged(RuntimeError):
+    """A model has numbers that are not finite; nothing has been written."""
+
+
+def check_finite(model: PPO) -> None:
+    """Raise :class:`Diverged` where a weight, or what the optimizer remembers of it, is not finite."""
+    _refuse_infinite(_weights(model) | _optimizer(model))
+
+
+def _refuse_infinite(tensors: dict[str, np.ndarray]) -> None:
+    for name, value in tensors.items():
+        if not np.isfinite(value).all():
+            raise Diverged(f"NaN or infinity in {name}")
+
+
+def _weights(model: PPO) -> dict[str, np.ndarray]:
+    return {f"policy.{name}": _numpy(value) for name, value in model.policy.state_dict().items()}
+
+
+def _optimizer(model: PPO) -> dict[str, np.ndarray]:
+    states = model.policy.optimizer.state_dict()["state"].items()
+    return {f"adam.{index}.{name}": _numpy(state[name]) for index, state in states for name in ADAM}
+
+
 def _numpy(tensor: torch.Tensor) -> np.ndarray:
     return tensor.detach().cpu().numpy()
 
 
 def save(directory: Path, model: PPO, settings: TrainSettings, seconds: float) -> None:
-    """Write weights, optimizer state and counters."""
-    tensors = {f"policy.{name}": _numpy(value) for name, value in model.policy.state_dict().items()}
-    for index, state in model.policy.optimizer.state_dict()["state"].items():
-        tensors.update({f"adam.{index}.{name}": _numpy(state[name]) for name in ADAM})
+    """Write weights, optimizer state and counters.
+
+    Raises:
+        Diverged: one of them is not finite; the last checkpoint stays.
+    """
+    tensors = _weights(model) | _optimizer(model)
+    _refuse_infinite(tensors)
     record = {"settings": settings.model_dump(mode="json"), "steps": model.num_timesteps, "seconds": seconds}
     save_set(directory / FILE, KIND, tensors, record)
 
@@ -42,7 +69,7 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
         Seconds trained before.
 
     Raises:
-        ValueError: the checkpoint is damaged, or belongs to other settings; ``model`` is unchanged.
+        ValueError: the checkpoint is damaged or not finite, or belongs to other settings; ``model`` is unchanged.
     """
     path = directory / FILE
     if not path.exists():
@@ -57,15 +84,19 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
             f"other {', '.join(names)}",
             "a checkpoint of the same settings; remove it or choose another output",
         )
+    tensors = as_float32(str(path), tensors)
     wanted = {f"policy.{name}": value for name, value in model.policy.state_dict().items()}
     shapes = {name: tuple(value.shape) for name, value in wanted.items()}
     trained = [parameter for group in model.policy.optimizer.param_groups for parameter in group["params"]]
     for index, parameter in enumerate(trained):
         if f"adam.{index}.step" in tensors:
             shapes.update({f"adam.{index}.{name}": tuple(parameter.shape) for name in ADAM[1:]})
-    if any(name not in tensors or tensors[name].shape != shape for name, shape in shapes.items()):
+    counted = [value for name, value in tensors.items() if name.startswith("adam.") and name.endswith(".step")]
+    if any(name not in tensors or tensors[name].shape != shape for name, shape in shapes.items()) or any(
+        value.size != 1 for value in counted
+    ):
         raise checks.refuse(str(path), "tensors of another network", "a checkpoint of the same settings")
-    steps = checks.count(f"{path}: steps", record.get("steps"), least=0)
+    steps = checks.count(f"{path}: steps", record.get("steps"), least=0, most=MOST_STEPS)
     seconds = checks.number(f"{path}: seconds", record.get("seconds"), least=0.0)
     optimizer = model.policy.optimizer.state_dict()
     indices = [index for group in optimizer["param_groups"] for index in group["params"]]
@@ -81,12 +112,17 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
 
 
 def save_policy(path: Path, model: PPO, settings: TrainSettings, training: dict[str, Any]) -> None:
-    """Write the acting part of the model for :func:`agents.learned.trained.load_trained`."""
+    """Write the acting part of the model for :func:`agents.learned.trained.load_trained`.
+
+    Raises:
+        Diverged: a weight is not finite; an older policy stays.
+    """
     tensors = {"log_std": _numpy(model.policy.log_std)}
     linear = [each for each in model.policy.mlp_extractor.policy_net if isinstance(each, torch.nn.Linear)]
     for k, layer in enumerate([*linear, model.policy.action_net]):
         assert isinstance(layer, torch.nn.Linear)
         tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"] = _numpy(layer.weight), _numpy(layer.bias)
+    _refuse_infinite(tensors)
     record = {
         "task": TaskInfo.of(model.get_env().env).name,  # type: ignore[union-attr]
         "action": settings.environment.get("action", "element"),

@@ -3,32 +3,39 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import gymnasium as gym
-from pydantic import Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.tasks import TASKS
 
+MOST_STEPS = 10**12
+
+Rate = Annotated[float, Field(gt=0, le=1)]
+Width = Annotated[int, Field(ge=1, le=4096)]
+
 
 class PPOSettings(Settings):
     """Stable-Baselines3's PPO; defaults are what trained fastest on two cores."""
 
-    n_steps: int = Field(32, ge=1)
-    batch_size: int = Field(4096, ge=2)
-    n_epochs: int = Field(3, ge=1)
-    learning_rate: float = Field(1e-3, gt=0)
-    final_learning_rate: float = Field(1e-4, gt=0)  # reached linearly at the end
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    n_steps: int = Field(32, ge=1, le=1_000_000)
+    batch_size: int = Field(4096, ge=2, le=100_000_000)
+    n_epochs: int = Field(3, ge=1, le=1000)
+    learning_rate: Rate = 1e-3
+    final_learning_rate: Rate = 1e-4  # reached linearly at the end
     gamma: float = Field(0.98, gt=0, le=1)
     gae_lambda: float = Field(0.95, gt=0, le=1)
-    clip_range: float = Field(0.2, gt=0)
-    ent_coef: float = Field(0.0, ge=0)
-    log_std_init: float = -0.5
+    clip_range: float = Field(0.2, gt=0, le=10)
+    ent_coef: float = Field(0.0, ge=0, le=100)
+    log_std_init: float = Field(-0.5, ge=-20, le=5)
     activation: Literal["tanh", "relu"] = "tanh"
-    net: list[int] = Field([128, 128], min_length=1)
+    net: list[Width] = Field([128, 128], min_length=1, max_length=8)
 
 
 class TrainSettings(Settings):
@@ -40,10 +47,10 @@ class TrainSettings(Settings):
 
     task: str
     environment: dict[str, Any] = {"action": "patch"}
-    worlds: int = Field(512, ge=1)
-    steps: int = Field(ge=1)
-    seed: int = Field(0, ge=0)
-    checkpoint_steps: int = Field(500_000, ge=1)
+    worlds: int = Field(512, ge=1, le=100_000)
+    steps: int = Field(ge=1, le=MOST_STEPS)
+    seed: int = Field(0, ge=0, lt=2**32)  # NumPy's old generator, which Stable-Baselines3 seeds, takes no more
+    checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
     output: str | None = None  # directory; default: runs/<name of the file>
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +19,52 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from vibgym import checks
-from vibgym.files import write_atomically
+from vibgym.files import reason, write_atomically
 
 
 def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any]) -> None:
-    """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``."""
+    """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``.
+
+    One process at a time: what another one has just written for a set of the same name may go.
+
+    Raises:
+        ValueError: the name does not end in ``.json``; without, two sets could share the names of their tensors.
+    """
+    check_name("path", path)
     path.parent.mkdir(parents=True, exist_ok=True)
     data = save({name: np.ascontiguousarray(value) for name, value in tensors.items()})
     digest = hashlib.sha256(data).hexdigest()
     tensor_path = path.with_name(f"{path.stem}-{digest[:12]}.safetensors")
-    if not tensor_path.exists():
-        write_atomically(tensor_path, data)
+    write_atomically(tensor_path, data)
     record = {"format": kind, "version": 1, "tensors": tensor_path.name, "sha256": digest, **settings}
     write_atomically(path, json.dumps(record, indent=2, sort_keys=True) + "\n")
-    for old in path.parent.glob(f"{path.stem}-{'[0-9a-f]' * 12}.safetensors"):
-        if old != tensor_path:
+    mine = re.compile(re.escape(path.stem) + r"-[0-9a-f]{12}\.safetensors")
+    for old in list(path.parent.iterdir()):
+        if mine.fullmatch(old.name) and old.name != tensor_path.name:
             old.unlink(missing_ok=True)
+
+
+def check_name(field: str, path: Path) -> None:
+    """Refuse what is no name of a set."""
+    if path.suffix != ".json":
+        raise checks.refuse(field, str(path), "a name that ends in .json")
+
+
+def as_float32(where: str, tensors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The tensors as they are computed with.
+
+    Raises:
+        ValueError: numbers of another kind, or such as are not finite, or not in float32.
+    """
+    result = {}
+    for name, value in tensors.items():
+        if value.dtype.kind != "f":
+            raise checks.refuse(f"{where}: tensors", f"{value.dtype} in {name}", "floating-point numbers")
+        with np.errstate(over="ignore"):
+            result[name] = value.astype(np.float32)
+        if not np.isfinite(result[name]).all():
+            raise checks.refuse(f"{where}: tensors", f"NaN or infinity in {name}", "numbers that are finite in float32")
+    return result
 
 
 def load_set(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -58,8 +89,8 @@ def load_set(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, An
         raise checks.refuse(f"{name}: tensors", file, "the name of a safetensors file beside it")
     try:
         data = path.with_name(file).read_bytes()
-    except OSError as error:
-        raise checks.refuse(f"{name}: tensors", file, f"a readable file beside it ({error.strerror})") from None
+    except (OSError, ValueError) as error:  # ValueError: characters that no name of a file has
+        raise checks.refuse(f"{name}: tensors", file, f"a readable file beside it ({reason(error)})") from None
     if hashlib.sha256(data).hexdigest() != record.get("sha256"):
         raise checks.refuse(f"{name}: tensors", file, "the file that was saved with it (SHA-256 differs)")
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -17,9 +19,17 @@ from tqdm import tqdm
 import vibgym
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
+from agents.learned.checkpoint import Diverged
 from agents.learned.settings import TrainSettings, load_settings
-from vibgym import checks
+from agents.learned.storage import check_name, load_set
+from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
+from vibgym.files import WriteError, output_directory, output_files, reason
+
+MOST_ROLLOUT = 4e9
+"""Bytes of a rollout: what Stable-Baselines3 keeps of ``ppo.n_steps`` steps of all worlds before it learns from them."""
+
+POLICY = "policy.json"
 
 ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
 
@@ -35,8 +45,19 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
 
 
 def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PPO:
-    """An untrained PPO model."""
+    """An untrained PPO model.
+
+    Raises:
+        ValueError: a rollout that is too short to learn from, or too large to keep.
+    """
     ppo = settings.ppo
+    if ppo.n_steps * settings.worlds < 2:
+        raise checks.refuse("ppo.n_steps", ppo.n_steps, "2 or more with one world")
+    numbers = sum(math.prod(space.shape or ()) for space in (env.observation_space, env.action_space)) + 6
+    size = 4 * numbers * ppo.n_steps * settings.worlds
+    if size > MOST_ROLLOUT:
+        allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
+        raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
 
     def learning_rate(remaining: float) -> float:
         return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
@@ -62,6 +83,10 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PPO:
     )
 
 
+class TrainingError(RuntimeError):
+    """A training that ended before its time, for no fault of the program's."""
+
+
 class Progress(BaseCallback):
     """Progress bar, and a checkpoint at a rollout's end when one is due."""
 
@@ -70,7 +95,7 @@ class Progress(BaseCallback):
         self.settings, self.directory = settings, directory
         self.seconds_before, self.began = seconds_before, time.perf_counter()
         self.bar: Any = tqdm(total=settings.steps, unit="step", unit_scale=True, disable=quiet)
-        self.saved_at = 0
+        self.saved_at = 0  # steps of the checkpoint on disk
 
     @property
     def seconds(self) -> float:
@@ -78,7 +103,6 @@ class Progress(BaseCallback):
         return self.seconds_before + time.perf_counter() - self.began
 
     def _on_training_start(self) -> None:
-        self.saved_at = self.num_timesteps
         self.bar.initial = self.bar.n = self.num_timesteps  # steps of earlier sittings do not count in the rate
 
     def _on_step(self) -> bool:
@@ -94,6 +118,8 @@ class Progress(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         # Here the last update is complete, so weights and optimizer belong together.
+        assert isinstance(self.model, PPO)
+        checkpoint.check_finite(self.model)
         if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
             self.save()
 
@@ -102,6 +128,15 @@ class Progress(BaseCallback):
         assert isinstance(self.model, PPO)
         checkpoint.save(self.directory, self.model, self.settings, self.seconds)
         self.saved_at = self.num_timesteps
+
+
+def _saved(directory: Path) -> str:
+    """What the checkpoint itself says: an interruption may come between its writing and anything that counts."""
+    path = directory / checkpoint.FILE
+    if not path.exists():
+        return f"no checkpoint was due yet, so nothing is saved in {directory}"
+    steps = load_set(path, checkpoint.KIND)[1]["steps"]
+    return f"{steps} steps are saved in {directory}; the same command goes on from there"
 
 
 def train(config: Path, output: Path | None = None, quiet: bool = False, policy: Path | None = None) -> Path:
@@ -120,7 +155,10 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
         Path of the policy's file.
 
     Raises:
-        ValueError: bad settings, or a checkpoint of other settings.
+        ValueError: bad settings, a checkpoint of other settings, a place that cannot be written to, or a directory in which
+            another run is at work.
+        TrainingError: the training diverged; the last checkpoint and the last policy stay.
+        WriteError: no space is left, or the like.
     """
     settings = load_settings(config)
     directory = output or Path(settings.output or Path("runs") / config.stem)
@@ -128,42 +166,84 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
         env = make_env(settings)
     except ValueError as error:
         raise ValueError(f"{config}: environment: {error}") from None
-    model = make_model(settings, env)
-    seconds = checkpoint.restore(directory, model, settings)
-    directory.mkdir(parents=True, exist_ok=True)
-    sitting = directory / f"log-from-{model.num_timesteps}"
-    model.set_logger(configure(str(sitting), ["csv", "tensorboard"]))
-    # A sitting that goes on draws other episodes than the ones already seen.
-    env.seed(settings.seed + model.num_timesteps)
-    progress = Progress(settings, directory, seconds, quiet)
-    try:
-        if model.num_timesteps < settings.steps:
-            model.learn(
-                settings.steps - model.num_timesteps, callback=progress, log_interval=1, reset_num_timesteps=False
-            )
-    except ValueError as error:  # the settings were fine; what failed is no bad input
-        raise RuntimeError(f"training failed after {model.num_timesteps} steps: {error}") from error
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            f"{progress.saved_at} steps are saved in {directory}; the same command goes on from there"
-        ) from None
-    finally:
-        progress.bar.close()
-        model.logger.close()
-        env.close()
-    checkpoint.save(directory, model, settings, progress.seconds)
-    training = {
-        "algorithm": "PPO (Stable-Baselines3)",
-        "settings": settings.model_dump(mode="json"),
-        "steps": model.num_timesteps,
-        "minutes": round(progress.seconds / 60.0, 2),
-        "vibgym": vibgym.__version__,
-    }
-    path = policy or directory / "policy.json"
-    checkpoint.save_policy(path, model, settings, training)
+    with contextlib.closing(env):
+        try:
+            model = make_model(settings, env)
+        except ValueError as error:
+            raise ValueError(f"{config}: {error}") from None
+        path = policy_path(directory, policy)
+        with locks.one_run(directory):
+            progress = Progress(settings, directory, checkpoint.restore(directory, model, settings), quiet)
+            try:
+                learn(model, settings, progress)
+            except (Diverged, ValueError) as error:
+                raise failure(error, model, progress) from error
+            except OSError as error:
+                raise WriteError(f"training stopped, {progress.saved_at} steps are saved ({reason(error)})") from error
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(_saved(directory)) from None
+            training = {
+                "algorithm": "PPO (Stable-Baselines3)",
+                "settings": settings.model_dump(mode="json"),
+                "steps": model.num_timesteps,
+                "minutes": round(progress.seconds / 60.0, 2),
+                "vibgym": vibgym.__version__,
+            }
+            # Others may write policies beside this one, and train elsewhere: a moment's lock, not the directory's.
+            with locks.one_run(path.parent, "--policy", f".{path.name}.lock", patience=60.0):
+                checkpoint.save_policy(path, model, settings, training)
     if not quiet:
         rate = model.num_timesteps / progress.seconds
         print(
             f"{path}: {model.num_timesteps} steps in {progress.seconds:.0f} s, {rate:.0f} steps/s, everything included"
         )
     return path
+
+
+def policy_path(directory: Path, policy: Path | None) -> Path:
+    """Where the policy goes, once it is clear that all can be written that a training writes.
+
+    Raises:
+        ValueError: it cannot.
+    """
+    tensors = f"-{'0' * 12}.safetensors"
+    output_directory(directory)
+    output_files((directory / name for name in (POLICY, checkpoint.FILE)), "output")
+    if policy is None:
+        return directory / POLICY
+    check_name("--policy", policy)
+    output_files((policy, policy.with_name(policy.stem + tensors)), "--policy")
+    if policy.resolve() == (directory / checkpoint.FILE).resolve():
+        raise checks.refuse("--policy", str(policy), "another file than the checkpoint")
+    return policy
+
+
+def learn(model: PPO, settings: TrainSettings, progress: Progress) -> None:
+    """Train to the end, and write the last checkpoint."""
+    progress.saved_at = model.num_timesteps  # what was restored
+    sitting = progress.directory / f"log-from-{model.num_timesteps}"
+    model.set_logger(configure(str(sitting), ["csv", "tensorboard"]))
+    # A sitting that goes on draws other episodes than the ones already seen.
+    model.get_env().seed(settings.seed + model.num_timesteps)  # type: ignore[union-attr]
+    try:
+        if model.num_timesteps < settings.steps:
+            todo = settings.steps - model.num_timesteps
+            model.learn(todo, callback=progress, log_interval=1, reset_num_timesteps=False)
+        checkpoint.save(progress.directory, model, settings, progress.seconds)
+    finally:
+        progress.bar.close()
+        model.logger.close()
+
+
+def failure(error: Exception, model: PPO, progress: Progress) -> RuntimeError:
+    """What ended a training whose settings were fine."""
+    steps = model.num_timesteps
+    try:
+        checkpoint.check_finite(model)
+    except Diverged as found:  # what the error says is then but a consequence
+        kept = f"the checkpoint of {progress.saved_at} steps stays" if progress.saved_at else "nothing had been saved"
+        return TrainingError(
+            f"{progress.directory}: training diverged within {steps} steps ({found}); {kept}; lower ppo.learning_rate, "
+            "ppo.ent_coef, ppo.log_std_init or ppo.clip_range and train into another output"
+        )
+    return RuntimeError(f"training failed after {steps} steps: {error}")

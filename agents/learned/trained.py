@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 
 from agents.control.measured import check_state
-from agents.learned.storage import load_set
+from agents.learned.storage import as_float32, load_set
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.layout import Layout
 
 KIND = "vibgym-policy"
+MOST_LOG_STD = 88.0
+"""The exponential of 89 is infinite in float32."""
 
 
 def _relu(x: np.ndarray) -> np.ndarray:
@@ -74,12 +76,14 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
     """Load a policy file and check that it fits.
 
     Raises:
-        ValueError: not a policy file, corrupted, or made for another task, observation or size of action.
+        ValueError: not a policy file, corrupted, not finite in float32, or made for another task, observation or size of
+            action.
     """
     tensors, record = load_set(path, KIND)
     name = str(path)
     if record.get("task") != info.name:
         raise checks.refuse(f"{name}: task", record.get("task"), f"{info.name!r}")
+    tensors = as_float32(name, tensors)
     kind = checks.choice(f"{name}: action", record.get("action"), tuple(ACTIONS))
     activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
     size = ACTIONS[kind](info.surface, info.parts).size
@@ -92,11 +96,11 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
             raise checks.refuse(
                 f"{name}: layer{k}", f"weight of shape {weight.shape}", f"shape (n, {width}) and a bias"
             )
-        layers.append((weight.astype(np.float32), bias.astype(np.float32)))
+        layers.append((weight, bias))
         width = weight.shape[0]
     log_std = tensors.get("log_std")
     if not layers or width != size or log_std is None or log_std.shape != (size,):
         raise checks.refuse(f"{name}: layers", f"{len(layers)} layers, {width} outputs", f"{size} outputs and log_std")
-    if not all(np.isfinite(values).all() for values in tensors.values()):
-        raise checks.refuse(f"{name}: tensors", "NaN or infinity", "finite numbers")
-    return TrainedPolicy(layers, info.layout, log_std.astype(np.float32), kind, activation)
+    if log_std.max() > MOST_LOG_STD:
+        raise checks.refuse(f"{name}: log_std", float(log_std.max()), f"numbers <= {MOST_LOG_STD:g}")
+    return TrainedPolicy(layers, info.layout, log_std, kind, activation)

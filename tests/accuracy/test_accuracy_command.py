@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import csv
+import errno
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+from vibgym import locks
 from vibgym.accuracy import __main__ as command
-from vibgym.accuracy import mujoco_scene, report, settings
+from vibgym.accuracy import mujoco_scene, page, report, settings, tables
 
 GOOD: dict[str, Any] = {
     "rounds": 2,
@@ -86,6 +89,12 @@ def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert not (tmp_path / "out").exists()
 
 
+def test_lists_of_knobs_that_multiply_beyond_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    many = {"model": "planar", "steps": [5] * 200, "substeps": [4] * 200, "pieces": [1] * 200}
+    line = refusal(capsys, str(save(tmp_path, {"models": [many]})))
+    assert "models.0: got 'lists of 8000000 combinations'" in line
+
+
 def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert str(tmp_path / "none.yaml") in refusal(capsys, str(tmp_path / "none.yaml"))
     path = tmp_path / "bad.yaml"
@@ -100,14 +109,64 @@ def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert stop.value.code == 2
 
 
+@pytest.mark.parametrize("place", ["file", "x" * 300, "a\0b", "a\ud800", "/proc/vibgym", "taken", "kept"])
+def test_bad_places(
+    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file, names that no file system takes, a directory in the place of the table, and another run's directory."""
+    monkeypatch.setattr(report, "run", lambda *_: pytest.fail("runs"))
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "taken" / "results.csv").mkdir(parents=True)
+    (tmp_path / "kept").mkdir()
+    path = save(tmp_path, {})
+    with locks.one_run(tmp_path / "kept"):
+        line = refusal(capsys, str(path), "--output", str(tmp_path / place))
+    assert line.startswith(f"{path}: output: got ") and (tmp_path / "file").read_text() == "mine"
+    assert (f"process {os.getpid()} on host" in line) == (place == "kept")
+
+
+def test_a_full_disk_leaves_the_old_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is measured here, and nothing drawn: it is about the files."""
+    out = tmp_path / "out"
+    text = {"page": "old", "csv_text": "old", "json_text": "old"}
+    for name in text:
+        monkeypatch.setattr(page, name, lambda _, name=name: text[name])
+    monkeypatch.setattr(report, "run", lambda *_: None)
+    monkeypatch.setattr(tables, "summary", lambda _: "")
+    path = str(save(tmp_path, {}))
+    assert command.main([path, "--quiet"]) == 0
+    capsys.readouterr()
+    flush, calls = os.fsync, []
+
+    def full(handle: int) -> None:
+        calls.append(handle)
+        if len(calls) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(handle)
+
+    def measured(*_: Any) -> None:
+        text.update(dict.fromkeys(text, "new"))
+        monkeypatch.setattr(os, "fsync", full)
+
+    monkeypatch.setattr(report, "run", measured)
+    assert command.main([path, "--quiet"]) == 1
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err
+    names = ("report.html", "results.csv", "results.json")
+    assert {each.name: each.read_text() for each in out.iterdir()} == dict.fromkeys(names, "old")
+
+
 def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*arguments: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(report, "run", interrupted)
-    assert command.main([str(save(tmp_path, {})), "--quiet"]) == 1
-    line = capsys.readouterr().err
-    assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
+    for place in ("run", "prepare"):
+        monkeypatch.setattr(report, place, interrupted)
+        assert command.main([str(save(tmp_path, {})), "--quiet"]) == 130
+        line = capsys.readouterr().err
+        assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
 
 
 def test_shipped_settings_are_sound(tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ BAD = [
     ({"surface": {"rows": 0}}, "rows"),
     ({"surface": {"rows": 2.5}}, r"surface\.rows"),
     ({"surface": {"colour": "red"}}, r"surface\.colour"),
-    ({"surface": {"element_size": float("nan")}}, "element_size"),
+    ({"surface": {"element_size": float("nan")}}, "surface.element_size"),
     ({"surface": {"element_size_mm": "wide"}}, r"surface\.element_size_mm"),
     ({"surface": {"max_amplitude": 1e-3}}, "max_amplitude"),
     ({"surface": {"rows": 2, "columns": 2}}, "parts"),  # too small for the part

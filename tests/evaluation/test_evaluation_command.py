@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import errno
+import os
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +12,7 @@ import pytest
 import yaml
 
 from agents import __main__ as command
+from vibgym.locks import one_run
 
 GOOD: dict[str, Any] = {
     "tasks": ["Rotate"],
@@ -117,6 +121,101 @@ def test_bad_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
         assert stop.value.code == 2
 
 
+def file_at(path: Path) -> Path:
+    path.write_text("mine")
+    return path
+
+
+def folder_at(path: Path) -> Path:
+    path.mkdir(parents=True)
+    return path
+
+
+BAD_PLACES: dict[str, tuple[Any, str]] = {
+    "a file": (lambda folder: ("--output", file_at(folder / "file")), "evaluation.output"),
+    "overlong": (lambda folder: ("--output", folder / ("x" * 300)), "evaluation.output"),
+    "NUL": (lambda folder: ("--output", folder / "a\0b"), "evaluation.output"),
+    "no text": (lambda folder: ("--output", folder / "a\ud800"), "evaluation.output"),
+    "of the system": (lambda folder: ("--output", "/proc/vibgym"), "evaluation.output"),
+    "a report that is a directory": (
+        lambda folder: ("--output", folder_at(folder / "there" / "report.html").parent),
+        "evaluation.output",
+    ),
+    "a film that is a directory": (lambda folder: ("--gif", folder_at(folder / "a.gif")), "--gif PATH"),
+    "a film below a file": (lambda folder: ("--gif", file_at(folder / "file") / "a.gif"), "--gif PATH"),
+    "an overlong film": (lambda folder: ("--gif", folder / ("x" * 300)), "--gif PATH"),
+    "a film with a NUL": (lambda folder: ("--gif", folder / "a\0b.gif"), "--gif PATH"),
+    "a film of the system": (lambda folder: ("--gif", "/dev/null"), "--gif PATH"),
+    "a film for the report": (lambda folder: ("--gif", folder / "out" / "report.html"), "--gif PATH"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PLACES)
+def test_bad_places(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("agents.evaluation.evaluate", lambda *_: pytest.fail("runs"))
+    make, named = BAD_PLACES[case]
+    path = save(tmp_path, {})
+    option, place = make(tmp_path)
+    arguments = [option, *(("Rotate", "zero") if option == "--gif" else ()), str(place)]
+    line = refusal(capsys, "evaluate", str(path), *arguments)
+    assert line.startswith(f"{path}: {named}: got ") and len(line) < 500
+    assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
+
+
+def test_policies_that_are_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder_at(tmp_path / "policy.json")
+    for place in (tmp_path / "policy.json", tmp_path / ("x" * 300 + ".json"), tmp_path / "a\0.json"):
+        line = refusal(capsys, "evaluate", str(save(tmp_path, {"policies": [str(place)]})))
+        assert "policies" in line and str(tmp_path) in line
+
+
+def test_a_second_evaluation_in_a_directory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = save(tmp_path, {})
+    (tmp_path / "out").mkdir()
+    with one_run(tmp_path / "out"):
+        assert f"evaluation.output: got '{tmp_path / 'out'}'" in refusal(capsys, "evaluate", str(path))
+        assert f"process {os.getpid()} on host" in refusal(capsys, "evaluate", str(path))
+    assert os.listdir(tmp_path / "out") == []
+
+
+def test_a_full_disk_leaves_the_old_report_and_its_film(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from agents.evaluation import report
+
+    path, film = save(tmp_path, {"policies": [{"name": "=still", "kind": "zero"}]}), tmp_path / "film" / "hero.gif"
+    arguments = ["evaluate", str(path), "--episodes", "2", "--gif", "Rotate", "=still", str(film), "--quiet"]
+    monkeypatch.setattr(report, "page", lambda *_: "first")  # drawing takes most of the time
+    assert command.main(arguments) == 0
+    before = {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()}
+    assert len(before) == 5
+    for name in ("results.csv", "episodes.csv"):
+        with (tmp_path / "out" / name).open(newline="") as file:
+            assert {row["policy"] for row in csv.DictReader(file)} == {"'=still"}
+    assert '"policy": "=still"' in (tmp_path / "out" / "results.json").read_text()
+    capsys.readouterr()
+
+    def late(*_: Any) -> str:
+        flush, calls = os.fsync, []
+
+        def full(handle: int) -> None:
+            calls.append(handle)
+            if len(calls) == 4:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            flush(handle)
+
+        monkeypatch.setattr(os, "fsync", full)
+        return "second"
+
+    monkeypatch.setattr(report, "page", late)
+    assert command.main(arguments) == 1
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err
+    assert {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()} == before
+
+
 def test_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path, gif = save(tmp_path, {}), tmp_path / "film" / "hero.gif"
     arguments = ["--output", str(tmp_path / "there"), "--episodes", "2", "--gif", "Rotate", "steered", str(gif)]
@@ -134,10 +233,11 @@ def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkey
     def interrupted(*arguments: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("agents.evaluation.evaluate", interrupted)
-    assert command.main(["evaluate", str(save(tmp_path, {})), "--quiet"]) == 1
-    line = capsys.readouterr().err
-    assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
+    for place in ("evaluate", "prepare"):
+        monkeypatch.setattr(f"agents.evaluation.{place}", interrupted)
+        assert command.main(["evaluate", str(save(tmp_path, {})), "--quiet"]) == 130
+        line = capsys.readouterr().err
+        assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
 
 
 def test_shipped_settings_are_sound() -> None:

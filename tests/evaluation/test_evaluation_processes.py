@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +76,15 @@ def test_one_process_is_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def fails(*arguments: Any) -> None:
     raise ArithmeticError(*arguments)
+
+
+def test_an_interruption_leaves_no_process_behind(two: None) -> None:
+    began = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt), side_by_side(2) as submit:
+        submit(time.sleep, 60.0)
+        submit(os.getpid).result()  # by now they are up
+        raise KeyboardInterrupt
+    assert not multiprocessing.active_children() and time.perf_counter() - began < 30.0
 
 
 def test_failures_come_back(two: None) -> None:

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import json
 import os
 import re
+import warnings
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
 from PIL import Image
 
 from agents import evaluation
-from agents.evaluation import animation, report
+from agents.evaluation import animation, figures, report
+from agents.evaluation.figures import new_figure
 from vibgym.files import write_atomically
 
 
@@ -71,6 +76,24 @@ def test_bold_differences_are_those_that_are_clear(found: evaluation.Results, wr
     intervals += [each.time_interval for each in report.against_best(found) if each.time_interval is not None]
     clear = [each.low > 0.0 or each.high < 0.0 for each in intervals]
     assert text.count('<td class="clear">') == sum(clear) and not all(clear)
+
+
+@pytest.mark.parametrize("name", ["$\\frac$", "a $b$ c", "_hidden", "%s \\n {x}", "<b>&\"'", "µ → 中文 😀"])
+def test_a_name_is_drawn_as_it_is_written(
+    found: evaluation.Results, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """No formula, which would fail or look otherwise, no mark that hides it from the legend."""
+    rollouts = {(task, name if each == "pusher" else each): one for (task, each), one in found.rollouts.items()}
+    policies = {name if each == "pusher" else each: text for each, text in found.policies.items()}
+    drawn: list[Figure] = []
+    monkeypatch.setattr(figures, "new_figure", lambda *size: drawn.append(new_figure(*size)) or drawn[-1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # matplotlib's font does not have every character
+        figures.arrivals(dataclasses.replace(found, rollouts=rollouts, policies=policies), "Transport")
+    (legend,) = drawn[0].legends
+    texts = [text.get_text().rpartition(" (")[0] for text in legend.get_texts()]
+    assert texts == ["still <&>", name, "counting"]
+    assert not any(text.get_parse_math() for text in drawn[0].findobj(Text) if text.get_text())
 
 
 def test_json_holds_everything(found: evaluation.Results, written: Path) -> None:
@@ -142,11 +165,10 @@ def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most
         assert image.n_frames == len(frames) > animation.SAMPLE and image.info["loop"] == 0
 
 
-def test_gif(found: evaluation.Results, tmp_path: Path) -> None:
+def test_gif(found: evaluation.Results) -> None:
     film = found.rollouts["Align", "pusher"].film
     frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04, 300)
     assert len(frames) <= animation.MOST_FRAMES and frames[0].dtype == np.uint8
-    animation.write_gif(tmp_path / "film.gif", frames[:6], 1.0 / interval)
-    with Image.open(tmp_path / "film.gif") as image:
+    with Image.open(io.BytesIO(animation.gif(frames[:6], 1.0 / interval))) as image:
         assert image.n_frames == 6 and image.info["loop"] == 0
         assert image.size == (frames[0].shape[1], frames[0].shape[0])

@@ -187,7 +187,8 @@ def test_nothing_supported():
 
 
 def holds(outline, width, height, x, y):
-    return support_holds(*np.ascontiguousarray(outline.T), width, height, x, y, np.zeros(most_angles(len(outline))))
+    angles = np.zeros(most_angles(len(outline)))
+    return support_holds(*np.ascontiguousarray(outline.T), 0.0, width, 0.0, height, x, y, angles)
 
 
 @given(stars(), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))

@@ -1,5 +1,6 @@
 """Compiled kernels: compiled anew when what they depend on has changed, kept where that is possible, announced once."""
 
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 import vibgym
+from vibgym.physics.core import jit
 from vibgym.physics.core.jit import sources
 
 ROOT = Path(vibgym.__file__).parent
@@ -110,6 +112,37 @@ def test_without_a_cache(run):
     assert not (package.parent / "cache").exists()
 
 
+@pytest.mark.parametrize("kind, damage", [
+    ("*.nbc", lambda content: content[: len(content) // 2]), ("*.nbc", lambda content: b""),
+    ("*.nbc", lambda content: content[:-40] + bytes(40)), ("*.nbi", lambda content: content[: len(content) // 2]),
+    ("*.nbi", lambda content: b"\x80garbage"), ("*.nb[ci]", lambda content: content[:60]),
+], ids=["half", "empty", "other bytes", "half index", "garbage index", "both"])  # fmt: skip
+def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, caplog, kind, damage):
+    monkeypatch.setattr(jit.config, "CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "mine.py").write_text(
+        "from vibgym.physics.core.jit import jit\n\n\n@jit\ndef twice(x):\n    return 2.0 * x\n"
+    )
+
+    def once():
+        """As in a process of its own: the number, and what was said."""
+        caplog.clear()
+        monkeypatch.setattr(jit, "_damaged", set())
+        spec = importlib.util.spec_from_file_location("mine", tmp_path / "mine.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        result = module.twice(3.0)
+        return result, sum(module.twice.stats.cache_hits.values()), [record.getMessage() for record in caplog.records]
+
+    assert once()[:2] == (6.0, 0) and once() == (6.0, 1, [])
+    for path in (tmp_path / "cache").rglob(kind):
+        path.write_bytes(damage(path.read_bytes()))
+    *again, lines = once()
+    assert again == [6.0, 0]
+    (line,) = (each for each in lines if "compiling" not in each)
+    assert "damaged" in line and str(tmp_path / "cache") in line
+    assert once() == (6.0, 1, [])
+
+
 def test_where_no_folder_can_be_written(run):
     """No crash, as numba has it ("no locator available"), but one line that says what to do."""
     package, once = run
@@ -121,3 +154,35 @@ def test_where_no_folder_can_be_written(run):
     assert [("cannot be kept" in line, "compiling kernels" in line) for line in lines] == [(True, False), (False, True)]
     assert "NUMBA_CACHE_DIR" in lines[0] and "not kept" in lines[1]
     assert first == once()[0]
+
+
+TOGETHER = """
+import itertools, sys, threading, time
+sys.path.insert(0, {folder!r})
+from vibgym.physics.core import jit
+from mine import double
+digest, turn = jit.sources, itertools.count(1)
+jit.sources = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
+threads = [threading.Thread(target=double, args=(1.0,)) for _ in range(int(sys.argv[1]))]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(sum(double.stats.cache_hits.values()), sum(double.stats.cache_misses.values()))
+"""
+
+
+def test_threads_that_need_a_kernel_at_once_all_find_it(tmp_path):
+    """The second thread must not read the cache while the first has yet to say which version it wants."""
+    (tmp_path / "mine.py").write_text(
+        "from vibgym.physics.core.jit import jit\n\n\n@jit\ndef double(x):\n    return 2.0 * x\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT.parent)}
+
+    def run_threads(number):
+        command = [sys.executable, "-c", TOGETHER.format(folder=str(tmp_path)), str(number)]
+        return subprocess.run(command, text=True, env=environment, capture_output=True, check=True).stdout.split()
+
+    assert run_threads(1) == ["0", "1"]
+    hits, misses = run_threads(4)
+    assert misses == "0" and int(hits) > 0

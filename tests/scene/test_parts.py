@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
-from shapely.geometry import Polygon
+from shapely.geometry import MultiPoint, Polygon
 
 from vibgym import Part
 from vibgym.config import part_from
@@ -189,15 +189,47 @@ def test_simple_or_refused_as_shapely_says(corners):
             Part.polygon(scaled, friction=0.5)
 
 
+def ragged(corners):
+    """An outline with so many corners that no direction repeats."""
+    turn = np.linspace(0.0, 2.0 * math.pi, corners, endpoint=False)
+    reach = 0.03 * (1.0 + 0.2 * np.random.default_rng(0).random(corners))
+    return np.column_stack([reach * np.cos(turn), reach * np.sin(turn)])
+
+
+def test_outlines_with_very_many_corners_are_refused():
+    assert len(Part.polygon(ragged(1000), friction=0.5).outline) == 1000
+    with pytest.raises(ValueError, match="^vertices: got '1500 corners'; allowed: at most 1000"):
+        Part.polygon(ragged(1500), friction=0.5)
+
+
+def test_narrowest_width():
+    """Across an edge of the convex hull, whatever the corners between."""
+    narrowest_width = outlines.narrowest_width
+    assert narrowest_width(Part.rectangle(0.05, 0.03, friction=0.5).outline) == pytest.approx(0.03)
+    triangle = Part.polygon([[0, 0], [0.04, 0], [0, 0.03]], friction=0.5)
+    assert narrowest_width(triangle.outline) == pytest.approx(0.024)  # height on the longest side
+    angle = Part.polygon([[0, 0], [0.02, 0], [0.02, 0.004], [0.004, 0.004], [0.004, 0.02], [0, 0.02]], friction=0.5)
+    assert narrowest_width(angle.outline) == pytest.approx(0.024 / math.sqrt(2.0))
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        hull = MultiPoint(rng.uniform(-0.02, 0.02, (8, 2))).convex_hull
+        sides = hull.minimum_rotated_rectangle.exterior.coords
+        narrow = narrowest_width(np.array(hull.exterior.coords)[:-1])
+        assert narrow <= min(math.dist(sides[k], sides[k + 1]) for k in range(2)) * (1.0 + 1e-9)
+        turns = np.linspace(0.0, math.pi, 2000)
+        reach = np.array(hull.exterior.coords) @ np.stack([np.cos(turns), np.sin(turns)])
+        assert narrow == pytest.approx((reach.max(axis=0) - reach.min(axis=0)).min(), rel=2e-3)
+
+
 BAD_NUMBERS = [math.nan, math.inf, -math.inf, "1", None, True, [1.0], 1j]
 BAD = (
-    [("length", v) for v in [0.0, -1.0, 1e300, 1e-300, *BAD_NUMBERS]]
+    [("length", v) for v in [0.0, -1.0, 1e300, 1e-300, 9e-6, 1001.0, *BAD_NUMBERS]]
     + [("width", v) for v in [0.0, -1.0, 1e300, 1e-300, *BAD_NUMBERS]]
-    + [("radius", v) for v in [0.0, -1.0, 1e300, 1e-300, *BAD_NUMBERS]]
+    + [("radius", v) for v in [0.0, -1.0, 1e300, 1e-300, 9e-6, 1001.0, *BAD_NUMBERS]]
     + [("friction", v) for v in [-0.1, *BAD_NUMBERS]]
     + [("static_friction", v) for v in [-0.1, 0.59, *(v for v in BAD_NUMBERS if v is not None)]]
     + [("height", v) for v in [0.0, -1.0, *BAD_NUMBERS]]
-    + [("mass", v) for v in [0.0, -1.0, *(v for v in BAD_NUMBERS if v is not None)]]
+    + [("mass", v) for v in [0.0, -1.0, 1e-320, 9e-10, 1.1e9, *(v for v in BAD_NUMBERS if v is not None)]]
     + [("name", v) for v in ["", 3, None]]
     + [("restitution", v) for v in [-0.1, 1.1, *BAD_NUMBERS]]
     + [("contact_friction", v) for v in [-0.1, *BAD_NUMBERS]]

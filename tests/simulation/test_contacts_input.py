@@ -85,7 +85,7 @@ def test_touching_is_allowed():
 
 def test_small_parts_may_overlap_less():
     """A quarter of the smaller radius: tenths of a millimetre are all there is of a part of that size."""
-    made = Simulator(SURFACE, [Part.disc(1e-4, friction=0.6, name="grain"), STEEL])
+    made = Simulator(SURFACE, [Part.disc(1e-4, friction=0.6, mass=1e-3, name="grain"), STEEL])
     made.reset([[0.125 + 0.8e-4, 0.1, 0.0], [0.1, 0.1, 0.0]])
     refused(made, lambda: made.reset([[0.125 + 0.7e-4, 0.1, 0.0], [0.1, 0.1, 0.0]]), "'grain'", "'steel'", "0.03 mm")
 
@@ -192,10 +192,12 @@ def test_walls(walls, words):
 
 def test_too_many_materials_for_walls():
     def materials(count):
-        return [Part.disc(0.005, friction=0.6, restitution=k / 100.0) for k in range(count)]
+        return [Part.disc(0.005, friction=0.6, contact_friction=k / 100.0) for k in range(count)]
 
     assert Simulator(SURFACE, materials(31), walls=["left"]).worlds == 1
-    with pytest.raises(ValueError, match="parts: got '32 pairs'; allowed: at most 31 different pairs of restitution"):
+    with pytest.raises(
+        ValueError, match="parts: got '32 values'; allowed: at most 31 different values of contact_friction"
+    ):
         Simulator(SURFACE, materials(32), walls=["left"])
     # Without walls there is no such limit; nor does it count parts of one material.
     assert len(Simulator(SURFACE, materials(32)).parts) == 32

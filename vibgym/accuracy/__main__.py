@@ -1,14 +1,17 @@
 """Command line: ``python -m vibgym.accuracy CONFIG`` measures error against cost and writes a report.
 
-Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 1 anything else.
+Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+
+from vibgym import interrupts
 
 
 def parser() -> argparse.ArgumentParser:
@@ -33,26 +36,35 @@ def progress(text: str) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
+    return interrupts.run(lambda: measure(arguments))
+
+
+def measure(arguments: argparse.Namespace) -> int:
+    """Measure what the file asks for and write the report."""
     try:
         # All of it now: what is missing should not show after minutes of measuring.
+        from vibgym import files, locks
         from vibgym.accuracy import page, report, settings, tables
     except ImportError as error:
         print(f"{error}; the report needs more packages: pip install 'vibgym[accuracy]'", file=sys.stderr)
         return 1
+    held = contextlib.ExitStack()  # the directory is this run's until its files are written
     try:
         asked = settings.load_settings(arguments.config, arguments.output)
         try:
             prepared = report.prepare(asked)
+            held.enter_context(locks.one_run(prepared.output))
         except ValueError as error:
             raise ValueError(f"{arguments.config}: {error}") from None
     except ValueError as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return 2
     try:
-        found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
-        path = page.write(found, prepared.output)
-    except KeyboardInterrupt:
-        print("interrupted: whatever was written before is whole", file=sys.stderr)
+        with held:
+            found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
+            path = page.write(found, prepared.output)
+    except files.WriteError as error:
+        print(error, file=sys.stderr)
         return 1
     if not arguments.quiet and sys.stderr.isatty():
         print("\r\x1b[2K", end="", file=sys.stderr)
@@ -62,4 +74,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    interrupts.leave(main())

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from vibgym.accuracy import comparisons
@@ -36,7 +37,9 @@ def style_of(method: str) -> tuple[str, str]:
 
 
 def png(figure: Figure) -> bytes:
-    """The picture's file."""
+    """The picture's file. All text means what it says, no formulas."""
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)  # type: ignore[attr-defined]
     file = io.BytesIO()
     figure.savefig(file, format="png", metadata={"Software": None})
     return file.getvalue()

@@ -15,7 +15,7 @@ from vibgym import files
 from vibgym.accuracy import comparisons, figures
 from vibgym.accuracy.friction_experiment import Block, Experiment
 from vibgym.accuracy.ladder import Row, SceneResult
-from vibgym.accuracy.report import Report
+from vibgym.accuracy.report import FILES, Report
 from vibgym.accuracy.tables import csv_text, error_text, json_text, plain, significant
 
 
@@ -51,13 +51,10 @@ def page(report: Report) -> str:
 
 
 def write(report: Report, output: Path) -> Path:
-    """Write report.html, results.csv and results.json into a directory; returns the page's path."""
-    content = page(report)
-    files.write_atomically(output / "results.csv", csv_text(report))
-    files.write_atomically(output / "results.json", json_text(report))
-    path = output / "report.html"
-    files.write_atomically(path, content)
-    return path
+    """Write report.html, results.csv and results.json into a directory, all or none; returns the page's path."""
+    contents = (csv_text(report), json_text(report), page(report))
+    files.write_together({output / name: content for name, content in zip(FILES, contents, strict=True)})
+    return output / "report.html"
 
 
 def _data(content: bytes) -> str:

@@ -19,6 +19,8 @@ from vibgym.accuracy.settings import ReportSettings
 from vibgym.simulation.schemes import planar_scheme
 from vibgym.simulation.simulator import Simulator
 
+FILES = ("results.csv", "results.json", "report.html")
+
 
 @dataclass(frozen=True)
 class Prepared:
@@ -76,7 +78,9 @@ def prepare(settings: ReportSettings) -> Prepared:
         except ValueError as error:
             raise ValueError(f"scenes.{index}: {error}") from None
     candidates = _candidates(settings)
-    return Prepared(settings, scenes, candidates, files.output_directory(Path(settings.output)))
+    output = files.output_directory(Path(settings.output))
+    files.output_files((output / name for name in FILES), "output")
+    return Prepared(settings, scenes, candidates, output)
 
 
 def _candidates(settings: ReportSettings) -> list[Candidate]:

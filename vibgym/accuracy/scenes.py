@@ -220,6 +220,9 @@ def scene_from(
     rng = np.random.default_rng(settings.seed)
     start = parse(StartSettings, settings.start, f"{where}.start")
     pose, velocity = _starts(start, surface, part, settings.worlds, rng, f"{where}.start")
+    checks.label(f"{where}.name", settings.name)
+    if settings.note:
+        checks.label(f"{where}.note", " ".join(settings.note.split()), most=2000)
     segments = _segments(drive, surface, part, settings, rng, f"{where}.drive")
     tolerances = {}
     for name, common in (("strong_tolerances", strong_tolerances), ("weak_tolerances", weak_tolerances)):

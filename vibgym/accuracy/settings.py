@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation.simulator import Simulator
 
 MODELS = ("planar", "averaged")
+MOST_COMBINATIONS = 1000
+"""Of the knobs in one entry: each is a simulator, and then a line of the report."""
+
 PEERS: dict[str, dict[str, Any]] = {
     "point_sampling": {"points": 12, "steps": 12},
     "LSODA": {"rtol": 1e-4},
@@ -88,7 +92,7 @@ class ReportSettings(Settings):
         for index, given in enumerate(self.models):
             where = f"models.{index}"
             model, choices = _named(given, where, "model", MODELS)
-            for knobs in _combinations(choices):
+            for knobs in _combinations(choices, where):
                 try:
                     Simulator(surface, part, model=model, **knobs)
                 except ValueError as error:
@@ -102,7 +106,7 @@ class ReportSettings(Settings):
         for index, given in enumerate(self.peers):
             where = f"peers.{index}"
             peer, choices = _named(given, where, "peer", tuple(PEERS))
-            for knobs in _combinations(choices):
+            for knobs in _combinations(choices, where):
                 for name, value in knobs.items():
                     _check_peer_knob(peer, name, value, where)
                 found.append((peer, PEERS[peer] | knobs))
@@ -120,8 +124,11 @@ def _named(given: Any, where: str, key: str, allowed: tuple[str, ...]) -> tuple[
     return name, content
 
 
-def _combinations(choices: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _combinations(choices: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
     lists = [value if isinstance(value, list) else [value] for value in choices.values()]
+    number = math.prod(map(len, lists))
+    if number > MOST_COMBINATIONS:
+        raise checks.refuse(where, f"lists of {number} combinations", f"at most {MOST_COMBINATIONS}")
     return [dict(zip(choices, values, strict=True)) for values in itertools.product(*lists)]
 
 

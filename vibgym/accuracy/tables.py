@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -12,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vibgym import files
 from vibgym.accuracy import comparisons
 from vibgym.accuracy.friction_experiment import Experiment
 from vibgym.accuracy.ladder import Row, SceneResult
@@ -51,11 +50,7 @@ def record(result: SceneResult, row: Row) -> dict[str, Any]:
 def csv_text(report: Report) -> str:
     """Every candidate on every scene."""
     rows = [record(result, row) for result in report.results for row in result.rows]
-    file = io.StringIO()
-    writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows({key: "" if plain(value) is None else value for key, value in row.items()} for row in rows)
-    return file.getvalue()
+    return files.csv_text(rows)
 
 
 def json_text(report: Report) -> str:

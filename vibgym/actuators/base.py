@@ -35,7 +35,7 @@ class Actuators(ABC):
 
     def __init__(self, surface: Surface, worlds: int, periods: int, *, latency: int = 0) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
-        self.latency = checks.count("actuators.latency", latency, least=0)
+        self.latency = checks.count("actuators.latency", latency, least=0, most=10_000)
         shape = (self.latency // periods + 2, worlds, surface.rows, surface.columns, 2)
         self._realised = np.zeros(shape)  # C, S (m/s^2) of every element for the last steps, the oldest first
 

@@ -32,6 +32,12 @@ from vibgym.tasks.scoring import Scoring
 
 NONE = np.zeros(0, dtype=np.int64)
 
+BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
+"""What a world takes at least: its generator, what is known of each part, and spaces, actions and drives of the elements."""
+
+MOST_PERIODS = 1_000_000
+"""In a step: eleven hours in the world."""
+
 
 @dataclass(frozen=True)
 class Options:
@@ -83,14 +89,17 @@ class Core:
         cls = TASKS.choose("task", options.task)
         self.surface = surface_from(options.surface)
         self.parts = _parts_from(options.parts, cls)
-        self.worlds = worlds
-        self.periods = checks.count("periods_per_step", options.periods_per_step)
+        numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
+        self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
+        self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), _task_settings(options, cls))
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
         self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
         self.sensor = sensor_from(options.sensor, self.surface, worlds, len(self.parts), self.periods)
-        knobs: dict[str, Any] = {"periods_per_call": self.periods} if options.model == "auto" else {}
+        knobs: dict[str, Any] = {}
+        if isinstance(options.model, str) and options.model == "auto":
+            knobs["periods_per_call"] = self.periods
         if options.walls is not None and not cls.HAS_WALLS:
             raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
         walls = () if options.walls is None else options.walls
@@ -215,7 +224,7 @@ class Core:
             ValueError: a state of another environment, or a damaged one; nothing has changed.
         """
         check_keys("state", state, self.STATE)
-        if state["environment"] != self.identity:
+        if not isinstance(state["environment"], str) or state["environment"] != self.identity:
             raise checks.refuse("state['environment']", *_difference(state["environment"], self.identity))
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
@@ -252,7 +261,8 @@ def _task_settings(options: Options, cls: type[Task]) -> dict[str, Any]:
     settings = {name: getattr(options, name) for name in ("start", "zones", "slots", "randomize")}
     settings = {name: value for name, value in settings.items() if value is not None}
     known = checks.keywords(cls)
-    if "randomize" not in known and settings.get("randomize") == {}:
+    nothing = isinstance(options.randomize, Mapping) and not options.randomize
+    if "randomize" not in known and nothing:
         del settings["randomize"]
     for name, value in settings.items():
         if name not in known:
@@ -289,5 +299,5 @@ def _difference(theirs: Any, mine: str) -> tuple[str, str]:
         other, own = json.loads(theirs), json.loads(mine)
         name = next(key for key in own if other.get(key) != own[key])
         return f"a state of another environment, with {name}={other.get(name)!r}", f"{name}={own[name]!r}"
-    except (TypeError, ValueError, AttributeError, StopIteration):
-        return repr(theirs), "the description of an environment with these settings"
+    except (TypeError, ValueError, AttributeError, StopIteration, RecursionError):
+        return checks.shown(theirs), "the description of an environment with these settings"

@@ -24,6 +24,6 @@ def generator_from(name: str, state: Any) -> np.random.Generator:
     generator = np.random.Generator(np.random.PCG64())
     try:
         generator.bit_generator.state = copy.deepcopy(state)
-    except (TypeError, ValueError, KeyError, AttributeError, OverflowError):
+    except (TypeError, ValueError, LookupError, AttributeError, OverflowError, RecursionError):
         raise checks.refuse(name, state, "the state of a PCG64 generator, as get_state() gave it") from None
     return generator

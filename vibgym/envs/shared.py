@@ -16,6 +16,9 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
 
+MOST_EPISODE = 10**12
+"""Steps or periods of an episode."""
+
 
 class Truth(NamedTuple):
     """The true state of all worlds, for those who judge and draw; policies do not get it. Copies."""
@@ -100,6 +103,7 @@ class SharedInterface:
 
     def caption(self, world: int = 0) -> str:
         """One line on how the task stands in a world, for pictures."""
+        world = checks.count("world", world, least=0, most=self.core.worlds - 1)
         return self.core.task.caption(self.core.relations, self.core.episode, world)
 
 
@@ -116,7 +120,7 @@ def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
     """
     if max_episode_periods is None:
         return None
-    limit = checks.count("max_episode_periods", max_episode_periods)
+    limit = checks.count("max_episode_periods", max_episode_periods, most=MOST_EPISODE)
     return None if periods_per_step == 1 else math.ceil(limit / periods_per_step)
 
 

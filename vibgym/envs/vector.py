@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from vibgym import checks
 from vibgym.envs import generators
 from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.envs.shared import MOST_EPISODE, SharedInterface, frames_per_second, step_limit, wishes
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import check_keys, copied, restored
 
@@ -70,14 +70,12 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         refuse_unknown(unknown, own)
         self.num_envs = checks.count("num_envs", num_envs)
         if max_episode_steps is not None:
-            checks.count("max_episode_steps", max_episode_steps)
+            checks.count("max_episode_steps", max_episode_steps, most=MOST_EPISODE)
         if render_mode is not None:
             checks.choice("render_mode", render_mode, ("rgb_array",))
-        try:
-            self.autoreset_mode = AutoresetMode(autoreset_mode)
-        except ValueError:
-            allowed = ", ".join(repr(mode.value) for mode in AutoresetMode)
-            raise checks.refuse("autoreset_mode", autoreset_mode, allowed) from None
+        if not isinstance(autoreset_mode, AutoresetMode):
+            checks.choice("autoreset_mode", autoreset_mode, tuple(mode.value for mode in AutoresetMode))
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
         known = Options(
             task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
             task_settings, periods_per_step,
@@ -289,9 +287,13 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
     def _reset_mask(self, options: dict[str, Any] | None) -> np.ndarray:
         if not options or "reset_mask" not in options:
             return np.ones(self.num_envs, dtype=bool)
-        mask = np.asarray(options["reset_mask"])
+        given, allowed = options["reset_mask"], f"bool array ({self.num_envs},) with at least one True"
+        try:
+            mask = np.asarray(given)
+        except (TypeError, ValueError, RecursionError):  # rows of different lengths
+            raise checks.refuse("options['reset_mask']", given, allowed) from None
         if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-            raise checks.refuse("options['reset_mask']", mask, f"bool array ({self.num_envs},) with at least one True")
+            raise checks.refuse("options['reset_mask']", given, allowed)
         if not self.core.began and not mask.all():
             raise checks.refuse("options['reset_mask']", mask, "all True at the first reset")
         return mask

@@ -23,12 +23,9 @@ def convex_pieces(part: Part) -> list[np.ndarray]:
         return [np.zeros((1, 2))]
     if is_convex(part.outline):
         return [np.array(part.outline)]
-    from pymunk.autogeometry import convex_decomposition  # imported late: most scenes have no contacts
+    from vibgym.scene.convex import convex_decomposition  # imported late: most scenes have no such parts
 
-    corners = [tuple(corner) for corner in part.outline.tolist()]
-    # The solver's library hands back closed polygons whose last corner is the first. It loses a little memory in each call,
-    # so that a part is only cut once.
-    return [np.array(piece)[:-1] for piece in convex_decomposition([*corners, corners[0]], 0.0)]
+    return convex_decomposition(part.outline)
 
 
 def rounding(part: Part) -> float:

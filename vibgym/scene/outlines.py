@@ -12,6 +12,12 @@ DISC_CORNERS = 64
 """A disc's contact area is a regular polygon of this many corners with the disc's exact area: its border deviates by at
 most 0.06 % of the radius. Its inertia is the disc's own."""
 
+LEAST_SIZE, MOST_PLACE = 1e-5, 1e3
+"""m: size of an outline, and how far from its origin it may be given."""
+
+MOST_CORNERS = 1000
+"""Corners of an outline; checking it takes their square."""
+
 
 def signed_area(outline: np.ndarray) -> float:
     """Area enclosed by ``outline`` (n, 2), positive if counter-clockwise."""
@@ -45,6 +51,32 @@ def is_convex(outline: np.ndarray) -> bool:
     return bool((turn >= -1e-12 * scale).all())
 
 
+def narrowest_width(outline: np.ndarray) -> float:
+    """Smallest extent of an outline over all directions, m: it is across an edge of the convex hull."""
+    corners = _convex_hull(outline)
+    edges = np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(edges[:, 0], edges[:, 1])[:, None]
+    reach = normals @ outline.T
+    return float((reach.max(axis=1) - reach.min(axis=1)).min())
+
+
+def _convex_hull(points: np.ndarray) -> np.ndarray:
+    """Corners of the convex hull, counter-clockwise (A. M. Andrew, 1979: from left to right below, and back above)."""
+    ordered = sorted(map(tuple, points.tolist()))
+    hull: list[tuple[float, ...]] = []
+    for way in (ordered, ordered[::-1]):
+        chain: list[tuple[float, ...]] = []
+        for x, y in way:
+            while len(chain) > 1:
+                (ax, ay), (bx, by) = chain[-2:]
+                if (bx - ax) * (y - by) - (by - ay) * (x - bx) > 0.0:
+                    break
+                chain.pop()
+            chain.append((x, y))
+        hull += chain[:-1]
+    return np.array(hull)
+
+
 def symmetry_order(outline: np.ndarray) -> int:
     """Largest n for which a turn by 2 pi / n about the origin maps the outline onto itself."""
     size = float(np.abs(outline).max())
@@ -62,61 +94,75 @@ def symmetry_order(outline: np.ndarray) -> int:
     return 1
 
 
-def _crosses(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> bool:
-    """Whether segments ab and cd share a point."""
+def _first_fault(outline: np.ndarray) -> str | None:
+    """What keeps an outline from being a simple polygon: two edges that cross or touch, or fold back onto one another."""
+    n = len(outline)
+    size = float(np.abs(outline).max())
+    begin, end = outline, np.roll(outline, -1, axis=0)
+    along = end - begin
 
-    def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+    def side(point: np.ndarray) -> np.ndarray:
+        """On which side of each edge (rows) each point (columns) lies: twice the area of the triangle."""
+        off = point[None, :, :] - begin[:, None, :]
+        return along[:, None, 0] * off[..., 1] - along[:, None, 1] * off[..., 0]
 
-    def within(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> bool:
-        return bool((np.minimum(p, q) <= r).all() and (r <= np.maximum(p, q)).all())
+    def within(point: np.ndarray) -> np.ndarray:
+        """Whether each point (columns) lies in the box around each edge (rows)."""
+        low, high = np.minimum(begin, end)[:, None, :], np.maximum(begin, end)[:, None, :]
+        return np.all((low <= point[None]) & (point[None] <= high), axis=2)
 
-    abc, abd, cda, cdb = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
-    if (abc > 0) != (abd > 0) and (cda > 0) != (cdb > 0) and 0.0 not in (abc, abd, cda, cdb):
-        return True
-    return (
-        (abc == 0.0 and within(a, b, c))
-        or (abd == 0.0 and within(a, b, d))
-        or (cda == 0.0 and within(c, d, a))
-        or (cdb == 0.0 and within(c, d, b))
-    )
+    from_begin, from_end = side(begin), side(end)  # of edge i's line: where edge j begins and ends
+    apart = (from_begin != 0.0) & (from_end != 0.0) & ((from_begin > 0.0) != (from_end > 0.0))
+    on = ((from_begin == 0.0) & within(begin)) | ((from_end == 0.0) & within(end))
+    crossing = (apart & apart.T) | on | on.T
+    index = np.arange(n)
+    gap = (index[None, :] - index[:, None]) % n
+    neighbours = (gap <= 1) | (gap == n - 1)
+    # Neighbours share a corner; they may not fold back onto each other.
+    following = np.roll(along, -1, axis=0)
+    cross = along[:, 0] * following[:, 1] - along[:, 1] * following[:, 0]
+    folded = (np.abs(cross) <= 1e-12 * size**2) & ((along * following).sum(axis=1) < 0.0)
+    if folded.any():
+        first = int(folded.argmax())
+        return f"edges {first} and {(first + 1) % n} fold onto each other"
+    crossing = np.triu(crossing & ~neighbours)
+    if crossing.any():
+        i, j = np.unravel_index(int(crossing.argmax()), crossing.shape)
+        return f"edges {i} and {j} cross"
+    return None
 
 
 def simple_outline(vertices: object) -> np.ndarray:
     """Check ``vertices`` (n, 2) and return them counter-clockwise about their centroid.
 
     Raises:
-        ValueError: fewer than three corners, not finite, repeated corners, no area, or crossing edges.
+        ValueError: fewer than three corners, not finite, repeated corners, no area, crossing edges, or too many corners.
     """
     allowed = "an (n, 2) array of at least three corners of a simple polygon, m"
     try:
+        if np.asarray(vertices).dtype.kind not in "biuf":  # texts would be read as numbers
+            raise TypeError
         outline = np.array(vertices, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, RecursionError):
         raise checks.refuse("vertices", vertices, allowed) from None
     if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3:
         raise checks.refuse("vertices", f"array of shape {outline.shape}", allowed)
+    if len(outline) > MOST_CORNERS:
+        raise checks.refuse("vertices", f"{len(outline)} corners", f"at most {MOST_CORNERS}: simplify the outline")
     if not np.isfinite(outline).all():
         bad = outline[~np.isfinite(outline).all(axis=1)][0]
         raise checks.refuse("vertices", bad.tolist(), "finite numbers")
-    if np.abs(outline).max() > 1e9:
-        raise checks.refuse("vertices", vertices, "numbers in [-1e9, 1e9]")
+    if np.abs(outline).max() > MOST_PLACE:
+        raise checks.refuse("vertices", vertices, f"numbers in [-{MOST_PLACE:g}, {MOST_PLACE:g}], m")
     outline = outline - outline.mean(axis=0)
     size = float(np.abs(outline).max())
     edges = np.roll(outline, -1, axis=0) - outline
-    if size < 1e-9 or np.hypot(*edges.T).min() <= 1e-9 * size:
-        raise checks.refuse("vertices", vertices, "corners that differ from their neighbours, a size of at least 1e-9")
-    n = len(outline)
-    for i in range(n):
-        for j in range(i + 1, n):
-            a, b, c, d = outline[i], outline[(i + 1) % n], outline[j], outline[(j + 1) % n]
-            if j == i + 1 or (j + 1) % n == i:
-                # Neighbours share a corner; they may not fold back onto each other.
-                first, second = (b - a, d - c) if j == i + 1 else (d - c, b - a)
-                cross = first[0] * second[1] - first[1] * second[0]
-                if abs(cross) <= 1e-12 * size**2 and float(first @ second) < 0.0:
-                    raise checks.refuse("vertices", f"edges {i} and {j} fold onto each other", "a simple polygon")
-            elif _crosses(a, b, c, d):
-                raise checks.refuse("vertices", f"edges {i} and {j} cross", "a simple polygon, no crossing edges")
+    if 2.0 * size < LEAST_SIZE or np.hypot(*edges.T).min() <= 1e-9 * size:
+        allowed = f"corners that differ from their neighbours, a size of at least {LEAST_SIZE:g} m"
+        raise checks.refuse("vertices", vertices, allowed)
+    fault = _first_fault(outline)
+    if fault:
+        raise checks.refuse("vertices", fault, "a simple polygon, no crossing edges")
     area = signed_area(outline)
     if abs(area) <= 1e-9 * size**2:
         raise checks.refuse("vertices", f"an area of {abs(area):g} m^2", "a polygon that encloses an area")

@@ -46,19 +46,19 @@ def check(
         name: of the argument.
         pose: (worlds, parts, 3).
         away: (worlds, parts) bool, parts that take no part.
-        allowed: m of overlap; of small parts at most a quarter of their radius.
+        allowed: m of overlap; of small parts at most a quarter of their radius, half of it in motion.
 
     Raises:
         ValueError: the deepest overlap is too deep; names world, parts and amount.
     """
     worlds, n = pose.shape[:2]
-    radius = hulls.radius
+    share = (0.25 if allowed <= AT_REST else 0.5) * hulls.radius
     if n > 1:
         gaps = np.empty((worlds, n, n))
         all_gaps(hulls, np.ascontiguousarray(pose), gaps)
         gaps[away] = np.inf
         gaps.transpose(0, 2, 1)[away] = np.inf
-        excess = gaps + np.minimum(allowed, 0.25 * np.minimum.outer(radius, radius))
+        excess = gaps + np.minimum(allowed, np.minimum.outer(share, share))
         if excess.min() < 0.0:
             world, i, j = (int(k) for k in np.unravel_index(int(excess.argmin()), excess.shape))
             raise _refuse(name, world, parts, i, f"part {j} ({parts[j].name!r})", -gaps[world, i, j])
@@ -67,7 +67,7 @@ def check(
         for world, part in np.argwhere(~away).tolist():
             place_hulls(hulls, part, *pose[world, part], placed)
             gap = wall_gap(hulls, placed, part, WALLS.index(wall), surface.width, surface.height)
-            if gap < -min(allowed, 0.25 * radius[part]):
+            if gap < -min(allowed, share[part]):
                 raise _refuse(name, world, parts, part, f"the {wall} wall", -gap)
 
 

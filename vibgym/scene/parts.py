@@ -13,6 +13,9 @@ from vibgym import checks
 from vibgym.physics.core.records import Bodies, Body
 from vibgym.scene import outlines
 
+LEAST_MASS, MOST_MASS = 1e-9, 1e9
+"""kg."""
+
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
 
 
@@ -29,7 +32,8 @@ class Part:
         area: m^2.  gyration: planar inertia over mass, m^2.  radius: of the smallest circle about the centre of mass, m.
         symmetry: turns by ``2 pi / symmetry`` map the part onto itself; 0 for a disc, whose heading shows nowhere.
         height: m.  mass: kg (of steel, if not given; sliding does not depend on it).
-        restitution, contact_friction: of contacts with other parts and walls.
+        restitution, contact_friction: of contacts with other parts and walls; the energetic coefficient of restitution
+            (:mod:`vibgym.physics.collision.impact`).
     """
 
     outline: np.ndarray
@@ -48,15 +52,15 @@ class Part:
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
         """A block ``length`` (along its own x) by ``width``, m. Keyword arguments as for :meth:`polygon`."""
-        a = checks.number("length", length, above=0.0, least=1e-9, most=1e9) / 2
-        b = checks.number("width", width, above=0.0, least=1e-9, most=1e9) / 2
+        a = checks.number("length", length, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE) / 2
+        b = checks.number("width", width, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE) / 2
         properties.setdefault("name", "rectangle")
         return cls.polygon([[-a, -b], [a, -b], [a, b], [-a, b]], friction=friction, **properties)
 
     @classmethod
     def disc(cls, radius: float, *, friction: float, **properties: Any) -> Part:
         """A disc of ``radius`` m. Keyword arguments as for :meth:`polygon`."""
-        radius = checks.number("radius", radius, above=0.0, least=1e-9, most=1e9)
+        radius = checks.number("radius", radius, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE)
         properties.setdefault("name", "disc")
         return cls._build(
             outlines.disc_outline(radius), math.pi * radius**2, 0.5 * radius**2, 0, friction, **properties
@@ -111,10 +115,10 @@ class Part:
         if static_friction is None:
             static_friction = friction
         static_friction = checks.number("static_friction", static_friction, least=friction)
-        height = checks.number("height", height, above=0.0)
-        mass = STEEL_DENSITY * area * height if mass is None else checks.number("mass", mass, above=0.0)
-        if not isinstance(name, str) or not name:
-            raise checks.refuse("name", name, "a non-empty string")
+        height = checks.number("height", height, above=0.0, most=outlines.MOST_PLACE)
+        given = STEEL_DENSITY * area * height if mass is None else mass
+        mass = checks.number("mass", given, least=LEAST_MASS, most=MOST_MASS)
+        checks.label("name", name)
         outline.setflags(write=False)
         return cls(
             outline=outline,

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.physics.core.records import Table
+
+LEDGE = 1e-3
+"""m that a centre of mass may lie beyond a border with a wall: contacts let parts into walls by less."""
+
+MOST_ELEMENTS = 1_000_000
+"""Of a surface: a kernel goes through all of them."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +51,11 @@ class Surface:
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)  # the class is frozen
 
-        put("rows", checks.count("rows", self.rows))
-        put("columns", checks.count("columns", self.columns))
+        put("rows", checks.count("rows", self.rows, most=MOST_ELEMENTS))
+        put("columns", checks.count("columns", self.columns, most=MOST_ELEMENTS))
+        if self.rows * self.columns > MOST_ELEMENTS:
+            got = f"{self.columns} in {self.rows} rows"
+            raise checks.refuse("columns", got, f"at most {MOST_ELEMENTS} elements in all")
         for name in ("element_size", "frequency", "gravity"):
             put(name, checks.number(name, getattr(self, name), above=0.0, least=1e-9, most=1e9))
         put(
@@ -122,8 +132,9 @@ class Surface:
         y = (np.arange(self.rows) + 0.5) * self.element_size
         return np.meshgrid(x, y)
 
-    def table(self) -> Table:
-        """The surface as the kernels take it."""
+    def table(self, walls: Sequence[str] = ()) -> Table:
+        """The surface as the kernels take it, with walls along some of its borders."""
+        room = {name: LEDGE if name in walls else 0.0 for name in ("left", "right", "bottom", "top")}
         return Table(
             self.rows,
             self.columns,
@@ -132,4 +143,8 @@ class Surface:
             self.period,
             self.horizontal_amplitude,
             self.table_speed,
+            -room["left"],
+            self.width + room["right"],
+            -room["bottom"],
+            self.height + room["top"],
         )

@@ -57,7 +57,7 @@ class Sensor(ABC):
 
     def __init__(self, surface: Surface, worlds: int, parts: int, periods: int, *, delay: int = 0) -> None:
         self.surface, self.worlds, self.parts = surface, worlds, parts
-        self.delay = checks.count("sensor.delay", delay, least=0)
+        self.delay = checks.count("sensor.delay", delay, least=0, most=10_000)
         self.instant = periods - self.delay % periods
         self._seen = [new_measurement(worlds, parts) for _ in range(self.delay // periods + 1)]  # the oldest first
 

@@ -133,7 +133,7 @@ def choose(
         ValueError: no candidate is good enough, or no evidence covers the scene; says what would work.
     """
     tolerance = checks.number("tolerance", tolerance, above=0.0)
-    periods_per_call = checks.count("periods_per_call", periods_per_call)
+    periods_per_call = checks.count("periods_per_call", periods_per_call, most=checks.MOST_PERIODS)
     scene = traits(surface, part)
     unit = surface.horizontal_amplitude
     found = class_of(scene)

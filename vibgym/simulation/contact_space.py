@@ -16,8 +16,10 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
+from vibgym.physics.collision.impact_sequence import ImpactProperties
 from vibgym.physics.collision.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
+from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -27,6 +29,12 @@ INSET = 1e-6
 SLOP = 3e-5
 """m of overlap that is left alone; contacts that come and go would lose what the solver has learnt."""
 
+LEAST_WIDTH = 1e-4
+"""m, of a part that may touch others: overlaps are to stay small against it."""
+
+MOST_MASS_RATIO = 2000.0
+"""Between parts that may touch: the solver's rounds bring a push through light parts between heavy ones up to here."""
+
 KEPT_PER_SECOND = 1e-150
 """Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
 
@@ -34,14 +42,14 @@ FEWEST_ITERATIONS, MOST_ITERATIONS = 10, 1000
 """Rounds of the solver over all contacts."""
 
 MATERIALS = 31
-"""Different contact properties that walls can tell apart: bits of pymunk's shape filter."""
+"""Different coefficients of friction that walls can tell apart: bits of pymunk's shape filter."""
 
 
 class ContactSpace:
     """A pymunk space with the parts of a world and the walls.
 
-    Restitution and friction of a contact between two parts are the geometric means of theirs; a wall takes on those of
-    the part that touches it.
+    Contacts in it do not rebound: :mod:`vibgym.physics.collision.impact_sequence` does that. Friction of a contact between two
+    parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
 
     Args:
         surface: the table.
@@ -54,22 +62,23 @@ class ContactSpace:
 
     def __init__(self, surface: Surface, parts: Sequence[Part], walls: Sequence[str]) -> None:
         self._made_of = (surface, tuple(parts), tuple(walls))
-        materials = sorted({(part.restitution, part.contact_friction) for part in parts})
+        materials = sorted({part.contact_friction for part in parts})
         if walls and len(materials) > MATERIALS:
-            allowed = f"at most {MATERIALS} different pairs of restitution and contact_friction on a surface with walls"
-            raise checks.refuse("parts", f"{len(materials)} pairs", allowed)
+            allowed = f"at most {MATERIALS} different values of contact_friction on a surface with walls"
+            raise checks.refuse("parts", f"{len(materials)} values", allowed)
+        check_parts(parts)
+        slop = min(SLOP, 0.05 * min(narrowest_width(part.outline) for part in parts))
         self.space = space = pymunk.Space()
         space.iterations = iterations(parts)
-        space.collision_slop = SLOP
+        space.collision_slop = slop
         space.collision_bias = KEPT_PER_SECOND
         self._bodies, self._shapes, owner = [], [], [0]
         fixed = _wall_shapes(space, surface, walls, materials)
         for part in parts:
             body = pymunk.Body(part.mass, part.mass * part.gyration)
-            # Rebounds and friction come out as products over the two shapes.
-            bit = 1 << materials.index((part.restitution, part.contact_friction)) % 32 if walls else 1
+            bit = 1 << materials.index(part.contact_friction) % 32 if walls else 1
             for shape in _part_shapes(body, part):
-                shape.elasticity, shape.friction = math.sqrt(part.restitution), math.sqrt(part.contact_friction)
+                shape.friction = math.sqrt(part.contact_friction)  # the solver takes the product over two shapes
                 shape.filter = pymunk.ShapeFilter(categories=bit | 1 << 31)
                 self._shapes.append(shape)
             owner.append(len(self._shapes))
@@ -101,7 +110,6 @@ class ContactSpace:
             update=_function("cpBodyUpdatePosition"),
             add=_function("cpSpaceAddShape"),
             remove=_function("cpSpaceRemoveShape"),
-            set_rebound=_function("cpShapeSetElasticity"),
             number_from=_function("cpSpaceSetShapeIDCounter"),
             last_step=_function("cpSpaceSetCurrentTimeStep"),
             put_all=batch(place | speed),
@@ -113,14 +121,47 @@ class ContactSpace:
             bodies=np.array([_address(body._body) for body in self._bodies]),
             shapes=np.array([_address(shape._shape) for shape in self._shapes]),
             owner=np.array(owner),
-            rebound=np.array([shape.elasticity for shape in self._shapes]),
             fixed=fixed,
-            slop=SLOP,
+            slop=slop,
         )
 
     def __reduce__(self) -> Any:
         """Copies and pickles are built anew: the solver's addresses are this object's own."""
         return ContactSpace, self._made_of
+
+
+def check_parts(parts: Sequence[Part]) -> None:
+    """Refuse parts that contacts cannot be relied on for.
+
+    Raises:
+        ValueError: one is too thin, or much heavier than another.
+    """
+    for k, part in enumerate(parts):
+        width = narrowest_width(part.outline)
+        if width < LEAST_WIDTH:
+            allowed = f"at least {1e3 * LEAST_WIDTH:g} mm wide where parts may touch one another or walls"
+            raise checks.refuse("parts", f"part {k} ({part.name!r}), {1e3 * width:.3g} mm wide", allowed)
+    masses = [part.mass for part in parts]
+    ratio = max(masses) / min(masses)
+    if ratio > MOST_MASS_RATIO:
+        heavy, light = masses.index(max(masses)), masses.index(min(masses))
+        got = (
+            f"part {heavy} ({parts[heavy].name!r}), {ratio:.3g} times as heavy as part {light} ({parts[light].name!r})"
+        )
+        raise checks.refuse(
+            "parts", got, f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        )
+
+
+def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
+    """What impacts between the parts of a world depend on."""
+    mass = np.array([part.mass for part in parts])
+    return ImpactProperties(
+        inverse_mass=1.0 / mass,
+        inverse_inertia=1.0 / (mass * [part.gyration for part in parts]),
+        restitution=np.array([part.restitution for part in parts]),
+        friction=np.array([part.contact_friction for part in parts]),
+    )
 
 
 def iterations(parts: Sequence[Part]) -> int:
@@ -160,9 +201,7 @@ def _inset(piece: np.ndarray) -> np.ndarray:
     return piece + INSET * way / np.maximum(np.hypot(way[:, 0], way[:, 1]) / 100.0, 1.0)[:, None]
 
 
-def _wall_shapes(
-    space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[tuple[float, float]]
-) -> int:
+def _wall_shapes(space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]) -> int:
     """Add the walls, once for each material, as thick bars outside the surface; returns how many shapes that makes."""
     width, height = surface.width, surface.height
     thick = max(width, height)
@@ -174,11 +213,11 @@ def _wall_shapes(
     }
     shapes = []
     for name in WALLS:
-        for index, (restitution, friction) in enumerate(materials if name in walls else ()):
+        for index, friction in enumerate(materials if name in walls else ()):
             low_x, low_y, high_x, high_y = bars[name]
             corners = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
             bar = pymunk.Poly(space.static_body, corners)
-            bar.elasticity, bar.friction = math.sqrt(restitution), math.sqrt(friction)
+            bar.friction = math.sqrt(friction)
             bar.filter = pymunk.ShapeFilter(mask=1 << index)
             shapes.append(bar)
     space.add(*shapes)

@@ -19,7 +19,7 @@ from vibgym.physics.friction.planar import slide_rows
 from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of, kinds_of
 from vibgym.simulation.protocol import NO_PATHS, Model, Setup
-from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_schemes
+from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_scheme, planar_schemes
 from vibgym.simulation.threads import Pool
 
 
@@ -28,6 +28,10 @@ class Alone:
 
     def reset(self) -> None:
         """Begin counting anew."""
+
+    def deepest_overlap(self) -> float:
+        """There is none."""
+        return 0.0
 
     def statistics(self, periods: int) -> dict[str, int]:
         """All periods are free."""
@@ -74,16 +78,13 @@ class Averaged(Alone):
 
 def planar(setup: Setup, knobs: Mapping[str, Any]) -> Model:
     """The planar model, for one part or for several."""
-    if setup.multibody:
-        check_knobs("planar", planar_schemes, knobs)
-    else:
-        check_knobs("planar", planar_schemes, knobs, without=("contact_steps", "contact_overlap"))
-    schemes = planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls, **knobs)
     if not setup.multibody:
-        return Planar(setup, schemes.alone[0])
+        check_knobs("planar", planar_scheme, knobs)
+        return Planar(setup, planar_scheme(setup.surface, setup.parts[0], **knobs))
     from vibgym.simulation.multibody import Multibody  # pymunk is loaded where there are contacts
 
-    return Multibody(setup, schemes)
+    check_knobs("planar", planar_schemes, knobs)
+    return Multibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls, **knobs))
 
 
 def averaged(setup: Setup, knobs: Mapping[str, Any]) -> Model:

@@ -26,7 +26,7 @@ from vibgym.physics.core.reference import Pinned
 from vibgym.physics.friction.planar import slide_rows
 from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of
-from vibgym.simulation.contact_space import ContactSpace
+from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
 from vibgym.simulation.protocol import NO_PATHS, Setup
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
@@ -44,12 +44,14 @@ class Multibody:
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         self._tools = Pool(partial(Tools, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
+        self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
 
     def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
         tools = self._tools.borrow()
         prospect = tools.prospect(stop - start)
         together, seen, at, first = tools.together.address, prospect.address, state.address, start * tools.parts
+        tools.contacts.deepest[0] = self._smallest_gap[start]
         rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
         try:
             for _ in range(periods):
@@ -63,11 +65,17 @@ class Multibody:
                 else:
                     self.counts[start:stop, FREE] += 1
         finally:
+            self._smallest_gap[start] = tools.contacts.deepest[0]
             self._tools.give_back(tools)
 
     def reset(self) -> None:
         """Begin counting anew."""
         self.counts[:] = 0
+        self._smallest_gap[:] = 0.0
+
+    def deepest_overlap(self) -> float:
+        """See :attr:`vibgym.Simulator.deepest_overlap`."""
+        return -float(self._smallest_gap.min())
 
     def statistics(self, periods: int) -> dict[str, int]:
         """See :attr:`vibgym.Simulator.statistics`."""
@@ -80,18 +88,20 @@ class Tools:
     Attributes:
         parts: of a world.
         together: for the parts of a world, with contacts.
+        contacts: their working arrays.
         alone: for any eight parts of each kind, without; all of them work on the same arrays.
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
-        table, bodies = setup.surface.table(), bodies_of(setup.parts)
+        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts)
         self.parts = len(setup.parts)
         self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
         friction = FixedScene(
             table, bodies, schemes.together, new_workspace(table, bodies, schemes.together, self.parts)
         )
+        self.contacts = new_contacts(self.parts, setup.hulls)
         together = FixedEncounter(
-            friction, setup.hulls, self._space.solver, new_contacts(self.parts, setup.hulls),
+            friction, setup.hulls, self._space.solver, impact_properties_of(setup.parts), self.contacts,
             schemes.couplings, schemes.overlap, schemes.walls,
         )  # fmt: skip
         self.together = Pinned(FIXED_ENCOUNTER, together)

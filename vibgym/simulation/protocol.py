@@ -43,6 +43,10 @@ class Model(Protocol):
     def reset(self) -> None:
         """Begin counting anew."""
 
+    def deepest_overlap(self) -> float:
+        """See :attr:`vibgym.Simulator.deepest_overlap`."""
+        ...
+
     def statistics(self, periods: int) -> dict[str, int]:
         """See :attr:`vibgym.Simulator.statistics`; ``periods``: of all worlds together since the reset."""
         ...

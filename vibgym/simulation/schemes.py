@@ -14,6 +14,7 @@ from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.records import Scheme
 from vibgym.scene.hulls import WALLS
+from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import averages_tables
@@ -24,8 +25,14 @@ RUNGE_KUTTA_STEPS = 18
 FEWEST_STEPS = 4
 """With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
 
+MOST_STEPS, MOST_SUBSTEPS = 10_000, 4096
+"""In a period, and in a step: far beyond what rounding leaves of any gain."""
+
 CONTACT_OVERLAP = 5e-6
 """m that an impact may make two parts overlap unless asked for otherwise."""
+
+FRICTION_OVERLAP = 1.7e-4
+"""m that ``mu g h^2``, what friction makes two parts that it drives together overlap in a step ``h``, may be."""
 
 CONTACT_STEPS = 10
 """Fewest steps of the coupling between friction and contacts in a period unless asked for otherwise."""
@@ -49,18 +56,18 @@ def chosen(name: str, value: Any, most: int | None = None) -> int | None:
 
 
 def planar_scheme(
-    surface: Surface, part: Part, steps: int | str = "auto", substeps: int | str = "auto", pieces: int | str = "auto"
+    surface: Surface, part: Part, *, steps: int | str = "auto", substeps: int | str = "auto", pieces: int | str = "auto"
 ) -> Scheme:
     """Resolved in time: the contact area is cut ``steps`` times a period, friction takes ``substeps`` in each."""
     travel = 2.0 * math.pi * surface.horizontal_amplitude
-    cuts = chosen("steps", steps) or (5 if part.gyration >= travel**2 else 9)
+    cuts = chosen("steps", steps, most=MOST_STEPS) or (5 if part.gyration >= travel**2 else 9)
     if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
         raise checks.refuse(
             "steps",
             cuts,
             f"a whole number >= {FEWEST_STEPS} on several elements: fewer cuts a period miss what lies beneath",
         )
-    inner = chosen("substeps", substeps) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
+    inner = chosen("substeps", substeps, most=MOST_SUBSTEPS) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
         allowed = (
             f"a whole number >= {math.ceil(FEWEST_STEPS / cuts)} with steps={cuts}: the table turns too far in one step"
@@ -82,17 +89,19 @@ def planar_schemes(
     contact_steps: int | str = "auto",
     contact_overlap: float | str = "auto",
 ) -> PlanarSchemes:
-    """The planar model: each kind by itself as :func:`planar_scheme` says, and steps for contacts.
+    """The planar model where parts may touch: each kind by itself as :func:`planar_scheme` says, and steps for contacts.
 
-    ``contact_steps``: fewest steps of the coupling in a period with contacts. ``contact_overlap``: m, how far parts may run
-    into one another before the solver sees the impact; steps are cut short for it.
+    ``contact_steps``: fewest steps of the coupling in a period with contacts; ``"auto"``: ten, or as many as keep what friction
+    adds to an overlap in a step small. ``contact_overlap``: m, how far parts may run into one another before the solver sees
+    the impact; steps are cut short for it. Both are finer for parts that are not much larger than the overlaps.
     """
-    overlap = CONTACT_OVERLAP
+    half_width = 0.5 * min(narrowest_width(kind.outline) for kind in kinds)
+    overlap = min(CONTACT_OVERLAP, half_width / 50.0)
     if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
         overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
-    alone = [planar_scheme(surface, part, steps, substeps, pieces) for part in kinds]
+    alone = [planar_scheme(surface, part, steps=steps, substeps=substeps, pieces=pieces) for part in kinds]
     finest = max(alone, key=lambda scheme: scheme.steps)
-    coupled = chosen("contact_steps", contact_steps) or CONTACT_STEPS
+    coupled = chosen("contact_steps", contact_steps, most=MOST_STEPS) or _contact_steps(surface, kinds, half_width)
     return PlanarSchemes(
         alone=tuple(alone),
         together=finest,
@@ -102,13 +111,23 @@ def planar_schemes(
     )
 
 
+def _contact_steps(surface: Surface, kinds: Sequence[Part], half_width: float) -> int:
+    """Steps of the coupling in a period that keep what friction adds to an overlap in each of them small."""
+    friction = max(part.friction for part in kinds)
+    needed = surface.period * math.sqrt(friction * surface.gravity / min(FRICTION_OVERLAP, 0.25 * half_width))
+    if not needed <= MOST_STEPS:
+        allowed = f"friction that contacts can follow in {MOST_STEPS} steps of a period of {surface.period:g} s"
+        raise checks.refuse("parts", f"a friction of {friction:g}", allowed)
+    return max(CONTACT_STEPS, math.ceil(needed))
+
+
 def averaged_scheme(
     surface: Surface, part: Part, *, order: int = 2, stride: int = 1, steps: int | str = "auto"
 ) -> AveragedScheme:
     """Averaged over the period: ``steps`` in each span of ``stride`` periods."""
     order = checks.count("order", order, most=2)
-    stride = checks.count("stride", stride)
-    cuts = chosen("steps", steps) or 1
+    stride = checks.count("stride", stride, most=checks.MOST_PERIODS)
+    cuts = chosen("steps", steps, most=MOST_STEPS) or 1
     check_sliding(surface, part)
     return AveragedScheme(order, stride, cuts, averages_tables.averages())
 
@@ -126,10 +145,10 @@ def check_sliding(surface: Surface, part: Part) -> None:
         )
 
 
-def check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any], without: Sequence[str] = ()) -> None:
-    """Refuse knobs that are not keyword arguments of ``make``, or among those left out."""
+def check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any]) -> None:
+    """Refuse knobs that are not keyword arguments of ``make``."""
     parameters = inspect.signature(make).parameters.items()
-    known = [name for name, each in parameters if each.kind is each.KEYWORD_ONLY and name not in without]
+    known = [name for name, each in parameters if each.kind is each.KEYWORD_ONLY]
     for name, value in knobs.items():
         if name not in known:
             raise checks.refuse(name, value, f"the knobs of model={model!r}: {', '.join(known)}")

@@ -24,6 +24,12 @@ from vibgym.snapshots import check_keys, copied, restored
 
 MODELS = (*FIXED, "auto")
 
+BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 64, 96, 32
+"""Of a world's state, and of its drive: two arrays, and two that a caller's amplitudes and phases become."""
+
+MOST_TIME = 10**15
+"""Periods since a reset that a snapshot may tell of."""
+
 
 class Simulator:
     """Worlds of one surface and its parts, in planar contact.
@@ -80,8 +86,7 @@ class Simulator:
         threads: int | None = None,
         **knobs: Any,
     ) -> None:
-        if not isinstance(surface, Surface):
-            raise checks.refuse("surface", surface, "a vibgym.Surface")
+        checks.instance("surface", surface, Surface)
         parts = (parts,) if isinstance(parts, Part) else parts
         if not isinstance(parts, Sequence) or not parts or not all(isinstance(part, Part) for part in parts):
             raise checks.refuse("parts", parts, "a vibgym.Part or a list of them")
@@ -92,14 +97,17 @@ class Simulator:
                 raise checks.refuse(
                     "parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)"
                 )
-        if isinstance(walls, str) or not isinstance(walls, Sequence) or len(set(walls)) != len(walls):
+        several = isinstance(walls, Sequence) and not isinstance(walls, str)
+        if several:
+            for name in walls:
+                checks.choice("walls", name, WALLS)
+        if not several or len(set(walls)) != len(walls):
             raise checks.refuse("walls", walls, f"a list of different names among {', '.join(map(repr, WALLS))}")
-        for name in walls:
-            checks.choice("walls", name, WALLS)
         self.surface = surface
         self.parts = tuple(parts)
         self.walls = tuple(walls)
-        self.worlds = checks.count("worlds", worlds)
+        needed = BYTES_OF_WORLD + BYTES_OF_PART * len(parts) + BYTES_OF_ELEMENT * surface.rows * surface.columns
+        self.worlds = checks.fitting("worlds", checks.count("worlds", worlds), needed)
         checks.choice("model", model, MODELS)
         self.hulls = hulls_of(self.parts)
         setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds)
@@ -116,7 +124,7 @@ class Simulator:
         else:
             self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
         self.model = self.choice.model
-        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads)
+        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._model = FIXED[self.model](setup, self.choice.knobs)
         shape = (self.worlds, len(self.parts), 3)
         self._state = State(
@@ -192,7 +200,7 @@ class Simulator:
 
     def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
-        periods = checks.count("periods", periods)
+        periods = checks.count("periods", periods, most=checks.MOST_PERIODS)
         advance, state = self._model.advance, self._pinned
 
         def work(start: int, stop: int) -> None:
@@ -250,6 +258,14 @@ class Simulator:
         return self._model.statistics(self.worlds * self._counted)
 
     @property
+    def deepest_overlap(self) -> float:
+        """Largest overlap since the reset that parts had with one another or with walls when a step of contacts was over, m.
+
+        Steps are short parts of a period: so this bounds what periods end with.
+        """
+        return self._model.deepest_overlap()
+
+    @property
     def time(self) -> float:
         """Time since the reset, s."""
         return self._periods / self.surface.frequency
@@ -273,7 +289,7 @@ class Simulator:
         check_keys("state", state, (*State._fields, "periods"))
         live = self._state._asdict()
         values = restored("state", live, {name: state[name] for name in live})
-        periods = checks.count("state['periods']", state["periods"], least=0)
+        periods = checks.count("state['periods']", state["periods"], least=0, most=MOST_TIME)
         where = (values["pose"], values["fallen"] | values["diverged"][:, None])
         overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
         for name, mine in live.items():

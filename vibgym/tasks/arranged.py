@@ -56,7 +56,9 @@ class ArrangedTask(Task):
         super().__init__(surface, parts)
         if apart is not None:
             self.apart = apart
-        self.slots = len(self.parts) if slots is None else checks.count("slots", slots, least=len(self.parts))
+        self.slots = len(self.parts)
+        if slots is not None:
+            self.slots = checks.count("slots", slots, least=len(self.parts), most=10_000)
         self.starts = Starts(surface, self.parts, start, randomize, self.apart)
         self.draws = self.starts.draws
 

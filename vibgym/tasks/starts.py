@@ -303,7 +303,7 @@ class Starts:
 def _number_present(randomize: Any, parts: int) -> tuple[int, int]:
     """Smallest and largest number of parts in an episode."""
     allowed = f"None, or {{'parts': [low, high]}} with whole numbers 1 <= low <= high <= {parts}"
-    if randomize is None or randomize == {}:
+    if randomize is None or (isinstance(randomize, Mapping) and not randomize):
         return parts, parts
     if not isinstance(randomize, Mapping) or set(randomize) != {"parts"}:
         raise checks.refuse("randomize", randomize, allowed)

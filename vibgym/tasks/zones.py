@@ -51,7 +51,9 @@ def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray
         raise checks.refuse("zones", value, "a mapping from kind to [x_low, y_low, x_high, y_high] in m")
     for name in value:
         if name not in names:
-            raise checks.refuse("zones", f"a zone for {name!r}", f"zones for the kinds {', '.join(map(repr, names))}")
+            raise checks.refuse(
+                "zones", f"a zone for {checks.shown(name)}", f"zones for the kinds {', '.join(map(repr, names))}"
+            )
     for name in names:
         if name not in value:
             raise checks.refuse("zones", f"no zone for {name!r}", "a zone for every kind of part")
@@ -66,7 +68,8 @@ def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray
 
 def _rectangle(name: str, value: Any, surface: Surface) -> np.ndarray:
     allowed = f"[x_low, y_low, x_high, y_high] in m on the surface, {surface.width:g} x {surface.height:g} m"
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 4:
+    four = getattr(value, "shape", None) == (4,) or (isinstance(value, Sequence) and len(value) == 4)
+    if isinstance(value, str) or not four:
         raise checks.refuse(name, value, allowed)
     zone = np.array(checks.array(name, value, (4,)))
     if not (zone[:2] < zone[2:]).all():

@@ -59,6 +59,38 @@ def test_two_sets_in_one_folder_do_not_touch_each_other(tmp_path):
     assert load_set(tmp_path / "b.json", KIND)[0]["a"].tolist() == FIRST["a"].tolist()
 
 
+@pytest.mark.parametrize("name, others", [
+    ("align[12]", ("align1", "align2", "align[1]")), ("align*", ("align-x", "aligned")), ("a?b", ("axb", "a.b")),
+    ("align", ("align-0123456789ab", "align-0123456789ab-0123456789ab")), ("align-0123456789ab", ("align",)),
+    ("a.b", ("a", "axb", "a.b.c")), ("a|b", ("a", "b")), ("[!a]", ("b", "c")),
+])  # fmt: skip
+def test_a_name_stands_for_itself(tmp_path, name, others):
+    """Whatever it would mean in a pattern."""
+    for each in others:
+        save_set(tmp_path / f"{each}.json", KIND, FIRST, {})
+    for tensors in (FIRST, SECOND):
+        save_set(tmp_path / f"{name}.json", KIND, tensors, {})
+    for each in others:
+        assert load_set(tmp_path / f"{each}.json", KIND)[0]["a"].tolist() == FIRST["a"].tolist()
+    assert load_set(tmp_path / f"{name}.json", KIND)[0]["a"].tolist() == SECOND["a"].tolist()
+    assert len(list(tmp_path.iterdir())) == 2 * (1 + len(others))
+
+
+def test_sets_that_would_share_tensors_are_refused(tmp_path):
+    for name in ("set", "set.JSON.txt", "set.safetensors"):
+        with pytest.raises(ValueError, match=f"path: got '.*{name}'; allowed: .*json"):
+            save_set(tmp_path / name, KIND, FIRST, {})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_saving_the_same_again_mends_damaged_tensors(tmp_path):
+    path = tmp_path / "set.json"
+    save_set(path, KIND, FIRST, {})
+    flip(path)
+    save_set(path, KIND, FIRST, {})
+    assert load_set(path, KIND)[0]["a"].tolist() == FIRST["a"].tolist()
+
+
 def flip(path):
     file = tensor_file(path)
     data = bytearray(file.read_bytes())
@@ -114,6 +146,9 @@ DAMAGE = {
     "path traversal": (rewritten(tensors="../set.safetensors"), "tensors.*beside it"),
     "absolute path": (rewritten(tensors="/etc/hostname.safetensors"), "tensors.*beside it"),
     "null byte": (rewritten(tensors="a\0.safetensors"), "tensors.*beside it"),
+    "no text": (rewritten(tensors="\ud800.safetensors"), "tensors.*beside it"),
+    "overlong name": (rewritten(tensors=300 * "x" + ".safetensors"), "tensors.*beside it"),
+    "a directory": (lambda path: (path.unlink(), path.mkdir()), "readable"),
     "another suffix": (rewritten(tensors="set.json"), "tensors.*beside it"),
     "tensors no name": (rewritten(tensors=["a.safetensors"]), "tensors.*beside it"),
     "no tensors": (lacking("tensors"), "tensors.*beside it"),
@@ -217,6 +252,15 @@ def test_a_loaded_policy_is_its_network(tmp_path, activation):
     assert draws.std(axis=0)[inner] == pytest.approx(np.exp(-1.0), rel=0.2)
 
 
+DOUBLE = {key: value.astype(np.float64) for key, value in network().items()}
+
+
+def with_one(name, number, kind=np.float64):
+    tensors = {**network(), name: DOUBLE[name].astype(kind)}
+    tensors[name].flat[-1] = number
+    return tensors
+
+
 def without(name):
     return {key: value for key, value in network().items() if key != name}
 
@@ -230,12 +274,23 @@ def without(name):
     ({"tensors": network(sizes=(17, 5, 6))}, "layer0.*18"), ({"tensors": network(sizes=(18, 5, 7))}, "7 outputs"),
     ({"tensors": {**network(), "layer1.weight": np.zeros((6, 4), np.float32)}}, "layer1.*5"),
     ({"tensors": {**network(), "layer1.bias": np.full(6, np.nan, np.float32)}}, "tensors.*finite"),
+    *[({"tensors": with_one(name, number)}, f"tensors: got 'NaN or infinity in {name}'; allowed: .*float32")
+      for name in network() for number in (1e300, -1e39, np.inf)],
+    ({"tensors": with_one("log_std", 89.0)}, "log_std: got 89.0; allowed: .*<= 88"),
+    ({"tensors": with_one("layer0.bias", 1, np.int64)}, "tensors: got 'int64 in layer0.bias'"),
+    ({"tensors": with_one("layer0.bias", 1, np.complex64)}, "complex64|whole safetensors"),
 ])  # fmt: skip
 def test_policies_that_do_not_fit_are_refused(tmp_path, changes, message):
     path = saved(tmp_path, **changes)
     with pytest.raises(ValueError, match=message) as error:
         load_trained(path, info_of("Align"))
     assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_policy_in_double_precision_acts_as_the_same_in_single(tmp_path):
+    single, double = (load_trained(saved(tmp_path, each), info_of("Align")) for each in (network(), DOUBLE))
+    seen = np.random.default_rng(1).uniform(-1, 1, (7, 18))
+    assert (single.predict(seen)[0] == double.predict(seen)[0]).all()
 
 
 def test_a_checkpoint_is_not_a_policy(tmp_path):

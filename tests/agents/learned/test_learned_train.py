@@ -2,8 +2,11 @@
 
 import copy
 import csv
+import errno
 import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +18,7 @@ import pytest
 import torch
 from stable_baselines3 import PPO
 
+from agents import __main__ as command
 from agents.learned import checkpoint
 from agents.learned.settings import load_settings
 from agents.learned.storage import load_set, save_set
@@ -24,6 +28,7 @@ from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from tests.agents.helpers import info_of
 from tests.envs.helpers import single
+from vibgym import locks
 from vibgym.envs import VibgymEnv
 from vibgym.tasks import TASKS, Transport
 
@@ -122,6 +127,24 @@ class Interrupted(Progress):
         return super()._on_step()
 
 
+def test_an_interruption_says_what_the_checkpoint_holds(config, tmp_path, monkeypatch):
+    """Not what this sitting has saved, which is nothing yet."""
+
+    def interrupted(self):
+        raise KeyboardInterrupt
+
+    run = tmp_path / "run"
+    monkeypatch.setattr(Progress, "_on_training_start", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="nothing is saved"):
+        train(config, run, quiet=True)
+    settings = load_settings(config)
+    model = make_model(settings, make_env(settings))
+    model.num_timesteps = 1024
+    checkpoint.save(run, model, settings, 1.0)
+    with pytest.raises(KeyboardInterrupt, match="1024 steps are saved in .*goes on from there"):
+        train(config, run, quiet=True)
+
+
 def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, monkeypatch):
     run = tmp_path / "run"
     monkeypatch.setattr("agents.learned.train.Progress", Interrupted)
@@ -192,15 +215,20 @@ def test_sigkill_leaves_files_that_load_and_the_run_goes_on(tmp_path):
             assert process.poll() is None, process.stderr.read().decode()
             assert time.monotonic() < deadline
             time.sleep(0.02)
+        with pytest.raises(ValueError, match=f"^output: got .*{run}.*process {process.pid} on host .* since 20"):
+            train(config, run, quiet=True)
+        assert process.poll() is None
     finally:
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         process.stderr.close()
+    assert (run / ".vibgym.lock").exists()  # which locks nothing now
     killed_at = steps_of(run)
     assert killed_at >= 4096 and killed_at % 1024 == 0
     config.write_text(TEXT.replace("steps: 8192", f"steps: {killed_at + 1024}"))  # a longer or shorter run may go on
     train(config, run, quiet=True)
     assert steps_of(run) == killed_at + 1024 and (run / "policy.json").exists()
+    assert not [path for path in run.iterdir() if path.name.startswith(".")]
 
 
 def steps_of_or_zero(run):
@@ -306,6 +334,193 @@ def test_unknown_tasks_are_refused(tmp_path, task):
     with pytest.raises(ValueError, match="bad.yaml.task: got ") as error:
         load_settings(config)
     assert "\n" not in str(error.value) and (task == 3 or "'Transport'" in str(error.value))
+
+
+@pytest.mark.parametrize("text, named", [
+    *[(f"ppo: {{{name}: {value}}}", f"ppo.{name}") for name in ("learning_rate", "final_learning_rate", "gamma", "gae_lambda",
+      "clip_range", "ent_coef", "log_std_init") for value in (".inf", ".nan", "-.inf", "1e999", "1" + 400 * "0")],
+    *[(f"ppo: {{net: {value}}}", "ppo.net") for value in ("[0]", "[-8]", "[]", "[1000000]", "[8, true]", "[8, 2.5]",
+      f"[{', '.join(9 * ['8'])}]", "[[8]]", "8")],
+    ("ppo: {learning_rate: 2.0}", "ppo.learning_rate"), ("ppo: {log_std_init: 100}", "ppo.log_std_init"),
+    *[(f"ppo: {{{name}: {value}}}", f"ppo.{name}") for name in ("n_steps", "batch_size", "n_epochs")
+      for value in ("0", "-1", "1000000000000", "1" + 400 * "0")],
+    *[(f"{name}: {value}", name) for name in ("worlds", "steps", "checkpoint_steps", "seed")
+      for value in ("-1", "100000000000000000", "1" + 400 * "0")],
+])  # fmt: skip
+def test_settings_that_cannot_work_are_refused_by_name(tmp_path, text, named):
+    config, name = tmp_path / "bad.yaml", text.partition(":")[0]
+    config.write_text("\n".join(each for each in TEXT.splitlines() if not each.startswith(f"{name}:")) + f"\n{text}\n")
+    place = "line [0-9]+" if "000" * 100 in text else named  # no YAML number at all: found before fields have names
+    with pytest.raises(ValueError, match=f"bad.yaml.*{place}") as error:
+        load_settings(config)
+    assert "\n" not in str(error.value) and len(str(error.value)) < 400
+
+
+@pytest.mark.parametrize("worlds, steps", [(1, 1), (1000, 1_000_000)])
+def test_rollouts_too_short_and_too_large_are_refused(config, tmp_path, worlds, steps):
+    config.write_text(TEXT.replace("worlds: 32", f"worlds: {worlds}").replace("n_steps: 32", f"n_steps: {steps}"))
+    with pytest.raises(ValueError, match=f"tiny.yaml: ppo.n_steps: got {steps}; allowed"):
+        train(config, tmp_path / "run", quiet=True)
+    assert not (tmp_path / "run").exists()
+
+
+def files_in(folder):
+    return {str(path): path.read_bytes() for path in folder.glob("*.*")}
+
+
+def test_a_diverged_training_keeps_the_last_good_files(tmp_path, capsys):
+    """Entropy that is worth everything, and a step of Adam of 1: the policy's spread grows beyond all numbers."""
+    config, run = tmp_path / "wild.yaml", tmp_path / "run"
+    text = TEXT.replace(
+        "net:", "log_std_init: 5.0, ent_coef: 100.0, learning_rate: 1.0, final_learning_rate: 1.0, net:"
+    )
+    config.write_text(text.replace("steps: 8192", "steps: 4096").replace("patch", "field"))
+    arguments = ["train", str(config), "--output", str(run), "--quiet"]
+    assert command.main(arguments) == 0
+    before = files_in(run)
+    config.write_text(config.read_text().replace("steps: 4096", "steps: 400000"))
+    capsys.readouterr()
+    assert command.main(arguments) == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and "Traceback" not in line
+    assert re.search(rf"{run}: training diverged within \d+ steps .*checkpoint of \d+ steps stays.*learning_rate", line)
+    tensors, _ = load_set(run / "checkpoint.json", checkpoint.KIND)
+    assert all(np.isfinite(value).all() for value in tensors.values())
+    policies = {name: data for name, data in before.items() if "policy" in name}
+    assert policies and policies.items() <= files_in(run).items()
+    assert f"checkpoint of {steps_of(run)} steps" in line
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("where", ["log_std", "action_net", "value_net", "adam"])
+def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
+    settings = load_settings(config)
+    model = make_model(settings, make_env(settings))
+    for parameter in model.policy.parameters():
+        parameter.grad = torch.ones_like(parameter)
+    model.policy.optimizer.step()
+    checkpoint.save(tmp_path, model, settings, 1.0)
+    checkpoint.save_policy(tmp_path / "policy.json", model, settings, {})
+    before = files_in(tmp_path)
+    with torch.no_grad():
+        if where == "adam":
+            next(iter(model.policy.optimizer.state.values()))["exp_avg_sq"].view(-1)[-1] = number
+        else:
+            layer = getattr(model.policy, where)
+            getattr(layer, "bias", layer)[-1] = number
+    with pytest.raises(checkpoint.Diverged, match=f"in .*{where}"):
+        checkpoint.save(tmp_path, model, settings, 2.0)
+    if where in ("log_std", "action_net"):
+        with pytest.raises(checkpoint.Diverged):
+            checkpoint.save_policy(tmp_path / "policy.json", model, settings, {})
+    assert files_in(tmp_path) == before
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, 1e300])
+@pytest.mark.parametrize(
+    "name", ["policy.log_std", "policy.value_net.bias", "adam.0.exp_avg", "adam.2.exp_avg_sq", "adam.1.step"]
+)
+def test_a_checkpoint_that_is_not_finite_is_refused(trained, tmp_path, name, number):
+    path, run = trained
+    settings = load_settings(path)
+    tensors, record = load_set(run / "checkpoint.json", checkpoint.KIND)
+    tensors[name] = tensors[name].astype(np.float64)
+    tensors[name].flat[-1] = number
+    kept = {key: record[key] for key in ("settings", "steps", "seconds")}
+    save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept)
+    model = make_model(settings, make_env(settings))
+    before = copy.deepcopy(model.policy.state_dict())
+    with pytest.raises(
+        ValueError, match=f"checkpoint.json: tensors: got 'NaN or infinity in {name}'; allowed: .*float32"
+    ):
+        checkpoint.restore(tmp_path, model, settings)
+    assert all(torch.equal(value, before[key]) for key, value in model.policy.state_dict().items())
+    assert not model.policy.optimizer.state_dict()["state"] and model.num_timesteps == 0
+
+
+def file_at(path):
+    path.write_text("mine")
+    return path
+
+
+def folder_at(path):
+    path.mkdir()
+    return path
+
+
+BAD_PLACES = {
+    "a file": lambda folder: ("--output", file_at(folder / "file")),
+    "below a file": lambda folder: ("--output", file_at(folder / "file") / "below"),
+    "overlong": lambda folder: ("--output", folder / ("x" * 300)),
+    "no text": lambda folder: ("--output", folder / "a\ud800"),
+    "NUL": lambda folder: ("--output", folder / "a\0b"),
+    "of the system": lambda folder: ("--output", "/proc/vibgym"),
+    "a directory as the policy": lambda folder: ("--policy", folder_at(folder / "policy.json")),
+    "a policy below a file": lambda folder: ("--policy", file_at(folder / "file") / "policy.json"),
+    "an overlong policy": lambda folder: ("--policy", folder / ("x" * 245 + ".json")),
+    "a policy whose tensors are overlong": lambda folder: ("--policy", folder / ("x" * 240 + ".json")),
+    "a policy with a NUL": lambda folder: ("--policy", folder / "a\0b.json"),
+    "a policy of the system": lambda folder: ("--policy", "/proc/policy.json"),
+    "a policy without a suffix": lambda folder: ("--policy", folder / "policy"),
+    "no policy": lambda folder: ("--policy", ""),
+    "the checkpoint": lambda folder: ("--policy", folder / "runs" / "checkpoint.json"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PLACES)
+def test_bad_places_are_refused_before_training(config, tmp_path, monkeypatch, capsys, case):
+    monkeypatch.setattr(PPO, "learn", lambda *_, **__: pytest.fail("trains"))
+    option, place = BAD_PLACES[case](tmp_path)
+    arguments = ["train", str(config), "--output", str(tmp_path / "runs"), option, str(place), "--quiet"]
+    assert command.main(arguments) == 2
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and len(caught.err) < 400
+    assert re.match(rf"({option}|{option[2:]}): got ", caught.err)
+    assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
+    assert not list(tmp_path.rglob("*.safetensors")) and not list(tmp_path.rglob("log-from-*"))
+
+
+def test_a_policy_in_the_place_of_the_directorys_is_refused(config, tmp_path):
+    (tmp_path / "run" / "policy.json").mkdir(parents=True)
+    with pytest.raises(ValueError, match="^output: got .*policy.json.*file"):
+        train(config, tmp_path / "run", quiet=True)
+
+
+def test_a_full_disk_ends_training_in_one_line(config, tmp_path, monkeypatch, capsys):
+    run = tmp_path / "run"
+    config.write_text(TEXT.replace("steps: 8192", "steps: 1024"))
+    assert command.main(["train", str(config), "--output", str(run), "--quiet"]) == 0
+    before = files_in(run)
+    config.write_text(TEXT.replace("steps: 8192", "steps: 4096"))
+    save = checkpoint.save
+
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def while_full(*arguments):
+        monkeypatch.setattr(os, "fsync", full)
+        save(*arguments)
+
+    monkeypatch.setattr(checkpoint, "save", while_full)
+    assert command.main(["train", str(config), "--output", str(run), "--quiet"]) == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and "1024 steps are saved" in line and "No space left" in line
+    assert files_in(run) == before and steps_of(run) == 1024
+
+
+def test_policies_that_two_runs_write_beside_each_other_wait_for_each_other(config, tmp_path, monkeypatch):
+    config.write_text(TEXT.replace("steps: 8192", "steps: 1024"))
+    save, held = checkpoint.save_policy, []
+
+    def watched(path, *arguments):
+        with pytest.raises(ValueError, match=f"process {os.getpid()}"), locks.one_run(path.parent, file=".p.json.lock"):
+            pass
+        held.append(path)
+        save(path, *arguments)
+
+    monkeypatch.setattr(checkpoint, "save_policy", watched)
+    path = train(config, tmp_path / "run", quiet=True, policy=tmp_path / "policies" / "p.json")
+    assert held == [path] and sorted(each.suffix for each in path.parent.iterdir()) == [".json", ".safetensors"]
 
 
 def test_two_runs_of_one_file_are_the_same(config, tmp_path):

@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vibgym.physics.collision.hulls import A_FACE, B_FACE, BOTTOM, LEFT, RIGHT, farthest, hull_contact
+from vibgym.physics.collision.hulls import A_FACE, B_FACE, farthest, hull_contact, wall_direction
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
 
-FAST, SLOWLY = 0.02, 10.0
+FAST, SLOWLY = 0.02, 6.0
 """m/s; where parts come together more slowly, so many times the overlap of an impact is allowed."""
+
+DEEP = 12.0
+"""Times the overlap of an impact from which on slow parts and corners on circles get no more than it, either."""
 
 RESTING = 0.01
 """m/s; parts that come together more slowly at the start of a step rest against one another, and do not rebound from what
@@ -33,24 +36,40 @@ def part_motion(workspace, part):
 
 
 @borrowing
-def pull_on(encounter, part, spin):
-    """What straight lines leave out, m/s^2: friction's acceleration, and the circles on which points of a spinning part go."""
+def pull_on(encounter, part):
+    """Friction's acceleration of a part, which straight lines leave out, m/s^2."""
     bodies, gravity = encounter.scene.bodies, encounter.scene.table.gravity
-    return 2.0 * bodies.friction[bodies.kind[part]] * gravity + spin * spin * encounter.hulls.radius[part]
+    return 2.0 * bodies.friction[bodies.kind[part]] * gravity
 
 
 @borrowing
-def meet(encounter, approach, gap, later, bow, shortest, pair):
-    """Take a gap into account that shrinks to ``later`` in the step, and may be smaller by ``bow`` (m)."""
+def arm_of(hulls, part):
+    """Largest distance of a corner from the centre, m: none for a disc, which looks the same however it turns."""
+    return hulls.radius[part] - hulls.rounding[hulls.owner[part]]
+
+
+@borrowing
+def meet(encounter, approach, gap, later, pull, curve, shortest, pair):
+    """Take a gap into account that shrinks to ``later`` in the step where everything goes straight on.
+
+    Args:
+        pull, curve: m/s^2, what friction and the circles on which corners go may bend that.
+    """
     h, touching, impact = approach
-    if later < bow:
+    if later < 0.5 * (pull + curve) * h * h:
         touching = encounter.contacts.close[pair] = True
-        impact = impact or gap - later > RESTING * h
-    overlap = encounter.overlap
-    least = min(gap, 0.0) - (overlap if gap - later > FAST * h else SLOWLY * overlap)
+        if gap - later > RESTING * h:
+            impact = encounter.contacts.impact[pair] = True
+    overlap, change, along = encounter.overlap, later - gap, h
+    lowest = min(gap, 0.0) - (overlap if gap < -DEEP * overlap else SLOWLY * overlap)
+    least = min(gap, 0.0) - overlap if -change > FAST * h else lowest
     if later < least:
         # The gap along a fixed direction is concave in time: its chord is met too early, never too late.
-        h = max(h * (gap - least) / (gap - later), shortest)
+        h = max(along * (gap - least) / -change, shortest)
+    if later - 0.5 * curve * along * along < lowest:
+        # Where the chord less ``curve t^2 / 2`` is down to the lowest.
+        slope = change / along
+        h = max(min(h, (slope + math.sqrt(slope * slope + 2.0 * curve * (gap - lowest))) / curve), shortest)
     return Approach(h, touching, impact)
 
 
@@ -59,24 +78,16 @@ def meet_wall(encounter, approach, shortest, pair, part, wall):
     """Take a part and a wall into account."""
     table, hulls, placed = encounter.scene.table, encounter.hulls, encounter.contacts.placed
     x, y, vx, vy, spin = part_motion(encounter.scene.workspace, part)
-    nx, ny, border = 0.0, 0.0, 0.0
-    if wall == LEFT:
-        nx = -1.0
-    elif wall == RIGHT:
-        nx, border = 1.0, table.columns * table.element_size
-    elif wall == BOTTOM:
-        ny = -1.0
-    else:
-        ny, border = 1.0, table.rows * table.element_size
-    pull = pull_on(encounter, part, spin)
-    h = approach.h
-    if border - (nx * x + ny * y) > hulls.radius[part] + (nx * vx + ny * vy) * h + 0.5 * pull * h * h:
+    nx, ny, border = wall_direction(table, wall)
+    pull, curve, h = pull_on(encounter, part), spin * spin * arm_of(hulls, part), approach.h
+    # Also what goes away from the wall may first turn a corner into it.
+    if border - (nx * x + ny * y) > hulls.radius[part] + max(nx * vx + ny * vy, 0.0) * h + 0.5 * pull * h * h:
         return approach
     for a in range(hulls.owner[part], hulls.owner[part + 1]):
         h = approach.h
         gap = border - farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, 0.0)
         later = border - farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h)
-        approach = meet(encounter, approach, gap, later, 0.5 * pull * h * h, shortest, pair)
+        approach = meet(encounter, approach, gap, later, pull, curve, shortest, pair)
     return approach
 
 
@@ -87,37 +98,46 @@ def meet_part(encounter, approach, shortest, pair, i, j):
     xi, yi, ui, wi, si = part_motion(encounter.scene.workspace, i)
     xj, yj, uj, wj, sj = part_motion(encounter.scene.workspace, j)
     h = approach.h
-    bow = 0.5 * (pull_on(encounter, i, si) + pull_on(encounter, j, sj)) * h * h
+    pull = pull_on(encounter, i) + pull_on(encounter, j)
     dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
-    clear = hulls.radius[i] + hulls.radius[j] + math.sqrt(du * du + dw * dw) * h + bow
+    speed = math.sqrt(du * du + dw * dw)
+    clear = hulls.radius[i] + hulls.radius[j] + speed * h + 0.5 * pull * h * h
     if dx * dx + dy * dy > clear * clear:
         return approach
+    arm_i, arm_j, away = arm_of(hulls, i), arm_of(hulls, j), math.sqrt(dx * dx + dy * dy) + speed * h
+    relative = (sj - si) * (sj - si)
     for a in range(hulls.owner[i], hulls.owner[i + 1]):
         for b in range(hulls.owner[j], hulls.owner[j + 1]):
             h = approach.h
             gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
-            # An edge takes its normal along when its part turns: seen from there, only the other hull moves.
+            # An edge takes its normal along when its part turns: seen from there, only the other hull moves, and goes on a
+            # curve by its own turning against the edge, and by centrifugal and Coriolis acceleration.
             if owner == A_FACE:
                 vx, vy = du - sj * (yi - yj), dw + sj * (xi - xj)
                 now = farthest(hulls, placed, b, -nx, -ny, xi, yi, vx, vy, sj - si, 0.0)
                 later = gap + now - farthest(hulls, placed, b, -nx, -ny, xi, yi, vx, vy, sj - si, h)
+                curve = relative * arm_j + abs(si) * (abs(si) * away + 2.0 * speed)
             elif owner == B_FACE:
                 vx, vy = -du - si * (yj - yi), -dw + si * (xj - xi)
                 now = farthest(hulls, placed, a, nx, ny, xj, yj, vx, vy, si - sj, 0.0)
                 later = gap + now - farthest(hulls, placed, a, nx, ny, xj, yj, vx, vy, si - sj, h)
+                curve = relative * arm_i + abs(sj) * (abs(sj) * away + 2.0 * speed)
             else:
                 later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
                 later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
-            approach = meet(encounter, approach, gap, later, bow, shortest, pair)
+                curve = si * si * arm_i + sj * sj * arm_j
+            approach = meet(encounter, approach, gap, later, pull, curve, shortest, pair)
     return approach
 
 
 @borrowing
 def safe_step(encounter, pairs, n, h, shortest):
-    """How long friction may go on alone, and whether anything may touch by then: ``contacts.close``.
+    """How long friction may go on alone, and what may touch by then: ``contacts.close``, and ``contacts.impact`` where it comes
+    together faster than ``RESTING``.
 
-    Velocities may add as much as ``encounter.overlap`` to the overlap of two parts. What friction's acceleration adds in a
-    step, at most ``2 mu g h^2``, is for ``h`` to keep small.
+    Velocities may add as much as ``encounter.overlap`` to the overlap of two parts; slow ones, and the circles on which
+    corners go, ``SLOWLY`` times as much, at any instant of the step. What friction's acceleration adds, at most
+    ``2 mu g h^2``, is for ``h`` to keep small.
 
     Args:
         pairs: of which ``n`` may come to touch.
@@ -126,7 +146,7 @@ def safe_step(encounter, pairs, n, h, shortest):
     away = encounter.scene.workspace.away
     approach = Approach(h, False, False)
     for pair in range(n):
-        encounter.contacts.close[pair] = False
+        encounter.contacts.close[pair] = encounter.contacts.impact[pair] = False
         i, j = pairs[pair, 0], pairs[pair, 1]
         if away[i] or (j >= 0 and away[j]):
             continue

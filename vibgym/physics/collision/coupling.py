@@ -20,6 +20,7 @@ import numpy as np
 from vibgym.physics.collision.approach import safe_step
 from vibgym.physics.collision.broad_phase import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.collision.hulls import Hulls, place_hulls
+from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts
 from vibgym.physics.collision.solver import JOLT, Solver, forget_impacts, leave, solve
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
@@ -27,11 +28,11 @@ from vibgym.physics.core.reference import Layout, reference
 from vibgym.physics.friction.stepper import apply_friction, cut_stale, enter_part
 from vibgym.physics.friction.workspace import FixedScene, Scene, Step
 
+STRAY = 0.1
+"""m/s along x or y by which contacts may change a part's velocity before the list of pairs that may touch is made anew."""
+
 SHORTEST = 1.0 / 2048.0
 """Length of the shortest step of the coupling, as a share of the longest."""
-
-CONTACT_FROM = 2e-6
-"""m of overlap from which the solver, whose shapes are a little smaller, sees a contact."""
 
 
 class Contacts(NamedTuple):
@@ -43,6 +44,9 @@ class Contacts(NamedTuple):
     reach: np.ndarray  # (parts,) see near_pairs
     order: np.ndarray  # (parts,)
     close: np.ndarray  # (pairs,) bool: may touch in this step
+    impact: np.ndarray  # (pairs,) bool: come together in it faster than parts that rest against one another
+    hit: np.ndarray  # (parts,) bool: by an impact of this step
+    deepest: np.ndarray  # (1,) m, smallest gap that a step has ended with since this was set to zero
 
 
 def new_contacts(parts: int, hulls: Hulls) -> Contacts:
@@ -54,6 +58,9 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
         reach=np.zeros(parts),
         order=np.zeros(parts, np.int64),
         close=np.zeros(pair_capacity(parts), np.bool_),
+        impact=np.zeros(pair_capacity(parts), np.bool_),
+        hit=np.zeros(parts, np.bool_),
+        deepest=np.zeros(1),
     )
 
 
@@ -63,6 +70,7 @@ class FixedEncounter(NamedTuple):
     friction: FixedScene  # with the steps for contacts, and a slot for every part of a world
     hulls: Hulls
     solver: Solver
+    properties: ImpactProperties
     contacts: Contacts
     couplings: int
     overlap: float
@@ -79,6 +87,7 @@ class Encounter(NamedTuple):
     scene: Scene
     hulls: Hulls
     solver: Solver
+    properties: ImpactProperties
     contacts: Contacts
     couplings: int  # fewest steps of the coupling from cut to cut
     overlap: float  # m that an impact may add to the overlap of two parts
@@ -87,12 +96,15 @@ class Encounter(NamedTuple):
 
 @borrowing
 def smallest_gap(encounter, pairs, n):
-    """Gap of the closest of the pairs that may touch, where the parts are placed now, m."""
-    contacts, smallest = encounter.contacts, math.inf
+    """Gap of the closest of the pairs that may touch, where the parts are placed now, m; parts that have just fallen touch
+    nothing any more."""
+    contacts, away, smallest = encounter.contacts, encounter.scene.workspace.away, math.inf
     for pair in range(n):
+        i, j = pairs[pair, 0], pairs[pair, 1]
+        if away[i] or (j >= 0 and away[j]):
+            contacts.close[pair] = False
         if contacts.close[pair]:
-            gap = pair_gap(encounter.scene.table, encounter.hulls, contacts.placed, pairs[pair, 0], pairs[pair, 1])
-            smallest = min(smallest, gap)
+            smallest = min(smallest, pair_gap(encounter.scene.table, encounter.hulls, contacts.placed, i, j))
     return smallest
 
 
@@ -118,8 +130,21 @@ def pairs_now(encounter, pairs):
             contacts.speed[p, k] = workspace.velocity[g, k * LANES + lane]
     return near_pairs(
         scene.table, scene.bodies, encounter.hulls, encounter.walls, contacts.settled, contacts.speed, workspace.away,
-        JOLT * scene.table.period, pairs, contacts.reach, contacts.order,
+        1.5 * STRAY * scene.table.period, pairs, contacts.reach, contacts.order,
     )  # fmt: skip
+
+
+@borrowing
+def strayed(encounter):
+    """Whether any part has been pushed to a velocity at which the list of pairs does not hold."""
+    workspace, speed = encounter.scene.workspace, encounter.contacts.speed
+    for p in range(encounter.solver.bodies.shape[0]):
+        velocity, lane = workspace.velocity[p // LANES], p % LANES
+        if not workspace.away[p] and (
+            abs(velocity[lane] - speed[p, 0]) > STRAY or abs(velocity[LANES + lane] - speed[p, 1]) > STRAY
+        ):
+            return True
+    return False
 
 
 @borrowing
@@ -181,12 +206,12 @@ def collide_period(world, encounter, pairs, n):
     Returns:
         How often the solver was called.
     """
-    scene, solver = encounter.scene, encounter.solver
+    scene, solver, contacts = encounter.scene, encounter.solver, encounter.contacts
     workspace, steps = scene.workspace, scene.scheme.steps
     span = scene.table.period / steps
     longest = span / encounter.couplings
     enter_world(scene, world)
-    calls, placed, pushed = 0, False, False
+    calls, placed = 0, False
     for turn in range(steps):
         elapsed, stale = 0.0, True
         for slot in range(workspace.stale.shape[0]):
@@ -194,8 +219,6 @@ def collide_period(world, encounter, pairs, n):
         while elapsed < span:
             left = span - elapsed
             if stale:
-                if pushed:  # parts now go where friction alone would not have taken them
-                    n = pairs_now(encounter, pairs)
                 cut_stale(scene, left, True)
                 stale = False
             if not placed:
@@ -209,11 +232,18 @@ def collide_period(world, encounter, pairs, n):
             placed = True
             if touching:
                 gap = smallest_gap(encounter, pairs, n)
+                contacts.deepest[0] = min(contacts.deepest[0], gap)
                 if gap < -CONTACT_FROM:
                     undo = gap < -solver.slop
-                    stale = solve(encounter, world, h, calls > 0, impact, undo)
+                    if impact:
+                        hit, stale = resolve_impacts(encounter, pairs, n, JOLT)
+                        if hit and calls > 0:
+                            forget_impacts(solver, contacts.hit)
+                    stale = solve(encounter, world, h, calls > 0, undo) or stale
                     calls += 1
-                    placed, pushed = not undo, True
+                    placed = not undo
+                    if calls == 1 or strayed(encounter):  # parts now go where friction alone would not have taken them
+                        n = pairs_now(encounter, pairs)
                     if stale:
                         forget_impacts(solver, workspace.stale)
     if calls > 0:

@@ -134,6 +134,18 @@ def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
 
 
 @borrowing
+def wall_direction(table, wall):
+    """Unit vector towards the wall along a border, and where the wall is along it, m."""
+    if wall == LEFT:
+        return -1.0, 0.0, 0.0
+    if wall == RIGHT:
+        return 1.0, 0.0, table.columns * table.element_size
+    if wall == BOTTOM:
+        return 0.0, -1.0, 0.0
+    return 0.0, 1.0, table.rows * table.element_size
+
+
+@borrowing
 def wall_gap(hulls, placed, part, wall, width, height):
     """Gap between a placed part and the wall along a border, m; negative: overlap."""
     smallest = math.inf

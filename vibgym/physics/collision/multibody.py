@@ -147,9 +147,10 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
     scene = Scene(friction.table, friction.bodies, friction.scheme, reference(drive), state, friction.workspace)
     encounter = reference(
         Encounter(
-            reference(scene), fixed.hulls, fixed.solver, fixed.contacts, fixed.couplings, fixed.overlap, fixed.walls
+            reference(scene), fixed.hulls, fixed.solver, fixed.properties, fixed.contacts,
+            fixed.couplings, fixed.overlap, fixed.walls,
         )
-    )
+    )  # fmt: skip
     for world in range(start, stop):
         w = world - start
         mode = prospect.mode[w]

@@ -30,7 +30,6 @@ class Solver(NamedTuple):
     update: int  # void(body, float64 h): position by velocity and by what undoes overlap
     add: int  # (space, shape)
     remove: int  # (space, shape)
-    set_rebound: int  # void(shape, float64 square root of restitution)
     number_from: int  # void(space, int): number that the next shape gets
     last_step: int  # void(space, float64 h): the length that impulses of the last step are remembered for
     put_all: int  # batches: x, y, heading, vx, vy, spin
@@ -42,20 +41,18 @@ class Solver(NamedTuple):
     bodies: np.ndarray  # (parts,) int64
     shapes: np.ndarray  # (shapes,) int64
     owner: np.ndarray  # (parts + 1,) first shape of each part
-    rebound: np.ndarray  # (shapes,) square root of restitution
     fixed: int  # shapes of the walls, which are numbered first
     slop: float  # m of overlap that the solver leaves alone
 
 
 @borrowing
-def solve(encounter, world, h, entered, impact, undo):
+def solve(encounter, world, h, entered, undo):
     """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
 
     Args:
         encounter: see :class:`vibgym.physics.collision.coupling.Encounter`.
         h: s, the step's length.
         entered: whether the parts are in the solver already.
-        impact: whether parts rebound.
         undo: whether any overlap is deep enough to be undone.
 
     Returns:
@@ -80,8 +77,6 @@ def solve(encounter, world, h, entered, impact, undo):
             call_foreign(solver.update, (solver.bodies[p], 0.0))  # shapes are entered where their bodies are
         for k in range(solver.shapes.shape[0]):
             call_foreign(solver.add, (solver.space, solver.shapes[k]))
-    for k in range(solver.shapes.shape[0]):
-        call_foreign(solver.set_rebound, (solver.shapes[k], solver.rebound[k] if impact else 0.0))
     # The solver begins with the last step's impulses. It would scale them with the step, but not its record of them, and
     # parts would stick together by the difference.
     call_foreign(solver.last_step, (solver.space, h))

@@ -101,14 +101,22 @@ def place_part(table, body, split, x, y, heading, cut):
     """Lay the outline down at a pose, in cells; returns ``PLACED``, ``OFF`` or ``NOWHERE``."""
     if not abs(x + y + heading) < math.inf:
         return NOWHERE
-    if not (x >= 0.0 and y >= 0.0 and x <= table.columns * table.element_size and y <= table.rows * table.element_size):
+    if not (x >= table.left and y >= table.bottom and x <= table.right and y <= table.top):
         return OFF
     pitch = table.element_size / split
     corners = body.outline.shape[0]
     outline_x, outline_y = cut.outline_x[:corners], cut.outline_y[:corners]
     place_outline(body, x, y, heading, 1.0 / pitch, outline_x, outline_y)
     if not body.convex and not support_holds(
-        outline_x, outline_y, table.columns * split, table.rows * split, x / pitch, y / pitch, cut.angles
+        outline_x,
+        outline_y,
+        table.left / pitch,
+        table.right / pitch,
+        table.bottom / pitch,
+        table.top / pitch,
+        x / pitch,
+        y / pitch,
+        cut.angles,
     ):
         return OFF
     return PLACED

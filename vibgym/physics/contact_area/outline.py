@@ -175,23 +175,24 @@ def _enter_angle(angles, count, x, y):
 
 
 @borrowing
-def support_holds(outline_x, outline_y, width, height, x, y, angles):
+def support_holds(outline_x, outline_y, left, right, bottom, top, x, y, angles):
     """Whether the centre of mass ``(x, y)`` lies in the convex hull of the part of the outline on the surface.
 
     The hull's corners are outline vertices on the surface, crossings of the outline with the border and corners of the
     surface inside the outline. The point is outside just when some line through it has all of them strictly on one side.
 
     Args:
+        left, right, bottom, top: where the surface ends, in the outline's units.
         angles: (:func:`most_angles`) working array.
     """
-    if x < 0.0 or y < 0.0 or x > width or y > height:
+    if x < left or y < bottom or x > right or y > top:
         return False
     n = outline_x.shape[0]
     count = 0
     for k in range(n):
         ax, ay = outline_x[k - 1], outline_y[k - 1]
         bx, by = outline_x[k], outline_y[k]
-        if bx >= 0.0 and by >= 0.0 and bx <= width and by <= height:
+        if bx >= left and by >= bottom and bx <= right and by <= top:
             if bx == x and by == y:
                 return True
             _enter_angle(angles, count, bx - x, by - y)
@@ -199,19 +200,19 @@ def support_holds(outline_x, outline_y, width, height, x, y, angles):
         for side in range(4):
             # Crossings with the left, bottom, right and top border: along the other axis for each second of them.
             across = side % 2 == 0
-            line = (side // 2) * (width if across else height)
+            line = (right if side > 1 else left) if across else (top if side > 1 else bottom)
             a, b = (ax - line, bx - line) if across else (ay - line, by - line)
             if a * b < 0.0:
                 t = a / (a - b)
                 px, py = (line, ay + t * (by - ay)) if across else (ax + t * (bx - ax), line)
-                at, end = (py, height) if across else (px, width)
-                if at >= 0.0 and at <= end:
+                at, begin, end = (py, bottom, top) if across else (px, left, right)
+                if at >= begin and at <= end:
                     if px == x and py == y:
                         return True
                     _enter_angle(angles, count, px - x, py - y)
                     count += 1
     for side in range(4):
-        px, py = (side % 2) * width, (side // 2) * height
+        px, py = right if side % 2 else left, top if side > 1 else bottom
         inside = False
         for k in range(n):
             ax, ay = outline_x[k - 1], outline_y[k - 1]

@@ -12,8 +12,9 @@ and the numbers do not depend on what was compiled and what was loaded: a cached
 
 **Cache.** numba caches a kernel by the file that holds it and does not notice when a kernel or a constant of another file has
 changed: it would go on with the old physics. So the version of a cached kernel also holds a digest of that file and of all
-that it imports, directly or not, from its own package and from this one (:func:`sources`). ``VIBGYM_CACHE=0`` switches the
-cache off, and ``NUMBA_CACHE_DIR`` says where it is.
+that it imports, directly or not, from its own package and from this one (:func:`sources`). A file of the cache also holds a
+digest of its own content: one that a crash or a full disk has cut short is not loaded but written anew. ``VIBGYM_CACHE=0``
+switches the cache off, and ``NUMBA_CACHE_DIR`` says where it is.
 """
 
 from __future__ import annotations
@@ -23,12 +24,15 @@ import gc
 import hashlib
 import logging
 import os
+import pickle
 import re
 from pathlib import Path
 from typing import Any
 
 from numba.core import codegen, compiler, event, types
 from numba.core import config as numba_config
+from numba.core.caching import IndexDataCacheFile
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
 from vibgym.physics.core.reference import handed_on
@@ -153,6 +157,7 @@ class _Kernel(CPUDispatcher):
     def _numba_type_(self) -> Any:
         return types.Dispatcher(self.called)
 
+    @global_compiler_lock  # or a second thread reads the cache while the first is about to say what its version is
     def compile(self, sig: Any) -> Any:
         if CACHE and not self.overloads:
             self.enable_caching()
@@ -174,10 +179,12 @@ class _Kernel(CPUDispatcher):
         except RuntimeError:  # numba has found no folder that it may write to
             _warn_about_cache("no folder that may be written")
             return
-        # numba has no public way to say what else a kernel depends on. Were this name to change, the error says so here.
-        index = self._cache._cache_file
+        # numba has no public way to say what else a kernel depends on. Were these names to change, the error says so here.
+        cache = self._cache
+        own: Any = _Files(cache.cache_path, cache._impl.filename_base, cache._cache_file._source_stamp)
         # The version is looked at before anything else is read, which may no longer be readable.
-        index._version = f"{index._version} {sources(self.py_func.__code__.co_filename, self.py_func.__module__)}"
+        own._version = f"{own._version} {sources(self.py_func.__code__.co_filename, self.py_func.__module__)}"
+        cache._cache_file = own
 
 
 def _kernel(function: Any, **more: Any) -> Any:
@@ -233,6 +240,65 @@ def sources(file: str, module: str) -> str:
         if path.is_file():
             digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+class _Files(IndexDataCacheFile):
+    """A kernel's files in the cache, each with a digest of its content: numba would trust whatever it can unpickle.
+
+    Damaged ones count as missing, and are then written anew.
+    """
+
+    _index_path: str
+    _source_stamp: Any
+    _version: str
+
+    def load(self, key: Any) -> Any:
+        """The kernel's code; None: not there."""
+        try:
+            return super().load(key)
+        except OSError:
+            raise
+        except Exception as error:  # of a damaged pickle, anything
+            _warn_about_damage(self._index_path, f"{type(error).__name__}: {error}")
+            return None
+
+    def _dump(self, obj: Any) -> bytes:
+        data: bytes = super()._dump(obj)  # type: ignore[misc]
+        return hashlib.sha256(data).digest() + data
+
+    def _load_index(self) -> Any:
+        try:
+            with open(self._index_path, "rb") as file:
+                if pickle.load(file) != self._version:
+                    return {}
+                stamp, overloads = _undamaged(file.read())
+        except FileNotFoundError:
+            return {}
+        except OSError:
+            raise
+        except Exception as error:
+            _warn_about_damage(self._index_path, f"{type(error).__name__}: {error}")
+            return {}
+        return overloads if stamp == self._source_stamp else {}
+
+    def _load_data(self, name: str) -> Any:
+        return _undamaged(Path(self._index_path).with_name(name).read_bytes())
+
+
+def _undamaged(data: bytes) -> Any:
+    size = hashlib.sha256().digest_size
+    if hashlib.sha256(data[size:]).digest() != data[:size]:
+        raise ValueError("the content does not match its digest")
+    return pickle.loads(data[size:])
+
+
+_damaged: set[str] = set()
+
+
+def _warn_about_damage(path: str, reason: str) -> None:
+    if not _damaged:  # one line, however many files a full disk has cut short
+        LOGGER.warning("vibgym: damaged files of compiled kernels are written anew, the first %s (%s)", path, reason)
+    _damaged.add(path)
 
 
 @functools.cache

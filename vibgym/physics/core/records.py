@@ -21,6 +21,10 @@ class Table(NamedTuple):
     period: float  # s
     radius: float  # m, of the horizontal motion
     speed: float  # m/s, of the horizontal motion
+    left: float  # m; a part falls when its centre of mass lies beyond: a border, or a little farther where there is a wall,
+    right: float  # for parts are pressed into walls by a little
+    bottom: float
+    top: float
 
 
 class Body(NamedTuple):

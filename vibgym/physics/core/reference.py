@@ -16,6 +16,7 @@ import struct
 from typing import Any, Generic, TypeVar
 
 import numpy as np
+from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.core.datamodel.registry import register_default
@@ -71,7 +72,10 @@ def _offset(context: Any, kind: Any, index: int) -> int:
     """Of a field, in bytes."""
     if index not in kind.offsets:
         layout = context.get_value_type(kind.record)
-        kind.offsets[index] = layout.get_element_offset(context.target_data, index)
+        if isinstance(layout, ir.ArrayType):  # fields that are all of one type
+            kind.offsets[index] = index * layout.element.get_abi_size(context.target_data)
+        else:
+            kind.offsets[index] = layout.get_element_offset(context.target_data, index)
     return kind.offsets[index]
 
 

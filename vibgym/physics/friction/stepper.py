@@ -73,7 +73,8 @@ def cut_part(scene, slot, left, pushed):
     x, y = pose[lane] + 0.5 * left * vx, pose[LANES + lane] + 0.5 * left * vy
     heading = pose[2 * LANES + lane] + 0.5 * left * spin
     fate = place_part(table, body, 1, x, y, heading, cut)
-    if fate == OFF and pushed:
+    on_elements = 0.0 <= x <= table.columns * table.element_size and 0.0 <= y <= table.rows * table.element_size
+    if pushed and (fate == OFF or not on_elements):
         x, y, heading = pose[lane], pose[LANES + lane], pose[2 * LANES + lane]
         fate = place_part(table, body, 1, x, y, heading, cut)
     by_points, held, inverse_area = False, 0, 0.0

@@ -1,0 +1,44 @@
+"""Shares the time of a campaign among the fuzzers, and shows what they have counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import pytest
+
+from tests.fuzz import campaign
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[Any]) -> None:
+    """After others have deselected tests."""
+    campaign.shares = sum(getattr(getattr(item, "obj", None), "seconds_share", 0.0) for item in items)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: Any) -> Any:
+    """Counts travel with the test's report, from other processes too."""
+    campaign.counted()
+    try:
+        return (yield)
+    finally:
+        if hasattr(item.obj, "seconds_share"):
+            item.user_properties.append(("fuzz", campaign.counted()))
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """One line for each fuzzer; silent among the other tests."""
+    if not campaign.SECONDS:
+        return
+    found: dict[str, Counter[str]] = {}
+    for outcome in ("passed", "failed"):
+        for report in terminalreporter.stats.get(outcome, []):
+            for name, counts in report.user_properties:
+                if name == "fuzz":
+                    found.setdefault(report.nodeid, Counter()).update(counts)
+    terminalreporter.section(f"fuzzers, {campaign.SECONDS:g} s")
+    for node, counts in sorted(found.items()):
+        shown = {"examples": 0, **counts, "failures": counts["failures"]}
+        text = ", ".join(f"{number:,} {what}".replace(",", " ") for what, number in shown.items())
+        terminalreporter.write_line(f"{node.removeprefix('tests/fuzz/')}: {text}")

@@ -1,0 +1,138 @@
+"""The safe step: within it no hull gets deeper into another than it may, at any instant, however fast parts spin."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibgym import Part, Surface
+from vibgym.physics.collision import approach
+from vibgym.physics.collision.coupling import Encounter, FixedEncounter, new_contacts, place_parts
+from vibgym.physics.collision.hulls import wall_gap
+from vibgym.physics.core.drive import polar_drive
+from vibgym.physics.core.jit import jit
+from vibgym.physics.core.records import State
+from vibgym.physics.core.reference import reference
+from vibgym.physics.friction.workspace import FixedScene, Scene, new_workspace
+from vibgym.scene.hulls import gaps_between, hulls_of
+from vibgym.scene.parts import bodies_of
+from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
+from vibgym.simulation.schemes import planar_schemes
+
+SURFACE = Surface(16, 16, 0.05, 0.0)
+LONGEST, SHORTEST, OVERLAP = 4e-3, 1e-7, 5e-6
+"""s, s, m."""
+
+SAMPLES = 200
+
+
+@jit
+def placed_safe_step(encounter, pairs, h):
+    """Place the parts, then ask how long they may go on; returns that, and whether anything may touch by then."""
+    encounter = reference(encounter)
+    place_parts(encounter)
+    step = approach.safe_step(encounter, pairs, pairs.shape[0], h, SHORTEST)
+    return step.h, step.touching
+
+
+def encounter_of(parts, walls):
+    """An encounter of these parts, none of them fallen, whose poses and velocities are set by :func:`enter`."""
+    table, bodies, hulls = SURFACE.table(walls), bodies_of(parts), hulls_of(parts)
+    schemes = planar_schemes(SURFACE, parts, walls)
+    workspace = new_workspace(table, bodies, schemes.together, len(parts))
+    space = ContactSpace(SURFACE, parts, walls)
+    shape = (1, len(parts), 3)
+    flags = [np.zeros(shape[:2], bool) for _ in range(3)]
+    state = State(*(np.zeros(shape) for _ in range(3)), *flags, np.zeros(1, bool))
+    fixed = FixedEncounter(
+        FixedScene(table, bodies, schemes.together, workspace), hulls, space.solver, impact_properties_of(parts),
+        new_contacts(len(parts), hulls), schemes.couplings, OVERLAP, schemes.walls,
+    )  # fmt: skip
+    drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)
+    scene = Scene(table, bodies, schemes.together, drive, state, workspace)
+    return space, Encounter(scene, *fixed[1:])
+
+
+def enter(encounter, pose, velocity):
+    lanes = encounter.scene.workspace.pose.shape[1] // 3
+    for p in range(len(pose)):
+        for k in range(3):
+            encounter.scene.workspace.pose[0, k * lanes + p] = pose[p, k]
+            encounter.scene.workspace.velocity[0, k * lanes + p] = velocity[p, k]
+
+
+SHAPES = {
+    "blocks": [Part.rectangle(0.05, 0.04, friction=0.0), Part.rectangle(0.1, 0.004, friction=0.0)],
+    "triangle and disc": [
+        Part.polygon([[0, 0], [0.06, 0], [0.01, 0.03]], friction=0.0), Part.disc(0.02, friction=0.0),
+    ],
+    "angles": [
+        Part.polygon(scale * np.array([[0, 0], [2, 0], [2, 0.4], [0.4, 0.4], [0.4, 2], [0, 2]]), friction=0.0)
+        for scale in (0.02, 0.01)
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("shapes", SHAPES)
+@pytest.mark.parametrize("spin", [5.0, 60.0, 300.0, 1500.0])
+def test_overlap_within_the_step(shapes, spin):
+    """Straight motion and steady spin, gaps at many instants: what may be for fast parts, six times that for circles."""
+    parts = SHAPES[shapes]
+    space, encounter = encounter_of(parts, ())
+    rng, seen = np.random.default_rng(int(spin)), 0
+    for _ in range(500):
+        pose = np.array([[0.4, 0.4, 0.0], [0.4, 0.4, 0.0]]) + rng.uniform(-1, 1, (2, 3)) * [0.05, 0.05, 4.0]
+        velocity = rng.uniform(-1, 1, (2, 3)) * [2.0, 2.0, spin]
+        if gaps_between(parts, pose[None])[0, 0, 1] < 0.0:
+            continue
+        enter(encounter, pose, velocity)
+        h, touching = placed_safe_step(encounter, np.array([[0, 1]]), LONGEST)
+        path = pose + np.linspace(0.0, h, SAMPLES)[:, None, None] * velocity
+        deepest = gaps_between(parts, path)[:, 0, 1].min()
+        assert deepest >= -(approach.SLOWLY * OVERLAP + 1e-9)
+        assert touching or deepest > 0.0
+        seen += touching
+    assert seen > 10
+    assert space is not None  # the encounter holds addresses into it
+
+
+@pytest.mark.parametrize("spin", [5.0, 60.0, 300.0, 1500.0])
+def test_overlap_with_a_wall_within_the_step(spin):
+    """Also while the centre moves away from the wall: a corner may turn into it all the same."""
+    part = Part.rectangle(0.06, 0.01, friction=0.0)
+    space, encounter = encounter_of([part], ("left",))
+    rng, seen, away = np.random.default_rng(int(spin)), 0, 0
+    for _ in range(600):
+        pose = np.array([[rng.uniform(0.005, 0.04), 0.4, rng.uniform(-4, 4)]])
+        velocity = rng.uniform(-1, 1, (1, 3)) * [2.0, 2.0, spin]
+        if gap_to_the_left(part, *pose[0]) < 0.0:
+            continue
+        enter(encounter, pose, velocity)
+        h, touching = placed_safe_step(encounter, np.array([[0, -1]]), LONGEST)
+        deepest = min(
+            gap_to_the_left(part, *each[0]) for each in pose + np.linspace(0, h, 50)[:, None, None] * velocity
+        )
+        assert deepest >= -(approach.SLOWLY * OVERLAP + 1e-9)
+        assert touching or deepest > 0.0
+        seen += touching
+        away += touching and velocity[0, 0] > 0.0
+    assert seen > 10 and (away > 0 or spin < 100.0)
+    assert space is not None
+
+
+def gap_to_the_left(part, x, y, turn):
+    """Gap to the wall along the left border, m."""
+    corners = part.outline @ np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    return float(corners[:, 0].min() + x)
+
+
+def test_gaps_of_the_test():
+    """The wall's gap here is the kernel's."""
+    part = Part.rectangle(0.06, 0.01, friction=0.0)
+    space, encounter = encounter_of([part], ("left",))
+    enter(encounter, np.array([[0.02, 0.4, 0.7]]), np.zeros((1, 3)))
+    placed_safe_step(encounter, np.array([[0, -1]]), LONGEST)
+    width, height = SURFACE.width, SURFACE.height
+    gap = wall_gap(encounter.hulls, encounter.contacts.placed, 0, 0, width, height)
+    assert gap == pytest.approx(gap_to_the_left(part, 0.02, 0.4, 0.7), abs=1e-15)
+    assert space is not None

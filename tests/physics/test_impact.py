@@ -1,0 +1,155 @@
+"""Impacts: energy, closed forms, and an independent integration in small steps (V. A. Bhatt, J. Koechling, J. Appl. Mech. 62,
+1995, classify what slip can do; J. B. Keller, J. Appl. Mech. 53, 1986, integrates over the normal impulse)."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from vibgym.physics.collision.impact import Mobility, both, impact_impulse, mobility_of
+
+
+def number(low, high):
+    return st.floats(low, high, allow_subnormal=False)
+
+
+@st.composite
+def meetings(draw):
+    """Two bodies, and how they meet: arguments of :func:`impact_impulse`."""
+
+    def body():
+        inverse_mass = 10.0 ** draw(number(-3, 3))
+        size = 10.0 ** draw(number(-2, 0))
+        slim = draw(number(0.05, 1.0))  # gyration over size
+        rn, rt = size * draw(number(-1, 1)), size * draw(number(-1, 1))
+        return mobility_of.py_func(inverse_mass, inverse_mass / (slim * size) ** 2, rn, rt), size
+
+    (one, size), (other, second) = body(), body()
+    mobility = one if draw(st.booleans()) else both.py_func(one, other)  # the other may be a wall
+    half = min(size, second) * draw(st.one_of(st.just(0.0), number(0.01, 0.7)))
+    approach, slip = -draw(number(0.01, 5.0)), draw(st.one_of(st.just(0.0), number(-5, 5)))
+    turning = draw(st.one_of(st.just(0.0), number(-5, 5))) / max(half, 1e-3)
+    assume(approach - half * abs(turning) < 0.0)
+    restitution = draw(st.sampled_from([0.0, 0.2, 0.5, 0.9, 1.0]))
+    friction = draw(st.sampled_from([0.0, 0.1, 0.3, 1.0, 3.0]))
+    return mobility, approach, slip, turning, -half, half, restitution, friction
+
+
+def matrix(mobility):
+    nn, nt, nw, tt, tw, ww = mobility
+    return np.array([[nn, nt, nw], [nt, tt, tw], [nw, tw, ww]])
+
+
+def after(meeting):
+    """Impulse (3,), and relative velocity before and after it (3,)."""
+    mobility, *before = meeting
+    impulse = np.array(impact_impulse(*meeting))
+    return impulse, np.array(before[:3]), np.array(before[:3]) + matrix(mobility) @ impulse
+
+
+@given(meetings())
+def test_no_impact_gains_energy(meeting):
+    """Nor pulls, nor leaves the cone of friction, nor lets go before the contact is over."""
+    impulse, before, then = after(meeting)
+    low, high, _, friction = meeting[4:]
+    change = impulse @ (before + then) / 2.0  # of kinetic energy
+    assert change <= 1e-12 * abs(impulse) @ abs(before)
+    assert impulse[0] > 0.0
+    assert abs(impulse[1]) <= friction * impulse[0] * (1.0 + 1e-12)
+    assert low * impulse[0] <= -impulse[2] + 1e-12 and -impulse[2] <= high * impulse[0] + 1e-12
+    speeds = [then[0] - place * then[2] for place in (low, high)]
+    assert max(speeds) >= -1e-10 * (abs(before[0]) + high * abs(before[2]) + abs(before[1]))
+
+
+@given(meetings())
+def test_elastic_without_friction_keeps_energy(meeting):
+    *meeting, _, _ = meeting
+    impulse, before, then = after((*meeting, 1.0, 0.0))
+    assert impulse @ (before + then) / 2.0 == pytest.approx(0.0, abs=1e-10 * abs(impulse) @ abs(before))
+
+
+def small_steps(mobility, approach, slip, restitution, friction, steps=40_000):
+    """The impulse (2,) of an impact at a point, by marching in the normal impulse: nothing known in advance."""
+    nn, nt, _, tt, _, _ = mobility
+    work, absorbed, normal, tangential = 0.0, None, 0.0, 0.0
+    step = -approach / nn * 8.0 / steps * (1.0 + friction * abs(nt) / nn)
+    for _ in range(100 * steps):
+        ratio = -friction * np.sign(slip)
+        if abs(slip) < 2.0 * step * (abs(nt) + friction * tt):  # nothing slips, if friction can hold it
+            ratio = float(np.clip(-nt / tt, -friction, friction))
+        middle = approach + 0.5 * step * (nn + ratio * nt)
+        work += step * middle
+        normal, tangential = normal + step, tangential + ratio * step
+        approach, slip = approach + step * (nn + ratio * nt), slip + step * (nt + ratio * tt)
+        if absorbed is None and approach >= 0.0:
+            absorbed = work
+        if absorbed is not None and work >= (1.0 - restitution**2) * absorbed:
+            return np.array([normal, tangential])
+    raise AssertionError("the impact has no end")
+
+
+@pytest.mark.parametrize("lever", [-0.8, -0.3, 0.2, 0.6])
+@pytest.mark.parametrize("slip", [-2.0, -0.1, 0.0, 0.3, 1.5])
+@pytest.mark.parametrize("restitution, friction", [(0.0, 0.5), (0.5, 0.2), (0.8, 1.0), (1.0, 0.3)])
+def test_against_small_steps(lever, slip, restitution, friction):
+    """A slim rod on a wall: slip goes on, stops, sticks or turns around, in compression and in restitution."""
+    angle = 0.9
+    mobility = mobility_of.py_func(1.0, 12.0, -0.5 * math.cos(angle), lever * 0.5 * math.sin(angle))
+    meeting = (mobility, -1.0, slip, 0.0, 0.0, 0.0, restitution, friction)
+    impulse, _, _ = after(meeting)
+    assert impulse[:2] == pytest.approx(small_steps(mobility, -1.0, slip, restitution, friction), abs=1e-3)
+
+
+def test_newtons_ratio_where_nothing_is_eccentric():
+    """Without coupling all laws agree: the normal velocity turns around to ``e`` times itself."""
+    for restitution in (0.0, 0.3, 1.0):
+        mobility = mobility_of.py_func(2.0, 400.0, -0.1, 0.0)
+        _, _, then = after((mobility, -1.5, 0.4, 0.0, 0.0, 0.0, restitution, 0.2))
+        assert then[0] == pytest.approx(restitution * 1.5, abs=1e-14)
+
+
+def test_where_newtons_ratio_gains_energy():
+    """A rod whose slip turns around during the impact: Newton's ratio of velocities would add energy, this law takes some."""
+    angle, restitution, friction = 0.9, 1.0, 0.5
+    mobility = mobility_of.py_func(1.0, 12.0, -0.5 * math.cos(angle), 0.45 * math.sin(angle))
+    nn, nt, _, tt, _, _ = mobility
+    slip = -0.5
+    # Newton's law with friction that brings slip to rest, and holds it: two equations for two impulses.
+    newton = np.linalg.solve([[nn, nt], [nt, tt]], [1.0 + restitution, -slip])
+    gained = newton @ (np.array([-1.0, slip]) + [restitution, 0.0]) / 2.0
+    assert abs(newton[1]) <= friction * newton[0] and gained > 0.09
+    impulse, before, then = after((mobility, -1.0, slip, 0.0, 0.0, 0.0, restitution, friction))
+    assert impulse @ (before + then) / 2.0 < -0.01
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 5.0])
+def test_faces_stay_flat(friction):
+    """A long block on a wall, sliding along it: the force moves forward until nothing turns."""
+    length, width = 0.08, 0.01
+    mobility = mobility_of.py_func(1.0, 12.0 / (length**2 + width**2), -0.5 * width, 0.0)
+    impulse, _, then = after((mobility, -0.3, 0.4, 0.0, -0.5 * length, 0.5 * length, 0.5, friction))
+    assert then[2] == pytest.approx(0.0, abs=1e-12)
+    assert then[0] == pytest.approx(0.15)
+    assert then[1] == pytest.approx(0.4 - min(friction * 1.5 * 0.3, 0.4), abs=1e-12)
+    assert impulse[0] == pytest.approx(0.45)
+
+
+def test_faces_come_to_lie_flat():
+    """One end first, then both: without restitution nothing moves along the normal afterwards."""
+    mobility = mobility_of.py_func(1.0, 12.0 / 0.04**2, -0.02, 0.0)
+    _, _, then = after((mobility, -0.5, 0.0, 5.0, -0.02, 0.02, 0.0, 0.0))
+    assert then[[0, 2]] == pytest.approx(0.0, abs=1e-14)
+
+
+def test_response():
+    """Against the rigid body's own equations."""
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        mass, inertia, rn, rt = rng.uniform(0.1, 2.0, 4)
+        expected = np.zeros((3, 3))
+        for column, (p, q, m) in enumerate(np.eye(3)):
+            spin = (rn * q - rt * p + m) / inertia
+            expected[:, column] = [p / mass - spin * rt, q / mass + spin * rn, spin]
+        assert matrix(Mobility(*mobility_of(1.0 / mass, 1.0 / inertia, rn, rt))) == pytest.approx(expected)

@@ -1,0 +1,74 @@
+"""Ctrl-C: one line, exit code 130, no traceback, at any time."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from vibgym import interrupts
+
+COMMANDS = {
+    "accuracy": ["vibgym.accuracy", "configs/accuracy/quick.yaml"],
+    "warm": ["vibgym", "warm"],
+    "train": ["agents", "train", "configs/agents/align.yaml"],
+    "evaluate": ["agents", "evaluate", "configs/evaluations/quick.yaml"],
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_while_a_command_imports_or_prepares(command, tmp_path):
+    output = [] if command == "warm" else ["--output", str(tmp_path / "out")]
+    environment = {**os.environ, "PYTHONPATH": str(Path.cwd()), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    program = [sys.executable, "-v", "-m", *COMMANDS[command], *output]  # which tells of every import
+    process = subprocess.Popen(program, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("import 'numpy'"):
+            break
+    time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, text = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in text and text.count("interrupted: ") == 1
+    assert text.splitlines()[-1].startswith("interrupted: ") or "# cleanup" in text
+    assert not (tmp_path / "out").exists()
+
+
+def test_run_tells_it_in_one_line_and_restores_what_was(capsys):
+    before = signal.getsignal(signal.SIGINT)
+
+    def work():
+        signal.raise_signal(signal.SIGINT)
+        return 0
+
+    assert interrupts.run(work) == 130
+    assert capsys.readouterr().err == "interrupted: whatever was written before is whole\n"
+    assert interrupts.run(lambda: 7) == 7 and signal.getsignal(signal.SIGINT) is before
+
+
+def test_in_other_threads_and_where_interruptions_are_switched_off_signals_are_left_alone(monkeypatch):
+    found = []
+    thread = threading.Thread(target=lambda: found.append(interrupts.run(lambda: 3)))
+    thread.start()
+    thread.join()
+    assert found == [3]
+    monkeypatch.setattr(interrupts, "_own", lambda: False)
+    interrupts.at_once()
+    assert signal.getsignal(signal.SIGINT) is not interrupts._end
+
+
+def test_only_the_projects_own_commands_end_at_once(monkeypatch):
+    for words, expected in (
+        (["python", "-m", "vibgym.accuracy", "x"], True),
+        (["python", "-m", "vibgym", "warm"], True),
+        (["python", "-m", "pytest", "vibgym"], False),
+        (["python", "-m"], False),
+        (["python", "mine.py"], False),
+    ):
+        monkeypatch.setattr(sys, "orig_argv", words)
+        assert interrupts.started() is expected, words

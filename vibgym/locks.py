@@ -1,0 +1,66 @@
+"""One run at a time in a directory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from vibgym import checks
+from vibgym.files import reason
+
+FILE = ".vibgym.lock"
+
+
+@contextlib.contextmanager
+def one_run(directory: Path, field: str = "output", file: str = FILE, patience: float = 0.2) -> Iterator[None]:
+    """Keep ``directory``, which exists, to this run until the block is left.
+
+    The operating system holds the lock and releases it with the process, however that ends: a file that a killed run has left
+    behind locks nothing. The file names the process, its host and since when. On network file systems the lock holds between
+    hosts where these pass locks on (NFS since version 4, and older ones with lockd); a file system without locks is refused.
+
+    Args:
+        directory: where the lock file stands while the lock is held.
+        field: name of the setting, for the error.
+        file: name of the lock file, where it is less than the directory that is kept.
+        patience: s to wait for another run; not 0, since a lock file that goes away while it is opened is tried again.
+
+    Raises:
+        ValueError: another run is at work there, or no lock can be had.
+    """
+    path = directory / file
+    lock = FileLock(path, fallback_to_soft=False, on_acquired=_sign)
+    try:
+        lock.acquire(timeout=patience, poll_interval=0.02)
+    except Timeout:
+        allowed = f"a directory in which no other run is at work (in use by {_owner(path)})"
+        raise checks.refuse(field, str(directory), allowed) from None
+    except OSError as error:
+        allowed = f"a directory in which {file} can be locked ({reason(error)})"
+        raise checks.refuse(field, str(directory), allowed) from None
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # Windows removes it on release; whoever waits notices that this one is gone
+            path.unlink()
+        lock.release()
+
+
+def _sign(handle: int) -> None:
+    since = datetime.now(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    os.ftruncate(handle, 0)
+    os.write(handle, f"process {os.getpid()} on host {socket.gethostname()} since {since}\n".encode())
+
+
+def _owner(path: Path) -> str:
+    try:
+        text = " ".join(path.read_text(encoding="utf-8", errors="replace")[:200].split())
+    except OSError:  # where a lock also keeps others from reading
+        text = ""
+    return text or "another process"
