@@ -100,7 +100,7 @@ def kinetic_energy(simulator):
     return 0.5 * (mass * (velocity[..., :2] ** 2).sum(axis=2) + inertia * velocity[..., 2] ** 2).sum(axis=1)
 
 
-@fuzz(examples=40, seconds_share=2.0)
+@fuzz(examples=25, seconds_share=2.0)
 @given(scenes())
 def test_contacts_stay_shallow_and_lose_energy(simulator):
     count("scenes", WORLDS)

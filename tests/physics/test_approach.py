@@ -23,7 +23,7 @@ SURFACE = Surface(16, 16, 0.05, 0.0)
 LONGEST, SHORTEST, OVERLAP = 4e-3, 1e-7, 5e-6
 """s, s, m."""
 
-SAMPLES = 200
+SAMPLES = 80
 
 
 @jit
