@@ -238,6 +238,7 @@ def test_call_get_attr_and_set_attr():
         (lambda: env.set_attr("colour", 1), "name"), (lambda: env.set_attr("step", 1), "name"),
         (lambda: env.set_attr("task", 1), "name"), (lambda: env.set_attr("max_episode_steps", [5, 6, 7]), "values"),
         (lambda: env.set_attr("max_episode_steps", [5]), "values"),
+        (lambda: env.set_attr("metadata", [np.arange(2), np.arange(2), np.arange(3)]), "values"),
     ]:  # fmt: skip
         with pytest.raises(ValueError, match=f"^{named}: got .*; allowed: "):
             call()

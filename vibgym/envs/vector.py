@@ -217,7 +217,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         if callable(self._attribute(name)) or isinstance(getattr(type(self), name, None), property):
             raise checks.refuse("name", name, "an attribute that can be set, no method or property")
         if isinstance(values, list | tuple):
-            if len(values) != self.num_envs or any(each is not values[0] and each != values[0] for each in values):
+            differ = (each is not values[0] and not np.array_equal(each, values[0]) for each in values)
+            if len(values) != self.num_envs or any(differ):
                 raise checks.refuse("values", values, f"{self.num_envs} equal values: all worlds share one environment")
             values = values[0]
         setattr(self, name, values)
