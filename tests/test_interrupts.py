@@ -1,5 +1,6 @@
 """Ctrl-C: one line, exit code 130, no traceback, at any time."""
 
+import io
 import os
 import signal
 import subprocess
@@ -49,6 +50,19 @@ def test_run_tells_it_in_one_line_and_restores_what_was(capsys):
     assert interrupts.run(work) == 130
     assert capsys.readouterr().err == "interrupted: whatever was written before is whole\n"
     assert interrupts.run(lambda: 7) == 7 and signal.getsignal(signal.SIGINT) is before
+
+
+def test_text_that_the_terminal_cannot_show_is_escaped(monkeypatch):
+    poor = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", poor)
+
+    def work():
+        print("success \u2013, 0.6 \u00b5m")
+        return 0
+
+    assert interrupts.run(work) == 0
+    poor.flush()
+    assert poor.buffer.getvalue() == b"success \\u2013, 0.6 \\xb5m\n"
 
 
 def test_in_other_threads_and_where_interruptions_are_switched_off_signals_are_left_alone(monkeypatch):

@@ -1,7 +1,8 @@
-"""Ctrl-C ends a command line with one line and exit code 130, whatever it is doing just then."""
+"""What command lines run in: Ctrl-C ends them with one line and exit code 130, and no terminal is too poor for their text."""
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -36,7 +37,13 @@ def at_once() -> None:
 
 
 def run(work: Callable[[], int]) -> int:
-    """What ``work`` returns, or :data:`CODE` after an interruption, which is then told in one line."""
+    """What ``work`` returns, or :data:`CODE` after an interruption, which is then told in one line.
+
+    Text that the terminal's encoding lacks is escaped: a summary that cannot be shown is no reason to fail.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     before = signal.getsignal(signal.SIGINT)
     if _own():
         signal.signal(signal.SIGINT, signal.default_int_handler)
