@@ -36,7 +36,6 @@ def test_while_a_command_imports_or_prepares(command, tmp_path):
     _, text = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "Traceback" not in text and text.count("interrupted: ") == 1
-    assert text.splitlines()[-1].startswith("interrupted: ") or "# cleanup" in text
     assert not (tmp_path / "out").exists()
 
 
