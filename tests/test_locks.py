@@ -47,7 +47,7 @@ def test_a_second_run_is_refused_by_name_until_the_first_is_killed(tmp_path):
         with pytest.raises(ValueError, match=f"^output: got '{tmp_path}'; allowed: .*{owner}") as caught:
             with one_run(tmp_path):
                 pass
-        assert "\n" not in str(caught.value) and time.monotonic() - began < 2.0
+        assert "\n" not in str(caught.value) and time.monotonic() - began < 20.0
         with one_run(tmp_path, file="other.lock"):  # what is kept by another name
             pass
         os.kill(process, signal.SIGKILL)
