@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from vibgym import checks, strict_yaml
+from vibgym.files import reason
 from vibgym.scene.parts import SHIPPED, Part, shipped_part
 from vibgym.scene.surface import Surface
 
@@ -129,8 +130,7 @@ def load_yaml(path: str | Path) -> dict[str, Any]:
         with path.open("rb") as file:
             content = file.read(strict_yaml.MOST_BYTES + 1)
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
-        reason = getattr(error, "strerror", None) or str(error)
-        raise checks.refuse("config", str(path), f"a readable file ({reason})") from None
+        raise checks.refuse("config", str(path), f"a readable file ({reason(error)})") from None
     data = strict_yaml.load(content, str(path))
     if not isinstance(data, dict):
         raise checks.refuse(str(path), type(data).__name__, "a mapping of settings")

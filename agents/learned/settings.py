@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import gymnasium as gym
-from pydantic import ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
@@ -21,8 +21,6 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 
 class PPOSettings(Settings):
     """Stable-Baselines3's PPO; defaults are what trained fastest on two cores."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     n_steps: int = Field(32, ge=1, le=1_000_000)
     batch_size: int = Field(4096, ge=2, le=100_000_000)

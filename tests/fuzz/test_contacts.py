@@ -12,6 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.fuzz.campaign import count, fuzz
+from tests.simulation.helpers import kinetic_energy
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.hulls import WALLS, gaps_between
 
@@ -91,13 +92,6 @@ def somewhere(rng, parts, in_corner):
             return pose
         room *= 1.05
     return None
-
-
-def kinetic_energy(simulator):
-    """Of every world, (worlds,), J."""
-    mass = np.array([part.mass for part in simulator.parts])
-    inertia, velocity = mass * [part.gyration for part in simulator.parts], simulator.velocity
-    return 0.5 * (mass * (velocity[..., :2] ** 2).sum(axis=2) + inertia * velocity[..., 2] ** 2).sum(axis=1)
 
 
 @fuzz(examples=25, seconds_share=2.0)

@@ -3,18 +3,13 @@
 import numpy as np
 import pytest
 
+from tests.simulation.helpers import kinetic_energy
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.hulls import WALLS, gaps_between
 
 STILL = Surface(20, 20, 0.05, 0.0, 25.0)
 WIDE = Surface(80, 80, 0.05, 0.0, 25.0)
 DEEPEST = 0.3e-3  # m
-
-
-def kinetic_energy(simulator):
-    mass = np.array([part.mass for part in simulator.parts])
-    inertia, velocity = mass * [part.gyration for part in simulator.parts], simulator.velocity
-    return 0.5 * (mass * (velocity[..., :2] ** 2).sum(axis=2) + inertia * velocity[..., 2] ** 2).sum(axis=1)
 
 
 def lose_energy(simulator, periods):

@@ -20,7 +20,7 @@ from vibgym.physics.collision.impact_sequence import ImpactProperties
 from vibgym.physics.collision.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
 from vibgym.scene.outlines import narrowest_width
-from vibgym.scene.parts import Part
+from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 
 INSET = 1e-6
@@ -66,8 +66,7 @@ class ContactSpace:
         if walls and len(materials) > MATERIALS:
             allowed = f"at most {MATERIALS} different values of contact_friction on a surface with walls"
             raise checks.refuse("parts", f"{len(materials)} values", allowed)
-        check_parts(parts)
-        slop = min(SLOP, 0.05 * min(narrowest_width(part.outline) for part in parts))
+        slop = min(SLOP, 0.05 * check_parts(parts))
         self.space = space = pymunk.Space()
         space.iterations = iterations(parts)
         space.collision_slop = slop
@@ -130,17 +129,22 @@ class ContactSpace:
         return ContactSpace, self._made_of
 
 
-def check_parts(parts: Sequence[Part]) -> None:
+def check_parts(parts: Sequence[Part]) -> float:
     """Refuse parts that contacts cannot be relied on for.
+
+    Returns:
+        Width of the narrowest part, m.
 
     Raises:
         ValueError: one is too thin, or much heavier than another.
     """
-    for k, part in enumerate(parts):
-        width = narrowest_width(part.outline)
-        if width < LEAST_WIDTH:
-            allowed = f"at least {1e3 * LEAST_WIDTH:g} mm wide where parts may touch one another or walls"
-            raise checks.refuse("parts", f"part {k} ({part.name!r}), {1e3 * width:.3g} mm wide", allowed)
+    kinds, _ = kinds_of(parts)
+    width, thinnest = min(((narrowest_width(kind.outline), kind) for kind in kinds), key=lambda each: each[0])
+    if width < LEAST_WIDTH:
+        allowed = f"at least {1e3 * LEAST_WIDTH:g} mm wide where parts may touch one another or walls"
+        raise checks.refuse(
+            "parts", f"part {parts.index(thinnest)} ({thinnest.name!r}), {1e3 * width:.3g} mm wide", allowed
+        )
     masses = [part.mass for part in parts]
     ratio = max(masses) / min(masses)
     if ratio > MOST_MASS_RATIO:
@@ -151,6 +155,7 @@ def check_parts(parts: Sequence[Part]) -> None:
         raise checks.refuse(
             "parts", got, f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
         )
+    return width
 
 
 def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:

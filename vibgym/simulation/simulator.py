@@ -55,8 +55,11 @@ class Simulator:
                     series over the whole contact area where slip varies little under the part, and over as many cells as
                     the spin asks for elsewhere.
                 contact_steps: with several parts or walls, fewest steps in which friction and contacts take turns in a period;
-                    ``"auto"``: 10. Steps are shorter where parts come together fast.
-                contact_overlap: m, likewise: how far parts may run into one another before contacts see it; ``"auto"``: 5e-6.
+                    ``"auto"``: 10, or as many as keep what friction adds to an overlap small (long periods, narrow parts).
+                    Steps are shorter where parts come together or spin fast.
+                contact_overlap: m, likewise: how far parts may run into one another before contacts see it;
+                    ``"auto"``: 5e-6, or
+                    a fiftieth of half the narrowest part.
 
             averaged (one part and no walls):
                 order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
