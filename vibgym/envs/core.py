@@ -77,6 +77,7 @@ class Core:
 
     Attributes:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
+        details: groups of what ``info`` says besides, see :meth:`_details`.
         term_names, terms: names of the reward terms, and their values (worlds, terms).
 
     Raises:
@@ -127,6 +128,7 @@ class Core:
         self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
         if self.observation.goal_reward:
             self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
+        self.details = self._details()
         self.drive: Any = None
         self.began = False
 
@@ -134,6 +136,12 @@ class Core:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
         vars(self).update(state)
         self.facts = self.task.facts(self.simulator.state.diverged, self.episode)
+        self.details = self._details()
+
+    def _details(self) -> dict[str, dict[str, np.ndarray]]:
+        """Groups of what ``info`` says besides, live arrays (worlds, ...) by name: what was drawn, and what is measured."""
+        groups = {"drawn": self.actuators.drawn(), "measured": self.sensing.facts()}
+        return {name: group for name, group in groups.items() if group}
 
     @property
     def draws(self) -> int:

@@ -269,6 +269,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
         info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
+        for group, details in core.details.items():
+            info[group] = {name: values[0].tolist() for name, values in details.items()}
         return info
 
 

@@ -323,4 +323,12 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             terms[name] = term.copy() if mask is None else np.where(mask, term, 0.0)
             terms[f"_{name}"] = here.copy()
         info["reward_terms"], info["_reward_terms"] = terms, here.copy()
+        for group, details in core.details.items():
+            shown: dict[str, Any] = {}
+            for name, value in details.items():
+                shown[name] = value.copy()
+                if mask is not None:
+                    shown[name][~mask] = 0
+                shown[f"_{name}"] = here.copy()
+            info[group], info[f"_{group}"] = shown, here.copy()
         return info

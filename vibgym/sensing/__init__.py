@@ -45,7 +45,7 @@ def sensing_from(
     kind, settings = checks.named("sensor", value, tuple(SENSORS))
     settings = to_si(settings, "sensor")
     chosen = settings.pop("estimator", "none")
-    sensor = checks.made("sensor", SENSORS[kind], (surface, parts, worlds, periods), settings)
+    sensor = checks.made("sensor", SENSORS[kind], (surface, parts, worlds, periods), settings, ("estimator",))
     if sensor.exact and chosen == "none":
         return ExactSensing(sensor)
     return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls))
