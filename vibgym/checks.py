@@ -203,7 +203,12 @@ def called(argument: str, function: Any, given: tuple[Any, ...], settings: Mappi
 
 
 def _with_settings(
-    argument: str, make: Any, given: Any, settings: Mapping[str, Any], known: tuple[str, ...], more: tuple[str, ...] = ()
+    argument: str,
+    make: Any,
+    given: Any,
+    settings: Mapping[str, Any],
+    known: tuple[str, ...],
+    more: tuple[str, ...] = (),
 ) -> Any:
     for name in settings:
         if name not in known:

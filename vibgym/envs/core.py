@@ -96,7 +96,6 @@ class Core:
         self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), _task_settings(options, cls))
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
-        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
         knobs: dict[str, Any] = {}
         if isinstance(options.model, str) and options.model == "auto":
@@ -109,6 +108,8 @@ class Core:
             options.sensor, self.surface, self.parts, worlds, self.periods,
             plant=self.actuators.nominal(), latency=self.actuators.latency, walls=walls,
         )  # fmt: skip
+        self.task.features = (*self.task.features, *self.sensing.tell)
+        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)

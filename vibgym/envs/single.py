@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from vibgym import checks
 from vibgym.envs import generators, layout
 from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.envs.shared import SharedInterface, check_delays, frames_per_second, step_limit, wishes
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import check_keys
 from vibgym.tasks import ArrangedTask, PoseTask
@@ -152,6 +152,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         self.observation_space = self.core.observation.space
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": frames_per_second(self.core)}
         self._limit = step_limit(self.core.periods, max_episode_periods)
+        check_delays(self.core, max_episode_periods)
         self._steps = 0
         self._closed = False
         self._viewer: Any = None

@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from vibgym import checks
 from vibgym.envs import generators
 from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import MOST_EPISODE, SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.envs.shared import MOST_EPISODE, SharedInterface, check_delays, frames_per_second, step_limit, wishes
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import check_keys, copied, restored
 
@@ -81,6 +81,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             task_settings, periods_per_step,
         )  # fmt: skip
         self.core = Core(known, self.num_envs)
+        check_delays(self.core, max_episode_periods)
         limits = (max_episode_steps, step_limit(self.core.periods, max_episode_periods))
         self.max_episode_steps = min((each for each in limits if each is not None), default=None)
         self.render_mode = render_mode

@@ -31,7 +31,9 @@ def kalman(
 ) -> Estimator:
     """A Kalman filter for parts that know of friction and of nothing else that acts; see :class:`FilterEstimator`."""
     acceleration = checks.number("sensor.estimator.acceleration", acceleration, above=0.0, most=1e3)
-    return FilterEstimator(sensor, FreePredictor(sensor), latency, floor=acceleration, model_error=0.0, drift=drift, sigma=sigma)
+    return FilterEstimator(
+        sensor, FreePredictor(sensor), latency, floor=acceleration, model_error=0.0, drift=drift, sigma=sigma
+    )
 
 
 def model(
