@@ -65,8 +65,10 @@ def _told(value: Any) -> tuple[str, ...]:
 __all__ = [
     "ESTIMATORS",
     "SENSORS",
+    "TOLD",
     "Estimator",
     "Measurement",
+    "PoseSensor",
     "Reading",
     "Sensing",
     "Sensor",
