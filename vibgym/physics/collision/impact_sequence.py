@@ -90,25 +90,34 @@ def fastest_impact(encounter, pairs, n, hit):
 
 
 @borrowing
+def lightness(encounter, part):
+    """One over mass (1/kg) and inertia (1/(kg m^2)) of a part in its world."""
+    state, workspace, properties = encounter.scene.state, encounter.scene.workspace, encounter.properties
+    factor = state.mass[workspace.world[part], workspace.part[part]]
+    return properties.inverse_mass[part] / factor, properties.inverse_inertia[part] / factor
+
+
+@borrowing
 def mobility_at(encounter, part, span):
     """Mobility of a part at a contact."""
     x, y, _, _, _ = part_motion(encounter.scene.workspace, part)
     rx, ry = span.x - x, span.y - y
-    properties = encounter.properties
+    inverse_mass, inverse_inertia = lightness(encounter, part)
     normal, tangent = span.nx * rx + span.ny * ry, span.nx * ry - span.ny * rx
-    return mobility_of(properties.inverse_mass[part], properties.inverse_inertia[part], normal, tangent)
+    return mobility_of(inverse_mass, inverse_inertia, normal, tangent)
 
 
 @borrowing
 def apply_impulse(encounter, part, span, normal, tangential, turn):
     """Change a part's velocity by an impulse at a contact; returns the largest change of a point's, m/s."""
-    workspace, properties = encounter.scene.workspace, encounter.properties
+    workspace = encounter.scene.workspace
+    inverse_mass, inverse_inertia = lightness(encounter, part)
     x, y, _, _, _ = part_motion(workspace, part)
     px, py = normal * span.nx - tangential * span.ny, normal * span.ny + tangential * span.nx
     moment = (span.x - x) * py - (span.y - y) * px + turn
     velocity, lane = workspace.velocity[part // LANES], part % LANES
-    dx, dy = properties.inverse_mass[part] * px, properties.inverse_mass[part] * py
-    spin = properties.inverse_inertia[part] * moment
+    dx, dy = inverse_mass * px, inverse_mass * py
+    spin = inverse_inertia * moment
     velocity[lane] += dx
     velocity[LANES + lane] += dy
     velocity[2 * LANES + lane] += spin
