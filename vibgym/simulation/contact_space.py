@@ -117,8 +117,6 @@ class ContactSpace:
             data=data,
             cursor=np.frombuffer(ffi.buffer(floats, 4), dtype=np.int32),
             bodies=np.array([_address(body._body) for body in self._bodies]),
-            mass=np.array([part.mass for part in parts]),
-            gyration=np.array([part.gyration for part in parts]),
             shapes=np.array([_address(shape._shape) for shape in self._shapes]),
             owner=np.array(owner),
             fixed=fixed,
@@ -164,10 +162,12 @@ def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> No
 
 def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
     """What impacts between the parts of a world depend on."""
-    mass = np.array([part.mass for part in parts])
+    n = len(parts)
     return ImpactProperties(
-        inverse_mass=1.0 / mass,
-        inverse_inertia=1.0 / (mass * [part.gyration for part in parts]),
+        mass=np.array([part.mass for part in parts]),
+        gyration=np.array([part.gyration for part in parts]),
+        inverse_mass=np.zeros(n),  # written for each world
+        inverse_inertia=np.zeros(n),
         restitution=np.array([part.restitution for part in parts]),
         friction=np.array([part.contact_friction for part in parts]),
     )

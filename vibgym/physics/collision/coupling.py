@@ -20,7 +20,7 @@ import numpy as np
 from vibgym.physics.collision.approach import safe_step
 from vibgym.physics.collision.broad_phase import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.collision.hulls import Hulls, place_hulls
-from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts
+from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts, weigh_parts
 from vibgym.physics.collision.solver import JOLT, Solver, forget_impacts, leave, solve
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
@@ -133,7 +133,8 @@ def pairs_now(encounter, pairs):
             contacts.speed[p, k] = workspace.velocity[g, k * LANES + lane]
     return near_pairs(
         scene.table, scene.bodies, encounter.hulls, encounter.walls, scene.state, workspace.world[0],
-        contacts.settled, contacts.speed, workspace.away, 1.5 * STRAY * scene.table.period, pairs, contacts.reach, contacts.order,
+        contacts.settled, contacts.speed, workspace.away, 1.5 * STRAY * scene.table.period, pairs, contacts.reach,
+        contacts.order,
     )  # fmt: skip
 
 
@@ -226,6 +227,7 @@ def collide_period(world, encounter, pairs, n):
     span = scene.table.period / steps
     longest = span / couplings_needed(encounter, world)
     enter_world(scene, world)
+    weigh_parts(encounter.properties, scene.state.mass[world])
     calls, placed = 0, False
     for turn in range(steps):
         elapsed, stale = 0.0, True

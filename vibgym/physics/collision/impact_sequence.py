@@ -28,8 +28,10 @@ MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
 class ImpactProperties(NamedTuple):
     """What an impact depends on besides shapes."""
 
-    inverse_mass: np.ndarray  # (parts,) 1/kg
-    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2)
+    mass: np.ndarray  # (parts,) kg, of the parts as they were made
+    gyration: np.ndarray  # (parts,) m^2, inertia over mass
+    inverse_mass: np.ndarray  # (parts,) 1/kg, in the world at hand
+    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2), likewise
     restitution: np.ndarray  # (parts,) energetic coefficient; a pair has the geometric mean, a wall what the part has
     friction: np.ndarray  # (parts,) likewise
 
@@ -40,6 +42,15 @@ class RelativeMotion(NamedTuple):
     approach: float  # m/s, along the normal
     slip: float  # m/s, along the tangent
     turning: float  # rad/s
+
+
+@borrowing
+def weigh_parts(properties, factor):
+    """Set what the parts of a world weigh, by the factors (parts,) on their masses."""
+    for p in range(factor.shape[0]):
+        mass = factor[p] * properties.mass[p]
+        properties.inverse_mass[p] = 1.0 / mass
+        properties.inverse_inertia[p] = 1.0 / (mass * properties.gyration[p])
 
 
 @borrowing
@@ -90,34 +101,25 @@ def fastest_impact(encounter, pairs, n, hit):
 
 
 @borrowing
-def lightness(encounter, part):
-    """One over mass (1/kg) and inertia (1/(kg m^2)) of a part in its world."""
-    state, workspace, properties = encounter.scene.state, encounter.scene.workspace, encounter.properties
-    factor = state.mass[workspace.world[part], workspace.part[part]]
-    return properties.inverse_mass[part] / factor, properties.inverse_inertia[part] / factor
-
-
-@borrowing
 def mobility_at(encounter, part, span):
     """Mobility of a part at a contact."""
     x, y, _, _, _ = part_motion(encounter.scene.workspace, part)
     rx, ry = span.x - x, span.y - y
-    inverse_mass, inverse_inertia = lightness(encounter, part)
+    properties = encounter.properties
     normal, tangent = span.nx * rx + span.ny * ry, span.nx * ry - span.ny * rx
-    return mobility_of(inverse_mass, inverse_inertia, normal, tangent)
+    return mobility_of(properties.inverse_mass[part], properties.inverse_inertia[part], normal, tangent)
 
 
 @borrowing
 def apply_impulse(encounter, part, span, normal, tangential, turn):
     """Change a part's velocity by an impulse at a contact; returns the largest change of a point's, m/s."""
-    workspace = encounter.scene.workspace
-    inverse_mass, inverse_inertia = lightness(encounter, part)
+    workspace, properties = encounter.scene.workspace, encounter.properties
     x, y, _, _, _ = part_motion(workspace, part)
     px, py = normal * span.nx - tangential * span.ny, normal * span.ny + tangential * span.nx
     moment = (span.x - x) * py - (span.y - y) * px + turn
     velocity, lane = workspace.velocity[part // LANES], part % LANES
-    dx, dy = inverse_mass * px, inverse_mass * py
-    spin = inverse_inertia * moment
+    dx, dy = properties.inverse_mass[part] * px, properties.inverse_mass[part] * py
+    spin = properties.inverse_inertia[part] * moment
     velocity[lane] += dx
     velocity[LANES + lane] += dy
     velocity[2 * LANES + lane] += spin

@@ -46,8 +46,6 @@ class Solver(NamedTuple):
     data: np.ndarray  # float64, of all batches
     cursor: np.ndarray  # (1,) int32, where the next batch begins
     bodies: np.ndarray  # (parts,) int64
-    mass: np.ndarray  # (parts,) kg, of the parts as they were made
-    gyration: np.ndarray  # (parts,) m^2, inertia over mass
     shapes: np.ndarray  # (shapes,) int64
     owner: np.ndarray  # (parts + 1,) first shape of each part
     fixed: int  # shapes of the walls, which are numbered first
@@ -68,14 +66,14 @@ def rounds_needed(parts, ratio):
 
 
 @borrowing
-def enter(solver, mass):
-    """Put a world's parts into the solver, with the factors ``mass`` (parts,) on their masses."""
+def enter(solver, properties, factor):
+    """Put a world's parts into the solver, with the factors (parts,) on their masses."""
     heaviest, lightest = 0.0, math.inf
     for p in range(solver.bodies.shape[0]):
-        own = solver.mass[p] * mass[p]
-        heaviest, lightest = max(heaviest, own), min(lightest, own)
-        call_foreign(solver.set_mass, (solver.bodies[p], own))
-        call_foreign(solver.set_moment, (solver.bodies[p], own * solver.gyration[p]))
+        mass = factor[p] * properties.mass[p]
+        heaviest, lightest = max(heaviest, mass), min(lightest, mass)
+        call_foreign(solver.set_mass, (solver.bodies[p], mass))
+        call_foreign(solver.set_moment, (solver.bodies[p], mass * properties.gyration[p]))
     call_foreign(solver.set_rounds, (solver.space, rounds_needed(solver.bodies.shape[0], heaviest / lightest)))
     call_foreign(solver.number_from, (solver.space, solver.fixed))
     for p in range(solver.bodies.shape[0]):
@@ -111,7 +109,7 @@ def solve(encounter, world, h, entered, undo):
     cursor[0] = 0
     call_foreign(solver.each, (solver.space, solver.put, solver.put_all))
     if not entered:
-        enter(solver, encounter.scene.state.mass[world])
+        enter(solver, encounter.properties, encounter.scene.state.mass[world])
     # The solver begins with the last step's impulses. It would scale them with the step, but not its record of them, and
     # parts would stick together by the difference.
     call_foreign(solver.last_step, (solver.space, h))
