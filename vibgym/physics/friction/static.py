@@ -207,6 +207,8 @@ def slip_step(
         at = phase + omega * (part if stage == 0 else h)
         c, s = math.cos(at), math.sin(at)
         total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, c, s, part * friction, load)
+        if tilt_x != 0.0 or tilt_y != 0.0:  # asked, for else the compiler rounds differently on a level table, too
+            from_x, from_y = from_x - part * tilt_x, from_y - part * tilt_y
         sx, sy, sw = implicit_slip(
             load,
             total,
@@ -214,8 +216,8 @@ def slip_step(
             points[2],
             n,
             gyration,
-            from_x - part * (needed * c + tilt_x),
-            from_y - part * (needed * s + tilt_y),
+            from_x - part * needed * c,
+            from_y - part * needed * s,
             from_spin,
             sx,
             sy,
