@@ -323,4 +323,12 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             terms[name] = term.copy() if mask is None else np.where(mask, term, 0.0)
             terms[f"_{name}"] = here.copy()
         info["reward_terms"], info["_reward_terms"] = terms, here.copy()
+        if core.drawn:
+            drawn: dict[str, Any] = {}
+            for name, value in core.drawn.items():
+                drawn[name] = value.copy()
+                if mask is not None:
+                    drawn[name][~mask] = 0.0
+                drawn[f"_{name}"] = here.copy()
+            info["drawn"], info["_drawn"] = drawn, here.copy()
         return info

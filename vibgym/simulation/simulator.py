@@ -197,8 +197,12 @@ class Simulator:
         now = Conditions(*(getattr(self._state, name)[rows] for name in Conditions._fields))
         given = {"friction": friction, "mass": mass, "tilt": tilt}
         found = self.check_conditions(now, given, "{}")
-        for name, values in found._asdict().items():
-            getattr(self._state, name)[rows] = values
+        self.condition(rows, found._asdict())
+
+    def condition(self, worlds: Any, conditions: Mapping[str, np.ndarray]) -> None:
+        """Set some conditions of worlds (index or mask), by name, to checked values."""
+        for name, values in conditions.items():
+            getattr(self._state, name)[worlds] = values
 
     def check_conditions(self, now: Conditions, given: Mapping[str, Any], where: str) -> Conditions:
         """Conditions that :meth:`set_conditions` would take, see :func:`vibgym.simulation.conditions.conditions_of`.
