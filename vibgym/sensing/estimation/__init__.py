@@ -43,8 +43,8 @@ def model(
     walls: Sequence[str],
     *,
     model: str = "planar",
-    model_error: float = 0.1,
-    acceleration: float = 0.02,
+    model_error: float = 0.07,
+    acceleration: float = 0.01,
     drift: float = 0.02,
     sigma: float = 1.0,
 ) -> Estimator:

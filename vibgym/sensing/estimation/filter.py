@@ -84,7 +84,7 @@ def motion(damping, time):
 
 @borrowing
 def spread(covariance, way, fall, left, noise, drift, result):
-    """Carry a covariance on: ``F P F' + G G' noise``, and the drift of ``d``."""
+    """Carry a covariance on into ``result``, which may be the same: ``F P F' + G G' noise``, and the drift of ``d``."""
     pp, pv, pd = covariance[PP], covariance[PV], covariance[PD]
     vv, vd, dd = covariance[VV], covariance[VD], covariance[DD]
     result[PP] = pp + 2.0 * way * pv + 2.0 * fall * pd + way * way * vv + 2.0 * way * fall * vd + fall * fall * dd
@@ -96,6 +96,13 @@ def spread(covariance, way, fall, left, noise, drift, result):
     result[PP] += fall * fall * noise
     result[PV] += fall * way * noise
     result[VV] += way * way * noise
+
+
+@borrowing
+def noise_of(all_of, step, w, p):
+    """Variance of the acceleration that the predictor did not know in one of the steps of ``kept``, m^2/s^4."""
+    acting = all_of.model_error * all_of.activity[step, w, p]
+    return all_of.floor * all_of.floor + acting * acting
 
 
 @borrowing
@@ -209,6 +216,7 @@ def filter_readings(reading, delay, periods, address):
                 carry_disturbance(all_of, w, p)
             way, fall, left = motion(all_of.damping[p], step)
             on_way, on_fall, on_left = motion(all_of.damping[p], all_of.lead)
+            rest_way, rest_fall, rest_left = motion(all_of.damping[p], all_of.lead - (steps - 1) * step)
             for k in range(3):
                 scale = all_of.arm[p] if k == 2 else 1.0
                 acted, acting = all_of.activity[0, w, p], all_of.activity[steps - 1, w, p]
@@ -230,8 +238,13 @@ def filter_readings(reading, delay, periods, address):
                     all_of.velocity[w, p, k] += on_left * dv + on_way * dd
                     all_of.mean_velocity[w, p, k] += on_left * dv + on_way * dd
                     all_of.before[w, p, k] += on_left * dv + on_way * dd
-                noise = (all_of.floor * all_of.floor + (all_of.model_error * acting) ** 2) / (scale * scale)
-                spread(covariance, on_way, on_fall, on_left, noise, 0.0, scratch)
+                for each in range(6):
+                    scratch[each] = covariance[each]
+                for later in range(1, steps):
+                    noise = noise_of(all_of, later, w, p) / (scale * scale)
+                    spread(scratch, way, fall, left, noise, 0.0, scratch)
+                noise = noise_of(all_of, steps - 1, w, p) / (scale * scale)
+                spread(scratch, rest_way, rest_fall, rest_left, noise, 0.0, scratch)
                 all_of.sigma[w, p, k] = math.sqrt(scratch[PP])
         if all_of.diverged[w]:
             all_of.diverged[w] = False
