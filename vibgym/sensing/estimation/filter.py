@@ -66,6 +66,7 @@ class Filter(NamedTuple):
     lead: float  # s
     floor: float  # m/s^2
     model_error: float
+    unknown: float  # m/s^2
     drift: float  # m/s^2 per square root of a second
 
 
@@ -127,7 +128,7 @@ def observe(covariance, innovation, variance):
 
 @borrowing
 def note_activity(address):
-    """After the predictor's step: the acceleration that acted in it, from the change of the mean velocity."""
+    """After the predictor's step: the acceleration that acted in it, by friction and by elements, from the mean velocities."""
     all_of = filter_at(address)
     before, now = all_of.before, all_of.mean_velocity
     last = all_of.activity.shape[0] - 1
@@ -136,8 +137,9 @@ def note_activity(address):
             total = 0.0
             for k in range(3):
                 scale = all_of.arm[p] if k == 2 else 1.0
-                acting = (now[w, p, k] - before[w, p, k]) / all_of.step + all_of.damping[p] * now[w, p, k]
-                total += (scale * acting) ** 2
+                drag = all_of.damping[p] * now[w, p, k]
+                acting = (now[w, p, k] - before[w, p, k]) / all_of.step + drag
+                total += scale * scale * (acting * acting + drag * drag)  # friction is not known for sure, either
                 before[w, p, k] = now[w, p, k]
             all_of.activity[last, w, p] = math.sqrt(total)
 
@@ -177,7 +179,7 @@ def start_covariance(all_of, w, p, k):
         covariance[each] = 0.0
     covariance[PP] = all_of.variance[p, k]
     covariance[VV] = (START_SPEED / scale) ** 2
-    covariance[DD] = (all_of.floor / scale) ** 2
+    covariance[DD] = (all_of.unknown / scale) ** 2
 
 
 @borrowing
@@ -261,7 +263,8 @@ class FilterEstimator:
         latency: periods between a command and its effect.
         floor: m/s^2, standard deviation of the acceleration that the predictor does not know, at rest.
         model_error: likewise, as a share of the acceleration that acts.
-        drift: m/s^2 per square root of a second, at which an unknown acceleration may change.
+        unknown: m/s^2, likewise, of an acceleration that stays for the episode.
+        drift: m/s^2 per square root of a second, at which that may change.
         sigma: what readings' standard deviations are multiplied by.
 
     Attributes:
@@ -276,9 +279,11 @@ class FilterEstimator:
         *,
         floor: float,
         model_error: float,
-        drift: float = 0.02,
+        unknown: float,
+        drift: float,
         sigma: float = 1.0,
     ) -> None:
+        unknown = checks.number("sensor.estimator.unknown", unknown, least=0.0, most=1e3)
         drift = checks.number("sensor.estimator.drift", drift, least=0.0, most=1e3)
         sigma = checks.number("sensor.estimator.sigma", sigma, above=0.0, most=1e3)
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
@@ -314,6 +319,7 @@ class FilterEstimator:
                 lead=lead * period,
                 floor=floor,
                 model_error=model_error,
+                unknown=unknown,
                 drift=drift,
             ),
         )
