@@ -82,9 +82,16 @@ def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> 
     return whole
 
 
+def listed(value: Any) -> bool:
+    """Whether a value is a list, a tuple or the like, or an array with an axis; texts are none."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes | range)
+
+
 def interval(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
     """Two numbers [low, high] with ``least <= low <= high <= most``."""
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 2:
+    if not (listed(value) and len(value) == 2):
         raise refuse(name, value, f"[low, high] with {least:g} <= low <= high <= {most:g}")
     low = number(f"{name}[0]", value[0], least=least, most=most)
     return low, number(f"{name}[1]", value[1], least=low, most=most)

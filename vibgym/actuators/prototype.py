@@ -174,7 +174,11 @@ class PrototypeActuators(Actuators):
 
     @property
     def data_sheet(self) -> DataSheet:
-        own = self._numbers
+        own = dict(self._numbers)
+        if "dead_zone" in self._ranges:  # what is sure to move, and what no element fails to reach
+            own["dead_zone"] = self._ranges["dead_zone"][1]
+        if "limit" in self._ranges:
+            own["limit"] = self._ranges["limit"][0]
         bandwidth = own["bandwidth"] if math.isfinite(own["bandwidth"]) else None
         return DataSheet(own["limit"], own["dead_zone"], self.form, self.latency, own["resolution"], bandwidth)
 
@@ -256,19 +260,19 @@ class PrototypeActuators(Actuators):
     def live(self) -> dict[str, np.ndarray]:
         assert self._commands is not None
         record = self._hardware.record
-        drawn = {"source": record.source, "element": record.element, "number": record.number, "keep": self._keep}
+        drawn = {"element": record.element, "number": record.number, "keep": self._keep}
         own = {f"own_{name}": self._own[name] for name in self._ranges}
         return {**self._commands.state(), **drawn, **own, "reached": self._reached}
 
 
 def _share(value: Any) -> Any:
     """A share; an empty list is none."""
-    return 0.0 if isinstance(value, Sequence) and not isinstance(value, str) and not len(value) else value
+    return 0.0 if checks.listed(value) and not len(value) else value
 
 
 def _places(name: str, value: Any, surface: Surface, width: int) -> np.ndarray:
     """Faults (n, width) that are given one by one: row, column, and for stuck elements amplitude (m) and phase (rad)."""
-    if not isinstance(value, Sequence | np.ndarray) or isinstance(value, str) or not len(value):
+    if not checks.listed(value) or not len(value):
         return np.zeros((0, width))
     where = f"actuators.{name}"
     faults = np.array(checks.array(where, value, (len(value), width)))

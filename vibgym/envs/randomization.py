@@ -44,7 +44,7 @@ def factor_range(name: str, value: Any) -> tuple[float, float]:
 
 def angle_range(name: str, value: Any) -> tuple[float, float]:
     """A range of angles from the horizontal, rad; of a single number, from 0 on."""
-    if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
+    if checks.listed(value):
         return checks.interval(name, value, 0.0, STEEPEST)
     return 0.0, checks.number(name, value, least=0.0, most=STEEPEST)
 

@@ -81,8 +81,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             task_settings, periods_per_step,
         )  # fmt: skip
         self.core = Core(known, self.num_envs)
-        check_delays(self.core, max_episode_periods)
         limits = (max_episode_steps, step_limit(self.core.periods, max_episode_periods))
+        check_delays(self.core, max_episode_periods)
         self.max_episode_steps = min((each for each in limits if each is not None), default=None)
         self.render_mode = render_mode
         self.metadata = {

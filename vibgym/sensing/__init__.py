@@ -57,7 +57,9 @@ def sensing_from(
 
 def _told(value: Any) -> tuple[str, ...]:
     """What a state observation shall tell of the measurement besides."""
-    if not isinstance(value, list | tuple) or any(each not in TOLD or value.count(each) > 1 for each in value):
+    if not isinstance(value, list | tuple) or any(
+        not isinstance(each, str) or each not in TOLD or value.count(each) > 1 for each in value
+    ):
         raise checks.refuse("sensor.tell", value, f"a list of different names among {', '.join(TOLD)}")
     return tuple(each for each in TOLD if each in value)
 

@@ -153,8 +153,8 @@ def deviations(name: str, value: Any, largest: float) -> np.ndarray:
         if not set(given) <= {"position", "heading"}:
             raise checks.refuse(name, dict(value), allowed)
         value = [given.get("position", 0.0), given.get("heading", 0.0)]
-    elif isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-        if np.shape(value) != (2,):
+    elif checks.listed(value):
+        if len(value) != 2:
             raise checks.refuse(name, value, allowed)
     else:
         value = [value, 0.0]

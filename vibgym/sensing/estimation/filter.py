@@ -221,14 +221,9 @@ def filter_readings(reading, delay, periods, address):
             rest_way, rest_fall, rest_left = motion(all_of.damping[p], all_of.lead - (steps - 1) * step)
             for k in range(3):
                 scale = all_of.arm[p] if k == 2 else 1.0
-                acted, acting = all_of.activity[0, w, p], all_of.activity[steps - 1, w, p]
-                noise = (all_of.floor * all_of.floor + (all_of.model_error * acted) ** 2) / (scale * scale)
                 covariance = all_of.covariance[w, p, k]
-                spread(
-                    covariance, way, fall, left, noise, all_of.drift * all_of.drift * step / (scale * scale), scratch
-                )
-                for each in range(6):
-                    covariance[each] = scratch[each]
+                drift = all_of.drift * all_of.drift * step / (scale * scale)
+                spread(covariance, way, fall, left, noise_of(all_of, 0, w, p) / (scale * scale), drift, covariance)
                 if seen and not gone and not lost:
                     innovation = reading.pose[w, p, k] - all_of.kept[0, w, p, k]
                     dp, dv, dd = observe(covariance, innovation, all_of.variance[p, k])
@@ -247,7 +242,7 @@ def filter_readings(reading, delay, periods, address):
                     spread(scratch, way, fall, left, noise, 0.0, scratch)
                 noise = noise_of(all_of, steps - 1, w, p) / (scale * scale)
                 spread(scratch, rest_way, rest_fall, rest_left, noise, 0.0, scratch)
-                all_of.sigma[w, p, k] = math.sqrt(scratch[PP])
+                all_of.sigma[w, p, k] = math.sqrt(max(scratch[PP], 0.0))
         if all_of.diverged[w]:
             all_of.diverged[w] = False
 
