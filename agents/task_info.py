@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import Part, Surface, checks
+from vibgym.actuators.data_sheet import DataSheet
 from vibgym.envs.layout import Layout
 from vibgym.envs.shared import step_limit
 
@@ -35,6 +36,7 @@ class TaskInfo:
     step_time: float  # s
     layout: Layout  # of the state observation
     step_limit: int | None  # steps
+    hardware: DataSheet  # nominal numbers of the actuators; not what an episode has drawn
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
@@ -72,6 +74,7 @@ class TaskInfo:
             step_time=base.step_time,
             layout=Layout(base.surface, base.parts, task.FEATURES, task.slots),
             step_limit=limit,
+            hardware=base.core.actuators.data_sheet,
         )
 
     def check_places(self, policy: str) -> None:

@@ -21,6 +21,7 @@ import numpy as np
 
 from agents.control.allocation import DAMPING, Allocator
 from agents.control.pieces import Outlines, cut_parts, new_pieces, outlines_of
+from agents.task_info import TaskInfo
 from vibgym import Surface, checks
 from vibgym.physics.core.jit import borrowing
 from vibgym.scene.parts import Part
@@ -304,3 +305,48 @@ class DeadZoneAllocator(Allocator):
             np.ascontiguousarray(wanted), pieces, work, push,
         )  # fmt: skip
         return push
+
+
+class SoftAllocator(Allocator):
+    """Turns wanted accelerations into ``"phasor"`` actions of elements that do less and less of little: ``a (a / d)^n`` below d.
+
+    Args:
+        surface, parts, rule: of the base class.
+        width: d over the surface's largest amplitude.
+        order: n.
+        most: the largest amplitude that elements realise, likewise.
+    """
+
+    def __init__(
+        self, surface: Surface, parts: Sequence[Part], rule: str, *, width: float, order: int, most: float = 1.0
+    ) -> None:
+        super().__init__(surface, parts, rule)
+        self.width, self.order, self.most = width, order, most
+
+    def pushes(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Pushes as commanded, so that what elements make of them is what the base class asks for."""
+        push = super().pushes(pose, present, wanted)
+        length = np.sqrt((push**2).sum(axis=-1, keepdims=True))
+        inside = (length > 0.0) & (length < self.width)
+        root = (np.where(inside, length, 1.0) / self.width) ** (1.0 / (1.0 + self.order))
+        scale = np.where(inside, self.width * root / np.where(inside, length, 1.0), 1.0)
+        return push * np.minimum(scale, self.most / np.maximum(length, 1e-300))
+
+
+def strongest(info: TaskInfo) -> float:
+    """Largest amplitude of the elements over the surface's."""
+    assert info.surface.max_amplitude is not None
+    return min(info.hardware.limit / info.surface.max_amplitude, 1.0)
+
+
+def allocator_for(info: TaskInfo, rule: str) -> Allocator:
+    """The allocator that knows what the actuators' data sheet says of small and large amplitudes."""
+    sheet, most = info.hardware, strongest(info)
+    assert info.surface.max_amplitude is not None
+    width = sheet.dead_zone / info.surface.max_amplitude
+    if width == 0.0:
+        return Allocator(info.surface, info.parts, rule)
+    if sheet.dead_zone_form == "hard":
+        return DeadZoneAllocator(info.surface, info.parts, rule, least=width, most=most)
+    order = {"soft": 1, "cubic": 2}[sheet.dead_zone_form]
+    return SoftAllocator(info.surface, info.parts, rule, width=width, order=order, most=most)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.actuators.data_sheet import DataSheet
 from vibgym.physics.core.drive import Drive, all_phasors, polar_drive
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import copied, restored
@@ -38,6 +39,12 @@ class Actuators(ABC):
         self.latency = checks.count("actuators.latency", latency, least=0, most=10_000)
         shape = (self.latency // periods + 2, worlds, surface.rows, surface.columns, 2)
         self._realised = np.zeros(shape)  # C, S (m/s^2) of every element for the last steps, the oldest first
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """What policies may know of them beforehand."""
+        assert self.surface.max_amplitude is not None
+        return DataSheet(self.surface.max_amplitude, latency=getattr(self,"latency",0))
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         """Start afresh in ``worlds`` (index array), all elements at rest.
