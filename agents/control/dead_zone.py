@@ -1,352 +1,104 @@
-"""Which element does what when elements cannot do little: allocation through a dead zone.
+"""Which element does what when elements cannot do little: the allocators for a dead zone.
 
-Below a smallest amplitude d an element does nothing, so the phasors of least norm (:mod:`agents.control.allocation`) are lost
-where little is wanted, and that is what holds a part short of its goal. But elements can work against each other, and not all
-have to run. Here every element either rests or moves with an amplitude between d and the largest. Such phasors are looked for by
-alternating projections: the wish is projected onto what elements can do, what is then missing is added as the phasors of least
-norm, and so on from several starts. Of all that was come by, the one with the least expected error is taken: what is missing,
-and what the spread of the elements' gains and phases makes of each piece's push.
-
-Parts that share elements are looked at together, all others by themselves. A world's phasors are the same bits alone and in a
-batch; the starts are a fixed table.
+Below a smallest amplitude d an element does little or nothing, so the phasors of least norm (:mod:`agents.control.allocation`)
+are lost where little is wanted, and that is what holds a part short of its goal. Where an element does less than it is told,
+but something, it is told more. Where it does nothing, elements rest or move with an amplitude of at least d, some against
+others, found by :mod:`agents.control.projections`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from agents.control.allocation import DAMPING, Allocator
-from agents.control.pieces import Outlines, cut_parts, new_pieces, outlines_of
+from agents.control.allocation import Allocator
+from agents.control.pieces import new_pieces, outlines_of
+from agents.control.projections import Limits, new_work, serve, start_table
 from agents.task_info import TaskInfo
 from vibgym import Surface, checks
-from vibgym.physics.core.jit import borrowing
 from vibgym.scene.parts import Part
 
-STARTS, ROUNDS = 8, 24
-"""Starts, the least-norm phasors first, and projections from each."""
+MARGIN = 0.1
+"""Share of a hard dead zone by which elements stay clear of it: no two are alike."""
 
-SPREAD = 0.1
-"""Expected error of an element's push over its size: 5 % of gain and 5 degrees of phase."""
-
-MARGIN = 0.02
-"""Share of the dead zone by which elements stay clear of it: the resolution of what is commanded, and rounding."""
-
-
-class Limits(NamedTuple):
-    """What elements can do, as shares of full amplitude, and how it is looked for."""
-
-    least: float  # smallest amplitude but rest
-    most: float
-    start: np.ndarray  # (STARTS, slots, 2) what is added to the least-norm phasors
-
-
-class Work(NamedTuple):
-    """Scratch of one world."""
-
-    group: np.ndarray  # (parts,) int64: the first part with which each shares elements, directly or not
-    slot: np.ndarray  # (elements,) int64: where an element stands in the list of its group; -1: not under a part
-    element: np.ndarray  # (room,) int64: the list
-    covered: np.ndarray  # (room,) share of parts on it
-    at: np.ndarray  # (parts,) int64: where a part stands in its group
-    gram: np.ndarray  # (3 parts, 3 parts): Gram matrix and its Cholesky factor
-    missing: np.ndarray  # (3 parts,)
-    wish: np.ndarray  # (room, 2) phasors, accumulated
-    done: np.ndarray  # (room, 2) the same as the elements can do it
-    best: np.ndarray  # (room, 2)
-
-
-def new_work(parts: int, elements: int, room: int) -> Work:
-    """Scratch for worlds of so many parts, elements and pieces."""
-    return Work(
-        group=np.zeros(parts, dtype=np.int64),
-        slot=np.full(elements, -1, dtype=np.int64),
-        element=np.zeros(room, dtype=np.int64),
-        covered=np.zeros(room),
-        at=np.zeros(parts, dtype=np.int64),
-        gram=np.zeros((3 * parts, 3 * parts)),
-        missing=np.zeros(3 * parts),
-        wish=np.zeros((room, 2)),
-        done=np.zeros((room, 2)),
-        best=np.zeros((room, 2)),
-    )
-
-
-def start_table(slots: int, size: float) -> np.ndarray:
-    """Vectors (STARTS, slots, 2) spread evenly over the disc of radius ``size``, the first start's zero: Kronecker's sequence."""
-    k = np.arange(STARTS * slots, dtype=np.float64).reshape(STARTS, slots)
-    # The plastic number's powers fill the square most evenly (Roberts, "The unreasonable effectiveness of quasirandom sequences").
-    radius, turn = size * np.sqrt(k * 0.7548776662466927 % 1.0), 2.0 * math.pi * (k * 0.5698402909980532 % 1.0)
-    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
-    table[0] = 0.0
-    return table
-
-
-@borrowing
-def group_parts(pieces, count, parts, group, slot):
-    """Number the parts by the groups that share elements; leaves -1 in ``slot``."""
-    for p in range(parts):
-        group[p] = p
-    for i in range(count):
-        e, p = pieces.element[i], pieces.part[i]
-        if slot[e] < 0:
-            slot[e] = p
-        elif group[slot[e]] != group[p]:
-            low, high = min(group[slot[e]], group[p]), max(group[slot[e]], group[p])
-            for q in range(parts):
-                if group[q] == high:
-                    group[q] = low
-    for i in range(count):
-        slot[pieces.element[i]] = -1
-
-
-@borrowing
-def factor(matrix, n):
-    """Cholesky's factor of a positive definite matrix, in its lower triangle."""
-    for j in range(n):
-        for i in range(j, n):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = math.sqrt(value) if i == j else value / matrix[j, j]
-
-
-@borrowing
-def solve(matrix, n, values):
-    """Solve with the factor of :func:`factor`, in place."""
-    for i in range(n):
-        for k in range(i):
-            values[i] -= matrix[i, k] * values[k]
-        values[i] /= matrix[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            values[i] -= matrix[k, i] * values[k]
-        values[i] /= matrix[i, i]
-
-
-@borrowing
-def gather(pieces, count, own, work):
-    """List a group's parts and elements, and factor the Gram matrix of its fields; returns the numbers of both."""
-    group, slot, at, gram = work.group, work.slot, work.at, work.gram
-    parts, elements = 0, 0
-    for p in range(group.shape[0]):
-        if group[p] == own:
-            at[p] = parts
-            parts += 1
-    for i in range(count):
-        if group[pieces.part[i]] == own:
-            e = pieces.element[i]
-            if slot[e] < 0:
-                slot[e] = elements
-                work.element[elements], work.covered[elements] = e, 0.0
-                elements += 1
-            work.covered[slot[e]] += pieces.share[i]
-    for i in range(3 * parts):
-        for j in range(3 * parts):
-            gram[i, j] = DAMPING if i == j else 0.0
-    for i in range(count):
-        p = pieces.part[i]
-        if group[p] != own:
-            continue
-        a, ax, ay, p = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1], 3 * at[p]
-        for j in range(count):
-            if pieces.element[j] != pieces.element[i]:
-                continue
-            weight = 1.0 / work.covered[slot[pieces.element[i]]]
-            b, bx, by, q = pieces.share[j], pieces.lever[j, 0], pieces.lever[j, 1], 3 * at[pieces.part[j]]
-            gram[p, q] += weight * a * b
-            gram[p + 1, q + 1] += weight * a * b
-            gram[p, q + 2] -= weight * a * by
-            gram[p + 1, q + 2] += weight * a * bx
-            gram[p + 2, q] -= weight * ay * b
-            gram[p + 2, q + 1] += weight * ax * b
-            gram[p + 2, q + 2] += weight * (ax * bx + ay * by)
-    factor(gram, 3 * parts)
-    return parts, elements
-
-
-@borrowing
-def miss(pieces, count, own, wanted, phasors, work):
-    """What the group's parts lack under ``phasors``, in ``work.missing``; returns the expected error, squared."""
-    missing, expected = work.missing, 0.0
-    for p in range(work.group.shape[0]):
-        if work.group[p] == own:
-            for k in range(3):
-                missing[3 * work.at[p] + k] = wanted[p, k]
-    for i in range(count):
-        if work.group[pieces.part[i]] != own:
-            continue
-        a, ax, ay = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
-        j, p = work.slot[pieces.element[i]], 3 * work.at[pieces.part[i]]
-        x, y = phasors[j, 0], phasors[j, 1]
-        missing[p] -= a * x
-        missing[p + 1] -= a * y
-        missing[p + 2] -= ax * y - ay * x
-        expected += SPREAD * SPREAD * (a * a + ax * ax + ay * ay) * (x * x + y * y)
-    for p in range(work.group.shape[0]):
-        if work.group[p] == own:
-            for k in range(3):
-                expected += missing[3 * work.at[p] + k] ** 2
-    return expected
-
-
-@borrowing
-def add_missing(pieces, count, own, parts, work):
-    """Add to the wish the phasors of least mean square over the covered area that do what is missing."""
-    command = work.missing
-    solve(work.gram, 3 * parts, command)
-    for i in range(count):
-        if work.group[pieces.part[i]] != own:
-            continue
-        j, p = work.slot[pieces.element[i]], 3 * work.at[pieces.part[i]]
-        a, ax, ay = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
-        work.wish[j, 0] += (a * command[p] - ay * command[p + 2]) / work.covered[j]
-        work.wish[j, 1] += (a * command[p + 1] + ax * command[p + 2]) / work.covered[j]
-
-
-@borrowing
-def project(limits, elements, wish, done):
-    """The nearest that elements can do: rest, or an amplitude within the limits; returns whether the dead zone took any."""
-    taken = False
-    for j in range(elements):
-        x, y = wish[j, 0], wish[j, 1]
-        length = math.sqrt(x * x + y * y)
-        scale = 1.0
-        if length > limits.most:
-            scale = limits.most / length
-        elif length < limits.least and length > 0.0:
-            scale = limits.least / length if length > 0.5 * limits.least else 0.0
-            taken = True
-        done[j, 0], done[j, 1] = scale * x, scale * y
-    return taken
-
-
-@borrowing
-def serve_group(limits, pieces, count, own, wanted, work):
-    """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
-    parts, elements = gather(pieces, count, own, work)
-    wish, done, best, least = work.wish, work.done, work.best, math.inf
-    for start in range(limits.start.shape[0]):
-        for j in range(elements):
-            done[j, 0], done[j, 1] = 0.0, 0.0
-            wish[j, 0] = limits.start[start, j % limits.start.shape[1], 0]
-            wish[j, 1] = limits.start[start, j % limits.start.shape[1], 1]
-        miss(pieces, count, own, wanted, wish, work)
-        add_missing(pieces, count, own, parts, work)
-        for _ in range(ROUNDS):
-            taken = project(limits, elements, wish, done)
-            expected = miss(pieces, count, own, wanted, done, work)
-            if expected < least:
-                least = expected
-                for j in range(elements):
-                    best[j, 0], best[j, 1] = done[j, 0], done[j, 1]
-            if start == 0 and not taken:
-                return elements
-            add_missing(pieces, count, own, parts, work)
-    return elements
-
-
-@borrowing
-def serve(outlines, limits, pose, present, wanted, pieces, work, push):
-    """Pushes (worlds, rows, columns, 2) of all elements, overwritten: see :class:`DeadZoneAllocator`."""
-    for w in range(pose.shape[0]):
-        push[w] = 0.0
-        count = cut_parts(outlines, pose[w], present[w], pieces)
-        group_parts(pieces, count, pose.shape[1], work.group, work.slot)
-        for own in range(pose.shape[1]):
-            if work.group[own] != own or not present[w, own]:
-                continue
-            moves = False
-            for p in range(pose.shape[1]):
-                if work.group[p] == own and present[w, p]:
-                    moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
-            if not moves:
-                continue
-            elements = serve_group(limits, pieces, count, own, wanted[w], work)
-            for j in range(elements):
-                row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
-                push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]
-                work.slot[work.element[j]] = -1
+INVERSES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {"soft": np.sqrt, "cubic": np.cbrt}
+"""What to command, over d, for an amplitude below d: dead zones that make ``a^2 / d`` or ``a^3 / d^2`` of an amplitude a."""
 
 
 class DeadZoneAllocator(Allocator):
-    """Turns wanted accelerations into ``"phasor"`` actions of elements that rest below an amplitude.
+    """Turns wanted accelerations into ``"phasor"`` actions of elements that rest or move far enough.
 
     Args:
         surface, parts: the scene.
         rule: ``"solve"``, see :data:`agents.control.allocation.RULES`: parts that share elements are always served together.
-        least: smallest amplitude that elements realise, over the largest of the surface.
+        least: smallest amplitude of elements that move, over the surface's largest.
         most: the largest that they realise, likewise.
 
     Raises:
-        ValueError: another rule, or a dead zone above the limit.
+        ValueError: another rule, or a smallest amplitude above the largest.
     """
 
     def __init__(self, surface: Surface, parts: Sequence[Part], rule: str, *, least: float, most: float = 1.0) -> None:
-        super().__init__(surface, parts, checks.choice("rule, with a dead zone", rule, ("solve",)))
-        self.most = checks.number("most", most, above=0.0, most=1.0)
-        least = (1.0 + MARGIN) * checks.number("least", least, least=0.0)
-        self.least = checks.number("least", least, most=self.most)
-        self.outlines: Outlines = outlines_of(surface, self.parts)
+        super().__init__(surface, parts, checks.choice("rule, with a dead zone,", rule, ("solve",)))
+        most = checks.number("most", most, above=0.0, most=1.0)
+        least = checks.number("least", least, least=0.0, most=most)
+        self.outlines = outlines_of(surface, self.parts)
+        slots = len(new_pieces(surface, self.parts).part)
+        self.limits = Limits(least, most, start_table(slots, 2.0 * least))
 
     def pushes(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Pushes (worlds, rows, columns, 2), each zero or of a length within the limits, that do what the parts want as nearly as
-        elements can; all under parts that want nothing, and that share no element with others, rest. See the base class."""
+        """Pushes (worlds, rows, columns, 2) that do what the parts want as nearly as elements can, each zero or of a length
+        within the limits. Elements rest under parts that want nothing, but where these share elements with others."""
         surface = self.surface
         push = np.empty((len(pose), surface.rows, surface.columns, 2))
-        pieces = new_pieces(surface, self.parts)
+        pieces = new_pieces(surface, self.parts)  # anew, since several threads may use a policy
         work = new_work(len(self.parts), surface.rows * surface.columns, len(pieces.part))
-        limits = Limits(self.least, self.most, start_table(len(pieces.part), 2.0 * self.least))
-        serve(
-            self.outlines, limits, np.ascontiguousarray(pose), np.ascontiguousarray(present),
-            np.ascontiguousarray(wanted), pieces, work, push,
-        )  # fmt: skip
+        given = (np.ascontiguousarray(each) for each in (pose, present, wanted))
+        serve(self.outlines, self.limits, *given, pieces, work, push)
         return push
 
 
 class SoftAllocator(Allocator):
-    """Turns wanted accelerations into ``"phasor"`` actions of elements that do less and less of little: ``a (a / d)^n`` below d.
+    """Turns wanted accelerations into ``"phasor"`` actions of elements that do too little of small amplitudes.
 
     Args:
         surface, parts, rule: of the base class.
-        width: d over the surface's largest amplitude.
-        order: n.
-        most: the largest amplitude that elements realise, likewise.
+        width: amplitude below which they do, over the surface's largest.
+        form: among :data:`INVERSES`.
     """
 
-    def __init__(
-        self, surface: Surface, parts: Sequence[Part], rule: str, *, width: float, order: int, most: float = 1.0
-    ) -> None:
+    def __init__(self, surface: Surface, parts: Sequence[Part], rule: str, *, width: float, form: str) -> None:
         super().__init__(surface, parts, rule)
-        self.width, self.order, self.most = width, order, most
+        self.width, self.inverse = width, INVERSES[checks.choice("form", form, tuple(INVERSES))]
 
     def pushes(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Pushes as commanded, so that what elements make of them is what the base class asks for."""
+        """Pushes to command, so that elements do what the base class asks for."""
         push = super().pushes(pose, present, wanted)
-        length = np.sqrt((push**2).sum(axis=-1, keepdims=True))
-        inside = (length > 0.0) & (length < self.width)
-        root = (np.where(inside, length, 1.0) / self.width) ** (1.0 / (1.0 + self.order))
-        scale = np.where(inside, self.width * root / np.where(inside, length, 1.0), 1.0)
-        return push * np.minimum(scale, self.most / np.maximum(length, 1e-300))
+        share = np.sqrt((push**2).sum(axis=-1, keepdims=True)) / self.width
+        inside = (share > 0.0) & (share < 1.0)
+        share[~inside] = 1.0
+        return push * (self.inverse(share) / share)
 
 
 def strongest(info: TaskInfo) -> float:
     """Largest amplitude of the elements over the surface's."""
     assert info.surface.max_amplitude is not None
-    return min(info.hardware.limit / info.surface.max_amplitude, 1.0)
+    return min(info.hardware.limit / info.surface.max_amplitude, 1.0) if info.surface.max_amplitude > 0.0 else 1.0
 
 
 def allocator_for(info: TaskInfo, rule: str) -> Allocator:
-    """The allocator that knows what the actuators' data sheet says of small and large amplitudes."""
-    sheet, most = info.hardware, strongest(info)
-    assert info.surface.max_amplitude is not None
-    width = sheet.dead_zone / info.surface.max_amplitude
-    if width == 0.0:
+    """The allocator that knows what the actuators' data sheet says of small and large amplitudes.
+
+    Raises:
+        ValueError: a rule that it does not have.
+    """
+    sheet, most, largest = info.hardware, strongest(info), info.surface.max_amplitude
+    assert largest is not None
+    if sheet.dead_zone == 0.0:
         return Allocator(info.surface, info.parts, rule)
-    if sheet.dead_zone_form == "hard":
-        return DeadZoneAllocator(info.surface, info.parts, rule, least=width, most=most)
-    order = {"soft": 1, "cubic": 2}[sheet.dead_zone_form]
-    return SoftAllocator(info.surface, info.parts, rule, width=width, order=order, most=most)
+    if sheet.dead_zone_form != "hard":
+        return SoftAllocator(info.surface, info.parts, rule, width=sheet.dead_zone / largest, form=sheet.dead_zone_form)
+    # Commands are rounded to the resolution before the dead zone takes what is small.
+    least = ((1.0 + MARGIN) * sheet.dead_zone + 0.5 * sheet.resolution) / largest
+    return DeadZoneAllocator(info.surface, info.parts, rule, least=min(least, most), most=most)
