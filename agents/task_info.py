@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import Part, Surface, checks
-from vibgym.actuators.data_sheet import DataSheet
+from vibgym.actuators import DataSheet
 from vibgym.envs.layout import Layout
 from vibgym.envs.shared import step_limit
 
@@ -35,8 +35,8 @@ class TaskInfo:
     periods_per_step: int  # oscillation periods
     step_time: float  # s
     layout: Layout  # of the state observation
+    hardware: DataSheet  # what the actuators' data sheet says
     step_limit: int | None  # steps
-    hardware: DataSheet  # nominal numbers of the actuators; not what an episode has drawn
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
@@ -73,8 +73,8 @@ class TaskInfo:
             periods_per_step=base.periods_per_step,
             step_time=base.step_time,
             layout=Layout(base.surface, base.parts, task.FEATURES, task.slots),
+            hardware=base.data_sheet,
             step_limit=limit,
-            hardware=base.core.actuators.data_sheet,
         )
 
     def check_places(self, policy: str) -> None:
