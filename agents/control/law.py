@@ -60,6 +60,7 @@ class Steering:
     Attributes:
         ahead: s, half of what a step lasts longer than a period.
         strength: largest push, over that of the surface's largest amplitude.
+        slack: m, by how much corners of parts that have arrived may be off.
 
     Raises:
         ValueError: a bad argument.
@@ -92,9 +93,10 @@ class Steering:
         self.top_speed = top_slip(self.strength) * surface.table_speed
         self.turn_push = self.push / self.allocator.gyration  # rad/s^2
         self.symmetry = np.array([part.symmetry for part in info.parts])
-        self.settle = keep_on
+        self.settle, self.slack = keep_on, 0.0
         if info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard":
-            self.settle = Settling(info, self.drag, self.push, self.turn_push, self.approach, self.ahead)
+            settling = Settling(info, self.drag, self.push, self.turn_push, self.approach, self.ahead)
+            self.settle, self.slack = settling, settling.slack
 
     def expected(self, observation: Any) -> Measured:
         """What an observation says, with the parts moved on by :attr:`ahead`.

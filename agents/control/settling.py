@@ -25,7 +25,7 @@ REACH = 0.015
 BAND = 0.25
 """Share of the tolerances within which places of rest are left as they are."""
 
-LOOSE_BAND, LOOSE_TURN = 0.002, math.radians(6.0)
+LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
 """m and rad, the same where a task asks for no pose, but for zones or distances."""
 
 
@@ -38,6 +38,9 @@ class Settling:
         push, turn_push: (parts,) m/s^2 and rad/s^2 of a push of strength 1.
         approach: 1/s, set velocity over the distance to the target near it.
         ahead: s, by which measured places have been moved on.
+
+    Attributes:
+        slack: m, by how much corners of parts at rest may be off.
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class Settling:
         self.gain, self.turn_gain = drag / (push * info.step_time), drag / (turn_push * info.step_time)
         self.band = BAND * info.position_tolerance if info.has_goal else LOOSE_BAND
         self.turn_band = BAND * info.heading_tolerance if info.has_goal else LOOSE_TURN
+        self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
         self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
 
     def __call__(self, measured: Measured, velocity: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
