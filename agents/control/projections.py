@@ -19,7 +19,7 @@ from agents.control.allocation import DAMPING
 from agents.control.pieces import cut_parts
 from vibgym.physics.core.jit import borrowing
 
-STARTS, ROUNDS = 8, 24
+STARTS, ROUNDS = 16, 8
 """Starts, the least-norm phasors first, and projections from each."""
 
 SPREAD = 0.1
@@ -226,15 +226,15 @@ def serve_group(limits, pieces, count, own, wanted, work):
             wish[j, 1] = limits.start[start, j % limits.start.shape[1], 1]
         miss(pieces, count, own, wanted, wish, work)
         add_missing(pieces, count, own, parts, work)
-        for _ in range(ROUNDS):
+        for turn in range(ROUNDS):
             taken = project(limits, elements, wish, done)
             expected = miss(pieces, count, own, wanted, done, work)
             if expected < least:
                 least = expected
                 for j in range(elements):
                     best[j, 0], best[j, 1] = done[j, 0], done[j, 1]
-            if start == 0 and not taken:
-                return elements
+            if start == 0 and turn == 0 and not taken:
+                return elements  # those of least norm will do
             add_missing(pieces, count, own, parts, work)
     return elements
 
