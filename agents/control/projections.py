@@ -207,9 +207,9 @@ def project(limits, elements, wish, done):
         scale = 1.0
         if length > limits.most:
             scale = limits.most / length
-        elif length < limits.least and length > 0.0:
+        elif length < limits.least:
             scale = limits.least / length if length > 0.5 * limits.least else 0.0
-            taken = True
+            taken = taken or length > 0.0
         done[j, 0], done[j, 1] = scale * x, scale * y
     return taken
 

@@ -96,13 +96,17 @@ def test_it_comes_near_the_best_of_all_on_few_elements(size):
 
 def test_small_wishes_are_granted_where_the_phasors_of_least_norm_are_lost():
     generator = np.random.default_rng(1)
-    pose = np.column_stack([generator.uniform(0.1, 0.7, 60), generator.uniform(0.06, 0.14, 60), generator.uniform(-3, 3, 60)])
+    pose = np.column_stack(
+        [generator.uniform(0.1, 0.7, 60), generator.uniform(0.06, 0.14, 60), generator.uniform(-3, 3, 60)]
+    )
     there, aware, plain = np.ones((60, 1), dtype=bool), [], []
     wanted = np.array([wish(0.1, *each) for each in generator.uniform([-1, 0], [1, 6], (60, 2))])
     for maker, errors in ((allocator(ALUMINIUM), aware), (Allocator(SURFACE, [ALUMINIUM], "solve"), plain)):
         push = maker.pushes(pose[:, None], there, wanted[:, None])
         push[np.hypot(push[..., 0], push[..., 1]) < LEAST * (1.0 - 1e-9)] = 0.0  # what the dead zone takes
-        errors += [np.linalg.norm(error((ALUMINIUM,), p[None], u, w)[0]) for p, u, w in zip(pose, push, wanted, strict=True)]
+        errors += [
+            np.linalg.norm(error((ALUMINIUM,), p[None], u, w)[0]) for p, u, w in zip(pose, push, wanted, strict=True)
+        ]
     assert np.median(plain) == pytest.approx(0.1, rel=0.02) and np.median(aware) < 0.002 and max(aware) < 0.03
 
 
@@ -140,7 +144,9 @@ def test_parts_that_want_nothing_rest():
     wanted[0, 0] = 0.1, 0.0, 0.0
     push = allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted)
     assert (push[0, :, 16:] == 0.0).all() and (push[0, :, :16] != 0.0).any()
-    assert (allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), 0.0 * wanted) == 0.0).all()
+    assert (
+        allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), 0.0 * wanted) == 0.0
+    ).all()
     absent = np.array([[False, True, True]])
     assert (allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], absent, wanted) == 0.0).all()
 
@@ -165,7 +171,9 @@ def test_one_pulse_shifts_the_place_of_rest_as_wanted():
     """The law behind :mod:`agents.control.settling` and the allocation together: a T / c, with the planar model, at rest."""
     worlds, generator = 40, np.random.default_rng(3)
     part, surface = ALUMINIUM, SURFACE
-    pose = np.column_stack([generator.uniform(0.1, 0.7, 40), generator.uniform(0.06, 0.14, 40), generator.uniform(-3, 3, 40)])
+    pose = np.column_stack(
+        [generator.uniform(0.1, 0.7, 40), generator.uniform(0.06, 0.14, 40), generator.uniform(-3, 3, 40)]
+    )
     simulator = Simulator(surface, part, worlds=worlds)
     simulator.reset(pose[:, None])
     still = np.zeros((worlds, surface.rows, surface.columns))
@@ -217,8 +225,12 @@ def test_the_allocator_follows_the_data_sheet():
 
 @pytest.mark.parametrize(
     "change, message",
-    [({"rule": "nearest"}, "rule, with a dead zone,.*'solve'"), ({"least": 0.9, "most": 0.5}, "least.*0.9.*0.5"), ({"most": 0.0}, "most")],
-)  # fmt: skip
+    [
+        ({"rule": "nearest"}, "rule, with a dead zone,.*'solve'"),
+        ({"least": 0.9, "most": 0.5}, "least.*0.9.*0.5"),
+        ({"most": 0.0}, "most"),
+    ],
+)
 def test_bad_arguments_are_refused(change, message):
     given = {"rule": "solve", "least": 0.2, **change}
     with pytest.raises(ValueError, match=message):
