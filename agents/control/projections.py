@@ -42,8 +42,13 @@ class Work(NamedTuple):
     element: np.ndarray  # (room,) int64: the list
     covered: np.ndarray  # (room,) share of parts on it
     at: np.ndarray  # (parts,) int64: where a part stands in its group
-    gram: np.ndarray  # (3 parts, 3 parts): Gram matrix and its Cholesky factor
-    missing: np.ndarray  # (3 parts,)
+    row: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
+    on: np.ndarray  # (room,) int64: ... where its element stands ...
+    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration
+    inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
+    wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
+    missing: np.ndarray  # (3 parts,) ... what they do not get ...
+    command: np.ndarray  # (3 parts,) ... and the strengths of the fields that would give it to them
     wish: np.ndarray  # (room, 2) phasors, accumulated
     done: np.ndarray  # (room, 2) the same as the elements can do it
     best: np.ndarray  # (room, 2)
@@ -57,8 +62,13 @@ def new_work(parts: int, elements: int, room: int) -> Work:
         element=np.zeros(room, dtype=np.int64),
         covered=np.zeros(room),
         at=np.zeros(parts, dtype=np.int64),
-        gram=np.zeros((3 * parts, 3 * parts)),
+        row=np.zeros(room, dtype=np.int64),
+        on=np.zeros(room, dtype=np.int64),
+        arm=np.zeros((room, 3)),
+        inverse=np.zeros((3 * parts, 3 * parts)),
+        wanted=np.zeros(3 * parts),
         missing=np.zeros(3 * parts),
+        command=np.zeros(3 * parts),
         wish=np.zeros((room, 2)),
         done=np.zeros((room, 2)),
         best=np.zeros((room, 2)),
@@ -94,107 +104,96 @@ def group_parts(pieces, count, parts, group, slot):
 
 
 @borrowing
-def factor(matrix, n):
-    """Cholesky's factor of a positive definite matrix, in its lower triangle."""
-    for j in range(n):
-        for i in range(j, n):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = math.sqrt(value) if i == j else value / matrix[j, j]
+def invert(matrix, n):
+    """Invert a positive definite matrix (n, n) in place: Gauss and Jordan, which then need no pivots."""
+    for k in range(n):
+        pivot = 1.0 / matrix[k, k]
+        matrix[k, k] = 1.0
+        for j in range(n):
+            matrix[k, j] *= pivot
+        for i in range(n):
+            if i != k:
+                share = matrix[i, k]
+                matrix[i, k] = 0.0
+                for j in range(n):
+                    matrix[i, j] -= share * matrix[k, j]
 
 
 @borrowing
-def solve(matrix, n, values):
-    """Solve with the factor of :func:`factor`, in place."""
-    for i in range(n):
-        for k in range(i):
-            values[i] -= matrix[i, k] * values[k]
-        values[i] /= matrix[i, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            values[i] -= matrix[k, i] * values[k]
-        values[i] /= matrix[i, i]
-
-
-@borrowing
-def gather(pieces, count, own, work):
-    """List a group's parts and elements, and factor the Gram matrix of its fields; returns the numbers of both."""
-    group, slot, at, gram = work.group, work.slot, work.at, work.gram
-    parts, elements = 0, 0
+def gather(pieces, count, own, wanted, work):
+    """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three."""
+    group, slot, inverse = work.group, work.slot, work.inverse
+    parts, elements, n = 0, 0, 0
     for p in range(group.shape[0]):
         if group[p] == own:
-            at[p] = parts
+            work.at[p] = parts
+            for k in range(3):
+                work.wanted[3 * parts + k] = wanted[p, k]
             parts += 1
     for i in range(count):
-        if group[pieces.part[i]] == own:
-            e = pieces.element[i]
-            if slot[e] < 0:
-                slot[e] = elements
-                work.element[elements], work.covered[elements] = e, 0.0
-                elements += 1
-            work.covered[slot[e]] += pieces.share[i]
-    for i in range(3 * parts):
-        for j in range(3 * parts):
-            gram[i, j] = DAMPING if i == j else 0.0
-    for i in range(count):
-        p = pieces.part[i]
+        p, e = pieces.part[i], pieces.element[i]
         if group[p] != own:
             continue
-        a, ax, ay, p = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1], 3 * at[p]
-        for j in range(count):
-            if pieces.element[j] != pieces.element[i]:
+        if slot[e] < 0:
+            slot[e] = elements
+            work.element[elements], work.covered[elements] = e, 0.0
+            elements += 1
+        work.covered[slot[e]] += pieces.share[i]
+        work.row[n], work.on[n] = 3 * work.at[p], slot[e]
+        work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
+        n += 1
+    for i in range(3 * parts):
+        for j in range(3 * parts):
+            inverse[i, j] = DAMPING if i == j else 0.0
+    for i in range(n):
+        p, a, ax, ay = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        weight = 1.0 / work.covered[work.on[i]]
+        for j in range(n):
+            if work.on[j] != work.on[i]:
                 continue
-            weight = 1.0 / work.covered[slot[pieces.element[i]]]
-            b, bx, by, q = pieces.share[j], pieces.lever[j, 0], pieces.lever[j, 1], 3 * at[pieces.part[j]]
-            gram[p, q] += weight * a * b
-            gram[p + 1, q + 1] += weight * a * b
-            gram[p, q + 2] -= weight * a * by
-            gram[p + 1, q + 2] += weight * a * bx
-            gram[p + 2, q] -= weight * ay * b
-            gram[p + 2, q + 1] += weight * ax * b
-            gram[p + 2, q + 2] += weight * (ax * bx + ay * by)
-    factor(gram, 3 * parts)
-    return parts, elements
+            q, b, bx, by = work.row[j], work.arm[j, 0], work.arm[j, 1], work.arm[j, 2]
+            inverse[p, q] += weight * a * b
+            inverse[p + 1, q + 1] += weight * a * b
+            inverse[p, q + 2] -= weight * a * by
+            inverse[p + 1, q + 2] += weight * a * bx
+            inverse[p + 2, q] -= weight * ay * b
+            inverse[p + 2, q + 1] += weight * ax * b
+            inverse[p + 2, q + 2] += weight * (ax * bx + ay * by)
+    invert(inverse, 3 * parts)
+    return parts, elements, n
 
 
 @borrowing
-def miss(pieces, count, own, wanted, phasors, work):
+def miss(work, parts, n, phasors):
     """What the group's parts lack under ``phasors``, in ``work.missing``; returns the expected error, squared."""
     missing, expected = work.missing, 0.0
-    for p in range(work.group.shape[0]):
-        if work.group[p] == own:
-            for k in range(3):
-                missing[3 * work.at[p] + k] = wanted[p, k]
-    for i in range(count):
-        if work.group[pieces.part[i]] != own:
-            continue
-        a, ax, ay = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
-        j, p = work.slot[pieces.element[i]], 3 * work.at[pieces.part[i]]
-        x, y = phasors[j, 0], phasors[j, 1]
+    for k in range(3 * parts):
+        missing[k] = work.wanted[k]
+    for i in range(n):
+        p, a, ax, ay = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        x, y = phasors[work.on[i], 0], phasors[work.on[i], 1]
         missing[p] -= a * x
         missing[p + 1] -= a * y
         missing[p + 2] -= ax * y - ay * x
         expected += SPREAD * SPREAD * (a * a + ax * ax + ay * ay) * (x * x + y * y)
-    for p in range(work.group.shape[0]):
-        if work.group[p] == own:
-            for k in range(3):
-                expected += missing[3 * work.at[p] + k] ** 2
+    for k in range(3 * parts):
+        expected += missing[k] * missing[k]
     return expected
 
 
 @borrowing
-def add_missing(pieces, count, own, parts, work):
+def add_missing(work, parts, n):
     """Add to the wish the phasors of least mean square over the covered area that do what is missing."""
-    command = work.missing
-    solve(work.gram, 3 * parts, command)
-    for i in range(count):
-        if work.group[pieces.part[i]] != own:
-            continue
-        j, p = work.slot[pieces.element[i]], 3 * work.at[pieces.part[i]]
-        a, ax, ay = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
-        work.wish[j, 0] += (a * command[p] - ay * command[p + 2]) / work.covered[j]
-        work.wish[j, 1] += (a * command[p + 1] + ax * command[p + 2]) / work.covered[j]
+    command, wish = work.command, work.wish
+    for k in range(3 * parts):
+        value = 0.0
+        for j in range(3 * parts):
+            value += work.inverse[k, j] * work.missing[j]
+        command[k] = value
+    for i in range(n):
+        p, a, ax, ay, j = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2], work.on[i]
+        wish[j, 0] += (a * command[p] - ay * command[p + 2]) / work.covered[j]
+        wish[j, 1] += (a * command[p + 1] + ax * command[p + 2]) / work.covered[j]
 
 
 @borrowing
@@ -217,25 +216,25 @@ def project(limits, elements, wish, done):
 @borrowing
 def serve_group(limits, pieces, count, own, wanted, work):
     """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
-    parts, elements = gather(pieces, count, own, work)
+    parts, elements, n = gather(pieces, count, own, wanted, work)
     wish, done, best, least = work.wish, work.done, work.best, math.inf
     for start in range(limits.start.shape[0]):
         for j in range(elements):
             done[j, 0], done[j, 1] = 0.0, 0.0
             wish[j, 0] = limits.start[start, j % limits.start.shape[1], 0]
             wish[j, 1] = limits.start[start, j % limits.start.shape[1], 1]
-        miss(pieces, count, own, wanted, wish, work)
-        add_missing(pieces, count, own, parts, work)
+        miss(work, parts, n, wish)
+        add_missing(work, parts, n)
         for turn in range(ROUNDS):
             taken = project(limits, elements, wish, done)
-            expected = miss(pieces, count, own, wanted, done, work)
+            expected = miss(work, parts, n, done)
             if expected < least:
                 least = expected
                 for j in range(elements):
                     best[j, 0], best[j, 1] = done[j, 0], done[j, 1]
             if start == 0 and turn == 0 and not taken:
                 return elements  # those of least norm will do
-            add_missing(pieces, count, own, parts, work)
+            add_missing(work, parts, n)
     return elements
 
 
