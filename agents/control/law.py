@@ -3,12 +3,14 @@
 Near rest a push of strength 1 accelerates a part by about ``mu a_v w^2 / 2`` and friction brakes it at the rate
 ``mu g / (2 a_h w)`` (first-order average, thesis eqs. 5.60 and 5.61). The law asks for the velocity from which the part can
 still stop at its target, ``sqrt(2 a d)`` far away and proportional to the distance near it, and pushes towards that velocity.
-Headings are controlled in the same way.
+Headings are controlled in the same way. On elements with a hard dead zone, :mod:`agents.control.settling` takes over near the
+target.
 
 The numbers are tuned for one period a step. A longer step holds its push for longer, so the velocity follows its set value no
 faster than in one step, in ``(1 - exp(-drag T)) / drag``; and the law goes by where the parts will be in the middle of the time
 that is added, and approaches more slowly by that time, lest they overshoot.
-:mod:`agents.control.allocation` turns what the parts want into the elements' motion.
+:mod:`agents.control.allocation` turns what the parts want into the elements' motion, :mod:`agents.control.dead_zone` where
+elements cannot do little.
 """
 
 from __future__ import annotations

@@ -69,3 +69,12 @@ def test_absent_parts_and_those_beside_the_surface_have_no_pieces():
     pose = [[0.1, 0.1, 0.3], [0.3, 0.1, 1.0], [-1.0, 0.1, 0.0], [0.7, 9.0, 0.0]]
     part, *_ = cut(PARTS, pose, np.array([False, True, True, True]))
     assert set(part.tolist()) == {1}
+
+
+def test_there_is_room_for_a_disc_that_just_fills_an_element():
+    """The polygon of a disc reaches a little beyond its radius: nine pieces."""
+    disc = Part.disc(0.5 * SURFACE.element_size, friction=0.5)
+    middle = 4.5 * SURFACE.element_size
+    assert np.abs(disc.outline).max() > disc.radius
+    assert len(cut((disc,), [[middle, middle, 0.01]])[1]) > 4
+    assert len(new_pieces(SURFACE, (disc,)).part) >= 9
