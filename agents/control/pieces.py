@@ -53,10 +53,7 @@ def outlines_of(surface: Surface, parts: tuple[Part, ...]) -> Outlines:
 
 def new_pieces(surface: Surface, parts: tuple[Part, ...]) -> Pieces:
     """Room for the pieces of one world."""
-    reach = [
-        math.sqrt((part.outline**2).sum(axis=1).max()) for part in parts
-    ]  # of a disc's polygon more than its radius
-    room = sum((math.floor(2.0 * each / surface.element_size) + 2) ** 2 for each in reach)
+    room = sum((math.floor(2.0 * part.radius / surface.element_size) + 2) ** 2 for part in parts)
     # A cut along a line keeps at most every vertex and adds at most one an edge; there are four.
     most = 16 * max(len(part.outline) for part in parts)
     whole = np.zeros((2, room), dtype=np.int64)
