@@ -191,7 +191,8 @@ class Simulator:
 
         Raises:
             ValueError: a bad argument, masses that differ by more than contacts can be relied on for, friction that
-                contacts cannot follow, or, with the averaged model, conditions under which a part may stick; nothing has changed.
+                contacts cannot follow, or, with the averaged model, conditions under which a part may stick; nothing has
+                changed.
         """
         rows = worlds_from(worlds, self.worlds)
         now = Conditions(*(getattr(self._state, name)[rows] for name in Conditions._fields))
