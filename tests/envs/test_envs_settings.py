@@ -144,7 +144,7 @@ BAD = [
     ({"actuators": "prototype"}, "actuators"),
     ({"sensor": "camera"}, "sensor"),
     ({"sensor": {"noise": 1}}, "sensor"),
-    ({"randomize": {"friction": [0.1, 0.2]}}, "randomize"),
+    ({"randomize": {"parts": [1, 1]}}, "randomize"),
     ({"randomize": "all"}, "randomize"),
     ({"periods_per_step": 0}, "periods_per_step"),
     ({"periods_per_step": 1.5}, "periods_per_step"),
