@@ -146,6 +146,7 @@ BAD = [
     ({"sensor": {"noise": 1}}, "sensor"),
     ({"randomize": {"friction": [0.2, 0.1]}}, r"randomize\['friction'\]\[1\]"),
     ({"randomize": {"dead_zone": [0.0, 1e-4]}}, "randomize"),
+    ({"randomize": {"parts": [1, 1]}}, "randomize"),
     ({"randomize": "all"}, "randomize"),
     ({"periods_per_step": 0}, "periods_per_step"),
     ({"periods_per_step": 1.5}, "periods_per_step"),

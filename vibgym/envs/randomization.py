@@ -71,8 +71,7 @@ EFFECTS: dict[str, Effect] = {
     "mass": Effect(factor_range, one_a_part, within),
     "tilt": Effect(angle_range, lambda parts: 2, tilts),
 }
-"""By the name in ``randomize=``. Those of the table and of the parts have the names that
-:meth:`vibgym.Simulator.set_conditions` has for them."""
+"""By the name in ``randomize=``, which :meth:`vibgym.Simulator.set_conditions` has for them, too."""
 
 
 class Randomization:

@@ -94,8 +94,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     Success (within tolerance, or all parts done, for 10 periods in a row), a fallen part or a diverged simulation terminate
     it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
     where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where ``randomize`` draws any, ``drawn``: the
-    factors ``friction`` and ``mass`` of every part, and ``tilt``, the acceleration x, y (m/s^2) of what lies on the tilted
-    table. Observations do not show them.
+    factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the acceleration x, y (m/s^2) of what lies on
+    the tilted table. Observations do not show them.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"``, ``"Singulate"``, or one that you have registered.
@@ -285,8 +285,10 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
         info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
-        for group, details in core.details.items():
-            info[group] = {name: values[0].tolist() for name, values in details.items()}
+        for group, details in core.details.items():  # arrays, as batches of single environments stack them
+            info[group] = {
+                name: values[0].item() if values.ndim == 1 else values[0].copy() for name, values in details.items()
+            }
         return info
 
 

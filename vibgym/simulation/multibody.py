@@ -72,12 +72,15 @@ class Multibody:
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse masses that are too different, and friction that contacts cannot follow."""
-        masses = conditions.mass * [part.mass for part in self._setup.parts]
-        for row in masses:
-            check_masses(where.format("mass"), self._setup.parts, row)
-        friction = (conditions.friction * [part.friction for part in self._setup.parts]).max(axis=1)
-        for each, tilt in zip(friction.tolist(), conditions.slope.tolist()):
-            check_contact_steps(where.format("friction"), self._setup.surface, each, tilt, self._bend)
+        if not len(conditions.tilt):
+            return
+        parts, surface = self._setup.parts, self._setup.surface
+        masses = conditions.mass * [part.mass for part in parts]
+        check_masses(where.format("mass"), parts, masses[np.argmax(masses.max(axis=1) / masses.min(axis=1))])
+        friction = (conditions.friction * [part.friction for part in parts]).max(axis=1)
+        hardest = np.argmax(friction * surface.gravity + 0.5 * conditions.slope)
+        own, tilt = float(friction[hardest]), float(conditions.slope[hardest])
+        check_contact_steps(where.format("friction"), surface, own, tilt, self._bend)
 
     def reset(self) -> None:
         """Begin counting anew."""

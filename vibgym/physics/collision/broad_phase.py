@@ -23,7 +23,7 @@ NEVER, NEAR, TOUCHING = 0, 1, 2
 
 @borrowing
 def travel_bound(table, friction, tilt, vx, vy):
-    """Largest distance, m, that a part can cover in a period while only the table, tilted by ``tilt`` m/s^2, moves it."""
+    """Largest distance, m, that a part can cover in a period while nothing but the table (tilt in m/s^2) moves it."""
     # Not less for parts at the table's speed: what spins on an uneven pressure may become faster than the table.
     pull = friction * table.gravity + 0.5 * tilt
     return (math.sqrt(vx * vx + vy * vy) + pull * table.period) * table.period
