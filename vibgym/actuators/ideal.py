@@ -15,6 +15,8 @@ from vibgym.scene.surface import Surface
 class IdealActuators(Actuators):
     """Elements that follow every command without delay; it is read for the elements under a part only."""
 
+    latency = 0
+
     def __init__(self, surface: Surface, worlds: int, periods: int) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
 

@@ -21,9 +21,9 @@ from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.starting import Starting
-from vibgym.physics.core.drive import all_phasors
+from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
-from vibgym.sensing import sensor_from
+from vibgym.sensing import Measurement, sensor_from
 from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, restored
 from vibgym.tasks import TASKS, Start, Task
@@ -96,6 +96,7 @@ class Core:
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
         self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
+        self.actuators.prepare(self._resting_command())
         self.sensor = sensor_from(options.sensor, self.surface, worlds, len(self.parts), self.periods)
         knobs: dict[str, Any] = {}
         if isinstance(options.model, str) and options.model == "auto":
@@ -197,12 +198,17 @@ class Core:
         """A fresh batch of observations."""
         return self.observation.observe(self.sensor.measurement, self._measured, self.episode)
 
+    def _resting_command(self) -> Drive:
+        """A command as they all are, that nobody obeys."""
+        shape = (self.worlds, len(self.parts))
+        nowhere = Measurement(np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.ones(shape, dtype=bool))
+        return self.action.command(np.zeros((self.worlds, self.action.size), dtype=np.float32), nowhere)
+
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
         phasors = np.zeros((1, self.surface.rows, self.surface.columns, 2))
         if self.drive is not None and self.surface.full_scale > 0.0:
-            own = (each[world : world + 1] if isinstance(each, np.ndarray) else each for each in self.drive)
-            all_phasors(type(self.drive)(*own), phasors)
+            all_phasors(self.drive, phasors, world)
             phasors /= self.surface.full_scale
         return phasors[0]
 
