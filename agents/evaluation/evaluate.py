@@ -36,7 +36,9 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
     with side_by_side(settings.processes) as submit:
         if settings.cost_per_period:
             measured = cost.measure_alone(quiet) if alone else submit(cost.measure, True)
-        for key in sorted((key for key, job in jobs.items() if job.plain and not alone), key=lambda key: jobs[key].size):
+        for key in sorted(
+            (key for key, job in jobs.items() if job.plain and not alone), key=lambda key: jobs[key].size
+        ):
             job = jobs[key]
             asked = (job.content, job.info, job.seeds, job.environment, key, *statistics)
             found[key] = submit(_made_and_judged, *asked)

@@ -53,7 +53,7 @@ def json_text(results: Results) -> str:
         "settings": settings.as_written(),
         "seeds": settings.seed_list(),
         "tasks": {name: facts(info, results.episodes(name)) for name, info in results.tasks.items()},
-        "hardware": {name: machine.sentences(results.arguments_of(name)) for name in results.hardware},
+        "hardware": {name: machine.sentences(results.arguments_of(name), results.surface) for name in results.hardware},
         "results": [asdict(row) for row in results.rows],
         "comparisons": [asdict(each) for each in results.comparisons],
         **({} if results.effects is None else {"effects": results.effects.as_values()}),
