@@ -44,6 +44,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
     try:
         settings = evaluation.load_settings(arguments.config, arguments.episodes, arguments.output)
         gif = None
+        if arguments.gif is None and arguments.gif_hardware is not None:
+            raise ValueError(f"--gif-hardware: got {arguments.gif_hardware!r}; allowed: nothing without --gif")
         if arguments.gif is not None:
             task, policy, path = arguments.gif
             gif = evaluation.Gif(task, policy, Path(path), arguments.gif_hardware)
