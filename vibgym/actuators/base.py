@@ -107,18 +107,19 @@ class Actuators(ABC):
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit."""
-        return copied(self._state())
+        return copied(self.live())
 
     def check_state(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
-        return restored("state['actuators']", self._state(), state)
+        return restored("state['actuators']", self.live(), state)
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from a checked state."""
-        for name, values in self._state().items():
+        for name, values in self.live().items():
             values[...] = state[name]
 
-    def _state(self) -> dict[str, np.ndarray]:
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
         return {"realised": self._realised, **self.own_state()}
 
     def _drive(self, phasors: np.ndarray) -> Drive:

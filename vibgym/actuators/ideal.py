@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -29,5 +28,5 @@ class IdealActuators(Actuators):
     def realise(self, phasors: np.ndarray) -> None:
         """As they are."""
 
-    def _state(self) -> dict[str, Any]:
+    def live(self) -> dict[str, np.ndarray]:
         return {}

@@ -253,7 +253,7 @@ class PrototypeActuators(Actuators):
         """Not used: kernels do it, for the elements under a part."""
         raise NotImplementedError
 
-    def _state(self) -> dict[str, np.ndarray]:
+    def live(self) -> dict[str, np.ndarray]:
         assert self._commands is not None
         record = self._hardware.record
         drawn = {"source": record.source, "element": record.element, "number": record.number, "keep": self._keep}

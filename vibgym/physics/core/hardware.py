@@ -17,7 +17,7 @@ from vibgym.physics.core.noise import normals, uniforms
 from vibgym.physics.core.reference import Layout, Pinned
 
 FORMS = ("hard", "soft", "cubic")
-"""What becomes of an amplitude ``a`` below the dead zone ``d``: nothing, ``a^2 / d``, ``a^3 / d^2``; from ``d`` on it is ``a``."""
+"""What becomes of an amplitude ``a`` below the dead zone ``d``: nothing, ``a^2 / d``, ``a^3 / d^2``; larger ones stay."""
 
 HARD, SOFT, CUBIC = range(len(FORMS))
 
