@@ -11,6 +11,7 @@ from vibgym.actuators import ACTUATORS
 from vibgym.config import to_si
 from vibgym.scene import Surface
 from vibgym.sensing import SENSORS
+from vibgym.sensing.pose import deviations
 
 IDEAL = (
     "Every element does exactly what it is told, at once.",
@@ -54,8 +55,8 @@ def _words(environment: Mapping[str, Any], surface: Surface) -> tuple[list[Words
     actuators = _of_kind(environment.get("actuators", "ideal"), "actuators", ACTUATORS, ACTUATOR_WORDS, surface)
     sensor = _of_kind(environment.get("sensor", "ideal"), "sensor", SENSORS, SENSOR_WORDS, surface)
     drawn = []
-    for name, value in (environment.get("randomize") or {}).items():
-        text = f"{name.replace('_', ' ')} {_range(value)}"
+    for name, value in to_si(environment.get("randomize") or {}, "randomize").items():
+        text = _range(name, value)
         drawn.append(Words(text, f"Drawn anew for every episode: {text}."))
     return actuators, sensor, drawn
 
@@ -84,10 +85,29 @@ def defaults(cls: Any) -> dict[str, Any]:
     return found
 
 
-def _range(value: Any) -> str:
-    if isinstance(value, list | tuple) and len(value) == 2 and all(isinstance(each, int | float) for each in value):
-        return f"{value[0]:g} to {value[1]:g}"
-    return str(value)
+def _range(name: str, value: Any) -> str:
+    """ "friction 90 to 110 %"."""
+    factor, unit = UNITS.get(name, (1.0, ""))
+    if isinstance(value, list | tuple) and all(isinstance(each, int | float) for each in value):
+        value = " to ".join(f"{factor * each:.4g}" for each in value)
+    return f"{name.replace('_', ' ')} {value}{unit}"
+
+
+UNITS = {
+    "dead_zone": (1e3, " mm"),
+    "limit": (1e3, " mm"),
+    "resolution": (1e3, " mm"),
+    "latency": (1.0, " periods"),
+    "gain_spread": (100.0, " %"),
+    "phase_spread": (180.0 / math.pi, "°"),
+    "bandwidth": (1.0, " Hz"),
+    "dead": (100.0, " %"),
+    "stuck": (100.0, " %"),
+    "friction": (100.0, " %"),
+    "mass": (100.0, " %"),
+    "tilt": (180.0 / math.pi, "°"),
+}
+"""Of what may be drawn for every episode: factor and unit in which it is said."""
 
 
 BELOW = {"hard": "does not move at all", "soft": "moves less than told", "cubic": "moves much less than told"}
@@ -156,24 +176,23 @@ def _faulty(short: str, long: str) -> Said:
 
 
 def _noise(sigma: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if not any(sigma):
+    off = _size("sensor.noise", sigma, surface)
+    if not off:
         return None
-    off = _size(sigma)
     return Words(f"noise of {off}", f"Measured poses are off by {off} (standard deviation, anew in every measurement).")
 
 
 def _bias(bias: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if not any(bias):
+    off = _size("sensor.bias", bias, surface)
+    if not off:
         return None
-    return Words(f"bias of {_size(bias)}", f"All measurements of an episode share an error of up to {_size(bias)}.")
+    return Words(f"bias of {off}", f"All measurements of an episode share an error of {off} (standard deviation).")
 
 
-def _size(pair: Sequence[float]) -> str:
-    return " and ".join(
-        text
-        for text, value in ((f"{1e3 * pair[0]:.3g} mm", pair[0]), (f"{math.degrees(pair[1]):.3g}°", pair[1]))
-        if value
-    )
+def _size(name: str, value: Any, surface: Surface) -> str:
+    position, heading = deviations(name, value, surface.width + surface.height).tolist()
+    found = [f"{1e3 * position:.3g} mm"] if position else []
+    return " and ".join([*found, *([f"{math.degrees(heading):.3g}°"] if heading else [])])
 
 
 def _delay(periods: int, values: Mapping[str, Any], surface: Surface) -> Words | None:
@@ -190,6 +209,12 @@ def _dropout(share: float, values: Mapping[str, Any], surface: Surface) -> Words
     return Words(f"{text} of measurements missing", f"{text} of the measurements are missing.")
 
 
+def _rate(hertz: float | None, values: Mapping[str, Any], surface: Surface) -> Words | None:
+    if hertz is None:
+        return None
+    return Words(f"{hertz:g} measurements a second", f"There are {hertz:g} measurements in a second.")
+
+
 ESTIMATORS = {
     "model": Words(
         "model estimator",
@@ -204,7 +229,7 @@ ESTIMATORS = {
 
 
 def _estimator(kind: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    return ESTIMATORS.get(kind)
+    return ESTIMATORS.get(kind["kind"] if isinstance(kind, Mapping) else kind)
 
 
 def _late(periods: int, surface: Surface) -> str:
@@ -227,6 +252,7 @@ SENSOR_WORDS: dict[str, Said] = {
     "bias": _bias,
     "delay": _delay,
     "dropout": _dropout,
+    "rate": _rate,
     "estimator": _estimator,
 }
 
