@@ -9,6 +9,7 @@ from agents.evaluation.effects import Cell
 from agents.evaluation.entries import laid_over
 from agents.evaluation.results import Results
 from agents.evaluation.tables import quantity
+from agents.evaluation.words import joined
 
 GOOD, BAD = (11, 122, 117), (209, 87, 42)
 """Red, green, blue of what always and of what never succeeds."""
@@ -21,6 +22,11 @@ def section(results: Results) -> dict[str, Any]:
     """What the page shows."""
     effects = results.effects
     assert effects is not None
+    own: dict[str, list[str]] = {}  # what the sensors of some policies have besides -> these policies
+    for column in results.settings.effects.columns(list(results.policies)):  # type: ignore[union-attr]
+        if column.sensor:
+            said = machine.settings_of_sensor(column.sensor, results.surface)
+            own.setdefault(said, []).append(column.name)
     environments = {case: laid_over(results.settings.environment, own) for case, own in effects.cases.items()}
     return {
         "task": effects.task,
@@ -34,11 +40,7 @@ def section(results: Results) -> dict[str, Any]:
             }
             for case, cells in effects.rows()
         ],
-        "own": [
-            {"name": column.name, "words": machine.settings_of_sensor(column.sensor, results.surface)}
-            for column in results.settings.effects.columns(list(results.policies))  # type: ignore[union-attr]
-            if column.sensor
-        ],
+        "own": [{"names": joined(names), "words": said} for said, names in own.items()],
     }
 
 
