@@ -7,11 +7,15 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+from agents.evaluation.words import joined
 from vibgym.actuators import ACTUATORS
+from vibgym.actuators.ideal import IdealActuators
+from vibgym.actuators.prototype import PrototypeActuators
 from vibgym.config import to_si
 from vibgym.scene import Surface
 from vibgym.sensing import SENSORS
-from vibgym.sensing.pose import deviations
+from vibgym.sensing.ideal import IdealSensor
+from vibgym.sensing.pose import PoseSensor, deviations
 
 IDEAL = (
     "Every element does exactly what it is told, at once.",
@@ -45,15 +49,16 @@ def summary(environment: Mapping[str, Any], surface: Surface) -> str:
 
 def settings_of_sensor(settings: Mapping[str, Any], surface: Surface) -> str:
     """What settings that lie over those of any sensor mean."""
-    said = [words(settings[name], settings, surface) for name, words in SENSOR_WORDS.items() if name in settings]
-    plain = [f"{name} {value!r}" for name, value in settings.items() if name not in SENSOR_WORDS]
-    return " ".join([*(each.sentence for each in said if each is not None), *plain])
+    known = EVERY["sensor"]
+    said = [words(settings[name], settings, surface) for name, words in known.items() if name in settings]
+    plain = ", ".join(f"{name} {value}" for name, value in settings.items() if name not in known)
+    return " ".join([*(each.sentence for each in said if each is not None), *([f"({plain})"] if plain else [])])
 
 
 def _words(environment: Mapping[str, Any], surface: Surface) -> tuple[list[Words], list[Words], list[Words]]:
     """Of actuators, sensor, and what is drawn for every episode."""
-    actuators = _of_kind(environment.get("actuators", "ideal"), "actuators", ACTUATORS, ACTUATOR_WORDS, surface)
-    sensor = _of_kind(environment.get("sensor", "ideal"), "sensor", SENSORS, SENSOR_WORDS, surface)
+    actuators = _of_kind(environment.get("actuators", "ideal"), "actuators", ACTUATORS, surface)
+    sensor = _of_kind(environment.get("sensor", "ideal"), "sensor", SENSORS, surface)
     drawn = []
     for name, value in to_si(environment.get("randomize") or {}, "randomize").items():
         text = _range(name, value)
@@ -61,15 +66,16 @@ def _words(environment: Mapping[str, Any], surface: Surface) -> tuple[list[Words
     return actuators, sensor, drawn
 
 
-def _of_kind(
-    given: Any, what: str, kinds: Mapping[str, Any], known: Mapping[str, Said], surface: Surface
-) -> list[Words]:
+def _of_kind(given: Any, what: str, kinds: Mapping[str, Any], surface: Surface) -> list[Words]:
     kind, own = (given["kind"], to_si(given, what)) if isinstance(given, Mapping) else (given, {})
-    values = {**defaults(kinds[kind]), **{key: value for key, value in own.items() if key != "kind"}}
+    own = {name: value for name, value in own.items() if name != "kind"}
+    values = {**defaults(kinds[kind]), **own}
+    known = {**WORDS.get(kinds[kind], {}), **EVERY[what]}
     found = [words(values[name], values, surface) for name, words in known.items() if name in values]
-    foreign = ", ".join(f"{name} {value!r}" for name, value in values.items() if name not in (*known, *SILENT))
-    if foreign:
-        found.append(Words(f"{kind} ({foreign})", f"Of the {what} of kind {kind}: {foreign}."))
+    if kinds[kind] not in WORDS:
+        foreign = ", ".join(f"{name} {value}" for name, value in own.items() if name not in known)
+        verb, of = "is" if what == "sensor" else "are", f"{kind} ({foreign})" if foreign else kind
+        found.insert(0, Words(of, f"The {what} {verb} of kind {of}."))
     return [each for each in found if each is not None]
 
 
@@ -88,7 +94,9 @@ def defaults(cls: Any) -> dict[str, Any]:
 def _range(name: str, value: Any) -> str:
     """ "friction 90 to 110 %"."""
     factor, unit = UNITS.get(name, (1.0, ""))
-    if isinstance(value, list | tuple) and all(isinstance(each, int | float) for each in value):
+    if isinstance(value, int | float):
+        value = f"up to {factor * value:.4g}"
+    elif all(isinstance(each, int | float) for each in value):
         value = " to ".join(f"{factor * each:.4g}" for each in value)
     return f"{name.replace('_', ' ')} {value}{unit}"
 
@@ -116,7 +124,7 @@ BELOW = {"hard": "does not move at all", "soft": "moves less than told", "cubic"
 def _dead_zone(width: float, values: Mapping[str, Any], surface: Surface) -> Words | None:
     if not width:
         return None
-    form, most = values["dead_zone_form"], 1e3 * (values["limit"] or surface.max_amplitude)
+    form, most = values["dead_zone_form"], 1e3 * (values["limit"] or surface.max_amplitude or 0.0)
     return Words(
         f"{form} dead zone of {1e3 * width:g} mm",
         f"An element that is told to move up and down by less than {1e3 * width:g} mm {BELOW[form]}; "
@@ -236,25 +244,30 @@ def _late(periods: int, surface: Surface) -> str:
     return f"{periods} period{'' if periods == 1 else 's'} ({1e3 * periods * surface.period:g} ms)"
 
 
-ACTUATOR_WORDS: dict[str, Said] = {
-    "dead_zone": _dead_zone,
-    "limit": _limit,
-    "latency": _latency,
-    "gain_spread": _spread,
-    "bandwidth": _bandwidth,
-    "resolution": _resolution,
-    "dead": _faulty("dead", "can never move"),
-    "stuck": _faulty("stuck", "can only move in a way of their own"),
-}
+def _tell(names: Sequence[str], values: Mapping[str, Any], surface: Surface) -> Words | None:
+    if not names:
+        return None
+    return Words(f"tells {joined(names)}", f"Observations also tell {joined(names)} of what is measured.")
 
-SENSOR_WORDS: dict[str, Said] = {
-    "noise": _noise,
-    "bias": _bias,
-    "delay": _delay,
-    "dropout": _dropout,
-    "rate": _rate,
-    "estimator": _estimator,
-}
 
-SILENT = ("dead_zone_form", "phase_spread", "seed")
-"""Settings that the words for others hold."""
+EVERY: dict[str, dict[str, Said]] = {
+    "actuators": {"latency": _latency},
+    "sensor": {"delay": _delay, "rate": _rate, "estimator": _estimator, "tell": _tell},
+}
+"""Setting -> what it means, of actuators and sensors of every kind."""
+
+WORDS: dict[Any, dict[str, Said]] = {
+    IdealActuators: {},
+    PrototypeActuators: {
+        "dead_zone": _dead_zone,
+        "limit": _limit,
+        "gain_spread": _spread,
+        "bandwidth": _bandwidth,
+        "resolution": _resolution,
+        "dead": _faulty("dead", "can never move"),
+        "stuck": _faulty("stuck", "can only move in a way of their own"),
+    },
+    IdealSensor: {},
+    PoseSensor: {"noise": _noise, "bias": _bias, "dropout": _dropout},
+}
+"""The same, of those kinds alone: another kind may mean something else by the same name."""

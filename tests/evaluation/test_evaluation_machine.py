@@ -34,6 +34,7 @@ SENSOR_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "rate": ({"noise": 0.0, "rate": 12.5}, "12.5 measurements a second", "12.5 measurements in a second"),
     "model": ({"noise": 0.0, "estimator": "model"}, "model estimator", "A model estimator stands between"),
     "kalman": ({"noise": 0.0, "estimator": {"kind": "kalman"}}, "Kalman estimator", "A Kalman filter stands between"),
+    "told": ({"noise": 0.0, "tell": ["age", "sigma"]}, "tells age and sigma", "Observations also tell age and sigma"),
     "none": ({"noise": 0.0, "estimator": "none"}, "ideal", machine.IDEAL[1]),
 }
 
@@ -66,7 +67,7 @@ def test_ideal() -> None:
 def test_defaults_are_spoken_of() -> None:
     environment = {"actuators": "prototype", "sensor": "pose"}
     assert machine.summary(environment, SURFACE) == (
-        "hard dead zone of 0.1 mm, latency of 1 period (40 ms), spread of 5 % and 5°, noise of 0.1 mm and 0.2°"
+        "hard dead zone of 0.1 mm, spread of 5 % and 5°, latency of 1 period (40 ms), noise of 0.1 mm and 0.2°"
     )
     assert len(machine.sentences(environment, SURFACE)) == 4
 
@@ -74,6 +75,10 @@ def test_defaults_are_spoken_of() -> None:
 def test_what_is_drawn_for_every_episode() -> None:
     drawn = {"friction": [0.9, 1.1], "dead_zone": [5e-5, 1.5e-4], "tilt_deg": [0.0, 0.5], "parts": [1, 3]}
     found = machine.sentences({"randomize": drawn}, SURFACE)[2:]
+    assert (
+        machine.sentences({"randomize": {"tilt": 0.01}}, SURFACE)[2]
+        == "Drawn anew for every episode: tilt up to 0.573°."
+    )
     assert found == [
         "Drawn anew for every episode: friction 90 to 110 %.",
         "Drawn anew for every episode: dead zone 0.05 to 0.15 mm.",
@@ -93,6 +98,10 @@ def test_actuators_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(ACTUATORS._items, "coarse", Coarse)
     found = machine.sentences({"actuators": {"kind": "coarse", "least": 2e-4, "latency": 1}}, SURFACE)
     assert found[:2] == [
+        "The actuators are of kind coarse (least 0.0002).",
         "A command takes effect 1 period (40 ms) late.",
-        "Of the actuators of kind coarse: least 0.0002.",
+    ]
+    assert machine.sentences({"actuators": "coarse"}, SURFACE) == [
+        "The actuators are of kind coarse.",
+        machine.IDEAL[1],
     ]

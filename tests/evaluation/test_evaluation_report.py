@@ -21,6 +21,7 @@ from PIL import Image
 from agents import evaluation
 from agents.evaluation import animation, figures, report
 from agents.evaluation.figures import new_figure
+from agents.evaluation.results import Trial
 from vibgym.files import write_atomically
 
 
@@ -67,7 +68,7 @@ def test_page_says_what_was_found(found: evaluation.Results, written: Path) -> N
     assert text.count("data:image/webp") == len(found.rollouts)
     for row in found.rows:
         assert f"{100 * row.success_rate:.1f} %" in text
-        assert f"Seed {found.rollouts[row.task, row.hardware, row.policy].film.seed}" in text
+        assert f"Seed {found.rollouts[Trial(row.task, row.hardware, row.policy)].film.seed}" in text
 
 
 def test_bold_differences_are_those_that_are_clear(found: evaluation.Results, written: Path) -> None:
@@ -84,7 +85,7 @@ def test_a_name_is_drawn_as_it_is_written(
 ) -> None:
     """No formula, which would fail or look otherwise, no mark that hides it from the legend."""
     rollouts = {
-        evaluation.Trial(task, machine, name if each == "pusher" else each): one
+        Trial(task, machine, name if each == "pusher" else each): one
         for (task, machine, each), one in found.rollouts.items()
     }
     policies = {name if each == "pusher" else each: text for each, text in found.policies.items()}
@@ -120,7 +121,7 @@ def test_csv_rows(found: evaluation.Results, written: Path) -> None:
     assert rows[0]["time_to_goal_median_s"] == "" and float(rows[0]["success_rate"]) == 0.0
     with (written / "episodes.csv").open(newline="", encoding="utf-8") as file:
         episodes = list(csv.DictReader(file))
-    pusher = found.rollouts["Transport", "ideal", "pusher"]
+    pusher = found.rollouts[Trial("Transport", "ideal", "pusher")]
     mine = [row for row in episodes if (row["task"], row["policy"]) == ("Transport", "pusher")]
     assert [int(row["seed"]) for row in mine] == list(pusher.seeds)
     np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
@@ -160,7 +161,7 @@ def test_failure_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("most", [10**9, 60_000, 25_000, 1])
 def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most: int) -> None:
-    film = found.rollouts["Align", "ideal", "counting"].film
+    film = found.rollouts[Trial("Align", "ideal", "counting")].film
     frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04)
     sizes = [len(animation.webp(frames, interval, size)) for size in (10**9, most, 1)]
     assert sizes[1] <= max(most, sizes[2]) and sizes[2] <= sizes[1] <= sizes[0]
@@ -169,7 +170,7 @@ def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most
 
 
 def test_gif(found: evaluation.Results) -> None:
-    film = found.rollouts["Align", "ideal", "pusher"].film
+    film = found.rollouts[Trial("Align", "ideal", "pusher")].film
     frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04, 300)
     assert len(frames) <= animation.MOST_FRAMES and frames[0].dtype == np.uint8
     with Image.open(io.BytesIO(animation.gif(frames[:6], 1.0 / interval))) as image:
