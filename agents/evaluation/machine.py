@@ -237,7 +237,11 @@ ESTIMATORS = {
 
 
 def _estimator(kind: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    return ESTIMATORS.get(kind["kind"] if isinstance(kind, Mapping) else kind)
+    name = kind["kind"] if isinstance(kind, Mapping) else kind
+    if name == "none":
+        return None
+    own = Words(f"{name} estimator", f"An estimator of kind {name} stands between sensor and policy.")
+    return ESTIMATORS.get(name, own)
 
 
 def _late(periods: int, surface: Surface) -> str:

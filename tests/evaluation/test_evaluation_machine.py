@@ -34,6 +34,7 @@ SENSOR_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "rate": ({"noise": 0.0, "rate": 12.5}, "12.5 measurements a second", "12.5 measurements in a second"),
     "model": ({"noise": 0.0, "estimator": "model"}, "model estimator", "A model estimator stands between"),
     "kalman": ({"noise": 0.0, "estimator": {"kind": "kalman"}}, "Kalman estimator", "A Kalman filter stands between"),
+    "own": ({"noise": 0.0, "estimator": "mine"}, "mine estimator", "An estimator of kind mine stands between"),
     "told": ({"noise": 0.0, "tell": ["age", "sigma"]}, "tells age and sigma", "Observations also tell age and sigma"),
     "none": ({"noise": 0.0, "estimator": "none"}, "ideal", machine.IDEAL[1]),
 }
