@@ -51,7 +51,9 @@ def png(figure: Figure) -> bytes:
         text.set_parse_math(False)  # type: ignore[attr-defined]
     canvas, file = FigureCanvasAgg(figure), io.BytesIO()
     canvas.draw()  # once: savefig draws twice, for the layout first
-    Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).save(file, format="PNG")
+    # In 256 colours, of which plots have enough: two fifths of the size.
+    image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3]).quantize(256, dither=Image.Dither.NONE)
+    image.save(file, format="PNG")
     return file.getvalue()
 
 

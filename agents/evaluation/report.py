@@ -27,7 +27,7 @@ from vibgym.tasks.base import HOLD_PERIODS
 MOST_BYTES = 14_000_000
 """Of the page; films share what is left of it."""
 
-FIGURE_BYTES = 250_000
+FIGURE_BYTES = 140_000
 """Of one plot in base64, generously: kept free when films get their shares."""
 
 DEGREES = 180.0 / math.pi
