@@ -6,7 +6,7 @@ import inspect
 import math
 import numbers
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -80,6 +80,14 @@ def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> 
     if whole < least or (most is not None and whole > most):
         raise refuse(name, value, allowed)
     return whole
+
+
+def interval(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
+    """Two numbers [low, high] with ``least <= low <= high <= most``."""
+    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 2:
+        raise refuse(name, value, f"[low, high] with {least:g} <= low <= high <= {most:g}")
+    low = number(f"{name}[0]", value[0], least=least, most=most)
+    return low, number(f"{name}[1]", value[1], least=low, most=most)
 
 
 def fitting(name: str, value: int, bytes_each: int) -> int:

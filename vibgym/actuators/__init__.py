@@ -27,4 +27,9 @@ def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> A
     return checks.made("actuators", ACTUATORS[kind], (surface, worlds, periods), to_si(settings, "actuators"))
 
 
-__all__ = ["ACTUATORS", "Actuators", "DataSheet", "PrototypeActuators", "actuators_from"]
+def nominal(actuators: Actuators) -> Actuators:
+    """What a model of the machine takes for some actuators: as their data sheet has them, and without latency."""
+    return actuators.nominal() or IdealActuators(actuators.surface, actuators.worlds, actuators.periods)
+
+
+__all__ = ["ACTUATORS", "Actuators", "DataSheet", "PrototypeActuators", "actuators_from", "nominal"]

@@ -49,14 +49,9 @@ class Actuators(ABC):
         assert self.surface.max_amplitude is not None
         return DataSheet(self.surface.max_amplitude, latency=self.latency)
 
-    def nominal(self) -> Actuators:
-        """Actuators as the data sheet has them, without latency: what a model of the machine goes by.
-
-        Actuators of your own are taken for ideal ones unless you say more here.
-        """
-        from vibgym.actuators.ideal import IdealActuators  # which is one of these
-
-        return IdealActuators(self.surface, self.worlds, self.periods)
+    def nominal(self) -> Actuators | None:
+        """Actuators as the data sheet has them, without latency, for a model of the machine; None: ideal ones."""
+        return None
 
     def prepare(self, command: Drive) -> None:  # noqa: B027 - most need no such thing
         """See what commands will look like, once, before the first of them."""

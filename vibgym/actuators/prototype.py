@@ -130,17 +130,17 @@ class PrototypeActuators(Actuators):
             "stuck": (0.0, 1.0),
         }  # fmt: skip
         for name, value in ranges.items():
-            where, (least, largest) = f"randomize.{name}", bounds[name]
-            low, high = (float(each) for each in checks.array(where, value, (2,), least=least, most=largest))
-            whole = name != "latency" or (low == int(low) and high == int(high))
-            if low > high or not whole:
-                kind = "whole numbers" if name == "latency" else "numbers"
-                raise checks.refuse(where, value, f"[low, high] with low <= high, {kind} in [{least:g}, {largest:g}]")
+            where = f"randomize[{name!r}]"
+            low, high = checks.interval(where, value, *bounds[name])
+            if name == "latency":
+                for k, each in enumerate((low, high)):
+                    checks.count(f"{where}[{k}]", int(each) if each == int(each) else each, least=0)
             inside[name] = (low, high)
         ends = {name: inside.get(name, (value, value)) for name, value in self._numbers.items()}
         name = "dead_zone" if "dead_zone" in inside else "limit"
-        _check_dead_zone(f"randomize.{name}", ends["dead_zone"][1], ends["limit"][0])
-        _check_shares("randomize." + ("stuck" if "stuck" in inside else "dead"), ends["stuck"][1], ends["dead"][1])
+        _check_dead_zone(f"randomize[{name!r}]", ends["dead_zone"][1], ends["limit"][0])
+        name = "stuck" if "stuck" in inside else "dead"
+        _check_shares(f"randomize[{name!r}]", ends["stuck"][1], ends["dead"][1])
         self._ranges = inside
         self._make()
 

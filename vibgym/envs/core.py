@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.actuators import actuators_from
+from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.observations import OBSERVATIONS
@@ -112,7 +112,7 @@ class Core:
         self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs)
         self.sensing = sensing_from(
             options.sensor, self.surface, self.parts, worlds, self.periods,
-            plant=self.actuators.nominal(), latency=self.actuators.latency, walls=walls,
+            plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
         )  # fmt: skip
         self.task.features = (*self.task.features, *self.sensing.tell)
         self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)

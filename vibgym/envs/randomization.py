@@ -37,27 +37,15 @@ class Effect:
     values: Callable[[tuple[float, float], np.ndarray, Surface], np.ndarray]
 
 
-def range_of(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
-    """A range [low, high] within [least, most].
-
-    Raises:
-        ValueError: no two numbers, reversed, or out of bounds.
-    """
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 2:
-        raise checks.refuse(name, value, f"[low, high] with {least:g} <= low <= high <= {most:g}")
-    low = checks.number(f"{name}[0]", value[0], least=least, most=most)
-    return low, checks.number(f"{name}[1]", value[1], least=low, most=most)
-
-
 def factor_range(name: str, value: Any) -> tuple[float, float]:
     """A range of factors."""
-    return range_of(name, value, LEAST_FACTOR, MOST_FACTOR)
+    return checks.interval(name, value, LEAST_FACTOR, MOST_FACTOR)
 
 
 def angle_range(name: str, value: Any) -> tuple[float, float]:
     """A range of angles from the horizontal, rad; of a single number, from 0 on."""
     if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
-        return range_of(name, value, 0.0, STEEPEST)
+        return checks.interval(name, value, 0.0, STEEPEST)
     return 0.0, checks.number(name, value, least=0.0, most=STEEPEST)
 
 

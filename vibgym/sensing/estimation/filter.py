@@ -66,6 +66,7 @@ class Filter(NamedTuple):
     lead: float  # s
     floor: float  # m/s^2
     model_error: float
+    unknown: float  # m/s^2
     drift: float  # m/s^2 per square root of a second
 
 
@@ -84,7 +85,7 @@ def motion(damping, time):
 
 @borrowing
 def spread(covariance, way, fall, left, noise, drift, result):
-    """Carry a covariance on: ``F P F' + G G' noise``, and the drift of ``d``."""
+    """Carry a covariance on into ``result``, which may be the same: ``F P F' + G G' noise``, and the drift of ``d``."""
     pp, pv, pd = covariance[PP], covariance[PV], covariance[PD]
     vv, vd, dd = covariance[VV], covariance[VD], covariance[DD]
     result[PP] = pp + 2.0 * way * pv + 2.0 * fall * pd + way * way * vv + 2.0 * way * fall * vd + fall * fall * dd
@@ -96,6 +97,13 @@ def spread(covariance, way, fall, left, noise, drift, result):
     result[PP] += fall * fall * noise
     result[PV] += fall * way * noise
     result[VV] += way * way * noise
+
+
+@borrowing
+def noise_of(all_of, step, w, p):
+    """Variance of the acceleration that the predictor did not know in one of the steps of ``kept``, m^2/s^4."""
+    acting = all_of.model_error * all_of.activity[step, w, p]
+    return all_of.floor * all_of.floor + acting * acting
 
 
 @borrowing
@@ -120,7 +128,7 @@ def observe(covariance, innovation, variance):
 
 @borrowing
 def note_activity(address):
-    """After the predictor's step: the acceleration that acted in it, from the change of the mean velocity."""
+    """After the predictor's step: the acceleration that acted in it, by friction and by elements, from the mean velocities."""
     all_of = filter_at(address)
     before, now = all_of.before, all_of.mean_velocity
     last = all_of.activity.shape[0] - 1
@@ -129,8 +137,9 @@ def note_activity(address):
             total = 0.0
             for k in range(3):
                 scale = all_of.arm[p] if k == 2 else 1.0
-                acting = (now[w, p, k] - before[w, p, k]) / all_of.step + all_of.damping[p] * now[w, p, k]
-                total += (scale * acting) ** 2
+                drag = all_of.damping[p] * now[w, p, k]
+                acting = (now[w, p, k] - before[w, p, k]) / all_of.step + drag
+                total += scale * scale * (acting * acting + drag * drag)  # friction is not known for sure, either
                 before[w, p, k] = now[w, p, k]
             all_of.activity[last, w, p] = math.sqrt(total)
 
@@ -170,7 +179,7 @@ def start_covariance(all_of, w, p, k):
         covariance[each] = 0.0
     covariance[PP] = all_of.variance[p, k]
     covariance[VV] = (START_SPEED / scale) ** 2
-    covariance[DD] = (all_of.floor / scale) ** 2
+    covariance[DD] = (all_of.unknown / scale) ** 2
 
 
 @borrowing
@@ -209,6 +218,7 @@ def filter_readings(reading, delay, periods, address):
                 carry_disturbance(all_of, w, p)
             way, fall, left = motion(all_of.damping[p], step)
             on_way, on_fall, on_left = motion(all_of.damping[p], all_of.lead)
+            rest_way, rest_fall, rest_left = motion(all_of.damping[p], all_of.lead - (steps - 1) * step)
             for k in range(3):
                 scale = all_of.arm[p] if k == 2 else 1.0
                 acted, acting = all_of.activity[0, w, p], all_of.activity[steps - 1, w, p]
@@ -230,8 +240,13 @@ def filter_readings(reading, delay, periods, address):
                     all_of.velocity[w, p, k] += on_left * dv + on_way * dd
                     all_of.mean_velocity[w, p, k] += on_left * dv + on_way * dd
                     all_of.before[w, p, k] += on_left * dv + on_way * dd
-                noise = (all_of.floor * all_of.floor + (all_of.model_error * acting) ** 2) / (scale * scale)
-                spread(covariance, on_way, on_fall, on_left, noise, 0.0, scratch)
+                for each in range(6):
+                    scratch[each] = covariance[each]
+                for later in range(1, steps):
+                    noise = noise_of(all_of, later, w, p) / (scale * scale)
+                    spread(scratch, way, fall, left, noise, 0.0, scratch)
+                noise = noise_of(all_of, steps - 1, w, p) / (scale * scale)
+                spread(scratch, rest_way, rest_fall, rest_left, noise, 0.0, scratch)
                 all_of.sigma[w, p, k] = math.sqrt(scratch[PP])
         if all_of.diverged[w]:
             all_of.diverged[w] = False
@@ -248,7 +263,8 @@ class FilterEstimator:
         latency: periods between a command and its effect.
         floor: m/s^2, standard deviation of the acceleration that the predictor does not know, at rest.
         model_error: likewise, as a share of the acceleration that acts.
-        drift: m/s^2 per square root of a second, at which an unknown acceleration may change.
+        unknown: m/s^2, likewise, of an acceleration that stays for the episode.
+        drift: m/s^2 per square root of a second, at which that may change.
         sigma: what readings' standard deviations are multiplied by.
 
     Attributes:
@@ -263,9 +279,11 @@ class FilterEstimator:
         *,
         floor: float,
         model_error: float,
-        drift: float = 0.02,
+        unknown: float,
+        drift: float,
         sigma: float = 1.0,
     ) -> None:
+        unknown = checks.number("sensor.estimator.unknown", unknown, least=0.0, most=1e3)
         drift = checks.number("sensor.estimator.drift", drift, least=0.0, most=1e3)
         sigma = checks.number("sensor.estimator.sigma", sigma, above=0.0, most=1e3)
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
@@ -301,6 +319,7 @@ class FilterEstimator:
                 lead=lead * period,
                 floor=floor,
                 model_error=model_error,
+                unknown=unknown,
                 drift=drift,
             ),
         )
