@@ -23,6 +23,7 @@ def parser() -> argparse.ArgumentParser:
     evaluating.add_argument(
         "--gif", nargs=3, metavar=("TASK", "POLICY", "PATH"), help="also write the film of this pair as a GIF file"
     )
+    evaluating.add_argument("--gif-hardware", metavar="NAME", help="on which hardware, instead of the first one")
     training = commands.add_parser("train", help="train a policy, or go on from its last checkpoint")
     training.add_argument(
         "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
@@ -43,9 +44,11 @@ def evaluate(arguments: argparse.Namespace) -> int:
     try:
         settings = evaluation.load_settings(arguments.config, arguments.episodes, arguments.output)
         gif = None
+        if arguments.gif is None and arguments.gif_hardware is not None:
+            raise ValueError(f"--gif-hardware: got {arguments.gif_hardware!r}; allowed: nothing without --gif")
         if arguments.gif is not None:
             task, policy, path = arguments.gif
-            gif = evaluation.Gif(task, policy, Path(path))
+            gif = evaluation.Gif(task, policy, Path(path), arguments.gif_hardware)
         try:
             prepared = evaluation.prepare(settings, gif)
             held.enter_context(locks.one_run(Path(settings.output), "evaluation.output"))
@@ -56,7 +59,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
     try:
         with held:
             results = evaluation.evaluate(prepared, arguments.quiet)
-            page = evaluation.write(results, gif, arguments.quiet)
+            page = evaluation.write(results, prepared.film, arguments.quiet)
     except files.WriteError as error:
         return failed(error)
     print(evaluation.summary_table(results))
