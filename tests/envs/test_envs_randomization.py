@@ -123,7 +123,7 @@ BAD = [
     (
         "Sort",
         {"randomize": {1: [1, 2]}},
-        "randomize: got .the key 1.; allowed: keys among friction, mass, tilt, parts$",
+        "randomize: got 1; allowed: keys that are strings",
     ),
     ("Align", {"randomize": [1, 2]}, "randomize: got .*None, or a mapping with keys among friction"),
     ("Align", {"randomize": {"friction": 1.5}}, r"randomize\['friction'\]: got 1.5; allowed: .low, high. with 0.01"),
