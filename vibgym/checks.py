@@ -190,11 +190,24 @@ def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[
 
 def made(argument: str, cls: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
     """``cls(*given, **settings)``, where settings that it does not have are refused by name."""
-    known = keywords(cls)
+    return _with_settings(argument, cls, given, settings, keywords(cls))
+
+
+def called(argument: str, function: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
+    """``function(*given, **settings)``, where settings that are not among its keyword arguments are refused by name.
+
+    One that hands on what it does not know says so as ``function.settings``, further names.
+    """
+    parameters = inspect.signature(function).parameters.values()
+    known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY]
+    return _with_settings(argument, function, given, settings, (*known, *getattr(function, "settings", ())))
+
+
+def _with_settings(argument: str, make: Any, given: Any, settings: Mapping[str, Any], known: tuple[str, ...]) -> Any:
     for name in settings:
         if name not in known:
             raise refuse(argument, f"the setting {name!r}", ", ".join(known) or "no settings")
-    return cls(*given, **settings)
+    return make(*given, **settings)
 
 
 def keywords(cls: Any) -> tuple[str, ...]:

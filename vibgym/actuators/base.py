@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.core.drive import Drive, all_phasors, polar_drive
+from vibgym.actuators.data_sheet import DataSheet
+from vibgym.physics.core.drive import Drive, all_phasors, cartesian_drive, limit_phasors
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import copied, restored
 
@@ -33,11 +34,44 @@ class Actuators(ABC):
     draws: int = 0
     """Uniform numbers that they need at the start of each episode, in :meth:`begin`."""
 
+    VARIED: ClassVar[tuple[str, ...]] = ()
+    """Settings that ``randomize=`` may give a range, see :meth:`vary`."""
+
     def __init__(self, surface: Surface, worlds: int, periods: int, *, latency: int = 0) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
         self.latency = checks.count("actuators.latency", latency, least=0, most=10_000)
         shape = (self.latency // periods + 2, worlds, surface.rows, surface.columns, 2)
         self._realised = np.zeros(shape)  # C, S (m/s^2) of every element for the last steps, the oldest first
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """What policies may know of them beforehand."""
+        assert self.surface.max_amplitude is not None
+        return DataSheet(self.surface.max_amplitude, latency=self.latency)
+
+    def nominal(self) -> Actuators:
+        """Actuators as the data sheet has them, without latency: what a model of the machine goes by.
+
+        Actuators of your own are taken for ideal ones unless you say more here.
+        """
+        from vibgym.actuators.ideal import IdealActuators  # which is one of these
+
+        return IdealActuators(self.surface, self.worlds, self.periods)
+
+    def prepare(self, command: Drive) -> None:  # noqa: B027 - most need no such thing
+        """See what commands will look like, once, before the first of them."""
+
+    def vary(self, ranges: Mapping[str, Any]) -> None:
+        """Draw settings for each episode from ranges: name among :attr:`VARIED` -> (least, largest).
+
+        Raises:
+            ValueError: a bad range; no others than these names are asked for.
+        """
+        assert not ranges
+
+    def drawn(self) -> dict[str, np.ndarray]:
+        """What has been drawn for the episodes, by name: live arrays (worlds, ...)."""
+        return {}
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         """Start afresh in ``worlds`` (index array), all elements at rest.
@@ -48,8 +82,11 @@ class Actuators(ABC):
         self._realised[:, worlds] = 0.0
         self.begin(worlds, uniform)
 
-    def apply(self, command: Drive) -> Sequence[tuple[Drive, int]]:
-        """What the elements do in the step that begins with this command: drives, and for how many periods each."""
+    def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
+        """What the elements do in the step that begins with this command: drives, and for how many periods each.
+
+        They are good one after the other: one that has been handed out ends the one before.
+        """
         self._realised[:-1] = self._realised[1:]
         all_phasors(command, self._realised[-1])
         self.realise(self._realised[-1])
@@ -70,24 +107,22 @@ class Actuators(ABC):
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit."""
-        return copied(self._state())
+        return copied(self.live())
 
     def check_state(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
         """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
-        return restored("state['actuators']", self._state(), state)
+        return restored("state['actuators']", self.live(), state)
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from a checked state."""
-        for name, values in self._state().items():
+        for name, values in self.live().items():
             values[...] = state[name]
 
-    def _state(self) -> dict[str, np.ndarray]:
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
         return {"realised": self._realised, **self.own_state()}
 
     def _drive(self, phasors: np.ndarray) -> Drive:
-        w = self.surface.angular_frequency
-        amplitude = np.hypot(phasors[..., 0], phasors[..., 1]) / w**2
-        assert self.surface.max_amplitude is not None
-        return polar_drive(
-            np.minimum(amplitude, self.surface.max_amplitude), np.arctan2(phasors[..., 1], phasors[..., 0]), w
-        )
+        c, s = np.empty(phasors.shape[:3]), np.empty(phasors.shape[:3])
+        limit_phasors(phasors, self.surface.full_scale, c, s)
+        return cartesian_drive(c, s)

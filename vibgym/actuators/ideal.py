@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,8 @@ from vibgym.scene.surface import Surface
 
 class IdealActuators(Actuators):
     """Elements that follow every command without delay; it is read for the elements under a part only."""
+
+    latency = 0
 
     def __init__(self, surface: Surface, worlds: int, periods: int) -> None:
         self.surface, self.worlds, self.periods = surface, worlds, periods
@@ -27,5 +28,5 @@ class IdealActuators(Actuators):
     def realise(self, phasors: np.ndarray) -> None:
         """As they are."""
 
-    def _state(self) -> dict[str, Any]:
+    def live(self) -> dict[str, np.ndarray]:
         return {}

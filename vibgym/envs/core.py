@@ -21,9 +21,10 @@ from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.starting import Starting
-from vibgym.physics.core.drive import all_phasors
+from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
-from vibgym.sensing import sensor_from
+from vibgym.sensing import sensing_from
+from vibgym.sensing.measurement import new_measurement
 from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, restored
 from vibgym.tasks import TASKS, Start, Task
@@ -96,7 +97,6 @@ class Core:
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
         self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
-        self.sensor = sensor_from(options.sensor, self.surface, worlds, len(self.parts), self.periods)
         knobs: dict[str, Any] = {}
         if isinstance(options.model, str) and options.model == "auto":
             knobs["periods_per_call"] = self.periods
@@ -104,6 +104,13 @@ class Core:
             raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
         walls = () if options.walls is None else options.walls
         self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs)
+        self.sensing = sensing_from(
+            options.sensor, self.surface, self.parts, worlds, self.periods,
+            plant=self.actuators.nominal(), latency=self.actuators.latency, walls=walls,
+        )  # fmt: skip
+        command = self._resting_command()
+        self.actuators.prepare(command)
+        self.sensing.prepare(command)
         self.identity = _identity(options, self)
         velocity = [np.append(self.surface.idle_velocity(part.friction), 0.0) for part in self.parts]
         self.idle = np.array(velocity)
@@ -113,7 +120,7 @@ class Core:
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # A sensor that tells the truth needs no relations of its own.
         self._measured, self._by_measurement = self.relations, None
-        if not self.sensor.exact:
+        if not self.sensing.exact:
             self._measured = new_relations(worlds, len(self.parts))
             self._by_measurement = self.scoring.judged(self._measured)
         self.facts = self.task.facts(state.diverged, self.episode)
@@ -131,7 +138,7 @@ class Core:
     @property
     def draws(self) -> int:
         """Uniform numbers that an episode's start takes from its world's generator."""
-        return self.task.draws + self.actuators.draws + self.sensor.draws
+        return self.task.draws + self.actuators.draws + self.sensing.draws
 
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], starting: Starting | None = None
@@ -153,7 +160,7 @@ class Core:
         if self.observation.goal_reward:
             self.terms[worlds] = 0.0
         self.actuators.reset(worlds, uniform[:, own:driven])
-        self.sensor.reset(worlds, self.simulator.state, uniform[:, driven:])
+        self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:])
         self._look()
         self.began = True
 
@@ -165,19 +172,21 @@ class Core:
 
     def step(self, action: np.ndarray) -> None:
         """Advance every world by one step under a checked action, score it, and measure."""
-        command = self.action.command(action, self.sensor.measurement)
-        elapsed, instant, state = 0, self.sensor.instant, self.simulator.state
+        command = self.action.command(action, self.sensing.measurement)
+        self.sensing.follow(command)
+        elapsed, instant, state = 0, self.sensing.instant, self.simulator.state
         for drive, periods in self.actuators.apply(command):
             self.drive = drive
             if elapsed < instant < elapsed + periods:  # the sensor looks within this stretch
                 self.simulator.run(drive, instant - elapsed)
-                self.sensor.look(state)
+                self.sensing.look(state)
                 self.simulator.run(drive, elapsed + periods - instant)
             else:
                 self.simulator.run(drive, periods)
                 if elapsed + periods == instant:
-                    self.sensor.look(state)
+                    self.sensing.look(state)
             elapsed += periods
+        self.sensing.update()
         self.scoring.score()
         self._look()
         if self.observation.goal_reward:
@@ -190,19 +199,25 @@ class Core:
     def _look(self) -> None:
         """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
         if self._by_measurement is not None:
-            measured = self.sensor.measurement
+            measured = self.sensing.measurement
             self.scoring.relate(measured.pose, measured.gone, self._by_measurement)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""
-        return self.observation.observe(self.sensor.measurement, self._measured, self.episode)
+        return self.observation.observe(self.sensing.measurement, self._measured, self.episode)
+
+    def _resting_command(self) -> Drive:
+        """A command as they all are, that nobody obeys."""
+        shape = (self.worlds, len(self.parts))
+        nowhere = new_measurement(*shape)
+        nowhere.gone[...] = True
+        return self.action.command(np.zeros((self.worlds, self.action.size), dtype=np.float32), nowhere)
 
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
         phasors = np.zeros((1, self.surface.rows, self.surface.columns, 2))
         if self.drive is not None and self.surface.full_scale > 0.0:
-            own = (each[world : world + 1] if isinstance(each, np.ndarray) else each for each in self.drive)
-            all_phasors(type(self.drive)(*own), phasors)
+            all_phasors(self.drive, phasors, world)
             phasors /= self.surface.full_scale
         return phasors[0]
 
@@ -213,7 +228,7 @@ class Core:
             "simulator": self.simulator.get_state(),
             "episode": copied(self._progress()),
             "actuators": self.actuators.get_state(),
-            "sensor": self.sensor.get_state(),
+            "sensor": self.sensing.get_state(),
             "began": self.began,
         }
 
@@ -229,15 +244,15 @@ class Core:
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
         actuators = self.actuators.check_state(state["actuators"])
-        sensor = self.sensor.check_state(state["sensor"])
+        sensor = self.sensing.check_state(state["sensor"])
         self.simulator.set_state(state["simulator"])  # checks before it changes anything, and is the last that can fail
         for name, values in self._progress().items():
             values[...] = episode[name]
         self.actuators.set_state(actuators)
-        self.sensor.set_state(sensor)
+        self.sensing.set_state(sensor)
         if began:
-            if self.sensor.exact:
-                self.sensor.reset(NONE, self.simulator.state, np.zeros((0, self.sensor.draws)))
+            if self.sensing.exact:
+                self.sensing.reset(NONE, self.simulator.state, np.zeros((0, self.sensing.draws)))
             self._look()
         self.drive, self.began = None, began
 

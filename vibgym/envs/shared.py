@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym.actuators import DataSheet
 from vibgym.envs.core import Core
 from vibgym.envs.layout import Numbers
 from vibgym.envs.starting import KEYS, Starting, starting_from
@@ -62,6 +63,11 @@ class SharedInterface:
     def task(self) -> Task:
         """What is asked of the parts: tolerances, kinds, zones."""
         return self.core.task
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """What is known of the actuators beforehand: nominal dead zone, limit, latency; nothing that an episode draws."""
+        return self.core.actuators.data_sheet
 
     @property
     def action_shape(self) -> tuple[int, ...]:
