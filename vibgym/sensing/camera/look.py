@@ -11,7 +11,7 @@ from vibgym.physics.core.jit import borrowing, jit
 from vibgym.sensing.camera.calibration import Grid, at_height, locate
 from vibgym.sensing.camera.edges import Grey, complex_moment, share_moments, shares
 from vibgym.sensing.camera.image import Canvas, Exposure, Shapes, draw, wipe
-from vibgym.sensing.camera.objects import Found, Interest, clear, find
+from vibgym.sensing.camera.objects import Found, Interest, clear, find, new_found
 from vibgym.sensing.camera.optics import Optics
 from vibgym.sensing.camera.shapes import Traits
 from vibgym.sensing.camera.tracking import FAR, NO_PAIR, assign, nearest_heading, unlikeness

@@ -74,7 +74,7 @@ class Setup:
         self.edge = checks.choice("sensor.edge", settings.edge, EDGES)
         self.pitch = LINES[self.lines]
         self.optics, self.ideal = self._optics(settings)
-        border = checks.number("sensor.border", settings.border, least=0.0, most=1.0)
+        self.border = border = checks.number("sensor.border", settings.border, least=0.0, most=1.0)
         frame = self._frame(border)
         self._refuse_unseen(frame)
         exposure = self._exposure(settings, frame)
@@ -89,8 +89,8 @@ class Setup:
         background = np.floor(exposure.level + 0.5).astype(np.uint8)
         self.rig = Rig(self.optics, shapes, exposure, background)
         interest, meaning = self._processing(settings, frame, exposure, kinds)
-        self.template = self._template(settings)
-        self._interest, self._meaning = interest._replace(least=1), meaning
+        self.template = self._template(settings, border)
+        self._interest, self._meaning = interest._replace(lines=1, columns=1, least=4), meaning
         grain = self.pitch * self.optics.place[2] / self.optics.focal
         variance = (image.weights_variance(exposure.across), image.weights_variance(exposure.along))
         self.known = Knowledge(
@@ -100,7 +100,8 @@ class Setup:
             traits=traits_of(self.parts),
             foot=self.ideal.place,
             grain=grain,
-            aperture=1.0 / 12.0 + np.array(variance if self.edge == "grey" else (0.0, 0.0)),
+            # Sums over shares take what is seen through square pixels, and blurred; sets of whole pixels are right on average.
+            aperture=1.0 / 12.0 + np.array(variance) if self.edge == "grey" else np.zeros(2),
             reach=REACH,
             speed=surface.table_speed,
             step=step,
@@ -135,6 +136,12 @@ class Setup:
         points = np.column_stack([marks.reshape(-1, 2), np.zeros(marks.size // 2)])
         expected = projected(self.ideal, points).reshape(marks.shape)
         return calibrate(picture, self.template, expected, self._interest, self._meaning)
+
+    def alone(self, kind: int) -> tuple[Rig, Knowledge]:
+        """The camera before worlds of one part each, of that kind."""
+        only = np.array([kind])
+        rig = self.rig._replace(shapes=self.rig.shapes._replace(kind=only))
+        return rig, self.known._replace(traits=self.known.traits._replace(kind=only))
 
     def residual(self, points: np.ndarray) -> np.ndarray:
         """(n,) px, how far the calibrated way is off at points (n, 2) of the surface, by the local scale."""
@@ -243,12 +250,15 @@ class Setup:
         band = tuple(1 + len(weights) // 2 for weights in (exposure.along, exposure.across))
         return interest, Grey(exposure.level, 1.0 - exposure.dark, *band, self.edge == "grey")
 
-    def _template(self, settings: Settings) -> Template:
+    def _template(self, settings: Settings, border: float) -> Template:
         tetragons = _pair("sensor.tetragons", settings.tetragons)
         along, across = (checks.count("sensor.tetragons", each, least=1, most=200) for each in tetragons)
         surface = self.surface
         mark = checks.number("sensor.mark", settings.mark, least=4.0 * self._pixel(), most=1.0)
         template = template_for(surface.width, surface.height, (along, across), mark)
+        if border < 0.5 * mark + 2.0 * self.pitch * self._pixel():
+            allowed = f"at least {0.5 * mark + 2.0 * self.pitch * self._pixel():.4g} m, so that marks on the surface's border are seen"
+            raise checks.refuse("sensor.border", border, allowed)
         most = 0.5 * min(template.width, template.height)
         if mark > most:
             raise checks.refuse("sensor.mark", mark, f"at most half the distance of marks, {most:g} m")
