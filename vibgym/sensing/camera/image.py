@@ -166,32 +166,36 @@ def hide(places: np.ndarray, exposure: Exposure, lines_seen: int, bare: np.ndarr
     scratch = np.empty_like(cover)
     _blur(cover, exposure.across, 1, scratch)
     _blur(cover, exposure.along, 0, scratch)
-    box[0], box[1], box[2], box[3] = max(top, 0), min(bottom, lines), max(left, 0), min(right, columns)
-    for line in range(box[0], box[1]):
+    for line in range(max(top, 0), min(bottom, lines)):
         if lines_seen == BOTH or (line & 1) == lines_seen:
-            for column in range(box[2], box[3]):
+            for column in range(max(left, 0), min(right, columns)):
                 bare[line, column] *= 1.0 - cover[line - top, column - left]
+    # Noise is drawn by blocks of columns.
+    box[0], box[1] = max(top, 0), min(bottom, lines)
+    box[2], box[3] = max(left, 0) // _BLOCK * _BLOCK, min((right + _BLOCK - 1) // _BLOCK * _BLOCK, columns)
     return True
 
 
-@borrowing
-def expose(exposure, box, key, look, canvas):
-    """Turn what is bare within a box into grey levels, with the noise of that look; the same ones in whichever box."""
-    level, dark, noise = exposure.level, exposure.dark, exposure.noise
+@jit
+def expose(exposure: Exposure, box: np.ndarray, key: np.ndarray, look: int, canvas: Canvas) -> None:
+    """Turn what is bare within a box into grey levels, with the noise of that look; the same ones in whichever box.
+
+    Args:
+        box: (4,) as from :func:`hide`; its columns begin and end with a block, or with the image.
+    """
+    level, noise = exposure.level, np.float32(exposure.noise)
+    dark, light, half = np.float32(exposure.dark), np.float32(1.0 - exposure.dark), np.float32(0.5)
+    least, most = np.float32(0.0), np.float32(255.0)
+    word = np.zeros(4, dtype=np.int64)
     for line in range(box[0], box[1]):
-        for block in range(box[2] // _BLOCK, (box[3] + _BLOCK - 1) // _BLOCK):
-            first = block * _BLOCK
-            a, b, c, d = 0, 0, 0, 0
+        for first in range(box[2], box[3], _BLOCK):
             if noise > 0.0:
-                a, b, c, d = philox(key, look, line, block, PIXEL_NOISE)
-            for k in range(_BLOCK):
-                column = first + k
-                if box[2] <= column < box[3]:
-                    word = a if k < 2 else b if k < 4 else c if k < 6 else d
-                    index = word & 0xFFFF if (k & 1) == 0 else word >> 16
-                    value = level[line, column] * (dark + (1.0 - dark) * canvas.bare[line, column])
-                    value += noise * exposure.quantiles[index]
-                    canvas.grey[line, column] = np.uint8(min(max(value + 0.5, 0.0), 255.0))
+                word[0], word[1], word[2], word[3] = philox(key, look, line, first // _BLOCK, PIXEL_NOISE)
+            for k in range(min(_BLOCK, box[3] - first)):
+                index = (word[k >> 1] >> (16 * (k & 1))) & 0xFFFF
+                value = level[line, first + k] * (dark + light * canvas.bare[line, first + k])
+                value += noise * exposure.quantiles[index] + half
+                canvas.grey[line, first + k] = np.uint8(min(max(value, least), most))
 
 
 @jit

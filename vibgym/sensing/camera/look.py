@@ -20,6 +20,10 @@ X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
 """Columns of :class:`Seen`'s ``measure``."""
 
 
+COASTING = 2
+"""Looks for which a part is expected to go on as it went."""
+
+
 class Rig(NamedTuple):
     """The camera as it stands, and the scene before it."""
 
@@ -250,7 +254,8 @@ def look_at(
         for k in range(seen.found.count[0]):
             measure_object(seen.canvas.grey, known, seen.found, k, seen.measure[k])
         for p in range(parts):
-            since = known.step * (1 + track.missed[w, p]) if looks[w] > 0 else 0.0
+            # A part that is long out of sight has most likely met another one: its old velocity says no more.
+            since = known.step * min(1 + track.missed[w, p], COASTING) if looks[w] > 0 else 0.0
             for axis in range(3):
                 seen.expected[p, axis] = track.pose[w, p, axis] + since * track.velocity[w, p, axis]
         _match(known, track.missed[w], shown[w], seen)

@@ -90,7 +90,8 @@ class Setup:
         self.rig = Rig(self.optics, shapes, exposure, background)
         interest, meaning = self._processing(settings, frame, exposure, kinds)
         self.template = self._template(settings, border)
-        self._interest, self._meaning = interest._replace(lines=1, columns=1, least=4), meaning
+        # Calibrating may take its time: every pixel is looked at, and grey levels always count.
+        self._interest, self._meaning = interest._replace(lines=1, columns=1, least=4), meaning._replace(fine=True)
         grain = self.pitch * self.optics.place[2] / self.optics.focal
         variance = (image.weights_variance(exposure.across), image.weights_variance(exposure.along))
         self.known = Knowledge(
