@@ -72,7 +72,7 @@ class TaskInfo:
             apart=task.apart if math.isfinite(task.apart) else None,
             periods_per_step=base.periods_per_step,
             step_time=base.step_time,
-            layout=Layout(base.surface, base.parts, task.FEATURES, task.slots),
+            layout=Layout(base.surface, base.parts, task.features, task.slots),
             hardware=base.data_sheet,
             step_limit=limit,
         )

@@ -188,25 +188,31 @@ def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[
     return choice(argument, value, kinds), {}
 
 
-def made(argument: str, cls: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
-    """``cls(*given, **settings)``, where settings that it does not have are refused by name."""
-    return _with_settings(argument, cls, given, settings, keywords(cls))
+def made(
+    argument: str, cls: Any, given: tuple[Any, ...], settings: Mapping[str, Any], more: tuple[str, ...] = ()
+) -> Any:
+    """``cls(*given, **settings)``, where settings that it does not have are refused by name; ``more``: that others take."""
+    return _with_settings(argument, cls, given, settings, keywords(cls), more)
 
 
 def called(argument: str, function: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
-    """``function(*given, **settings)``, where settings that are not among its keyword arguments are refused by name.
-
-    One that hands on what it does not know says so as ``function.settings``, further names.
-    """
+    """``function(*given, **settings)``, where settings that are not among its keyword arguments are refused by name."""
     parameters = inspect.signature(function).parameters.values()
-    known = [each.name for each in parameters if each.kind is each.KEYWORD_ONLY]
-    return _with_settings(argument, function, given, settings, (*known, *getattr(function, "settings", ())))
+    known = tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
+    return _with_settings(argument, function, given, settings, known)
 
 
-def _with_settings(argument: str, make: Any, given: Any, settings: Mapping[str, Any], known: tuple[str, ...]) -> Any:
+def _with_settings(
+    argument: str,
+    make: Any,
+    given: Any,
+    settings: Mapping[str, Any],
+    known: tuple[str, ...],
+    more: tuple[str, ...] = (),
+) -> Any:
     for name in settings:
         if name not in known:
-            raise refuse(argument, f"the setting {name!r}", ", ".join(known) or "no settings")
+            raise refuse(argument, f"the setting {name!r}", ", ".join((*known, *more)) or "no settings")
     return make(*given, **settings)
 
 

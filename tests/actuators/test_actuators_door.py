@@ -114,7 +114,7 @@ def test_what_actuators_remember_is_part_of_the_snapshot():
     ({"kind": "weak", "colour": 1}, r"^actuators: got \"the setting 'colour'\"; allowed: least, latency"),
     ({"kind": "weak", "latency": -1}, r"^actuators\.latency: got -1; allowed: "),
     ({"kind": "ideal", "latency": 1}, r"^actuators: got .*latency.*; allowed: no settings"),
-    ("steam", r"^actuators: got 'steam'; allowed: 'ideal', 'weak'"),
+    ("steam", r"^actuators: got 'steam'; allowed: 'ideal', 'prototype', 'weak'"),
 ])  # fmt: skip
 def test_bad_actuators_are_refused(actuators, message):
     with pytest.raises(ValueError, match=message):

@@ -141,7 +141,7 @@ BAD = [
     ({"observation": "sound"}, "observation"),
     ({"observation": None}, "observation"),
     ({"actuators": "perfect"}, "actuators"),
-    ({"actuators": "prototype"}, "actuators"),
+    ({"actuators": {"kind": "prototype", "dead_zone": 1.0}}, r"actuators\.dead_zone"),
     ({"sensor": "camera"}, "sensor"),
     ({"sensor": {"noise": 1}}, "sensor"),
     ({"randomize": {"friction": [0.1, 0.2]}}, "randomize"),

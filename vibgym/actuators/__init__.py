@@ -27,4 +27,4 @@ def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> A
     return checks.made("actuators", ACTUATORS[kind], (surface, worlds, periods), to_si(settings, "actuators"))
 
 
-__all__ = ["ACTUATORS", "Actuators", "DataSheet", "actuators_from"]
+__all__ = ["ACTUATORS", "Actuators", "DataSheet", "PrototypeActuators", "actuators_from"]

@@ -77,6 +77,7 @@ class Core:
 
     Attributes:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
+        details: groups of what ``info`` says besides, see :meth:`_details`.
         term_names, terms: names of the reward terms, and their values (worlds, terms).
 
     Raises:
@@ -95,7 +96,6 @@ class Core:
         self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), _task_settings(options, cls))
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
-        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
         knobs: dict[str, Any] = {}
         if isinstance(options.model, str) and options.model == "auto":
@@ -108,6 +108,8 @@ class Core:
             options.sensor, self.surface, self.parts, worlds, self.periods,
             plant=self.actuators.nominal(), latency=self.actuators.latency, walls=walls,
         )  # fmt: skip
+        self.task.features = (*self.task.features, *self.sensing.tell)
+        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
@@ -127,6 +129,7 @@ class Core:
         self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
         if self.observation.goal_reward:
             self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
+        self.details = self._details()
         self.drive: Any = None
         self.began = False
 
@@ -134,6 +137,12 @@ class Core:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
         vars(self).update(state)
         self.facts = self.task.facts(self.simulator.state.diverged, self.episode)
+        self.details = self._details()
+
+    def _details(self) -> dict[str, dict[str, np.ndarray]]:
+        """Groups of what ``info`` says besides, live arrays (worlds, ...) by name: what was drawn, and what is measured."""
+        groups = {"drawn": self.actuators.drawn(), "measured": self.sensing.facts()}
+        return {name: group for name, group in groups.items() if group}
 
     @property
     def draws(self) -> int:

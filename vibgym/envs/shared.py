@@ -130,6 +130,19 @@ def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
     return None if periods_per_step == 1 else math.ceil(limit / periods_per_step)
 
 
+def check_delays(core: Core, max_episode_periods: Any) -> None:
+    """Refuse a machine of which an episode shows nothing, or that does nothing in it.
+
+    Raises:
+        ValueError: a delay or a latency that lasts as long as an episode.
+    """
+    if max_episode_periods is None:
+        return
+    for name, periods in (("sensor.delay", core.sensing.sensor.delay), ("actuators.latency", core.actuators.latency)):
+        if periods >= max_episode_periods:
+            raise checks.refuse(name, f"{periods} periods", f"less than an episode, {max_episode_periods} periods")
+
+
 def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | None:
     """What the options of a reset want of the start.
 

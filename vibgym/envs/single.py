@@ -13,8 +13,9 @@ from gymnasium.utils import seeding
 from vibgym import checks
 from vibgym.envs import generators, layout
 from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.envs.shared import SharedInterface, check_delays, frames_per_second, step_limit, wishes
 from vibgym.scene.surface import Surface
+from vibgym.sensing import TOLD
 from vibgym.snapshots import check_keys
 from vibgym.tasks import ArrangedTask, PoseTask
 
@@ -48,6 +49,10 @@ class VibgymEnv(SharedInterface, gym.Env):
     Sort and Singulate, blocks of 20, as many as there are parts or ``slots`` says; those of absent parts are all 0:
 
     {arranged table}
+
+    A sensor that is asked to (``"tell": ["age", "sigma"]``) adds to every block:
+
+    {told table}
 
     ``"goal"``: dictionary of ``observation`` (as above), ``achieved_goal`` and ``desired_goal``: x, y in m and, where the
     heading counts, the heading in rad; the reward is then :meth:`compute_reward`. ``"image"``: uint8
@@ -97,7 +102,12 @@ class VibgymEnv(SharedInterface, gym.Env):
             fields; with one of them for Transport, Align and Rotate.
         model: ``"planar"``, ``"averaged"`` or ``"auto"`` (its default tolerance), as for :class:`vibgym.Simulator`.
         action, observation: see above.
-        actuators, sensor: ``"ideal"``, or a registered name, or a mapping with ``kind`` and its settings.
+        actuators: ``"ideal"``, ``"prototype"`` (:class:`vibgym.actuators.PrototypeActuators`: a dead zone, latency, no two
+            elements alike), a registered name, or a mapping with ``kind`` and its settings.
+        sensor: ``"ideal"``, ``"pose"`` (:class:`vibgym.sensing.PoseSensor`: poses with noise), a registered name, or a
+            mapping with ``kind``, its settings, ``estimator`` (``"none"``; ``"kalman"``; ``"model"``: what is measured is the
+            state at which the next command begins to act, by the simulator under the commands given) and ``tell`` (see
+            above). ``info["measured"]`` then holds ``age`` (periods) and ``sigma`` (m, m, rad) of each part.
         randomize: None; Sort and Singulate take ``{"parts": [low, high]}``: so many of the parts, chosen at random, are
             there in an episode.
         start: of Sort: ``"scattered"`` (default: at random, at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
@@ -152,6 +162,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         self.observation_space = self.core.observation.space
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": frames_per_second(self.core)}
         self._limit = step_limit(self.core.periods, max_episode_periods)
+        check_delays(self.core, max_episode_periods)
         self._steps = 0
         self._closed = False
         self._viewer: Any = None
@@ -269,10 +280,12 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
         info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
+        for group, details in core.details.items():
+            info[group] = {name: values[0].tolist() for name, values in details.items()}
         return info
 
 
 if VibgymEnv.__doc__ is not None:  # python -OO has none
-    for _name, _task in (("pose", PoseTask), ("arranged", ArrangedTask)):
-        _table = layout.table(_task.FEATURES).replace("\n", "\n    ")
+    for _name, _features in (("pose", PoseTask.FEATURES), ("arranged", ArrangedTask.FEATURES), ("told", TOLD)):
+        _table = layout.table(_features).replace("\n", "\n    ")
         VibgymEnv.__doc__ = VibgymEnv.__doc__.replace(f"{{{_name} table}}", _table)

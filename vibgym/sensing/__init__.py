@@ -21,6 +21,9 @@ from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor, "camera": CameraSensor})
 """Sensors by name; ``SENSORS.register(name, cls)`` adds one of your own."""
 
+TOLD = ("age", "sigma")
+"""What a state observation may tell of the measurement besides."""
+
 
 def sensing_from(
     value: Any,
@@ -33,7 +36,7 @@ def sensing_from(
     latency: int,
     walls: Sequence[str],
 ) -> Sensing:
-    """A sensing stage from a sensor's name, or a mapping with ``kind``, the sensor's settings and ``estimator``.
+    """A sensing stage from a sensor's name, or a mapping with ``kind``, the sensor's settings, ``estimator`` and ``tell``.
 
     Args:
         plant: nominal actuators without latency, for estimators with a model.
@@ -46,17 +49,27 @@ def sensing_from(
     kind, settings = checks.named("sensor", value, tuple(SENSORS))
     settings = to_si(settings, "sensor")
     chosen = settings.pop("estimator", "none")
-    sensor = checks.made("sensor", SENSORS[kind], (surface, parts, worlds, periods), settings)
+    tell = _told(settings.pop("tell", ()))
+    sensor = checks.made("sensor", SENSORS[kind], (surface, parts, worlds, periods), settings, ("estimator", "tell"))
     if sensor.exact and chosen == "none":
-        return ExactSensing(sensor)
-    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls))
+        return ExactSensing(sensor, tell)
+    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), tell)
+
+
+def _told(value: Any) -> tuple[str, ...]:
+    """What a state observation shall tell of the measurement besides."""
+    if not isinstance(value, list | tuple) or any(each not in TOLD or value.count(each) > 1 for each in value):
+        raise checks.refuse("sensor.tell", value, f"a list of different names among {', '.join(TOLD)}")
+    return tuple(each for each in TOLD if each in value)
 
 
 __all__ = [
     "ESTIMATORS",
     "SENSORS",
+    "TOLD",
     "Estimator",
     "Measurement",
+    "PoseSensor",
     "Reading",
     "Sensing",
     "Sensor",

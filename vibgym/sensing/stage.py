@@ -44,12 +44,13 @@ class Sensing:
         instant: periods after a step's start at which :meth:`look` is due.
         measurement: what is known now.
         draws: uniform numbers that an episode's start needs.
+        tell: what a state observation tells of the measurement besides: ``"age"``, ``"sigma"``.
     """
 
     exact = False
 
-    def __init__(self, sensor: Sensor, estimator: Estimator) -> None:
-        self.sensor, self.estimator = sensor, estimator
+    def __init__(self, sensor: Sensor, estimator: Estimator, tell: tuple[str, ...] = ()) -> None:
+        self.sensor, self.estimator, self.tell = sensor, estimator, tell
         self.instant, self.draws = sensor.instant, sensor.draws
 
     @property
@@ -106,8 +107,8 @@ class ExactSensing(Sensing):
 
     exact = True
 
-    def __init__(self, sensor: Sensor) -> None:
-        self.sensor = sensor
+    def __init__(self, sensor: Sensor, tell: tuple[str, ...] = ()) -> None:
+        self.sensor, self.tell = sensor, tell
         self.instant, self.draws = sensor.instant, 0
         shape = (sensor.worlds, len(sensor.parts))
         self._none = np.zeros(shape, dtype=np.int64), np.zeros((*shape, 3))

@@ -20,11 +20,20 @@ def none(sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str]) -> Es
 
 
 def kalman(
-    sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], *, acceleration: float = 1.5, **settings: Any
+    sensor: Sensor,
+    plant: Plant,
+    latency: int,
+    walls: Sequence[str],
+    *,
+    acceleration: float = 1.5,
+    drift: float = 0.02,
+    sigma: float = 1.0,
 ) -> Estimator:
     """A Kalman filter for parts that know of friction and of nothing else that acts; see :class:`FilterEstimator`."""
     acceleration = checks.number("sensor.estimator.acceleration", acceleration, above=0.0, most=1e3)
-    return FilterEstimator(sensor, FreePredictor(sensor), latency, floor=acceleration, model_error=0.0, **settings)
+    return FilterEstimator(
+        sensor, FreePredictor(sensor), latency, floor=acceleration, model_error=0.0, drift=drift, sigma=sigma
+    )
 
 
 def model(
@@ -36,13 +45,14 @@ def model(
     model: str = "planar",
     model_error: float = 0.1,
     acceleration: float = 0.02,
-    **settings: Any,
+    drift: float = 0.02,
+    sigma: float = 1.0,
 ) -> Estimator:
     """The simulator as a model of the machine, corrected by a Kalman filter; see :class:`FilterEstimator`."""
     predictor = ModelPredictor(sensor, plant, walls, model)
     error = checks.number("sensor.estimator.model_error", model_error, least=0.0, most=10.0)
     acceleration = checks.number("sensor.estimator.acceleration", acceleration, above=0.0, most=1e3)
-    return FilterEstimator(sensor, predictor, latency, floor=acceleration, model_error=error, **settings)
+    return FilterEstimator(sensor, predictor, latency, floor=acceleration, model_error=error, drift=drift, sigma=sigma)
 
 
 ESTIMATORS: Registry[Any] = Registry("estimator", {"none": none, "kalman": kalman, "model": model})

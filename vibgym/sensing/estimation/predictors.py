@@ -10,7 +10,7 @@ import numpy as np
 
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import State
+from vibgym.physics.core.records import State, new_state
 from vibgym.sensing.base import Sensor
 from vibgym.simulation.simulator import Simulator
 
@@ -112,10 +112,7 @@ class FreePredictor:
     """Friction alone: what it does not know is for the filter's process noise."""
 
     def __init__(self, sensor: Sensor) -> None:
-        shape = (sensor.worlds, len(sensor.parts))
-        flags = [np.zeros(shape, dtype=bool) for _ in range(3)]
-        vectors = [np.zeros((*shape, 3)) for _ in range(3)]
-        self.state = State(*vectors, *flags, np.zeros(sensor.worlds, dtype=bool))
+        self.state = new_state(sensor.worlds, len(sensor.parts))
         self._damping = damping_of(sensor)
         self._period, self._periods = sensor.surface.period, sensor.periods
 
