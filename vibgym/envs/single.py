@@ -95,7 +95,9 @@ class VibgymEnv(SharedInterface, gym.Env):
     ## Episode end
     Success (within tolerance, or all parts done, for 10 periods in a row), a fallen part or a diverged simulation terminate
     it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
-    where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``.
+    where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where ``randomize`` draws any, ``drawn``: the
+    factors ``friction`` and ``mass`` of every part, and ``tilt``, the acceleration x, y (m/s^2) of what lies on the tilted
+    table. Observations do not show them.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"``, ``"Singulate"``, or one that you have registered.
@@ -110,8 +112,11 @@ class VibgymEnv(SharedInterface, gym.Env):
             mapping with ``kind``, its settings, ``estimator`` (``"none"``; ``"kalman"``; ``"model"``: what is measured is the
             state at which the next command begins to act, by the simulator under the commands given) and ``tell`` (see
             above). ``info["measured"]`` then holds ``age`` (periods) and ``sigma`` (m, m, rad) of each part.
-        randomize: None; Sort and Singulate take ``{"parts": [low, high]}``: so many of the parts, chosen at random, are
-            there in an episode.
+        randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
+            factors on friction between table and part, and on mass, one a part. ``"tilt"``: the largest angle of a tilted
+            table, or [low, high], rad; its direction is drawn, too. Sort and Singulate also take ``"parts": [low, high]``: so
+            many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
+            (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was drawn.
         start: of Sort: ``"scattered"`` (default: at random, at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left
             end for the first kind, at the right end for the second, in the middle for the third.

@@ -64,6 +64,9 @@ class Task(ABC):
     FEATURES: ClassVar[tuple[str, ...]]
     """Of a part in the state observation, among :data:`vibgym.envs.layout.NAMES`."""
 
+    RANDOMIZED: ClassVar[tuple[str, ...]] = ()
+    """Keys of ``randomize=`` that the task draws for itself; it is handed a mapping with those that are given."""
+
     HAS_WALLS: ClassVar[bool] = True
     """Whether borders may have walls."""
 
