@@ -108,12 +108,13 @@ def identities(lines: str, edge: str, frames: int = 1000) -> None:
     for before, now in zip(poses[:-1], poses[1:], strict=True):
         sensor.look(state_of(now, before))
         total += sensor.track.count[0]
-        crossings += int((np.diff(np.sign(now[:, None, 0] - now[:, 0]) - np.sign(before[:, None, 0] - before[:, 0])) != 0).any())
+        order, then = (np.sign(each[:, None, 0] - each[:, 0]) for each in (before, now))
+        crossings += int((order != then).sum()) // 2
         error = sensor.due.pose[0] - now
         worst = max(worst, float(np.abs(error[sensor.due.seen[0]][:, :2]).max()))
     swaps, merges, losses = total
     print(
-        f"six blocks wandering for {frames} frames, {lines} lines, {edge} edges: {crossings} frames in which two pass, "
+        f"six blocks wandering for {frames} frames, {lines} lines, {edge} edges: {crossings} times two pass along the table, "
         f"{swaps} swaps, {merges} merges, {losses} losses, largest error {1e3 * worst:.2f} mm"
     )
 

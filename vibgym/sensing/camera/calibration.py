@@ -78,32 +78,38 @@ def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -
 def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Which of the marks ``seen`` (n, 2) is which of those ``expected`` (rows, columns, 2), px: places (rows, columns, 2).
 
-    A mark is taken for the one that is expected nearest to it, within half the distance to its neighbours.
+    From the middle of the grid outwards, each mark is looked for where it is expected, moved by as much as a neighbour was
+    found to be: the lens may bend the whole grid by more than half the distance of marks, but not its middle.
 
     Raises:
-        ValueError: a mark is missing, seen twice, or there is one too many.
+        ValueError: a mark is missing, or there is one too many.
     """
     rows, columns = expected.shape[:2]
-    flat = expected.reshape(-1, 2)
-    between = math.inf
-    for axis in (0, 1):
-        between = min(between, float(np.linalg.norm(np.diff(expected, axis=axis), axis=-1).min()))
-    places, taken = np.full((len(flat), 2), np.nan), np.zeros(len(flat), dtype=int)
-    for mark in seen:
-        away = np.hypot(*(flat - mark).T)
-        nearest = int(away.argmin())
-        if away[nearest] < 0.5 * between:
-            taken[nearest] += 1
-            places[nearest] = mark
-        else:
-            got = f"a mark at column {mark[0]:.1f}, line {mark[1]:.1f} of the image"
-            raise checks.refuse("template", got, f"marks within {0.5 * between:.3g} px of where the grid has them")
-    for wrong, what in ((np.flatnonzero(taken == 0), "no mark"), (np.flatnonzero(taken > 1), "several marks")):
-        if len(wrong):
-            names = ", ".join(f"row {k // columns}, column {k % columns}" for k in wrong[:5])
-            more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
-            raise checks.refuse("template", f"{what} at {names}{more}", f"one mark at each of {rows} x {columns} places")
-    return places.reshape(rows, columns, 2)
+    near = 0.5 * np.array([np.abs(np.diff(expected[..., 0], axis=1)).min(), np.abs(np.diff(expected[..., 1], axis=0)).min()])
+    grid = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)
+    order = np.argsort(((grid - grid.mean(axis=0)) ** 2).sum(axis=1), kind="stable")
+    places, left = np.full(expected.shape, np.nan), seen.copy()
+    for node in grid[order]:
+        known = grid[np.isfinite(places[grid[:, 0], grid[:, 1], 0])]
+        there = expected[tuple(node)]
+        if len(known):
+            neighbour = tuple(known[((known - node) ** 2).sum(axis=1).argmin()])
+            there = there + places[neighbour] - expected[neighbour]
+        away = np.abs((left - there) / near).max(axis=1)
+        if len(left) and away.min() < 1.0:
+            nearest = int(away.argmin())
+            places[tuple(node)] = left[nearest]
+            left = np.delete(left, nearest, axis=0)
+    allowed = f"one mark at each of {rows} x {columns} places"
+    missing = np.argwhere(np.isnan(places[..., 0]))
+    if len(missing):
+        names = ", ".join(f"row {row} column {column}" for row, column in missing[:5])
+        more = f" and {len(missing) - 5} more places" if len(missing) > 5 else ""
+        raise checks.refuse("template", f"no mark at {names}{more}", allowed)
+    if len(left):
+        got = f"{len(left)} marks too many, one at column {left[0, 0]:.1f}, line {left[0, 1]:.1f} of the image"
+        raise checks.refuse("template", got, allowed)
+    return places
 
 
 def grid_of(template: Template, places: np.ndarray) -> Grid:
@@ -123,8 +129,8 @@ def calibrate(
 
     Args:
         grey: (lines, columns) uint8.
-        expected: (rows, columns, 2) px, where the marks are to be seen to within half their distance: from how the camera was
-            put up, without knowledge of its lens.
+        expected: (rows, columns, 2) px, where the marks are to be seen by how the camera was put up, without knowledge of its
+            lens.
 
     Raises:
         ValueError: a mark is missing, see :func:`assign_marks`.

@@ -68,8 +68,8 @@ def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
         for column in range(runs[k, 1] + reach_c, runs[k, 2] - reach_c):
             deep[line, column - left] = 1
     crowded = False
-    for line in range(top, bottom):
-        for column in range(left, right):
+    for line in range(max(top - reach_l, 0), min(bottom + reach_l, grey.shape[0])):  # as far as a pixel here may look
+        for column in range(max(left - reach_c, 0), min(right + reach_c, grey.shape[1])):
             label = found.label[line, column]
             crowded = crowded or (label != 0 and label != number + 1)
     band, core = np.empty(share.shape[1], dtype=np.uint8), np.empty(share.shape[1], dtype=np.uint8)

@@ -77,7 +77,7 @@ class Setup:
         self.border = border = checks.number("sensor.border", settings.border, least=0.0, most=1.0)
         frame = self._frame(border)
         self._refuse_unseen(frame)
-        exposure = self._exposure(settings, frame)
+        exposure = self._exposure(settings)
         kinds, kind = kinds_of(self.parts)
         self._refuse_unfit(kinds)
         shapes = image.Shapes(
@@ -214,7 +214,7 @@ class Setup:
         """px, radius of the largest circle in a part as it is seen."""
         return room_inside(part) / self._pixel()
 
-    def _exposure(self, settings: Settings, frame: np.ndarray) -> image.Exposure:
+    def _exposure(self, settings: Settings) -> image.Exposure:
         blur = checks.number("sensor.blur", settings.blur, least=0.0, most=5.0)
         noise = checks.number("sensor.noise", settings.noise, least=0.0, most=20.0)
         light = checks.number("sensor.light", settings.light, least=0.0, most=0.5)
@@ -224,9 +224,11 @@ class Setup:
         v = (np.arange(lines) + 0.5) * self.pitch - 0.5 - self.optics.line
         from_centre = (u**2 + v[:, None] ** 2) / (0.25 * (columns**2 + (lines * self.pitch) ** 2))
         brightness = 1.0 - light * from_centre
+        # The border goes on a little, so that nothing of what is beyond shows in the area of interest.
+        beyond = (1 + len(along) // 2) * self.pitch * self._pixel()
         bare = image.Exposure(np.empty((0, 0), np.float32), 0.0, across, along, 0.0, image.normal_quantiles())
         outside = np.ones(self.shape, dtype=np.float32)
-        image.hide(frame, bare, image.BOTH, outside, np.zeros(4, dtype=np.int64))
+        image.hide(self._frame(self.border + beyond), bare, image.BOTH, outside, np.zeros(4, dtype=np.int64))
         level = brightness * (SURFACE + (SURROUNDINGS - SURFACE) * outside)
         return bare._replace(level=level.astype(np.float32), dark=PARTS / SURFACE, noise=noise)
 
