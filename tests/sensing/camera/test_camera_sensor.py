@@ -33,14 +33,14 @@ def test_how_well_the_aluminium_block_is_measured(lines, edge, position, heading
 
 
 def test_a_part_that_leaves_the_image_is_lost_and_found_again():
-    x = [0.78, 0.80, 0.83, 0.80, 0.78]
+    x = [0.790, 0.798, 0.806, 0.815, 0.806, 0.798]
     sensor = camera([BLOCK, DISC], [[[x[0], 0.1, 0.0], [0.2, 0.1, 0.0]]])
     seen = []
     for at in x[1:]:
         sensor.look(state_of([[[at, 0.1, 0.0], [0.2, 0.1, 0.0]]]))
         seen.append(sensor.due.seen[0].tolist())
         assert sensor.facts()["losses"].tolist() == [int(not seen[-1][0])] and not sensor.facts()["merges"].any()
-    assert seen == [[True, True], [False, True], [True, True], [True, True]]
+    assert seen == [[True, True], [True, True], [False, True], [True, True], [True, True]]
 
 
 @pytest.mark.parametrize("statistical", [False, True])
@@ -121,7 +121,7 @@ def test_a_world_alone_and_restored_sees_what_it_sees_in_a_batch(settings, obser
 
 
 def test_the_image_is_the_one_that_is_due():
-    """With a delay of two periods, what the ideal camera saw two steps ago."""
+    """With a delay of two periods, what one without saw two steps ago; each look has its own noise."""
     late, now = (
         gym.make("vibgym/Align-v0", action="field", sensor={"kind": "camera", "delay": delay}, observation="camera")
         for delay in (2, 0)
@@ -129,8 +129,8 @@ def test_the_image_is_the_one_that_is_due():
     images = [now.reset(seed=3)[0]]
     assert (late.reset(seed=3)[0] == images[0]).all() and late.observation_space.shape == (285, 752)
     for k in range(4):
-        images.append(now.step(np.ones(6, np.float32))[0])
-        image, *_, info = late.step(np.ones(6, np.float32))
+        images.append(now.step(np.zeros(6, np.float32))[0])
+        image, *_, info = late.step(np.zeros(6, np.float32))
         assert (image == images[max(k - 1, 0)]).all() and late.observation_space.contains(image)
         assert {"swaps", "merges", "losses"} <= set(info["measured"])
 
@@ -158,7 +158,7 @@ def test_bad_settings_are_refused(settings, message):
 
 
 def test_parts_that_cannot_be_seen_are_refused():
-    with pytest.raises(ValueError, match=r"^parts: got 'disc, 1\.\d+ mm wide within'"):
+    with pytest.raises(ValueError, match=r"^parts: got 'disc, [01.]+\d* mm wide within'"):
         CameraSensor(SURFACE, [Part.disc(0.0005, friction=0.5)], 1, 1)
     with pytest.raises(ValueError, match=r"^parts: got 'disc, 0\.5 m high'"):
         CameraSensor(SURFACE, [Part.disc(0.02, friction=0.5, height=0.5)], 1, 1)
