@@ -32,8 +32,12 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
         command.add_argument("--quiet", action="store_true", help="no progress bars")
     replicating = commands.add_parser("replicate", help="draw the thesis's figures beside ours")
-    replicating.add_argument("--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="directory of the page")
-    replicating.add_argument("--figure", action="append", metavar="NAME", help="only this figure; may be given several times")
+    replicating.add_argument(
+        "--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="directory of the page"
+    )
+    replicating.add_argument(
+        "--figure", action="append", metavar="NAME", help="only this figure; may be given several times"
+    )
     return result
 
 
@@ -112,7 +116,9 @@ def failed(error: Exception) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    return interrupts.run(lambda: {"evaluate": evaluate, "train": train, "replicate": replicate}[arguments.command](arguments))
+    return interrupts.run(
+        lambda: {"evaluate": evaluate, "train": train, "replicate": replicate}[arguments.command](arguments)
+    )
 
 
 if __name__ == "__main__":

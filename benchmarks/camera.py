@@ -21,7 +21,11 @@ SPACING = 0.0368
 def quantisation() -> None:
     """Fig. 5.8."""
     for diameter, target in ((2, 0.17), (10, 0.08), (40, 0.035)):
-        whole, centres, grey = chain_errors(diameter, 10_000), centre_errors(diameter, 10_000), chain_errors(diameter, 10_000, True)
+        whole, centres, grey = (
+            chain_errors(diameter, 10_000),
+            centre_errors(diameter, 10_000),
+            chain_errors(diameter, 10_000, True),
+        )
         print(
             f"disc of {diameter:2} px: centroid std {whole.std():.4f} px thresholded (by pixel centres {centres.std():.4f}; "
             f"target {target}), {grey.std():.4f} px by grey levels"
@@ -121,7 +125,9 @@ def identities(lines: str, edge: str, frames: int = 1000) -> None:
 
 def speed() -> None:
     """Eleven parts, found, measured and tracked on one core, images included."""
-    parts = [shipped_part("aluminium_block")] * 4 + [shipped_part("steel_block")] * 4 + [Part.disc(0.020, friction=0.5)] * 3
+    parts = (
+        [shipped_part("aluminium_block")] * 4 + [shipped_part("steel_block")] * 4 + [Part.disc(0.020, friction=0.5)] * 3
+    )
     x = np.linspace(0.06, 0.77, 6)
     pose = np.array([[x[p % 6] + 0.02 * (p // 6), 0.055 + 0.1 * (p // 6), 0.3 * p] for p in range(11)])
     for lines in ("half", "all"):

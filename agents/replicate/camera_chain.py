@@ -14,7 +14,7 @@ from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing.camera import CameraSensor
-from vibgym.sensing.camera.look import M00, X, XX, XY, YY, measure_object
+from vibgym.sensing.camera.look import M00, XX, XY, YY, X, measure_object
 from vibgym.sensing.camera.objects import boundary, find_objects, new_found
 from vibgym.sensing.camera.optics import projected
 
@@ -28,7 +28,11 @@ class Scene:
         random, surface = np.random.default_rng(5), Surface()
         self.pose = np.array(
             [
-                [0.07 + 0.138 * (p % 6) + 0.07 * (p // 6) * 0.9, 0.055 + 0.1 * (p // 6), random.uniform(-math.pi, math.pi)]
+                [
+                    0.07 + 0.138 * (p % 6) + 0.07 * (p // 6) * 0.9,
+                    0.055 + 0.1 * (p // 6),
+                    random.uniform(-math.pi, math.pi),
+                ]
                 for p in range(11)
             ]
         )
@@ -61,7 +65,10 @@ def draw() -> list[tuple[bytes, str]]:
             f"Centroids and principal axes found (eqs. 5.5 and 5.7). Of the eleven poses, whole pixels give the worst place to "
             f"{worst:.2f} mm and the worst heading to {turned:.2f} deg.",
         ),
-        (_template(scene), "The template after the threshold (fig. 5.9a), and the tetragons between its marks (fig. 5.9b)."),
+        (
+            _template(scene),
+            "The template after the threshold (fig. 5.9a), and the tetragons between its marks (fig. 5.9b).",
+        ),
     ]
 
 

@@ -28,7 +28,9 @@ def write(output: Path, names: Sequence[str] | None = None) -> Path:
     figures = []
     for name, make in chosen.items():
         figure = make()
-        pictures = [(f"data:image/png;base64,{base64.b64encode(each).decode('ascii')}", said) for each, said in figure.pictures]
+        pictures = [
+            (f"data:image/png;base64,{base64.b64encode(each).decode('ascii')}", said) for each, said in figure.pictures
+        ]
         figures.append({"name": name, "figure": figure, "pictures": pictures})
     text = environment.get_template("replicate.html.j2").render(figures=figures)
     path = files.output_directory(output) / PAGE

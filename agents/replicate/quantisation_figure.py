@@ -22,7 +22,8 @@ def draw() -> tuple[bytes, list[str], list[list[str]]]:
     for (name, errors), colour in zip(series.items(), (INK, FAILURE, SUCCESS), strict=True):
         axes.plot(DIAMETERS, [each.std() for each in errors], color=colour, linewidth=1.4, label=name)
         axes.plot(DIAMETERS, [each.mean() for each in errors], color=colour, linewidth=0.8, linestyle=":")
-    style(axes, xlabel="diameter, px", ylabel="error of the centroid, px", xlim=(0, 40))
+    style(axes, xlabel="diameter, px", ylabel="error of the centroid, px")
+    axes.set_xlim(0, 40)
     axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED, title="what makes a pixel count", title_fontsize=7.5)
     axes.annotate("dotted: mean", (39.5, 0.003), ha="right", va="bottom", fontsize=7, color=MUTED)
     rows = [

@@ -267,7 +267,9 @@ class CameraObservation(Observation):
 
     def watch(self, sensor: Sensor) -> None:
         if not isinstance(sensor, CameraSensor):
-            raise checks.refuse("observation", "camera", "'camera' only with sensor='camera', or a mapping of that kind")
+            raise checks.refuse(
+                "observation", "camera", "'camera' only with sensor='camera', or a mapping of that kind"
+            )
         self._camera = sensor
 
     @property

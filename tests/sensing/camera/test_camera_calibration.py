@@ -32,7 +32,9 @@ def test_the_residual_is_below_a_tenth_of_a_pixel_at_one_percent_distortion(line
 
 def test_more_tetragons_follow_the_lens_better():
     """Bilinear interpolation is of second order: half the distance, a quarter of the error."""
-    coarse, fine = (residual(distortion=0.05 * -1, noise=0.0, lines="all", tetragons=n).max() for n in ((8, 2), (16, 4)))
+    coarse, fine = (
+        residual(distortion=0.05 * -1, noise=0.0, lines="all", tetragons=n).max() for n in ((8, 2), (16, 4))
+    )
     assert coarse / fine == pytest.approx(4.0, rel=0.25)
 
 
@@ -75,7 +77,9 @@ def test_the_jacobian_is_the_derivative_of_the_way_back():
 
 def test_a_missing_mark_is_named():
     known = setup(BLOCK)
-    with pytest.raises(ValueError, match=r"^template: got 'no mark at row 2 column 7'; allowed: one mark at each of 5 x 17 places$"):
+    with pytest.raises(
+        ValueError, match=r"^template: got 'no mark at row 2 column 7'; allowed: one mark at each of 5 x 17 places$"
+    ):
         known.calibrate(known.template_image(missing=[(2, 7)]))
     with pytest.raises(ValueError, match="no mark at row 0 column 0, row 4 column 16'"):
         known.calibrate(known.template_image(missing=[(0, 0), (4, 16)]))
@@ -87,7 +91,9 @@ def test_a_mark_too_many_is_named():
     known = setup(BLOCK, lines="all")
     image = known.template_image()
     image[270:276, 300:306] = 40
-    with pytest.raises(ValueError, match=r"^template: got '1 marks too many, one at column 302\.5, line 272\.5 of the image'"):
+    with pytest.raises(
+        ValueError, match=r"^template: got '1 marks too many, one at column 302\.5, line 272\.5 of the image'"
+    ):
         known.calibrate(image)
     for bad in (image[:-1], image.astype(float) + 0.5, "picture", None):
         with pytest.raises(ValueError, match="^template: got "):

@@ -21,7 +21,8 @@ BLOCK, DISC = shipped_part("aluminium_block"), Part.disc(0.02, friction=0.5)
 
 
 @pytest.mark.parametrize("lines, edge, position, heading", [
-    ("all", "grey", 2e-5, 0.1), ("half", "grey", 3e-5, 0.1), ("all", "threshold", 6e-5, 0.45), ("half", "threshold", 1.2e-4, 0.8),
+    ("all", "grey", 2e-5, 0.1), ("half", "grey", 3e-5, 0.1), ("all", "threshold", 6e-5, 0.45),
+    ("half", "threshold", 1.2e-4, 0.8),
 ])  # fmt: skip
 def test_how_well_the_aluminium_block_is_measured(lines, edge, position, heading):
     """At default noise, blur, light and distortion, at its real height, wherever it lies wholly on the surface."""
@@ -90,7 +91,11 @@ def test_a_slower_camera_looks_less_often():
     assert sensor.due.mean_velocity[0, 0, 0] == pytest.approx(0.1, abs=0.005)
 
 
-SETTINGS = [{"lines": "half"}, {"lines": "interlaced", "edge": "threshold", "delay": 2}, {"statistical": True, "delay": 1}]
+SETTINGS = [
+    {"lines": "half"},
+    {"lines": "interlaced", "edge": "threshold", "delay": 2},
+    {"statistical": True, "delay": 1},
+]
 
 
 def envs(count, settings, observation):
@@ -140,7 +145,7 @@ def test_the_image_is_the_one_that_is_due():
     ({"tilt": [0.3, 0.0]}, "does not see the whole surface"),
     ({"tilt": [1.0, 1.0], "height": 0.02}, "does not see the whole surface"),
     ({"position": [0.3, 0.1]}, "does not see the whole surface"),
-    ({"threshold": 300}, r"^sensor\.threshold: got 300\.0; allowed: a grey level between those of parts and surface"),
+    ({"threshold": 300}, r"^sensor\.threshold: got 300\.0; allowed: between the grey levels of parts and surface"),
     ({"lines": "third"}, r"^sensor\.lines: got 'third'; allowed: 'all', 'interlaced', 'half'"),
     ({"edge": None}, r"^sensor\.edge: got None; allowed: 'grey', 'threshold'"),
     ({"border": 0.001}, r"^sensor\.border: got 0\.001; allowed: at least"),

@@ -53,8 +53,12 @@ def test_moments_of_outlines_are_sums_over_their_area():
     z = (x + 1j * y)[inside]
     for order in (2, 3, 6):
         expected = (z**order).sum() * (0.1 / n) ** 2
-        assert outline_moment(TRIANGLE.outline, order) == pytest.approx(expected, abs=3e-3 * 0.03**order * TRIANGLE.area)
-        assert size_moment(TRIANGLE.outline, order) == pytest.approx((np.abs(z) ** order).sum() * (0.1 / n) ** 2, rel=5e-3)
+        assert outline_moment(TRIANGLE.outline, order) == pytest.approx(
+            expected, abs=3e-3 * 0.03**order * TRIANGLE.area
+        )
+        assert size_moment(TRIANGLE.outline, order) == pytest.approx(
+            (np.abs(z) ** order).sum() * (0.1 / n) ** 2, rel=5e-3
+        )
 
 
 def test_in_which_moment_a_heading_shows():

@@ -85,7 +85,9 @@ def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
         ValueError: a mark is missing, or there is one too many.
     """
     rows, columns = expected.shape[:2]
-    near = 0.5 * np.array([np.abs(np.diff(expected[..., 0], axis=1)).min(), np.abs(np.diff(expected[..., 1], axis=0)).min()])
+    near = 0.5 * np.array(
+        [np.abs(np.diff(expected[..., 0], axis=1)).min(), np.abs(np.diff(expected[..., 1], axis=0)).min()]
+    )
     grid = np.stack(np.meshgrid(np.arange(rows), np.arange(columns), indexing="ij"), axis=-1).reshape(-1, 2)
     order = np.argsort(((grid - grid.mean(axis=0)) ** 2).sum(axis=1), kind="stable")
     places, left = np.full(expected.shape, np.nan), seen.copy()
@@ -117,9 +119,7 @@ def grid_of(template: Template, places: np.ndarray) -> Grid:
     along = np.gradient(places, template.width, axis=1, edge_order=2 if template.columns > 2 else 1)
     across = np.gradient(places, template.height, axis=0, edge_order=2 if template.rows > 2 else 1)
     jacobian = np.ascontiguousarray(np.linalg.inv(np.stack([along, across], axis=-1)))
-    return Grid(
-        np.ascontiguousarray(places), jacobian, template.left, template.bottom, template.width, template.height
-    )
+    return Grid(np.ascontiguousarray(places), jacobian, template.left, template.bottom, template.width, template.height)
 
 
 def calibrate(

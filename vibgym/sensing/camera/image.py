@@ -221,7 +221,9 @@ def draw(
             hide(seen_outline(optics, outline, pose[p], shapes.height[kind]), exposure, BOTH, canvas.bare, boxes[p, 0])
         else:
             hide(seen_outline(optics, outline, pose[p], shapes.height[kind]), exposure, EVEN, canvas.bare, boxes[p, 0])
-            hide(seen_outline(optics, outline, earlier[p], shapes.height[kind]), exposure, ODD, canvas.bare, boxes[p, 1])
+            hide(
+                seen_outline(optics, outline, earlier[p], shapes.height[kind]), exposure, ODD, canvas.bare, boxes[p, 1]
+            )
     for p in range(pose.shape[0]):
         for field in range(2):
             expose(exposure, boxes[p, field], key, look, canvas)
@@ -244,7 +246,7 @@ def whole_image(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
     key: np.ndarray, look: int, image: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the whole image (lines, columns) uint8 of one world, with noise everywhere: what :func:`draw` drew, and the rest."""
+    """Write the whole image (lines, columns) uint8 of one world, with noise everywhere: what :func:`draw` draws, and more."""
     canvas = Canvas(np.ones(image.shape, dtype=np.float32), image)
     boxes = np.zeros((pose.shape[0], 2, 4), dtype=np.int64)
     draw(optics, shapes, exposure, pose, earlier, shown, key, look, canvas, boxes)

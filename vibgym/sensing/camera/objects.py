@@ -32,7 +32,9 @@ class Found(NamedTuple):
     first: np.ndarray  # (most objects + 1,) int64 of each object's runs
     moment: np.ndarray  # (most objects, 6) float64: M00, M10, M01, M20, M11, M02 of columns and lines
     box: np.ndarray  # (most objects, 4) int64: first line, line after the last, first column, column after the last
-    clipped: np.ndarray  # (most objects,) bool: reaches the border of the area of interest, where a part is seen in part
+    clipped: (
+        np.ndarray
+    )  # (most objects,) bool: reaches the border of the area of interest, where a part is seen in part
     label: np.ndarray  # (lines, columns) int16: 1 + object, 0 elsewhere; cleared by :func:`clear`
 
 
@@ -184,7 +186,7 @@ def find_objects(grey: np.ndarray, interest: Interest, found: Found) -> None:
 
 
 def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """First and last column, each (lines,), whose centres lie within a convex polygon ``places`` (n, 2) of columns and lines."""
+    """First and last column, each (lines,), whose centres lie within a convex polygon ``places`` (n, 2), px."""
     first, last = np.full(shape[0], 0, dtype=np.int64), np.full(shape[0], -1, dtype=np.int64)
     following = np.roll(places, -1, axis=0)
     for line in range(shape[0]):

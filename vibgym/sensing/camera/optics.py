@@ -17,7 +17,7 @@ PIXELS = (752, 570)
 """Columns and lines of the prototype's camera (thesis section 5.1)."""
 
 CHIP = 868e-3 * 6e-3 / 0.772
-"""m, width. The thesis gives 6.7 mm, rounded; with these digits, the 868 mm that it names are covered from 0.772 m through 6 mm.
+"""m, width. The thesis gives 6.7 mm, rounded; with these digits, 868 mm are covered from 0.772 m through 6 mm, as it says.
 Pixels are square: so are the thesis's 1.15 mm, to 0.01 %."""
 
 _NEAREST = 1e-6
@@ -88,7 +88,7 @@ def project(optics, x, y, z):
 
 @borrowing
 def unproject(optics, column, line, z):
-    """The point (x, y) at height ``z`` that is seen at ``(column, line)``: the exact inverse, which no camera knows of itself."""
+    """The point (x, y) at height ``z`` that is seen at ``(column, line)``: the exact inverse, which no camera knows."""
     u, v = column - optics.column, (line + 0.5) * optics.pitch - 0.5 - optics.line
     moved = math.sqrt(u * u + v * v)
     r = moved

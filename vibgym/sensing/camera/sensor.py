@@ -1,4 +1,4 @@
-"""The camera above the surface as a sensor: synthetic images through the processing chain of the thesis, or their statistics."""
+"""The camera above the surface as a sensor: images through the processing chain of the thesis, or their statistics."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ class CameraSensor(Sensor):
 
     def measure(self, state: State, reading: Reading) -> None:
         reading.gone[...] = state.fallen
-        worlds = self._chosen[self.looks[self._chosen] % self.every == 0]
+        worlds = self._chosen[np.equal(self.looks[self._chosen] % self.every, 0)]
         if len(worlds) < self.worlds:  # the others do not look now
             reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
         self._measure(worlds, state, reading)

@@ -201,10 +201,14 @@ class Setup:
         for part in kinds:
             if part.height > 0.5 * self.optics.place[2]:
                 got = f"{part.name}, {part.height:g} m high"
-                raise checks.refuse("parts", got, f"parts at most half as high as the camera, {self.optics.place[2]:g} m")
+                raise checks.refuse(
+                    "parts", got, f"parts at most half as high as the camera, {self.optics.place[2]:g} m"
+                )
             if self._inner(part) < 1.0:
                 got = f"{part.name}, {2e3 * room_inside(part):.3g} mm wide within"
-                raise checks.refuse("parts", got, f"parts that hold a circle of a pixel's radius, {1e3 * self._pixel():.3g} mm")
+                raise checks.refuse(
+                    "parts", got, f"parts that hold a circle of a pixel's radius, {1e3 * self._pixel():.3g} mm"
+                )
 
     def _pixel(self) -> float:
         """m on the surface, along a line."""
@@ -242,7 +246,7 @@ class Setup:
         threshold = checks.number("sensor.threshold", settings.threshold)
         low, high = PARTS + 4.0 * exposure.noise, darkest - 4.0 * exposure.noise
         if not low < threshold < high:
-            allowed = f"a grey level between those of parts and surface, four sigma of the noise from both: {low:.4g} to {high:.4g}"
+            allowed = f"between the grey levels of parts and surface, four sigma of the noise from both: {low:.4g} to {high:.4g}"
             raise checks.refuse("sensor.threshold", threshold, allowed)
         least = min(part.area for part in kinds) / (self.pitch * self._pixel() ** 2)
         # A square grid meets every circle of 1 / sqrt 2 of its spacing; half a pixel is lost to the threshold.
@@ -250,8 +254,7 @@ class Setup:
         interest = Interest(
             first, last, threshold, max(int(spacing / self.pitch), 1), max(int(spacing), 1), max(int(0.25 * least), 1)
         )
-        band = tuple(1 + len(weights) // 2 for weights in (exposure.along, exposure.across))
-        return interest, Grey(exposure.level, 1.0 - exposure.dark, *band, self.edge == "grey")
+                return interest, Grey(exposure.level, 1.0 - exposure.dark, 1 + len(exposure.along) // 2, 1 + len(exposure.across) // 2, self.edge == "grey")
 
     def _template(self, settings: Settings, border: float) -> Template:
         tetragons = _pair("sensor.tetragons", settings.tetragons)
@@ -259,8 +262,9 @@ class Setup:
         surface = self.surface
         mark = checks.number("sensor.mark", settings.mark, least=4.0 * self._pixel(), most=1.0)
         template = template_for(surface.width, surface.height, (along, across), mark)
-        if border < 0.5 * mark + 2.0 * self.pitch * self._pixel():
-            allowed = f"at least {0.5 * mark + 2.0 * self.pitch * self._pixel():.4g} m, so that marks on the surface's border are seen"
+        needed = 0.5 * mark + 2.0 * self.pitch * self._pixel()
+        if border < needed:
+            allowed = f"at least {needed:.4g} m, so that marks on the surface's border are seen"
             raise checks.refuse("sensor.border", border, allowed)
         most = 0.5 * min(template.width, template.height)
         if mark > most:
@@ -273,4 +277,3 @@ def _pair(name: str, value: Any) -> tuple[Any, Any]:
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 2:
         raise checks.refuse(name, value, "two numbers")
     return value[0], value[1]
-

@@ -1,4 +1,4 @@
-"""The camera without its images: the error of a measured pose as a fixed function of the pose, and a little that is new each time.
+"""The camera without its images: a fixed function of the pose as its error, and a little that is new at each look.
 
 The function is smooth noise: standard normal numbers, hashed from the corners of a lattice over (x, y, heading), are blended
 between the corners and scaled so that their variance is one everywhere. So the error freezes while a part is at rest.
@@ -138,7 +138,7 @@ def guess(
     foot: np.ndarray, pixel: np.ndarray, step: float, model: ErrorModel, key: np.ndarray, looks: np.ndarray,
     track: Track, read_pose: np.ndarray, read_velocity: np.ndarray, read_seen: np.ndarray,
 ) -> None:  # fmt: skip
-    """What a look of the camera would say, by the error model; arguments as those of :func:`vibgym.sensing.camera.look.look_at`.
+    """What a look of the camera would say, by the error model; arguments as of :func:`vibgym.sensing.camera.look.look_at`.
 
     Args:
         frame: (4,) m, what is seen: least and largest x, least and largest y, on the surface.
