@@ -32,9 +32,9 @@ def _quantisation() -> Repeated:
     return Repeated(
         "Fig. 5.8: error of the centroid of a disc",
         "The thesis drew discs of 2 to 40 px at 10 000 random places each and found a mean of about zero and a standard "
-        "deviation that falls with the diameter; the curve itself is lost. It does not say when a pixel belongs to a disc: both readings are "
-        "shown, by the pixel's centre and by half of its area. Grey levels along the edge, which the prototype did not use, "
-        "err by less than a tenth of that.",
+        "deviation that falls with the diameter; the curve itself is lost. It does not say when a pixel belongs to a disc: "
+        "both readings are shown, by the pixel's centre and by half of its area. Grey levels along the edge, which the "
+        "prototype did not use, err by less than a tenth of that.",
         [(picture, "Standard deviation and mean of both coordinates, 10 000 places for each diameter.")],
         columns,
         rows,

@@ -169,7 +169,8 @@ class CameraSensor(Sensor):
 
     def measure(self, state: State, reading: Reading) -> None:
         reading.gone[...] = state.fallen
-        worlds = self._chosen[np.equal(self.looks[self._chosen] % self.every, 0)]
+        due = np.flatnonzero(self.looks % self.every == 0)
+        worlds = np.intersect1d(self._chosen, due)
         if len(worlds) < self.worlds:  # the others do not look now
             reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
         self._measure(worlds, state, reading)

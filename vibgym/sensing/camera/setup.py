@@ -246,7 +246,9 @@ class Setup:
         threshold = checks.number("sensor.threshold", settings.threshold)
         low, high = PARTS + 4.0 * exposure.noise, darkest - 4.0 * exposure.noise
         if not low < threshold < high:
-            allowed = f"between the grey levels of parts and surface, four sigma of the noise from both: {low:.4g} to {high:.4g}"
+            allowed = (
+                f"between the grey levels of parts and surface, four sigma of noise from both: {low:.4g} to {high:.4g}"
+            )
             raise checks.refuse("sensor.threshold", threshold, allowed)
         least = min(part.area for part in kinds) / (self.pitch * self._pixel() ** 2)
         # A square grid meets every circle of 1 / sqrt 2 of its spacing; half a pixel is lost to the threshold.
@@ -254,7 +256,9 @@ class Setup:
         interest = Interest(
             first, last, threshold, max(int(spacing / self.pitch), 1), max(int(spacing), 1), max(int(0.25 * least), 1)
         )
-                return interest, Grey(exposure.level, 1.0 - exposure.dark, 1 + len(exposure.along) // 2, 1 + len(exposure.across) // 2, self.edge == "grey")
+        band = 1 + len(exposure.along) // 2, 1 + len(exposure.across) // 2
+        fine = self.edge == "grey"
+        return interest, Grey(exposure.level, 1.0 - exposure.dark, band[0], band[1], fine)
 
     def _template(self, settings: Settings, border: float) -> Template:
         tetragons = _pair("sensor.tetragons", settings.tetragons)
