@@ -169,8 +169,9 @@ class CameraSensor(Sensor):
 
     def measure(self, state: State, reading: Reading) -> None:
         reading.gone[...] = state.fallen
-        due = np.flatnonzero(self.looks % self.every == 0)
-        worlds = np.intersect1d(self._chosen, due)
+        worlds = self._chosen
+        if self.every > 1:
+            worlds = worlds[np.asarray(self.looks[worlds] % self.every == 0)]
         if len(worlds) < self.worlds:  # the others do not look now
             reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
         self._measure(worlds, state, reading)
@@ -191,7 +192,7 @@ class CameraSensor(Sensor):
 
     def _scene(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Poses now and when the odd lines were taken, and which parts there are to see."""
-        finite = np.isfinite(state.pose).all(axis=-1)
+        finite = np.asarray(np.isfinite(state.pose).all(axis=-1))
         shown = finite & ~state.fallen
         pose = state.pose if finite.all() else np.where(finite[..., None], state.pose, 0.0)
         if self.setup.lines != "interlaced":
