@@ -1,4 +1,4 @@
-"""Command line: ``python -m agents evaluate CONFIG`` and ``python -m agents train CONFIG``.
+"""Command line: ``python -m agents evaluate CONFIG``, ``python -m agents train CONFIG``, ``python -m agents replicate``.
 
 Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
@@ -32,6 +32,13 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
         command.add_argument("--quiet", action="store_true", help="no progress bars")
+    replicating = commands.add_parser("replicate", help="draw the thesis's figures beside ours")
+    replicating.add_argument(
+        "--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="directory of the page"
+    )
+    replicating.add_argument(
+        "--figure", action="append", metavar="NAME", help="only this figure; may be given several times"
+    )
     return result
 
 
@@ -82,6 +89,21 @@ def train(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def replicate(arguments: argparse.Namespace) -> int:
+    """Draw the thesis's figures beside ours."""
+    from agents.replicate.page import write
+    from vibgym.files import WriteError
+
+    try:
+        page = write(arguments.output, arguments.figure)
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    print(f"page: {page}")
+    return 0
+
+
 def refused(error: ValueError) -> int:
     """Say in one line what is wrong with the input."""
     print(" ".join(str(error).split()), file=sys.stderr)
@@ -97,7 +119,9 @@ def failed(error: Exception) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    return interrupts.run(lambda: {"evaluate": evaluate, "train": train}[arguments.command](arguments))
+    return interrupts.run(
+        lambda: {"evaluate": evaluate, "train": train, "replicate": replicate}[arguments.command](arguments)
+    )
 
 
 if __name__ == "__main__":

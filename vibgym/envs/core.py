@@ -116,6 +116,7 @@ class Core:
         )  # fmt: skip
         self.task.features = (*self.task.features, *self.sensing.tell)
         self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
+        self.observation.watch(self.sensing.sensor)
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)

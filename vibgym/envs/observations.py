@@ -16,7 +16,8 @@ from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
-from vibgym.sensing import Measurement
+from vibgym.sensing import Measurement, Sensor
+from vibgym.sensing.camera import CameraSensor
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import Episode, Relations
 
@@ -138,6 +139,13 @@ class Observation(ABC):
         self.task = task
         self.layout = Table(task.surface, task.parts, task.features, task.slots)
 
+    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - most get all that they need with every measurement
+        """Get to know the sensor, once, before anything else is asked.
+
+        Raises:
+            ValueError: the sensor has not what this observation shows.
+        """
+
     @property
     @abstractmethod
     def space(self) -> spaces.Space:
@@ -254,7 +262,26 @@ class ImageObservation(Observation):
         return image
 
 
+class CameraObservation(Observation):
+    """uint8 image (lines, columns): what the camera saw at the look that is due, with all its noise and distortion."""
+
+    def watch(self, sensor: Sensor) -> None:
+        if not isinstance(sensor, CameraSensor):
+            raise checks.refuse(
+                "observation", "camera", "'camera' only with sensor='camera', or a mapping of that kind"
+            )
+        self._camera = sensor
+
+    @property
+    def space(self) -> spaces.Space:
+        return spaces.Box(0, 255, self._camera.setup.shape, np.uint8)
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        return self._camera.image()
+
+
 OBSERVATIONS: Registry[type[Observation]] = Registry(
-    "observation", {"state": StateObservation, "goal": GoalObservation, "image": ImageObservation}
+    "observation",
+    {"state": StateObservation, "goal": GoalObservation, "image": ImageObservation, "camera": CameraObservation},
 )
 """Observations by name; ``OBSERVATIONS.register(name, cls)`` adds one of your own."""

@@ -57,6 +57,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     ``"goal"``: dictionary of ``observation`` (as above), ``achieved_goal`` and ``desired_goal``: x, y in m and, where the
     heading counts, the heading in rad; the reward is then :meth:`compute_reward`. ``"image"``: uint8
     (6 rows, 6 columns, 3), see :class:`vibgym.envs.observations.ImageObservation`. Only tasks with a goal pose have ``"goal"``.
+    ``"camera"``: uint8 (lines, columns), what the camera sees; only with ``sensor="camera"``, see
+    :class:`vibgym.sensing.camera.CameraSensor`.
 
     ## Rewards
     The sum of ``info["reward_terms"]``, each bounded:

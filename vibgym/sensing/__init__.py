@@ -11,13 +11,14 @@ from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
+from vibgym.sensing.camera import CameraSensor
 from vibgym.sensing.estimation import ESTIMATORS, Plant, estimator_from
 from vibgym.sensing.ideal import IdealSensor
 from vibgym.sensing.measurement import Measurement, Reading
 from vibgym.sensing.pose import PoseSensor
 from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 
-SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor})
+SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor, "camera": CameraSensor})
 """Sensors by name; ``SENSORS.register(name, cls)`` adds one of your own."""
 
 TOLD = ("age", "sigma")
