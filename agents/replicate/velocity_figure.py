@@ -21,7 +21,7 @@ def draw() -> tuple[bytes, list[str], list[list[str]]]:
     ways |= {f"{form} dead zone": (DEAD_ZONE, form) for form in FORMS}
     figure = new_figure(6.2, 3.2)
     axes = figure.add_subplot()
-    amplitude = np.linspace(0.0, LARGEST, POINTS)
+    amplitude = np.sort(np.append(np.linspace(0.0, LARGEST, POINTS), DEAD_ZONE * np.array([0.9999, 1.0])))
     for (name, (width, form)), colour, line in zip(ways.items(), (INK, FAILURE, SUCCESS, MUTED), ("-", "-", "--", ":")):
         speed = steady_velocity(part, amplitude, dead_zone=width, form=form)
         axes.plot(1e3 * amplitude, speed, color=colour, linestyle=line, linewidth=1.4, label=name)
