@@ -61,7 +61,7 @@ def test_an_edit_in_a_called_kernel_is_noticed(run):
 
 
 def test_a_kernel_is_not_kept_that_may_be_older_than_its_file(run):
-    """A file is edited after the process has imported it, and before it compiles: the next process must not get the old kernel."""
+    """A file is edited after the process has imported it, and before it compiles: the next one must not get the old kernel."""
     package, once = run
     file = package / "physics" / "core" / "drive.py"
     edit = f"""

@@ -23,6 +23,7 @@ import functools
 import gc
 import hashlib
 import logging
+import math
 import os
 import pickle
 import re
@@ -149,7 +150,7 @@ class _Kernel(CPUDispatcher):
 
     _cache: Any
 
-    imported: float
+    imported = math.inf
     """When Python read the kernel's file, and those that it imports."""
 
     @functools.cached_property
