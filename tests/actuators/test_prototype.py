@@ -196,6 +196,19 @@ def test_alone_in_a_batch_and_restored_bit_for_bit(action, more):
         assert_same(alone, [each[world] for each in seen])
 
 
+@pytest.mark.parametrize("action", ["patch", "field"])
+def test_commands_on_record_of_parts_that_are_gone_can_be_restored(action):
+    """They are aimed at nowhere, which is a number too."""
+    settings = {"action": action, "actuators": "prototype", "randomize": {"parts": [2, 4]}}
+    env, other = (gym.make("vibgym/Sort-v0", **settings).unwrapped for _ in range(2))
+    env.reset(seed=1)
+    actions = np.random.default_rng(0).uniform(-1, 1, (6, *env.action_space.shape)).astype(np.float32)
+    for each in actions[:3]:
+        env.step(each)
+    other.set_state(env.get_state())
+    assert_same([other.step(each) for each in actions[3:]], [env.step(each) for each in actions[3:]])
+
+
 BAD = [
     (
         {"dead_zone": 3e-4, "limit": 2e-4},
