@@ -196,6 +196,22 @@ def test_alone_in_a_batch_and_restored_bit_for_bit(action, more):
         assert_same(alone, [each[world] for each in seen])
 
 
+@pytest.mark.parametrize("model", ["planar", "averaged", "auto"])
+def test_a_world_does_not_feel_the_latencies_of_others(model):
+    """Where a step of several periods is cut matters to the averaged model: all worlds are cut alike."""
+    settings = {"model": model, "action": "field", "periods_per_step": 4, "actuators": "prototype"}
+    settings["randomize"] = {"latency": [0, 6]}
+    many = gym.make_vec("vibgym/Align-v0", num_envs=4, **settings)
+    singles = [gym.make("vibgym/Align-v0", **settings) for _ in range(4)]
+    many.reset(seed=3)
+    drawn = [env.reset(seed=3 + k)[1]["drawn"]["latency"] for k, env in enumerate(singles)]
+    assert len({each % 4 for each in drawn}) > 1
+    actions = np.random.default_rng(0).uniform(-1, 1, (5, *many.action_space.shape)).astype(np.float32)
+    for each in actions:
+        together = many.step(each)[0]
+        assert_same([env.step(own)[0] for env, own in zip(singles, each)], list(together))
+
+
 @pytest.mark.parametrize("action", ["patch", "field"])
 def test_commands_on_record_of_parts_that_are_gone_can_be_restored(action):
     """They are aimed at nowhere, which is a number too."""

@@ -147,8 +147,11 @@ class PrototypeActuators(Actuators):
     def _make(self) -> None:
         """Everything that depends on settings and ranges."""
         surface, worlds = self.surface, self.worlds
-        most_latency = int(self._ranges["latency"][1]) if "latency" in self._ranges else self.latency
-        self._room = -(-most_latency // self.periods) + 1
+        least, most = map(int, self._ranges.get("latency", (self.latency, self.latency)))
+        self.most_latency, self._room = most, -(-most // self.periods) + 1
+        # Instants of a step at which some world may begin to obey another command. All worlds stop there, whatever they have
+        # drawn: the averaged model gives other bits where a step is cut, and a world's must not depend on the others.
+        self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
         self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
         keyed = self.seed is None
         self.draws = (KEY_DRAWS if keyed else 0) + len(self._ranges)
@@ -243,8 +246,7 @@ class PrototypeActuators(Actuators):
         drive = self._commands.write(command, self._hardware.address)
         source, periods = self._hardware.record.source, self.periods
         latency = self._own["latency"].astype(np.int64) if "latency" in self._ranges else self.latency
-        edges = sorted({0, periods, *np.unique(latency % periods).tolist()})
-        for begin, end in zip(edges, edges[1:]):
+        for begin, end in zip(self._edges, self._edges[1:]):
             self._commands.rows(-((begin - latency) // periods), source)
             if not self._lagging:
                 yield drive, end - begin
