@@ -97,6 +97,34 @@ def test_a_slower_rate():
     assert at_rest(slow, 4)[1][:, 0, 0].tolist() == [0, 2, 0, 2, 0]
 
 
+def test_velocity_at_a_slower_rate_is_the_mean_since_the_look_before():
+    """What nobody looked at has no part in it."""
+    env = batch(2, {"kind": "pose", "noise": 0.0, "rate": 5.0})
+    env.reset(seed=1)
+    random, before = np.random.default_rng(0), env.truth.pose
+    for step in range(1, 16):
+        env.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        if step % 5 == 0:
+            mean, before = (env.truth.pose - before) / 0.2, env.truth.pose
+            assert env.core.sensing.measurement.mean_velocity == pytest.approx(mean, abs=1e-12)
+
+
+@pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
+@pytest.mark.parametrize("periods, delay", [(1, 0), (1, 3), (2, 3), (3, 3)])
+def test_age_counts_from_the_start_until_the_first_look_is_due(periods, delay, estimator):
+    """A reading of the start is as old as the episode, and no younger or more certain for being shown again."""
+    sensor = {"kind": "pose", "delay": delay, "estimator": estimator}
+    env = batch(2, sensor, "Sort", periods_per_step=periods)
+    _, info = env.reset(seed=0)
+    assert (info["measured"]["age"] == 0).all()
+    sigma, still = info["measured"]["sigma"], np.zeros(env.action_space.shape, dtype=np.float32)
+    for step in range(1, 6):
+        measured = env.step(still)[4]["measured"]
+        assert (measured["age"] == min(step * periods, delay)).all()
+        if step * periods <= delay and estimator != "none":
+            assert (measured["sigma"] >= sigma).all()
+
+
 @pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
 @pytest.mark.parametrize("task, periods", [("Align", 1), ("Sort", 1), ("Align", 3)])
 def test_alone_in_a_batch_and_restored_bit_for_bit(estimator, task, periods):

@@ -95,6 +95,8 @@ class Sensor(ABC):
         for each in self._readings:
             for kept, read in zip(each, fresh, strict=True):
                 kept[worlds] = read[worlds]
+        for each in self._readings[1:]:  # until the first look of a step is due there is nothing new
+            each.seen[worlds] = False
 
     def look(self, state: State) -> None:
         """Take in the true state of this instant; called once a step, at :attr:`instant`."""

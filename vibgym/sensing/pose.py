@@ -34,18 +34,18 @@ def draw_offsets(worlds, key, bias, offset):
 
 
 @borrowing
-def read_poses(state_pose, gone, key, looks, noise, offset, dropout, step, last, elapsed, reading):
+def read_poses(state_pose, gone, key, looks, every, noise, offset, dropout, step, last, elapsed, reading):
     """Write noisy poses, and mean velocities as their differences.
 
     Args:
         state_pose: (worlds, parts, 3) true poses.  gone: (worlds, parts).
-        key: (worlds, 2).  looks: (worlds,) number of this look.
+        key: (worlds, 2).  looks: (worlds,) number of this look, of which every ``every``-th really is one.
         noise: (2,) standard deviations of position (m) and heading (rad), anew at each look.
         offset: (worlds, parts, 3) error of the whole episode.
         dropout: probability that a look misses a part; the first look of an episode misses none.
-        step: s from look to look.
+        step: s of a step.
         last: (worlds, parts, 3) pose that was read last; overwritten.
-        elapsed: (worlds, parts) int64, looks since then; overwritten.
+        elapsed: (worlds, parts) int64, steps since then; overwritten.
         reading: overwritten.
     """
     for w in range(state_pose.shape[0]):
@@ -53,10 +53,10 @@ def read_poses(state_pose, gone, key, looks, noise, offset, dropout, step, last,
         for p in range(state_pose.shape[1]):
             elapsed[w, p] += 1
             reading.gone[w, p] = gone[w, p]
-            lost = False
+            lost = looks[w] % every != 0
             if dropout > 0.0 and not first:
                 chance, _, _, _ = uniforms(key[w], looks[w], p, _DROPOUT, 0)
-                lost = chance < dropout
+                lost = lost or chance < dropout
             if lost:
                 reading.seen[w, p] = False
                 for k in range(3):
@@ -133,8 +133,8 @@ class PoseSensor(Sensor):
     def measure(self, state: State, reading: Reading) -> None:
         step = self.periods * self.surface.period
         read_poses(
-            state.pose, state.fallen, self._key, self.looks, self.noise, self._offset, self.dropout, step, self._last,
-            self._elapsed, reading,
+            state.pose, state.fallen, self._key, self.looks, self.every, self.noise, self._offset, self.dropout, step,
+            self._last, self._elapsed, reading,
         )  # fmt: skip
 
     def own_state(self) -> dict[str, np.ndarray]:
