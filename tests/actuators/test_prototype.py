@@ -268,3 +268,15 @@ def test_bad_ranges_are_refused(ranges, message):
 def test_units_in_keys():
     settings = {"kind": "prototype", "dead_zone_mm": 0.05, "phase_spread_deg": 2.0}
     assert actuators_from(settings, SURFACE, 1, 1).data_sheet.dead_zone == pytest.approx(5e-5)
+
+
+def test_numbers_and_arrays_of_numpy_are_numbers_in_every_unit():
+    plain = {"dead_zone_mm": 0.125, "latency": 2, "dead": [[0, 1]]}
+    arrays = {"dead_zone_mm": np.float32(0.125), "latency": np.int64(2), "dead": np.array([[0, 1]])}
+    ranges = {"phase_spread_deg": [1.0, 5.0], "latency": [0, 3]}
+    envs = []
+    for settings, drawn in ((plain, ranges), (arrays, {name: np.array(each) for name, each in ranges.items()})):
+        actuators = {"kind": "prototype", **settings}
+        envs.append(gym.make("vibgym/Align-v0", actuators=actuators, randomize=drawn))
+    assert_same(*(env.reset(seed=4) for env in envs))
+    envs[0].unwrapped.set_state(envs[1].unwrapped.get_state())  # the same environment

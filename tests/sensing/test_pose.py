@@ -169,7 +169,7 @@ BAD = [
     ({"rate": 50.0}, r"sensor\.rate: got 50.0"),
     ({"delay": 250}, r"sensor\.delay: got '250 periods'; allowed: less than an episode, 250 periods"),
     ({"estimator": "crystal ball"}, r"sensor\.estimator: got 'crystal ball'; allowed: 'none', 'kalman', 'model'"),
-    ({"estimator": {"kind": "model", "model": "tilting"}}, r"model: got 'tilting'"),
+    ({"estimator": {"kind": "model", "model": "tilting"}}, r"sensor\.estimator\.model: got 'tilting'"),
     ({"estimator": {"kind": "model", "drift": -1.0}}, r"sensor\.estimator\.drift: got -1.0"),
     (
         {"estimator": {"kind": "none", "drift": 1.0}},
@@ -188,6 +188,14 @@ def test_bad_settings_are_refused(settings, message):
             make("vibgym/Align-v0", sensor={"kind": "pose", **settings})
 
 
+def test_an_estimator_s_model_that_several_parts_cannot_have_is_named():
+    sensor = {"kind": "pose", "estimator": {"kind": "model", "model": "averaged"}}
+    with pytest.raises(ValueError, match=r"^sensor\.estimator\.model: got 'averaged'; allowed: 'planar' with several"):
+        gym.make("vibgym/Sort-v0", sensor=sensor)
+
+
 def test_a_latency_as_long_as_an_episode_is_refused():
+    with pytest.raises(ValueError, match=r"^randomize\['latency'\]: got '400 periods'; allowed: less than an episode"):
+        gym.make("vibgym/Align-v0", actuators="prototype", randomize={"latency": [0, 400]})
     with pytest.raises(ValueError, match=r"^actuators\.latency: got '300 periods'; allowed: less than an episode"):
         gym.make("vibgym/Align-v0", actuators={"kind": "prototype", "latency": 300})
