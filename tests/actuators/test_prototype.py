@@ -58,6 +58,12 @@ def test_dead_zone(form, below):
     assert amplitude[0, 0] == pytest.approx(np.where(ASKED < 1e-4, below(ASKED, 1e-4), ASKED), abs=1e-15)
 
 
+@pytest.mark.parametrize("phase", np.linspace(0.0, 6.0, 7))
+def test_an_amplitude_of_exactly_the_dead_zone_is_realised(phase):
+    amplitude, _, _ = done(made(dead_zone=1e-4), command(1, np.float32(1e-4), phase))
+    assert np.abs(amplitude - 1e-4).max() < 1e-10
+
+
 def test_limit_and_resolution():
     amplitude, _, _ = done(made(limit=0.25e-3, resolution=1e-5), command(1, ASKED))
     assert amplitude[0, 0] == pytest.approx(np.minimum(np.round(ASKED / 1e-5) * 1e-5, 0.25e-3), abs=1e-15)

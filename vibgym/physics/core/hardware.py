@@ -21,6 +21,9 @@ FORMS = ("hard", "soft", "cubic")
 
 HARD, SOFT, CUBIC = range(len(FORMS))
 
+ROUNDING = 1e-6
+"""Of commands in float32, with room."""
+
 NUMBERS = ("dead_zone", "limit", "resolution")
 """Columns of :attr:`Hardware.number`."""
 
@@ -52,8 +55,8 @@ NO_HARDWARE = Pinned(
 
 @borrowing
 def realised_amplitude(amplitude, dead_zone, form):
-    """What becomes of an amplitude behind a dead zone; see :data:`FORMS`."""
-    if amplitude >= dead_zone:
+    """What becomes of an amplitude behind a dead zone; see :data:`FORMS`. At exactly its width rounding decides nothing."""
+    if amplitude >= (1.0 - ROUNDING) * dead_zone:
         return amplitude
     if form == HARD:
         return 0.0
