@@ -286,3 +286,15 @@ def test_numbers_and_arrays_of_numpy_are_numbers_in_every_unit():
         envs.append(gym.make("vibgym/Align-v0", actuators=actuators, randomize=drawn))
     assert_same(*(env.reset(seed=4) for env in envs))
     envs[0].unwrapped.set_state(envs[1].unwrapped.get_state())  # the same environment
+
+
+def test_more_latency_than_memory_holds_is_refused(monkeypatch):
+    """A world's command of a step takes 2 kB, a reading of its part 50 bytes."""
+    settings = {"num_envs": 100, "action": "phasor", "autoreset_mode": "Disabled"}
+    monkeypatch.setattr("vibgym.checks.memory", lambda: 2**24)
+    gym.make_vec("vibgym/Align-v0", **settings, actuators="prototype")
+    for actuators in ({"kind": "prototype", "latency": 200}, {"kind": "prototype", "latency": 83}):
+        with pytest.raises(
+            ValueError, match=r"^actuators\.latency: got \d+; allowed: a whole number <= 81: each takes"
+        ):
+            gym.make_vec("vibgym/Align-v0", **settings, actuators=actuators)

@@ -31,7 +31,9 @@ class Actuators(ActuatorStage):
 
     def __init__(self, surface: Surface, worlds: int, periods: int, *, latency: int = 0) -> None:
         super().__init__(surface, worlds, periods)
-        self.latency = self.most_latency = checks.count("actuators.latency", latency, least=0, most=10_000)
+        latency = checks.count("actuators.latency", latency, least=0, most=10_000)
+        step = 16 * worlds * surface.rows * surface.columns  # bytes
+        self.latency = self.most_latency = checks.fitting("actuators.latency", latency, step / periods)
         shape = (self.latency // periods + 2, worlds, surface.rows, surface.columns, 2)
         self._realised = np.zeros(shape)  # C, S (m/s^2) of every element for the last steps, the oldest first
 

@@ -174,6 +174,8 @@ class PrototypeActuators(ActuatorStage):
         self._commands: Commands | None = None
 
     def prepare(self, command: Drive) -> None:
+        step = sum(each.nbytes for each in command if isinstance(each, np.ndarray))
+        checks.fitting("actuators.latency", self.most_latency, step / self.periods)
         self._commands = Commands(command, self.worlds, self._room)
 
     @property
