@@ -163,7 +163,7 @@ BAD = [
     ({"noise": {"colour": 1}}, r"sensor\.noise: got \{'colour': 1\}"),
     ({"noise": "loud"}, r"sensor\.noise \(position\): got 'loud'"),
     ({"bias": [1e-4, 9.0]}, r"sensor\.bias \(heading\): got 9.0"),
-    ({"dropout": 1.0}, r"sensor\.dropout: got 1.0"),
+    ({"dropout": 1.01}, r"sensor\.dropout: got 1.01"),
     ({"dropout": -0.1}, r"sensor\.dropout: got -0.1"),
     ({"rate": 20.0}, r"sensor\.rate: got 20.0; allowed: 25 Hz, the rate of steps, over a whole number"),
     ({"rate": 50.0}, r"sensor\.rate: got 50.0"),

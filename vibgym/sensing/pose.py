@@ -81,7 +81,7 @@ class PoseSensor(Sensor):
         noise: standard deviation anew at each look, normal: [position in m, heading in rad], a number for the position alone,
             or a mapping with ``position`` and ``heading`` (``position_mm``, ``heading_deg``).
         bias: likewise, of an error that stays for the episode: one shift of all positions, and one turn for each part.
-        dropout: probability that a look misses a part. The first look of an episode misses none.
+        dropout: probability that a look misses a part. The first look of an episode misses none, so with 1 it is the only one.
         **base: ``delay``, ``rate``.
 
     Raises:
@@ -107,8 +107,6 @@ class PoseSensor(Sensor):
         self.noise = deviations("sensor.noise", noise, largest)
         self.bias = deviations("sensor.bias", bias, largest)
         self.dropout = checks.number("sensor.dropout", dropout, least=0.0, most=1.0)
-        if self.dropout == 1.0:
-            raise checks.refuse("sensor.dropout", dropout, "a finite number >= 0 and < 1: with 1 nothing is ever seen")
         shape = (worlds, len(self.parts))
         self._key = np.zeros((worlds, 2), dtype=np.int64)
         self._offset = np.zeros((*shape, 3))
