@@ -187,9 +187,7 @@ def test_a_part_that_the_model_lets_fall_is_put_back_where_it_is_read():
 
 
 def test_without_readings_the_prediction_goes_on_and_says_so():
-    env = batch(
-        4, {"kind": "pose", "dropout": 1.0, "estimator": "model", "tell": ["age", "sigma"]}, actuators=EXACT
-    )
+    env = batch(4, {"kind": "pose", "dropout": 1.0, "estimator": "model", "tell": ["age", "sigma"]}, actuators=EXACT)
     env.reset(seed=0)
     random = np.random.default_rng(0)
     ages, sigmas = [], []
