@@ -20,7 +20,7 @@ SETTLE, MEAN = 30, 5
 
 
 def steady_velocity(
-    part: Part, amplitude: Sequence[float], *, dead_zone: float = 0.0, form: str = "hard"
+    part: Part, amplitude: Sequence[float] | np.ndarray, *, dead_zone: float = 0.0, form: str = "hard"
 ) -> np.ndarray:
     """Mean speeds (n,) m/s of a part on elements that are all told one of ``amplitude`` (n,) m, through a dead zone.
 
