@@ -97,13 +97,11 @@ def interval(name: str, value: Any, least: float, most: float) -> tuple[float, f
     return low, number(f"{name}[1]", value[1], least=low, most=most)
 
 
-def fitting(name: str, value: int, bytes_each: int) -> int:
+def fitting(name: str, value: int, bytes_each: float) -> int:
     """A number of things that this machine's memory can hold, if each takes ``bytes_each``."""
-    most = max(memory() // bytes_each, 1)
+    most = max(int(memory() / max(bytes_each, 1.0)), 1)
     if value > most:
-        allowed = (
-            f"a whole number <= {most}: each takes about {bytes_each} bytes, of {memory() / 2**30:.3g} GiB of memory"
-        )
+        allowed = f"a whole number <= {most}: each takes about {bytes_each:.0f} bytes, of {memory() / 2**30:.3g} GiB of memory"
         raise refuse(name, value, allowed)
     return value
 

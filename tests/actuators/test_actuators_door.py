@@ -119,3 +119,12 @@ def test_what_actuators_remember_is_part_of_the_snapshot():
 def test_bad_actuators_are_refused(actuators, message):
     with pytest.raises(ValueError, match=message):
         batch(2, actuators)
+
+
+def test_an_estimator_may_take_actuators_that_draw_for_nominal_ones(monkeypatch):
+    """It takes the middle of what they draw."""
+    monkeypatch.setattr(Weak, "nominal", lambda self: Weak(self.surface, self.worlds, self.periods), raising=False)
+    env = batch(2, "weak", sensor={"kind": "ideal", "estimator": "model"})
+    env.reset(seed=1)
+    assert (env.core.sensing.estimator._predictor._plant.share == 0.75).all()
+    env.step(random_actions(env, 1)[0])

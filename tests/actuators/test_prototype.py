@@ -202,6 +202,35 @@ def test_alone_in_a_batch_and_restored_bit_for_bit(action, more):
         assert_same(alone, [each[world] for each in seen])
 
 
+@pytest.mark.parametrize("model", ["planar", "averaged", "auto"])
+def test_a_world_does_not_feel_the_latencies_of_others(model):
+    """Where a step of several periods is cut matters to the averaged model: all worlds are cut alike."""
+    settings = {"model": model, "action": "field", "periods_per_step": 4, "actuators": "prototype"}
+    settings["randomize"] = {"latency": [0, 6]}
+    many = gym.make_vec("vibgym/Align-v0", num_envs=4, **settings)
+    singles = [gym.make("vibgym/Align-v0", **settings) for _ in range(4)]
+    many.reset(seed=3)
+    drawn = [env.reset(seed=3 + k)[1]["drawn"]["latency"] for k, env in enumerate(singles)]
+    assert len({each % 4 for each in drawn}) > 1
+    actions = np.random.default_rng(0).uniform(-1, 1, (5, *many.action_space.shape)).astype(np.float32)
+    for each in actions:
+        together = many.step(each)[0]
+        assert_same([env.step(own)[0] for env, own in zip(singles, each)], list(together))
+
+
+@pytest.mark.parametrize("action", ["patch", "field"])
+def test_commands_on_record_of_parts_that_are_gone_can_be_restored(action):
+    """They are aimed at nowhere, which is a number too."""
+    settings = {"action": action, "actuators": "prototype", "randomize": {"parts": [2, 4]}}
+    env, other = (gym.make("vibgym/Sort-v0", **settings).unwrapped for _ in range(2))
+    env.reset(seed=1)
+    actions = np.random.default_rng(0).uniform(-1, 1, (6, *env.action_space.shape)).astype(np.float32)
+    for each in actions[:3]:
+        env.step(each)
+    other.set_state(env.get_state())
+    assert_same([other.step(each) for each in actions[3:]], [env.step(each) for each in actions[3:]])
+
+
 BAD = [
     (
         {"dead_zone": 3e-4, "limit": 2e-4},
@@ -245,3 +274,27 @@ def test_bad_ranges_are_refused(ranges, message):
 def test_units_in_keys():
     settings = {"kind": "prototype", "dead_zone_mm": 0.05, "phase_spread_deg": 2.0}
     assert actuators_from(settings, SURFACE, 1, 1).data_sheet.dead_zone == pytest.approx(5e-5)
+
+
+def test_numbers_and_arrays_of_numpy_are_numbers_in_every_unit():
+    plain = {"dead_zone_mm": 0.125, "latency": 2, "dead": [[0, 1]]}
+    arrays = {"dead_zone_mm": np.float32(0.125), "latency": np.int64(2), "dead": np.array([[0, 1]])}
+    ranges = {"phase_spread_deg": [1.0, 5.0], "latency": [0, 3]}
+    envs = []
+    for settings, drawn in ((plain, ranges), (arrays, {name: np.array(each) for name, each in ranges.items()})):
+        actuators = {"kind": "prototype", **settings}
+        envs.append(gym.make("vibgym/Align-v0", actuators=actuators, randomize=drawn))
+    assert_same(*(env.reset(seed=4) for env in envs))
+    envs[0].unwrapped.set_state(envs[1].unwrapped.get_state())  # the same environment
+
+
+def test_more_latency_than_memory_holds_is_refused(monkeypatch):
+    """A world's command of a step takes 2 kB, a reading of its part 50 bytes."""
+    settings = {"num_envs": 100, "action": "phasor", "autoreset_mode": "Disabled"}
+    monkeypatch.setattr("vibgym.checks.memory", lambda: 2**24)
+    gym.make_vec("vibgym/Align-v0", **settings, actuators="prototype")
+    for actuators in ({"kind": "prototype", "latency": 200}, {"kind": "prototype", "latency": 83}):
+        with pytest.raises(
+            ValueError, match=r"^actuators\.latency: got \d+; allowed: a whole number <= 81: each takes"
+        ):
+            gym.make_vec("vibgym/Align-v0", **settings, actuators=actuators)

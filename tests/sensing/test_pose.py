@@ -97,6 +97,34 @@ def test_a_slower_rate():
     assert at_rest(slow, 4)[1][:, 0, 0].tolist() == [0, 2, 0, 2, 0]
 
 
+def test_velocity_at_a_slower_rate_is_the_mean_since_the_look_before():
+    """What nobody looked at has no part in it."""
+    env = batch(2, {"kind": "pose", "noise": 0.0, "rate": 5.0})
+    env.reset(seed=1)
+    random, before = np.random.default_rng(0), env.truth.pose
+    for step in range(1, 16):
+        env.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        if step % 5 == 0:
+            mean, before = (env.truth.pose - before) / 0.2, env.truth.pose
+            assert env.core.sensing.measurement.mean_velocity == pytest.approx(mean, abs=1e-12)
+
+
+@pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
+@pytest.mark.parametrize("periods, delay", [(1, 0), (1, 3), (2, 3), (3, 3)])
+def test_age_counts_from_the_start_until_the_first_look_is_due(periods, delay, estimator):
+    """A reading of the start is as old as the episode, and no younger or more certain for being shown again."""
+    sensor = {"kind": "pose", "delay": delay, "estimator": estimator}
+    env = batch(2, sensor, "Sort", periods_per_step=periods)
+    _, info = env.reset(seed=0)
+    assert (info["measured"]["age"] == 0).all()
+    sigma, still = info["measured"]["sigma"], np.zeros(env.action_space.shape, dtype=np.float32)
+    for step in range(1, 6):
+        measured = env.step(still)[4]["measured"]
+        assert (measured["age"] == min(step * periods, delay)).all()
+        if step * periods <= delay and estimator != "none":
+            assert (measured["sigma"] >= sigma).all()
+
+
 @pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
 @pytest.mark.parametrize("task, periods", [("Align", 1), ("Sort", 1), ("Align", 3)])
 def test_alone_in_a_batch_and_restored_bit_for_bit(estimator, task, periods):
@@ -135,13 +163,13 @@ BAD = [
     ({"noise": {"colour": 1}}, r"sensor\.noise: got \{'colour': 1\}"),
     ({"noise": "loud"}, r"sensor\.noise \(position\): got 'loud'"),
     ({"bias": [1e-4, 9.0]}, r"sensor\.bias \(heading\): got 9.0"),
-    ({"dropout": 1.0}, r"sensor\.dropout: got 1.0"),
+    ({"dropout": 1.01}, r"sensor\.dropout: got 1.01"),
     ({"dropout": -0.1}, r"sensor\.dropout: got -0.1"),
     ({"rate": 20.0}, r"sensor\.rate: got 20.0; allowed: 25 Hz, the rate of steps, over a whole number"),
     ({"rate": 50.0}, r"sensor\.rate: got 50.0"),
     ({"delay": 250}, r"sensor\.delay: got '250 periods'; allowed: less than an episode, 250 periods"),
     ({"estimator": "crystal ball"}, r"sensor\.estimator: got 'crystal ball'; allowed: 'none', 'kalman', 'model'"),
-    ({"estimator": {"kind": "model", "model": "tilting"}}, r"model: got 'tilting'"),
+    ({"estimator": {"kind": "model", "model": "tilting"}}, r"sensor\.estimator\.model: got 'tilting'"),
     ({"estimator": {"kind": "model", "drift": -1.0}}, r"sensor\.estimator\.drift: got -1.0"),
     (
         {"estimator": {"kind": "none", "drift": 1.0}},
@@ -160,6 +188,14 @@ def test_bad_settings_are_refused(settings, message):
             make("vibgym/Align-v0", sensor={"kind": "pose", **settings})
 
 
+def test_an_estimator_s_model_that_several_parts_cannot_have_is_named():
+    sensor = {"kind": "pose", "estimator": {"kind": "model", "model": "averaged"}}
+    with pytest.raises(ValueError, match=r"^sensor\.estimator\.model: got 'averaged'; allowed: 'planar' with several"):
+        gym.make("vibgym/Sort-v0", sensor=sensor)
+
+
 def test_a_latency_as_long_as_an_episode_is_refused():
+    with pytest.raises(ValueError, match=r"^randomize\['latency'\]: got '400 periods'; allowed: less than an episode"):
+        gym.make("vibgym/Align-v0", actuators="prototype", randomize={"latency": [0, 400]})
     with pytest.raises(ValueError, match=r"^actuators\.latency: got '300 periods'; allowed: less than an episode"):
         gym.make("vibgym/Align-v0", actuators={"kind": "prototype", "latency": 300})

@@ -9,15 +9,18 @@ from vibgym.actuators.base import Actuators
 from vibgym.actuators.data_sheet import DataSheet
 from vibgym.actuators.ideal import IdealActuators
 from vibgym.actuators.prototype import PrototypeActuators
+from vibgym.actuators.stage import ActuatorStage
 from vibgym.config import to_si
 from vibgym.registry import Registry
 from vibgym.scene.surface import Surface
 
-ACTUATORS: Registry[type[Actuators]] = Registry("actuators", {"ideal": IdealActuators, "prototype": PrototypeActuators})
+ACTUATORS: Registry[type[ActuatorStage]] = Registry(
+    "actuators", {"ideal": IdealActuators, "prototype": PrototypeActuators}
+)
 """Actuators by name; ``ACTUATORS.register(name, cls)`` adds some of your own."""
 
 
-def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> Actuators:
+def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> ActuatorStage:
     """Actuators from their name or a mapping with ``kind`` and their own settings; keys may carry a unit (``dead_zone_mm``).
 
     Raises:
@@ -27,9 +30,9 @@ def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> A
     return checks.made("actuators", ACTUATORS[kind], (surface, worlds, periods), to_si(settings, "actuators"))
 
 
-def nominal(actuators: Actuators) -> Actuators:
+def nominal(actuators: ActuatorStage) -> ActuatorStage:
     """What a model of the machine takes for some actuators: as their data sheet has them, and without latency."""
     return actuators.nominal() or IdealActuators(actuators.surface, actuators.worlds, actuators.periods)
 
 
-__all__ = ["ACTUATORS", "Actuators", "DataSheet", "PrototypeActuators", "actuators_from", "nominal"]
+__all__ = ["ACTUATORS", "ActuatorStage", "Actuators", "DataSheet", "PrototypeActuators", "actuators_from", "nominal"]

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.actuators.base import Actuators
 from vibgym.actuators.commands import Commands
 from vibgym.actuators.data_sheet import DataSheet
+from vibgym.actuators.stage import ActuatorStage
 from vibgym.physics.core.drive import Drive, cartesian_drive, follow_phasors
 from vibgym.physics.core.hardware import (
     DEAD_ZONE,
@@ -38,19 +38,20 @@ MOST_LATENCY = 1000
 MOST_SPREAD = 0.5
 
 
-class PrototypeActuators(Actuators):
+class PrototypeActuators(ActuatorStage):
     """Elements with a dead zone, a limit, latency, spread, and faults.
 
     A commanded amplitude is rounded to the resolution and limited; the dead zone takes what is small; the element's own gain
     and phase error follow; what still exceeds the surface's largest amplitude is cut.
 
     Args:
-        surface, worlds, periods: see :class:`Actuators`.
+        surface, worlds, periods: see :class:`vibgym.actuators.stage.ActuatorStage`.
         dead_zone: m, amplitude below which commands are not, or not wholly, realised.
         dead_zone_form: of smaller amplitudes ``a``: ``"hard"``: nothing, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
             a^3 / dead_zone^2.
         limit: m, largest amplitude; None: the surface's. The prototype's was about 0.25 mm.
-        latency: periods between a command and its effect; elements rest until the first one takes effect.
+        latency: periods between a command and its effect; elements rest until the first one takes effect. The data sheet
+            and estimators go by this number, also where ``randomize`` draws others.
         gain_spread, phase_spread: standard deviations of the elements' gains (1) and phase errors (rad), normal.
         bandwidth: Hz, at which elements follow (a lag of first order); None: at once. It costs a look at all elements.
         resolution: m, of amplitudes; 0: continuous.
@@ -92,7 +93,7 @@ class PrototypeActuators(Actuators):
         stuck: float | Sequence[Sequence[float]] = 0.0,
         seed: int | None = None,
     ) -> None:
-        self.surface, self.worlds, self.periods = surface, worlds, periods
+        super().__init__(surface, worlds, periods)
         assert surface.max_amplitude is not None
         self.most = most = surface.max_amplitude
         self.form = checks.choice("actuators.dead_zone_form", dead_zone_form, FORMS)
@@ -147,8 +148,11 @@ class PrototypeActuators(Actuators):
     def _make(self) -> None:
         """Everything that depends on settings and ranges."""
         surface, worlds = self.surface, self.worlds
-        most_latency = int(self._ranges["latency"][1]) if "latency" in self._ranges else self.latency
-        self._room = -(-most_latency // self.periods) + 1
+        least, most = map(int, self._ranges.get("latency", (self.latency, self.latency)))
+        self.most_latency, self._room = most, -(-most // self.periods) + 1
+        # Instants of a step at which some world may begin to obey another command. All worlds stop there, whatever they have
+        # drawn: the averaged model gives other bits where a step is cut, and a world's must not depend on the others.
+        self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
         self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
         keyed = self.seed is None
         self.draws = (KEY_DRAWS if keyed else 0) + len(self._ranges)
@@ -170,6 +174,8 @@ class PrototypeActuators(Actuators):
         self._commands: Commands | None = None
 
     def prepare(self, command: Drive) -> None:
+        step = sum(each.nbytes for each in command if isinstance(each, np.ndarray))
+        checks.fitting("actuators.latency", self.most_latency, step / self.periods)
         self._commands = Commands(command, self.worlds, self._room)
 
     @property
@@ -206,11 +212,11 @@ class PrototypeActuators(Actuators):
         self._commands.forget(worlds)
         self._hardware.record.source[worlds] = -1
         self._reached[worlds if self._lagging else slice(0)] = 0.0
-        self.begin(worlds, uniform)
+        if len(worlds):
+            self._draw(worlds, uniform)
 
-    def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
-        if not len(worlds):
-            return
+    def _draw(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        """Draw elements and settings of new episodes."""
         keys = (
             keys_from(uniform[:, :KEY_DRAWS]) if self._fixed_key is None else np.tile(self._fixed_key, (len(worlds), 1))
         )
@@ -243,8 +249,7 @@ class PrototypeActuators(Actuators):
         drive = self._commands.write(command, self._hardware.address)
         source, periods = self._hardware.record.source, self.periods
         latency = self._own["latency"].astype(np.int64) if "latency" in self._ranges else self.latency
-        edges = sorted({0, periods, *np.unique(latency % periods).tolist()})
-        for begin, end in zip(edges, edges[1:]):
+        for begin, end in zip(self._edges, self._edges[1:]):
             self._commands.rows(-((begin - latency) // periods), source)
             if not self._lagging:
                 yield drive, end - begin
@@ -252,10 +257,6 @@ class PrototypeActuators(Actuators):
             for _ in range(end - begin):
                 follow_phasors(drive, self._keep, self._reached, *self._mean)
                 yield cartesian_drive(*self._mean), 1
-
-    def realise(self, phasors: np.ndarray) -> None:
-        """Not used: kernels do it, for the elements under a part."""
-        raise NotImplementedError
 
     def live(self) -> dict[str, np.ndarray]:
         assert self._commands is not None

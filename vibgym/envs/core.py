@@ -336,7 +336,7 @@ def _identity(options: Options, core: Core) -> str:
     """What makes two environments the same, as JSON: their states fit each other."""
 
     def plain(value: Any) -> Any:
-        return value.tolist() if isinstance(value, np.ndarray) else repr(value)
+        return value.tolist() if isinstance(value, np.ndarray | np.generic) else repr(value)
 
     content = {
         **vars(options),

@@ -138,7 +138,9 @@ def check_delays(core: Core, max_episode_periods: Any) -> None:
     """
     if max_episode_periods is None:
         return
-    for name, periods in (("sensor.delay", core.sensing.sensor.delay), ("actuators.latency", core.actuators.latency)):
+    actuators = core.actuators
+    latency = "randomize['latency']" if "latency" in actuators.drawn() else "actuators.latency"
+    for name, periods in (("sensor.delay", core.sensing.sensor.delay), (latency, actuators.most_latency)):
         if periods >= max_episode_periods:
             raise checks.refuse(name, f"{periods} periods", f"less than an episode, {max_episode_periods} periods")
 

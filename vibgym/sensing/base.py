@@ -17,6 +17,9 @@ from vibgym.sensing.measurement import Reading, new_reading
 MOST_DELAY = 10_000
 """Periods: longer than any episode."""
 
+BYTES_OF_READING = 50
+"""Of a part, in a step that is kept until it is due."""
+
 
 class Sensor(ABC):
     """Base of all sensors: batched, with a delay in periods and a rate.
@@ -60,7 +63,8 @@ class Sensor(ABC):
     ) -> None:
         self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
         self.periods = periods
-        self.delay = checks.count("sensor.delay", delay, least=0, most=MOST_DELAY)
+        delay = checks.count("sensor.delay", delay, least=0, most=MOST_DELAY)
+        self.delay = checks.fitting("sensor.delay", delay, BYTES_OF_READING * worlds * len(self.parts) / periods)
         self.every = _steps_between("sensor.rate", rate, surface.frequency / periods)
         self.instant = periods - self.delay % periods
         self._readings = [
@@ -95,6 +99,8 @@ class Sensor(ABC):
         for each in self._readings:
             for kept, read in zip(each, fresh, strict=True):
                 kept[worlds] = read[worlds]
+        for each in self._readings[1:]:  # until the first look of a step is due there is nothing new
+            each.seen[worlds] = False
 
     def look(self, state: State) -> None:
         """Take in the true state of this instant; called once a step, at :attr:`instant`."""

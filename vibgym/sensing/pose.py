@@ -34,18 +34,18 @@ def draw_offsets(worlds, key, bias, offset):
 
 
 @borrowing
-def read_poses(state_pose, gone, key, looks, noise, offset, dropout, step, last, elapsed, reading):
+def read_poses(state_pose, gone, key, looks, every, noise, offset, dropout, step, last, elapsed, reading):
     """Write noisy poses, and mean velocities as their differences.
 
     Args:
         state_pose: (worlds, parts, 3) true poses.  gone: (worlds, parts).
-        key: (worlds, 2).  looks: (worlds,) number of this look.
+        key: (worlds, 2).  looks: (worlds,) number of this look, of which every ``every``-th really is one.
         noise: (2,) standard deviations of position (m) and heading (rad), anew at each look.
         offset: (worlds, parts, 3) error of the whole episode.
         dropout: probability that a look misses a part; the first look of an episode misses none.
-        step: s from look to look.
+        step: s of a step.
         last: (worlds, parts, 3) pose that was read last; overwritten.
-        elapsed: (worlds, parts) int64, looks since then; overwritten.
+        elapsed: (worlds, parts) int64, steps since then; overwritten.
         reading: overwritten.
     """
     for w in range(state_pose.shape[0]):
@@ -53,10 +53,10 @@ def read_poses(state_pose, gone, key, looks, noise, offset, dropout, step, last,
         for p in range(state_pose.shape[1]):
             elapsed[w, p] += 1
             reading.gone[w, p] = gone[w, p]
-            lost = False
+            lost = looks[w] % every != 0
             if dropout > 0.0 and not first:
                 chance, _, _, _ = uniforms(key[w], looks[w], p, _DROPOUT, 0)
-                lost = chance < dropout
+                lost = lost or chance < dropout
             if lost:
                 reading.seen[w, p] = False
                 for k in range(3):
@@ -81,7 +81,7 @@ class PoseSensor(Sensor):
         noise: standard deviation anew at each look, normal: [position in m, heading in rad], a number for the position alone,
             or a mapping with ``position`` and ``heading`` (``position_mm``, ``heading_deg``).
         bias: likewise, of an error that stays for the episode: one shift of all positions, and one turn for each part.
-        dropout: probability that a look misses a part. The first look of an episode misses none.
+        dropout: probability that a look misses a part. The first look of an episode misses none, so with 1 it is the only one.
         **base: ``delay``, ``rate``.
 
     Raises:
@@ -107,8 +107,6 @@ class PoseSensor(Sensor):
         self.noise = deviations("sensor.noise", noise, largest)
         self.bias = deviations("sensor.bias", bias, largest)
         self.dropout = checks.number("sensor.dropout", dropout, least=0.0, most=1.0)
-        if self.dropout == 1.0:
-            raise checks.refuse("sensor.dropout", dropout, "a finite number >= 0 and < 1: with 1 nothing is ever seen")
         shape = (worlds, len(self.parts))
         self._key = np.zeros((worlds, 2), dtype=np.int64)
         self._offset = np.zeros((*shape, 3))
@@ -133,8 +131,8 @@ class PoseSensor(Sensor):
     def measure(self, state: State, reading: Reading) -> None:
         step = self.periods * self.surface.period
         read_poses(
-            state.pose, state.fallen, self._key, self.looks, self.noise, self._offset, self.dropout, step, self._last,
-            self._elapsed, reading,
+            state.pose, state.fallen, self._key, self.looks, self.every, self.noise, self._offset, self.dropout, step,
+            self._last, self._elapsed, reading,
         )  # fmt: skip
 
     def own_state(self) -> dict[str, np.ndarray]:

@@ -21,6 +21,9 @@ from vibgym.physics.core.jit import borrowing
 FIELD_STRENGTHS = 6
 """Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
 
+NOWHERE = 1e300
+"""Centre of a part that commands nothing: so far away that its squared distance is infinite, yet a number for snapshots."""
+
 POLAR, ELEMENT, PHASOR, PATCH, FIELD, CARTESIAN = range(6)
 """How a drive is written down; see the function of that name, such as :func:`polar_drive`."""
 
@@ -94,7 +97,7 @@ def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size
     """Phasors of the k x k elements around each part, all others at rest.
 
     An element in several patches obeys the part whose centre is nearest to the element's centre; ties go to the lower index.
-    A part whose centre is infinitely far away commands nothing.
+    A part whose centre is :data:`NOWHERE` commands nothing.
 
     Args:
         values: (worlds, parts * k * k * 2) float32, rows first.
@@ -110,7 +113,7 @@ def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, rea
     """Strengths of the basic fields around each part, on the whole surface: those of :mod:`vibgym.fields`.
 
     The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push. Every element
-    obeys the part whose centre is nearest to its own; ties go to the lower index. A part whose centre is infinitely far away
+    obeys the part whose centre is nearest to its own; ties go to the lower index. A part whose centre is :data:`NOWHERE`
     commands nothing, and where none commands the elements rest.
 
     Args:

@@ -58,11 +58,14 @@ def model(
     sigma: float = 1.0,
 ) -> Estimator:
     """The simulator as a model of the machine, corrected by a Kalman filter; see :class:`FilterEstimator`."""
-    predictor = ModelPredictor(sensor, plant, walls, model)
-    error = checks.number("sensor.estimator.model_error", model_error, least=0.0, most=10.0)
+    try:
+        predictor = ModelPredictor(sensor, plant, walls, model)
+    except ValueError as error:  # the environment has refused all that may be wrong but this model
+        raise ValueError(f"sensor.estimator.{error}") from None
+    share = checks.number("sensor.estimator.model_error", model_error, least=0.0, most=10.0)
     acceleration = checks.number("sensor.estimator.acceleration", acceleration, above=0.0, most=1e3)
     return FilterEstimator(
-        sensor, predictor, latency, floor=acceleration, model_error=error, unknown=unknown, drift=drift, sigma=sigma
+        sensor, predictor, latency, floor=acceleration, model_error=share, unknown=unknown, drift=drift, sigma=sigma
     )
 
 

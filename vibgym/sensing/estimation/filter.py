@@ -94,7 +94,7 @@ def spread(covariance, way, fall, left, noise, drift, result):
     result[VV] = left * left * vv + 2.0 * left * way * vd + way * way * dd
     result[VD] = left * vd + way * dd
     result[DD] = dd + drift
-    result[PP] += fall * fall * noise
+    result[PP] = max(result[PP] + fall * fall * noise, 0.0)
     result[PV] += fall * way * noise
     result[VV] += way * way * noise
 
@@ -116,13 +116,11 @@ def observe(covariance, innovation, variance):
         covariance[VV] += innovation * innovation * 100.0
         total = covariance[PP] + variance
     kp, kv, kd = covariance[PP] / total, covariance[PV] / total, covariance[PD] / total
-    pp, pv, pd = covariance[PP], covariance[PV], covariance[PD]
-    covariance[PP] = pp - kp * pp
-    covariance[PV] = pv - kp * pv
-    covariance[PD] = pd - kp * pd
-    covariance[VV] = covariance[VV] - kv * pv
-    covariance[VD] = covariance[VD] - kv * pd
-    covariance[DD] = covariance[DD] - kd * pd
+    left = variance / total  # of the position's: 1 - kp, but never below zero, whatever is rounded
+    covariance[VV] = max(covariance[VV] - kv * covariance[PV], 0.0)
+    covariance[VD] = covariance[VD] - kv * covariance[PD]
+    covariance[DD] = max(covariance[DD] - kd * covariance[PD], 0.0)
+    covariance[PP], covariance[PV], covariance[PD] = left * covariance[PP], left * covariance[PV], left * covariance[PD]
     return kp * innovation, kv * innovation, kd * innovation
 
 
@@ -183,7 +181,7 @@ def start_covariance(all_of, w, p, k):
 
 
 @borrowing
-def begin_filter(worlds, pose, gone, delay, address):
+def begin_filter(worlds, pose, gone, address):
     """Start afresh in ``worlds``, whose parts the predictor has put down at ``pose``."""
     all_of = filter_at(address)
     for w in worlds:
@@ -196,7 +194,7 @@ def begin_filter(worlds, pose, gone, delay, address):
                 all_of.sigma[w, p, k] = math.sqrt(all_of.variance[p, k])
             for step in range(all_of.activity.shape[0]):
                 all_of.activity[step, w, p] = 0.0
-            all_of.age[w, p], all_of.gone[w, p] = delay, gone[w, p]
+            all_of.age[w, p], all_of.gone[w, p] = 0, gone[w, p]
 
 
 @borrowing
@@ -223,7 +221,8 @@ def filter_readings(reading, delay, periods, address):
                 scale = all_of.arm[p] if k == 2 else 1.0
                 covariance = all_of.covariance[w, p, k]
                 drift = all_of.drift * all_of.drift * step / (scale * scale)
-                spread(covariance, way, fall, left, noise_of(all_of, 0, w, p) / (scale * scale), drift, covariance)
+                if all_of.age[w, p] > delay or seen:  # else it is that of the start, since when nothing has happened
+                    spread(covariance, way, fall, left, noise_of(all_of, 0, w, p) / (scale * scale), drift, covariance)
                 if seen and not gone and not lost:
                     innovation = reading.pose[w, p, k] - all_of.kept[0, w, p, k]
                     dp, dv, dd = observe(covariance, innovation, all_of.variance[p, k])
@@ -325,7 +324,7 @@ class FilterEstimator:
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         self._predictor.place(worlds, reading.pose[worlds], reading.gone[worlds])
         if len(worlds):
-            begin_filter(worlds, reading.pose, reading.gone, self._sensor.delay, self._filter.address)
+            begin_filter(worlds, reading.pose, reading.gone, self._filter.address)
 
     def follow(self, command: Drive) -> None:
         record = self._filter.record

@@ -23,7 +23,7 @@ class Hold:
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         for kept, read in zip(self.measurement[:3], reading[:3]):
             kept[worlds] = read[worlds]
-        self.measurement.age[worlds] = self._sensor.delay
+        self.measurement.age[worlds] = 0
 
     def follow(self, command: Drive) -> None:
         """Nothing to do."""

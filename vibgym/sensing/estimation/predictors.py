@@ -18,6 +18,9 @@ from vibgym.simulation.simulator import Simulator
 class Plant(Protocol):
     """Actuators as a model of the machine has them; those of :mod:`vibgym.actuators` are such."""
 
+    draws: int
+    """Uniform numbers that they need at an episode's start; a model has the middle of each."""
+
     def prepare(self, command: Drive) -> None:
         """See what commands will look like."""
 
@@ -72,7 +75,7 @@ class ModelPredictor:
         self._plant.prepare(command)
 
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
-        self._plant.reset(worlds, np.zeros((len(worlds), 0)))
+        self._plant.reset(worlds, np.full((len(worlds), self._plant.draws), 0.5))
         self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, self._idle), 0.0, fallen)
 
     def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
