@@ -63,6 +63,7 @@ class Setup:
 
     Attributes:
         rig, known: for the kernels.  template: of the calibration.  shape: (lines, columns) of an image.
+        lag: s by which the odd lines are taken before the even ones.
 
     Raises:
         ValueError: a bad setting; a camera that does not see the whole surface; a part that is too small or tall to be seen.
@@ -73,6 +74,7 @@ class Setup:
         self.lines = checks.choice("sensor.lines", settings.lines, tuple(LINES))
         self.edge = checks.choice("sensor.edge", settings.edge, EDGES)
         self.pitch = LINES[self.lines]
+        self.lag = 0.5 * surface.period if self.lines == "interlaced" else 0.0
         self.optics, self.ideal = self._optics(settings)
         self.border = border = checks.number("sensor.border", settings.border, least=0.0, most=1.0)
         frame = self._frame(border)
