@@ -147,7 +147,8 @@ class CameraSensor(Sensor):
             ValueError: nobody has called :meth:`keep_pictures`.
         """
         if not self._pictures:
-            raise checks.refuse("image()", "a camera that keeps no pictures", "after keep_pictures(), or with observation='camera'")
+            allowed = "with observation='camera', or after keep_pictures()"
+            raise checks.refuse("image()", "a camera that keeps no pictures", allowed)
         picture, setup = self._pictures[0], self.setup
         images = np.empty((self.worlds, *setup.shape), dtype=np.uint8)
         for w in range(self.worlds):
