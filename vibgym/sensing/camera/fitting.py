@@ -6,8 +6,10 @@ at rest and cannot be averaged. What comes from the pixels' noise is new at each
 
 from __future__ import annotations
 
+import hashlib
 import math
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,8 +65,36 @@ def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarr
     return np.column_stack([place, random.uniform(-math.pi, math.pi, count)])
 
 
+_sampled: dict[bytes, ErrorModel] = {}
+MOST_SAMPLED = 64
+"""Cameras whose errors a process remembers: environments of the same settings share them."""
+
+
 def fit_errors(setup: Setup) -> ErrorModel:
-    """Sample the camera's errors for every kind of parts; always the same for the same settings."""
+    """The camera's errors for every kind of parts; always the same for the same settings. Not to be changed."""
+    digest = hashlib.sha256()
+    for leaf in _leaves((setup.rig, setup.known, setup.lag)):
+        digest.update(f"{leaf.dtype}{leaf.shape}".encode())
+        digest.update(leaf.tobytes())
+    key = digest.digest()
+    if key not in _sampled:
+        if len(_sampled) == MOST_SAMPLED:
+            _sampled.clear()
+        _sampled[key] = sampled_errors(setup)
+    return _sampled[key]
+
+
+def _leaves(record: Any) -> Iterator[np.ndarray]:
+    """All values of a record of records."""
+    if isinstance(record, tuple):
+        for each in record:
+            yield from _leaves(each)
+    else:
+        yield np.asarray(record)
+
+
+def sampled_errors(setup: Setup) -> ErrorModel:
+    """:func:`fit_errors` without memory."""
     traits, grain = setup.known.traits, setup.known.grain
     kinds = len(traits.area)
     model = ErrorModel(*(np.zeros((kinds, 3)) for _ in range(4)))

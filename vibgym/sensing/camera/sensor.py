@@ -150,11 +150,11 @@ class CameraSensor(Sensor):
             allowed = "with observation='camera', or after keep_pictures()"
             raise checks.refuse("image()", "a camera that keeps no pictures", allowed)
         picture, setup = self._pictures[0], self.setup
-        images = np.empty((self.worlds, *setup.shape), dtype=np.uint8)
+        images, bare = np.empty((self.worlds, *setup.shape), dtype=np.uint8), np.empty(setup.shape, dtype=np.float32)
         for w in range(self.worlds):
             whole_image(
                 setup.optics, setup.rig.shapes, setup.rig.exposure, picture.pose[w], picture.earlier[w],
-                picture.shown[w], self._key[w], picture.look[w], images[w],
+                picture.shown[w], self._key[w], picture.look[w], bare, images[w],
             )  # fmt: skip
         return images
 
