@@ -39,6 +39,7 @@ class Scene:
         self.sensor = CameraSensor(surface, parts, 1, 1, lines="all", edge="threshold")
         state = new_state(1, len(parts))
         state.pose[0], state.fallen[:] = self.pose, False
+        self.sensor.keep_pictures()
         self.sensor.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
         self.setup = self.sensor.setup
         self.image = self.sensor.image()[0]

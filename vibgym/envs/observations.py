@@ -271,6 +271,7 @@ class CameraObservation(Observation):
                 "observation", "camera", "'camera' only with sensor='camera', or a mapping of that kind"
             )
         self._camera = sensor
+        sensor.keep_pictures()
 
     @property
     def space(self) -> spaces.Space:

@@ -30,5 +30,6 @@ def camera(parts, pose, periods=1, **settings):
     worlds = len(state.pose)
     sensor = CameraSensor(SURFACE, parts, worlds, periods, **settings)
     uniform = np.random.default_rng(5).random((worlds, sensor.draws))
+    sensor.keep_pictures()
     sensor.reset(np.arange(worlds), state, uniform)
     return sensor

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from vibgym.sensing.camera.calibration import _centroids
+from vibgym.sensing.camera.calibration import find_marks
 from vibgym.sensing.camera.edges import Grey
-from vibgym.sensing.camera.objects import Interest, find_objects, new_found
+from vibgym.sensing.camera.objects import Interest
 
 
 def coverage(lines, columns, centre, angle, size, fine=32):
@@ -22,12 +22,9 @@ def coverage(lines, columns, centre, angle, size, fine=32):
 def centroids(share, level=200.0, fine=True, reach=2):
     grey = np.floor(level * (1.0 - 0.8 * share) + 0.5).astype(np.uint8)
     lines, columns = grey.shape
-    found = new_found(grey.shape, 10)
-    find_objects(grey, Interest(np.zeros(lines, int), np.full(lines, columns - 1), 0.6 * 200.0, 1, 1, 4), found)
+    interest = Interest(np.zeros(lines, int), np.full(lines, columns - 1), 0.6 * 200.0, 1, 1, 4)
     meaning = Grey(np.broadcast_to(np.float32(level), grey.shape).astype(np.float32), 0.8, reach, reach, fine)
-    places = np.empty((found.count[0], 2))
-    _centroids(grey, meaning, found, places)
-    return places
+    return find_marks(grey, interest, meaning, 10)
 
 
 def test_grey_levels_tell_the_centroid_far_better_than_whole_pixels():

@@ -11,13 +11,14 @@ import vibgym  # noqa: F401
 from tests.envs.helpers import assert_same
 from tests.sensing.camera.helpers import SURFACE, camera, setup, state_of
 from vibgym import Part
-from vibgym.physics.core.jit import jit
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing.camera import CameraSensor
 from vibgym.sensing.camera.fitting import fit_errors, look_alone, random_poses
-from vibgym.sensing.camera.statistical import noise_at
+from vibgym.sensing.camera.statistical import noise_at, normal_levels
 
 BLOCK, DISC = shipped_part("aluminium_block"), Part.disc(0.02, friction=0.5)
+SQUARE = Part.rectangle(0.04, 0.04, friction=0.5)
+TRIANGLE = Part.polygon([[0.03, 0.0], [-0.015, 0.026], [-0.015, -0.026]], friction=0.5)
 
 
 @pytest.mark.parametrize("lines, edge, position, heading", [
@@ -140,6 +141,14 @@ def test_the_image_is_the_one_that_is_due():
         assert {"swaps", "merges", "losses"} <= set(info["measured"])
 
 
+def test_pictures_are_kept_for_those_who_ask():
+    sensor = CameraSensor(SURFACE, [BLOCK], 1, 1)
+    sensor.reset(np.array([0]), state_of([[[0.2, 0.1, 0.0]]]), np.array([[0.1, 0.2]]))
+    with pytest.raises(ValueError, match=r"^image\(\): got 'a camera that keeps no pictures'; allowed: with observation"):
+        sensor.image()
+    assert not any(name.startswith("picture") for name in sensor.live())
+
+
 @pytest.mark.parametrize("settings, message", [
     ({"height": 0.5}, r"^sensor: got 'a camera 0\.5 m above .* does not see the whole surface: columns -2\d\d to 9\d\d"),
     ({"tilt": [0.3, 0.0]}, "does not see the whole surface"),
@@ -177,21 +186,16 @@ def test_only_a_camera_has_an_image():
 # -- the statistical sensor --------------------------------------------------------------------------------------------
 
 
-@jit
-def noise(places: np.ndarray, kind: int, values: np.ndarray) -> None:
-    noise_at(places, kind, values)
-
-
 def test_smooth_noise_is_normal_continuous_and_its_components_independent():
     random = np.random.default_rng(4)
     places, values = random.uniform(-500, 500, (20_000, 3)), np.empty((20_000, 3))
-    noise(places, 0, values)
+    noise_at(places, 0, normal_levels(), values)
     assert np.abs(values.mean(axis=0)).max() < 0.03 and values.std(axis=0) == pytest.approx(1.0, abs=0.03)
     assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 0.03
     assert (np.abs(values) < 1.0).mean() == pytest.approx(0.683, abs=0.015)
     near, other = np.empty_like(values), np.empty_like(values)
-    noise(places + 1e-6, 0, near)
-    noise(places, 1, other)
+    noise_at(places + 1e-6, 0, normal_levels(), near)
+    noise_at(places, 1, normal_levels(), other)
     assert np.abs(near - values).max() < 1e-4 and abs(np.corrcoef(values[:, 0], other[:, 0])[0, 1]) < 0.03
 
 
@@ -216,6 +220,27 @@ def test_the_statistical_sensor_errs_as_the_camera_does(settings):
         ratio = spread[True][:, columns] / spread[False][:, columns]
         assert (ratio[:2] > 0.75).all() and (ratio[:2] < 1.33).all(), ratio
         assert (ratio[2] > 0.6).all() and (ratio[2] < 1.6).all(), ratio
+
+
+@pytest.mark.parametrize("part", [BLOCK, SQUARE, TRIANGLE])
+def test_both_see_what_motion_does_to_interlaced_lines(part):
+    """Centres lag by a quarter of a period, and parts seem turned by the shift and the turn between both halves."""
+    random, worlds = np.random.default_rng(3), 60
+    pose = random_poses(setup([part]), 0, worlds, seed=5)[:, None]
+    velocity = random.uniform([-0.2, -0.2, -3.0], [0.2, 0.2, 3.0], (worlds, 1, 3))
+    errors = {}
+    for statistical in (False, True):
+        sensor = camera([part], pose, statistical=statistical, lines="interlaced")
+        sensor.track.velocity[:] = velocity  # as if it had been followed for a while
+        sensor.looks[:] = 1
+        sensor.track.pose[:] = pose - 0.04 * velocity
+        sensor.look(state_of(pose, velocity))
+        assert sensor.due.seen.all()
+        errors[statistical] = (sensor.due.pose - pose)[:, 0]
+    assert errors[False][:, :2] == pytest.approx(-0.01 * velocity[:, 0, :2], abs=3e-4)
+    difference = (errors[True] - errors[False]).std(axis=0)
+    assert (difference < [6e-5, 6e-5, math.radians(0.25)]).all(), difference
+    assert errors[False][:, 2].std() > math.radians(0.9)  # a fault to speak of
 
 
 @pytest.mark.parametrize("statistical", [False, True])

@@ -15,7 +15,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.physics.core.jit import borrowing, jit
 from vibgym.sensing.camera.edges import Grey, share_moments, shares
-from vibgym.sensing.camera.objects import Found, Interest, find_objects, new_found
+from vibgym.sensing.camera.objects import Found, Interest, clear, find, new_found
 
 
 class Grid(NamedTuple):
@@ -58,9 +58,11 @@ def template_for(width: float, height: float, tetragons: tuple[int, int], mark: 
 
 
 @jit
-def _centroids(grey: np.ndarray, meaning: Grey, found: Found, places: np.ndarray) -> None:
+def _centroids(grey: np.ndarray, interest: Interest, meaning: Grey, found: Found, places: np.ndarray) -> None:
+    clear(found)
+    find(grey, interest, found)
     moment = np.empty(6)
-    for k in range(places.shape[0]):
+    for k in range(found.count[0]):
         share, top, left = shares(grey, meaning, found, k)
         share_moments(share, top, left, moment)
         places[k, 0], places[k, 1] = moment[1] / moment[0], moment[2] / moment[0]
@@ -69,10 +71,10 @@ def _centroids(grey: np.ndarray, meaning: Grey, found: Found, places: np.ndarray
 def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -> np.ndarray:
     """Centroids (n, 2), column and line, of all dark objects in an image that lie wholly in the area of interest."""
     found = new_found((grey.shape[0], grey.shape[1]), most)
-    find_objects(grey, interest, found)
-    places = np.empty((int(found.count[0]), 2))
-    _centroids(grey, meaning, found, places)
-    return places[~found.clipped[: len(places)]]
+    places = np.empty((most, 2))
+    _centroids(grey, interest, meaning, found, places)
+    count = int(found.count[0])
+    return places[:count][~found.clipped[:count]]
 
 
 def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
@@ -169,7 +171,7 @@ def locate(grid, u, v, jacobian):
     """The place (x, y), m, on the surface that is seen at column ``u``, line ``v``; beyond the marks the map goes on.
 
     Args:
-        jacobian: (2, 2) derivatives of (x, y) by column and line around there, written.
+        jacobian: (4,) derivatives of x by column and line around there, then of y, written.
     """
     rows, columns = grid.places.shape[0] - 1, grid.places.shape[1] - 1
     row, column = rows // 2, columns // 2
@@ -186,14 +188,14 @@ def locate(grid, u, v, jacobian):
         for j in range(2):
             below = (1.0 - s) * grid.jacobian[row, column, i, j] + s * grid.jacobian[row, column + 1, i, j]
             above = (1.0 - s) * grid.jacobian[row + 1, column, i, j] + s * grid.jacobian[row + 1, column + 1, i, j]
-            jacobian[i, j] = (1.0 - t) * below + t * above
+            jacobian[2 * i + j] = (1.0 - t) * below + t * above
     return grid.left + (column + xi) * grid.width, grid.bottom + (row + eta) * grid.height
 
 
 @jit
 def locate_all(grid: Grid, places: np.ndarray, points: np.ndarray) -> None:
     """:func:`locate` for ``places`` (n, 2) into ``points`` (n, 2)."""
-    jacobian = np.empty((2, 2))
+    jacobian = np.empty(4)
     for k in range(places.shape[0]):
         points[k, 0], points[k, 1] = locate(grid, places[k, 0], places[k, 1], jacobian)
 

@@ -133,7 +133,7 @@ def complex_moment(share, top, left, column, line, jacobian, order):
         for c in range(share.shape[1]):
             if share[l, c] != 0.0:
                 u, v = c + left - column, l + top - line
-                x, y = jacobian[0, 0] * u + jacobian[0, 1] * v, jacobian[1, 0] * u + jacobian[1, 1] * v
+                x, y = jacobian[0] * u + jacobian[1] * v, jacobian[2] * u + jacobian[3] * v
                 re, im = 1.0, 0.0
                 for _ in range(order):
                     re, im = re * x - im * y, re * y + im * x

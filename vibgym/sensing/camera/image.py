@@ -153,12 +153,16 @@ def hide(places: np.ndarray, exposure: Exposure, lines_seen: int, bare: np.ndarr
         Whether it touches the image.
     """
     lines, columns = bare.shape
-    box[:] = 0
+    box[0], box[1], box[2], box[3] = 0, 0, 0, 0
     if places.shape[0] == 0:
         return False
     margin_l, margin_c = exposure.along.shape[0] // 2 + 1, exposure.across.shape[0] // 2 + 1
-    top, bottom = math.floor(places[:, 1].min()) - margin_l, math.ceil(places[:, 1].max()) + margin_l + 1
-    left, right = math.floor(places[:, 0].min()) - margin_c, math.ceil(places[:, 0].max()) + margin_c + 2
+    low, high, first, last = math.inf, -math.inf, math.inf, -math.inf
+    for k in range(places.shape[0]):
+        low, high = min(low, places[k, 1]), max(high, places[k, 1])
+        first, last = min(first, places[k, 0]), max(last, places[k, 0])
+    top, bottom = math.floor(low) - margin_l, math.ceil(high) + margin_l + 1
+    left, right = math.floor(first) - margin_c, math.ceil(last) + margin_c + 2
     if bottom <= 0 or top >= lines or right <= 0 or left >= columns:
         return False
     cover = np.zeros((bottom - top, right - left))
@@ -211,19 +215,16 @@ def draw(
         shown: (parts,) bool.
         boxes: (parts, 2, 4) int64, see :func:`hide`; for even and for odd lines.
     """
+    halves = 1 if earlier.shape[0] == 0 else 2
     for p in range(pose.shape[0]):
-        boxes[p] = 0
-        if not shown[p]:
-            continue
         kind = shapes.kind[p]
         outline = shapes.outline[shapes.first[kind] : shapes.first[kind + 1]]
-        if earlier.shape[0] == 0:
-            hide(seen_outline(optics, outline, pose[p], shapes.height[kind]), exposure, BOTH, canvas.bare, boxes[p, 0])
-        else:
-            hide(seen_outline(optics, outline, pose[p], shapes.height[kind]), exposure, EVEN, canvas.bare, boxes[p, 0])
-            hide(
-                seen_outline(optics, outline, earlier[p], shapes.height[kind]), exposure, ODD, canvas.bare, boxes[p, 1]
-            )
+        for half in range(2):  # the even lines, or all of them, and the odd ones
+            for side in range(4):
+                boxes[p, half, side] = 0
+            if shown[p] and half < halves:
+                places = seen_outline(optics, outline, pose[p] if half == 0 else earlier[p], shapes.height[kind])
+                hide(places, exposure, BOTH if halves == 1 else half, canvas.bare, boxes[p, half])
     for p in range(pose.shape[0]):
         for field in range(2):
             expose(exposure, boxes[p, field], key, look, canvas)
@@ -244,10 +245,17 @@ def wipe(boxes, background, canvas):
 @jit
 def whole_image(
     optics: Optics, shapes: Shapes, exposure: Exposure, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray,
-    key: np.ndarray, look: int, image: np.ndarray,
+    key: np.ndarray, look: int, bare: np.ndarray, image: np.ndarray,
 ) -> None:  # fmt: skip
-    """Write the whole image (lines, columns) uint8 of one world, with noise everywhere: what :func:`draw` draws, and more."""
-    canvas = Canvas(np.ones(image.shape, dtype=np.float32), image)
+    """Write the whole image (lines, columns) uint8 of one world, with noise everywhere: what :func:`draw` draws, and more.
+
+    Args:
+        bare: (lines, columns) float32, share of each pixel that no part hides, written.
+    """
+    for line in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            bare[line, column] = 1.0
+    canvas = Canvas(bare, image)
     boxes = np.zeros((pose.shape[0], 2, 4), dtype=np.int64)
     draw(optics, shapes, exposure, pose, earlier, shown, key, look, canvas, boxes)
     everything = np.array([0, image.shape[0], 0, image.shape[1]])

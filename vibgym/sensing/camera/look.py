@@ -113,13 +113,11 @@ def measure_object(grey: np.ndarray, known: Knowledge, found: Found, number: int
         share, top, left = shares(grey, known.meaning, found, number)
         share_moments(share, top, left, moment)
     u, v = moment[1] / moment[0], moment[2] / moment[0]
-    jacobian = np.empty((2, 2))
-    measure[X], measure[Y] = locate(known.grid, u, v, jacobian)
+    measure[X], measure[Y] = locate(known.grid, u, v, measure[JACOBIAN:])
     measure[M00] = moment[0]
     measure[XX] = moment[3] / moment[0] - u * u - known.aperture[0]
     measure[XY] = moment[4] / moment[0] - u * v
     measure[YY] = moment[5] / moment[0] - v * v - known.aperture[1]
-    measure[JACOBIAN : JACOBIAN + 4] = jacobian.ravel()
 
 
 @borrowing
@@ -143,8 +141,7 @@ def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, me
         return 0.5 * (math.atan2(2.0 * xy, xx - yy) - known.traits.phase[kind])
     share, top, left = shares(grey, known.meaning, found, number)
     m = found.moment[number]
-    jacobian = measure[JACOBIAN : JACOBIAN + 4].copy().reshape(2, 2)
-    re, im = complex_moment(share, top, left, m[1] / m[0], m[2] / m[0], jacobian, order)
+    re, im = complex_moment(share, top, left, m[1] / m[0], m[2] / m[0], measure[JACOBIAN:], order)
     return (math.atan2(im, re) - known.traits.phase[kind]) / order
 
 

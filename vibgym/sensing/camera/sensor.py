@@ -18,7 +18,7 @@ from vibgym.sensing.camera.fitting import ErrorModel, fit_errors
 from vibgym.sensing.camera.image import whole_image
 from vibgym.sensing.camera.look import Seen, look_at, new_seen, new_track
 from vibgym.sensing.camera.setup import Settings, Setup
-from vibgym.sensing.camera.statistical import guess
+from vibgym.sensing.camera.statistical import Statistics, guess, normal_levels
 from vibgym.sensing.measurement import Reading
 
 
@@ -104,23 +104,12 @@ class CameraSensor(Sensor):
         count = len(self.parts)
         self.track = new_track(worlds, count)
         self._key = np.zeros((worlds, 2), dtype=np.int64)
-        odd = count if self.setup.lines == "interlaced" else 0
-        self._pictures = [
-            Picture(
-                np.zeros((worlds, count, 3)),
-                np.zeros((worlds, odd, 3)),
-                np.zeros((worlds, count), dtype=bool),
-                np.zeros(worlds, dtype=np.int64),
-            )
-            for _ in self._readings
-        ]
+        self._pictures: list[Picture] = []
         self._everyone = np.arange(worlds)
         self._chosen = self._everyone
         self._seen: Seen = new_seen(self.setup.shape, count, self.setup.rig.background)
         self._measure = self._by_statistics if self.statistical else self._by_image
-        self._frame = self._frame_seen()
-        if self.statistical:  # now rather than in the first step
-            self._model = fit_errors(self.setup)
+        self._statistics = self._twin() if self.statistical else None  # now rather than in the first step
 
     @property
     def errors(self) -> ErrorModel:
@@ -137,14 +126,35 @@ class CameraSensor(Sensor):
     def facts(self) -> dict[str, np.ndarray]:
         return {name: self.track.count[:, k] for k, name in enumerate(("swaps", "merges", "losses"))}
 
+    def keep_pictures(self) -> None:
+        """Keep, from the next start of an episode on, what :meth:`image` needs; it belongs to snapshots."""
+        count = len(self.parts)
+        odd = count if self.setup.lag > 0.0 else 0
+        self._pictures = [
+            Picture(
+                np.zeros((self.worlds, count, 3)),
+                np.zeros((self.worlds, odd, 3)),
+                np.zeros((self.worlds, count), dtype=bool),
+                np.zeros(self.worlds, dtype=np.int64),
+            )
+            for _ in self._readings
+        ]
+
     def image(self) -> np.ndarray:
-        """(worlds, lines, columns) uint8: what the camera saw at the look that is due now. Fresh."""
+        """(worlds, lines, columns) uint8: what the camera saw at the look that is due now. Fresh.
+
+        Raises:
+            ValueError: nobody has called :meth:`keep_pictures`.
+        """
+        if not self._pictures:
+            allowed = "with observation='camera', or after keep_pictures()"
+            raise checks.refuse("image()", "a camera that keeps no pictures", allowed)
         picture, setup = self._pictures[0], self.setup
-        images = np.empty((self.worlds, *setup.shape), dtype=np.uint8)
+        images, bare = np.empty((self.worlds, *setup.shape), dtype=np.uint8), np.empty(setup.shape, dtype=np.float32)
         for w in range(self.worlds):
             whole_image(
                 setup.optics, setup.rig.shapes, setup.rig.exposure, picture.pose[w], picture.earlier[w],
-                picture.shown[w], self._key[w], picture.look[w], images[w],
+                picture.shown[w], self._key[w], picture.look[w], bare, images[w],
             )  # fmt: skip
         return images
 
@@ -163,9 +173,9 @@ class CameraSensor(Sensor):
 
     def look(self, state: State) -> None:
         super().look(state)
-        oldest = self._pictures.pop(0)
-        self._take(oldest, self._everyone, state)
-        self._pictures.append(oldest)
+        if self._pictures:
+            self._pictures.append(self._pictures.pop(0))
+            self._take(self._pictures[-1], self._everyone, state)
 
     def measure(self, state: State, reading: Reading) -> None:
         reading.gone[...] = state.fallen
@@ -195,9 +205,9 @@ class CameraSensor(Sensor):
         finite = np.asarray(np.isfinite(state.pose).all(axis=-1))
         shown = finite & ~state.fallen
         pose = state.pose if finite.all() else np.where(finite[..., None], state.pose, 0.0)
-        if self.setup.lines != "interlaced":
+        if self.setup.lag == 0.0:
             return pose, np.empty((self.worlds, 0, 3)), shown
-        moved = 0.5 * self.surface.period * state.mean_velocity
+        moved = self.setup.lag * state.mean_velocity
         return pose, pose - np.where(np.isfinite(moved), moved, 0.0), shown
 
     def _by_image(self, worlds: np.ndarray, state: State, reading: Reading) -> None:
@@ -209,15 +219,22 @@ class CameraSensor(Sensor):
         )  # fmt: skip
 
     def _by_statistics(self, worlds: np.ndarray, state: State, reading: Reading) -> None:
-        pose, _, shown = self._scene(state)
-        known, pixel = self.setup.known, self.setup.optics.place[2] / self.setup.optics.focal
         guess(
-            worlds, pose, ~shown, self.setup.rig.shapes, known.traits.radius, self._frame, known.foot,
-            np.array([pixel, self.setup.pitch * pixel]), known.step, self.errors, self._key, self.looks, self.track,
+            worlds, state.pose, state.mean_velocity, state.fallen, self._statistics, self._key, self.looks, self.track,
             reading.pose, reading.mean_velocity, reading.seen,
         )  # fmt: skip
 
-    def _frame_seen(self) -> np.ndarray:
-        """(4,) m: least and largest x, least and largest y of the surface's frame."""
-        border, surface = self.setup.border, self.surface
-        return np.array([-border, surface.width + border, -border, surface.height + border])
+    def _twin(self) -> Statistics:
+        setup, surface = self.setup, self.surface
+        border, pixel = setup.border, setup.optics.place[2] / setup.optics.focal
+        return Statistics(
+            shapes=setup.rig.shapes,
+            traits=setup.known.traits,
+            model=self.errors,
+            frame=np.array([-border, surface.width + border, -border, surface.height + border]),
+            foot=setup.known.foot,
+            pixel=np.array([pixel, setup.pitch * pixel]),
+            step=setup.known.step,
+            lag=setup.lag,
+            quantiles=normal_levels(),
+        )

@@ -63,6 +63,7 @@ class Setup:
 
     Attributes:
         rig, known: for the kernels.  template: of the calibration.  shape: (lines, columns) of an image.
+        lag: s by which the odd lines are taken before the even ones.
 
     Raises:
         ValueError: a bad setting; a camera that does not see the whole surface; a part that is too small or tall to be seen.
@@ -73,6 +74,7 @@ class Setup:
         self.lines = checks.choice("sensor.lines", settings.lines, tuple(LINES))
         self.edge = checks.choice("sensor.edge", settings.edge, EDGES)
         self.pitch = LINES[self.lines]
+        self.lag = 0.5 * surface.period if self.lines == "interlaced" else 0.0
         self.optics, self.ideal = self._optics(settings)
         self.border = border = checks.number("sensor.border", settings.border, least=0.0, most=1.0)
         frame = self._frame(border)
@@ -119,12 +121,7 @@ class Setup:
             np.zeros(shown.size, dtype=np.int64), outline, np.array([0, len(outline)]), np.zeros(1)
         )  # fmt: skip
         pose = np.column_stack([marks.reshape(-1, 2), np.zeros(shown.size)])
-        picture = np.empty(self.shape, dtype=np.uint8)
-        image.whole_image(
-            self.optics, shapes, self.rig.exposure, pose, np.empty((0, 3)), shown.ravel(),
-            np.zeros(2, dtype=np.int64), 0, picture,
-        )  # fmt: skip
-        return picture
+        return self._drawn(shapes, pose, shown.ravel(), self.rig.exposure)[1]
 
     def calibrate(self, picture: Any) -> Grid:
         """The way from the image to the surface, from a picture of the template.
@@ -172,14 +169,27 @@ class Setup:
         self.shape = (pixels[1] // self.pitch, pixels[0])
         return optics_of(place, height, distortion=distortion, **given), optics_of(place, height, **given)
 
+    def _corners(self, border: float) -> np.ndarray:
+        """(4, 2) m, of the surface with a border around it."""
+        right, top = self.surface.width + border, self.surface.height + border
+        return np.array([[-border, -border], [right, -border], [right, top], [-border, top]])
+
     def _frame(self, border: float) -> np.ndarray:
         """(n, 2) px, outline of the surface and of a light border around it, as they are seen."""
-        low, high = (-border, -border), (self.surface.width + border, self.surface.height + border)
-        corners = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+        corners = self._corners(border)
         t = np.linspace(0.0, 1.0, 65)[:-1, None]
         sides = [a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
         points = np.concatenate(sides)
         return projected(self.optics, np.column_stack([points, np.zeros(len(points))]))
+
+    def _drawn(
+        self, shapes: image.Shapes, pose: np.ndarray, shown: np.ndarray, exposure: image.Exposure
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What is bare of shapes at poses (n, 3), and the picture; each (lines, columns)."""
+        bare, picture = np.empty(self.shape, dtype=np.float32), np.empty(self.shape, dtype=np.uint8)
+        nobody = np.zeros(2, dtype=np.int64)
+        image.whole_image(self.optics, shapes, exposure, pose, np.empty((0, 3)), shown, nobody, 0, bare, picture)
+        return bare, picture
 
     def _refuse_unseen(self, frame: np.ndarray) -> None:
         """Refuse a camera that does not see the whole surface with its border."""
@@ -230,9 +240,11 @@ class Setup:
         brightness = 1.0 - light * from_centre
         # The border goes on a little, so that nothing of what is beyond shows in the area of interest.
         beyond = (1 + len(along) // 2) * self.pitch * self._pixel()
-        bare = image.Exposure(np.empty((0, 0), np.float32), 0.0, across, along, 0.0, image.normal_quantiles())
-        outside = np.ones(self.shape, dtype=np.float32)
-        image.hide(self._frame(self.border + beyond), bare, image.BOTH, outside, np.zeros(4, dtype=np.int64))
+        bare = image.Exposure(np.ones(self.shape, np.float32), 0.0, across, along, 0.0, image.normal_quantiles())
+        frame = image.Shapes(
+            np.zeros(1, dtype=np.int64), self._corners(self.border + beyond), np.array([0, 4]), np.zeros(1)
+        )  # fmt: skip
+        outside, _ = self._drawn(frame, np.zeros((1, 3)), np.ones(1, dtype=bool), bare)
         level = brightness * (SURFACE + (SURROUNDINGS - SURFACE) * outside)
         return bare._replace(level=level.astype(np.float32), dark=PARTS / SURFACE, noise=noise)
 

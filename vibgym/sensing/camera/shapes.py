@@ -27,6 +27,7 @@ class Traits(NamedTuple):
     elongation: np.ndarray  # (kinds,) difference of the principal moments over their sum
     order: np.ndarray  # (kinds,) of the complex moment in which the heading shows; 0: in none
     phase: np.ndarray  # (kinds,) rad, angle of that moment at heading 0
+    strength: np.ndarray  # (kinds,) m^order, its size over the area
     height: np.ndarray  # (kinds,) m, of the top
     radius: np.ndarray  # (kinds,) m
     edge: np.ndarray  # (kinds,) m, length of the outline
@@ -53,15 +54,15 @@ def size_moment(outline: np.ndarray, order: int) -> float:
     return abs(float((0.5 * weights * cross * np.hypot(u, v) ** order).sum() / (order + 2)))
 
 
-def heading_order(part: Part) -> tuple[int, float]:
-    """Order of the first moment that tells the heading clearly and its angle at heading 0; order 0 if none does."""
+def heading_order(part: Part) -> tuple[int, complex]:
+    """Order of the first moment that tells the heading clearly, and it at heading 0, m^order; order 0 if none does."""
     if part.symmetry == 0:
         return 0, 0.0
     for order in range(2, MOST_ORDER + 1):
         if order % part.symmetry == 0:
             moment = outline_moment(part.outline, order)
             if abs(moment) > LEAST_SHARE * size_moment(part.outline, order):
-                return order, cmath.phase(moment)
+                return order, moment / part.area
     return 0, 0.0
 
 
@@ -78,7 +79,8 @@ def traits_of(parts: Sequence[Part]) -> Traits:
         spread=spread,
         elongation=np.array([0.0 if part.symmetry == 0 else 1.0 for part in kinds]) * turned / (area * spread),
         order=np.array([order for order, _ in headings]),
-        phase=np.array([phase for _, phase in headings]),
+        phase=np.array([cmath.phase(moment) for _, moment in headings]),
+        strength=np.array([abs(moment) for _, moment in headings]),
         height=np.array([part.height for part in kinds]),
         radius=np.array([part.radius for part in kinds]),
         edge=np.array([np.hypot(*(np.roll(part.outline, -1, axis=0) - part.outline).T).sum() for part in kinds]),

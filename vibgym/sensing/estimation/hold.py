@@ -35,11 +35,9 @@ class Hold:
             pose[...], mean_velocity[...], gone[...] = reading.pose, reading.mean_velocity, reading.gone
             age[...] = self._sensor.delay
             return
-        pose[seen], mean_velocity[seen], gone[seen] = (
-            reading.pose[seen],
-            reading.mean_velocity[seen],
-            reading.gone[seen],
-        )
+        for kept, read in ((pose, reading.pose), (mean_velocity, reading.mean_velocity)):
+            np.copyto(kept, read, where=seen[..., None])
+        np.copyto(gone, reading.gone, where=seen)
         age += self._sensor.periods
         age[seen] = self._sensor.delay
 
