@@ -12,9 +12,9 @@ for name in ("Rotate", "Sort"):
         env.reset(seed=0)
         env.step(env.action_space.sample())
 for name in ("Align", "Sort"):
-    for sensor in ("pose", {"kind": "camera"}, {"kind": "camera", "lines": "interlaced"}, {"kind": "camera", "statistical": True}):
+    for sensor in ({"kind": "pose"}, {"kind": "camera", "lines": "interlaced"}, {"kind": "camera", "statistical": True}):
         for estimator in ("none", "kalman", "model"):
-            told = {**(sensor if isinstance(sensor, dict) else {"kind": sensor}), "estimator": estimator, "tell": ["age"]}
+            told = {**sensor, "estimator": estimator, "tell": ["age"]}
             env = gymnasium.make(f"vibgym/{name}-v0", action="field", actuators="prototype", sensor=told)
             env.reset(seed=0)
             env.step(env.action_space.sample())

@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from agents.evaluation.words import joined
 from vibgym.actuators import ACTUATORS
 from vibgym.actuators.ideal import IdealActuators
@@ -14,6 +16,7 @@ from vibgym.actuators.prototype import PrototypeActuators
 from vibgym.config import to_si
 from vibgym.scene import Surface
 from vibgym.sensing import SENSORS
+from vibgym.sensing.camera import CameraSensor, Settings
 from vibgym.sensing.ideal import IdealSensor
 from vibgym.sensing.pose import PoseSensor, deviations
 
@@ -203,6 +206,46 @@ def _size(name: str, value: Any, surface: Surface) -> str:
     return " and ".join([*found, *([f"{math.degrees(heading):.3g}°"] if heading else [])])
 
 
+def _camera(statistical: bool, values: Mapping[str, Any], surface: Surface) -> Words:
+    if statistical:
+        return Words("statistics of a camera", "Measured poses are off as those of a camera are; no images are made.")
+    return Words("camera", "A camera above the table measures in its images where every part is.")
+
+
+def _lines(lines: str, values: Mapping[str, Any], surface: Surface) -> Words:
+    columns, rows = values["pixels"]
+    if lines == "interlaced":
+        late = f"{500.0 * surface.period:g} ms"
+        return Words(
+            "interlaced lines",
+            f"An image of {columns} x {rows} pixels is of two instants: its odd lines are taken {late} before the others.",
+        )
+    seen = rows // 2 if lines == "half" else rows
+    return Words(f"{columns} x {seen} pixels", f"An image has {columns} x {seen} pixels.")
+
+
+def _edge(edge: str, values: Mapping[str, Any], surface: Surface) -> Words:
+    if edge == "threshold":
+        return Words("whole pixels", "A pixel belongs to a part or does not; grey levels are not used.")
+    return Words("grey-level edges", "Grey levels along the edges tell where they run within a pixel.")
+
+
+def _other_camera(name: str, said: str, factor: float = 1.0, unit: str = "") -> Said:
+    """Words for a setting of the camera that is not as usual."""
+
+    def words(value: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
+        if value == getattr(Settings, name) or value is None:
+            return None
+        if isinstance(value, Sequence | np.ndarray):
+            size = f"{' and '.join(f'{factor * each:.4g}' for each in value)}{unit}"
+        else:
+            size = f"{factor * value:.4g}{unit}"
+        text = said.format(size)
+        return Words(text, f"The camera has {text}.")
+
+    return words
+
+
 def _delay(periods: int, values: Mapping[str, Any], surface: Surface) -> Words | None:
     if not periods:
         return None
@@ -273,5 +316,23 @@ WORDS: dict[Any, dict[str, Said]] = {
     },
     IdealSensor: {},
     PoseSensor: {"noise": _noise, "bias": _bias, "dropout": _dropout},
+    CameraSensor: {
+        "statistical": _camera,
+        "lines": _lines,
+        "edge": _edge,
+        "height": _other_camera("height", "a height of {}", unit=" m"),
+        "position": _other_camera("position", "its place above {}", unit=" m"),
+        "tilt": _other_camera("tilt", "a tilt of {}", 180.0 / math.pi, "°"),
+        "lens": _other_camera("lens", "a focal length of {}", 1e3, " mm"),
+        "chip": _other_camera("chip", "a chip {} wide", 1e3, " mm"),
+        "distortion": _other_camera("distortion", "a distortion of {}", 100.0, " %"),
+        "blur": _other_camera("blur", "a blur of {}", unit=" pixels"),
+        "noise": _other_camera("noise", "a noise of {}", unit=" grey levels"),
+        "light": _other_camera("light", "corners darker by {}", 100.0, " %"),
+        "threshold": _other_camera("threshold", "its threshold at grey level {}"),
+        "border": _other_camera("border", "a border of {} in view", 1e3, " mm"),
+        "tetragons": _other_camera("tetragons", "a calibration by {} tetragons"),
+        "mark": _other_camera("mark", "calibration marks of {}", 1e3, " mm"),
+    },
 }
 """The same, of those kinds alone: another kind may mean something else by the same name."""

@@ -59,6 +59,30 @@ def test_sensor(case: str) -> None:
     assert first == machine.IDEAL[0] and len(others) == 1 and sentence in others[0]
 
 
+CAMERA_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
+    "usual": ({}, "camera, 752 x 285 pixels, grey-level edges", "An image has 752 x 285 pixels."),
+    "statistics": (
+        {"statistical": True, "lines": "all"}, "statistics of a camera, 752 x 570 pixels, grey-level edges",
+        "off as those of a camera are; no images are made.",
+    ),
+    "interlaced": (
+        {"lines": "interlaced", "edge": "threshold"}, "camera, interlaced lines, whole pixels", "taken 20 ms before the others",
+    ),
+    "unusual": (
+        {"lens_mm": 5, "tilt_deg": [1, 0], "noise": 3}, "camera, 752 x 285 pixels, grey-level edges, a tilt of 1 and 0°, "
+        "a focal length of 5 mm, a noise of 3 grey levels", "The camera has a focal length of 5 mm.",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CAMERA_CASES)
+def test_camera(case: str) -> None:
+    settings, short, sentence = CAMERA_CASES[case]
+    environment = {"sensor": {"kind": "camera", **settings}}
+    assert machine.summary(environment, SURFACE) == short
+    assert sentence in " ".join(machine.sentences(environment, SURFACE))
+
+
 def test_ideal() -> None:
     for environment in ({}, {"actuators": "ideal", "sensor": {"kind": "ideal"}}, {"actuators": OFF}):
         assert tuple(machine.sentences(environment, SURFACE)) == machine.IDEAL

@@ -130,6 +130,12 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         functools.partial(sensed, "pose"),
         dict(noise=[1e-4, 1e-3], bias=1e-4, dropout=0.1, delay=2, rate=12.5, estimator="model", tell=["age"]),
     ),
+    "camera": (
+        functools.partial(sensed, "camera"),
+        dict(statistical=False, height=0.8, position=[0.4, 0.1], tilt=[0.01, 0.0], lens=6e-3, chip=7e-3, pixels=[752, 570],
+             distortion=0.01, lines="half", edge="grey", blur=0.5, noise=1.0, light=0.1, threshold=110.0, border=0.015,
+             tetragons=[16, 4], mark=0.01, delay=2, rate=12.5, estimator="kalman", tell=["sigma"]),
+    ),
     "model estimator": (
         functools.partial(estimated, "model"),
         dict(model="planar", model_error=0.1, acceleration=0.01, unknown=0.01, drift=0.01, sigma=1.0),
@@ -233,6 +239,11 @@ def live(kind: str) -> Any:
         made = gym.make("vibgym/Sort-v0", action="field", **MACHINE)
         made.reset(seed=1)
         return made
+    if kind == "camera":
+        sensor = {"kind": "camera", "lines": "interlaced", "delay": 1, "rate": 12.5, "estimator": "model"}
+        made = gym.make("vibgym/Align-v0", action="field", sensor=sensor, observation="camera")
+        made.reset(seed=1)
+        return made
     made = gym.make_vec("vibgym/Rotate-v0", num_envs=2, action="patch")
     made.reset(seed=1)
     return made
@@ -255,6 +266,7 @@ METHODS = {
                   ("advance", "periods", {"amplitude": 0.0, "phase": 0.0}), ("set_state", "state", {})],
     "single": [("reset", "seed", {}), ("reset", "options", {}), ("step", "action", {}), ("set_state", "state", {}),
                ("phasors", "world", {}), ("caption", "world", {})],
+    "camera": [("reset", "options", {}), ("step", "action", {}), ("set_state", "state", {})],
     "vector": [("reset", "seed", {}), ("reset", "options", {}), ("step", "actions", {}), ("set_state", "state", {}),
                ("phasors", "world", {}), ("caption", "world", {}), ("get_attr", "name", {}), ("call", "name", {})],
 }  # fmt: skip

@@ -108,10 +108,13 @@ class VibgymEnv(SharedInterface, gym.Env):
         action, observation: see above.
         actuators: ``"ideal"``, ``"prototype"`` (:class:`vibgym.actuators.PrototypeActuators`: a dead zone, latency, no two
             elements alike), a registered name, or a mapping with ``kind`` and its settings.
-        sensor: ``"ideal"``, ``"pose"`` (:class:`vibgym.sensing.PoseSensor`: poses with noise), a registered name, or a
-            mapping with ``kind``, its settings, ``estimator`` (``"none"``; ``"kalman"``; ``"model"``: what is measured is the
-            state at which the next command begins to act, by the simulator under the commands given) and ``tell`` (see
-            above). ``info["measured"]`` then holds ``age`` (periods) and ``sigma`` (m, m, rad) of each part.
+        sensor: ``"ideal"``, ``"pose"`` (:class:`vibgym.sensing.PoseSensor`: poses with noise), ``"camera"``
+            (:class:`vibgym.sensing.camera.CameraSensor`: measured in images, or off as if they were with
+            ``"statistical": True``, which costs little), a registered name, or a mapping with ``kind``, its settings,
+            ``estimator`` (``"none"``; ``"kalman"``; ``"model"``: what is measured is the state at which the next command
+            begins to act, by the simulator under the commands given) and ``tell`` (see above). ``info["measured"]`` then holds
+            ``age`` (periods) and ``sigma`` (m, m, rad) of each part, and of a camera how many parts it took for others at
+            the last look (``swaps``), how many ran into one another (``merges``), and how many it lost (``losses``).
         randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
             factors on friction between table and part, and on mass, one a part. ``"tilt"``: the largest angle of a tilted
             table, or [low, high], rad; its direction is drawn, too. Sort and Singulate also take ``"parts": [low, high]``: so

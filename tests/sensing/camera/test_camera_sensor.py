@@ -144,7 +144,9 @@ def test_the_image_is_the_one_that_is_due():
 def test_pictures_are_kept_for_those_who_ask():
     sensor = CameraSensor(SURFACE, [BLOCK], 1, 1)
     sensor.reset(np.array([0]), state_of([[[0.2, 0.1, 0.0]]]), np.array([[0.1, 0.2]]))
-    with pytest.raises(ValueError, match=r"^image\(\): got 'a camera that keeps no pictures'; allowed: with observation"):
+    with pytest.raises(
+        ValueError, match=r"^image\(\): got 'a camera that keeps no pictures'; allowed: with observation"
+    ):
         sensor.image()
     assert not any(name.startswith("picture") for name in sensor.live())
 

@@ -290,6 +290,7 @@ class Setup:
 
 def _pair(name: str, value: Any) -> tuple[Any, Any]:
     """Two of something."""
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray) or len(value) != 2:
+    items = value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(items, str) or not isinstance(items, Sequence) or len(items) != 2:
         raise checks.refuse(name, value, "two numbers")
-    return value[0], value[1]
+    return items[0], items[1]
