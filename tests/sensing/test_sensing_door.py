@@ -137,9 +137,9 @@ def test_what_a_sensor_remembers_is_part_of_the_snapshot():
     ({"kind": "shifted", "delay": -1}, r"^sensor\.delay: got -1; allowed: "),
     ({"kind": "shifted", "delay": 0.5}, r"^sensor\.delay: got 0\.5; allowed: "),
     ({"kind": "ideal", "delay": 1}, r"^sensor: got .*delay.*; allowed: estimator"),
-    ({"kind": "nose"}, r"^sensor\['kind'\]: got 'nose'; allowed: 'ideal', 'pose', 'shifted'"),
+    ({"kind": "nose"}, r"^sensor\['kind'\]: got 'nose'; allowed: 'ideal', 'pose', 'camera', 'shifted'"),
     ({"delay": 1}, r"^sensor: got .*; allowed: a mapping with 'kind'"),
-    ("nose", r"^sensor: got 'nose'; allowed: 'ideal', 'pose', 'shifted'"),
+    ("nose", r"^sensor: got 'nose'; allowed: 'ideal', 'pose', 'camera', 'shifted'"),
     (3, r"^sensor: got 3; allowed: "),
 ])  # fmt: skip
 def test_bad_sensors_are_refused(sensor, message):
