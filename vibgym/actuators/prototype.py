@@ -171,6 +171,7 @@ class PrototypeActuators(ActuatorStage):
         self._reached = np.zeros((*shape, 2) if self._lagging else (0, 0, 0, 2))
         self._mean = np.zeros((2, *shape)) if self._lagging else np.zeros((2, 0, 0, 0))
         self._keep = np.zeros((worlds, 2))
+        self._everyone = np.arange(worlds)
         self._commands: Commands | None = None
 
     def prepare(self, command: Drive) -> None:
@@ -246,11 +247,15 @@ class PrototypeActuators(ActuatorStage):
 
     def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
         assert self._commands is not None
+        source = self._hardware.record.source
+        if self._room == 1 and not self._lagging:  # nothing is late: the command itself will do
+            source[...] = self._everyone
+            yield command._replace(hardware=self._hardware.address), self.periods
+            return
         drive = self._commands.write(command, self._hardware.address)
-        source, periods = self._hardware.record.source, self.periods
         latency = self._own["latency"].astype(np.int64) if "latency" in self._ranges else self.latency
         for begin, end in zip(self._edges, self._edges[1:]):
-            self._commands.rows(-((begin - latency) // periods), source)
+            self._commands.rows(-((begin - latency) // self.periods), source)
             if not self._lagging:
                 yield drive, end - begin
                 continue

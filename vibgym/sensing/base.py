@@ -39,6 +39,8 @@ class Sensor(ABC):
     Attributes:
         instant: periods after a step's start at which the sensor looks.
         due: the reading that has just come due.
+        looking: (n,) index of the worlds that are looked at: all of them, or at a reset those that begin. What is read of
+            others is not used.
         looks: (worlds,) int64, looks since the episode's start, the one before its first step being look 0.
 
     Raises:
@@ -71,6 +73,9 @@ class Sensor(ABC):
             new_reading(worlds, len(self.parts)) for _ in range(self.delay // periods + 1)
         ]  # oldest first
         self.looks = np.zeros(worlds, dtype=np.int64)
+        self._fresh = new_reading(worlds, len(self.parts))
+        self._everyone = np.arange(worlds)
+        self.looking = self._everyone
 
     @property
     def due(self) -> Reading:
@@ -94,8 +99,11 @@ class Sensor(ABC):
         """
         self.begin(worlds, uniform)
         self.looks[worlds] = 0
-        fresh = new_reading(self.worlds, len(self.parts))
+        fresh = self._fresh
+        fresh.seen[worlds] = True
+        self.looking = worlds
         self.measure(state, fresh)
+        self.looking = self._everyone
         for each in self._readings:
             for kept, read in zip(each, fresh, strict=True):
                 kept[worlds] = read[worlds]

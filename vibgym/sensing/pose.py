@@ -34,10 +34,11 @@ def draw_offsets(worlds, key, bias, offset):
 
 
 @borrowing
-def read_poses(state_pose, gone, key, looks, every, noise, offset, dropout, step, last, elapsed, reading):
+def read_poses(worlds, state_pose, gone, key, looks, every, noise, offset, dropout, step, last, elapsed, reading):
     """Write noisy poses, and mean velocities as their differences.
 
     Args:
+        worlds: (n,) index of those that are looked at.
         state_pose: (worlds, parts, 3) true poses.  gone: (worlds, parts).
         key: (worlds, 2).  looks: (worlds,) number of this look, of which every ``every``-th really is one.
         noise: (2,) standard deviations of position (m) and heading (rad), anew at each look.
@@ -48,7 +49,7 @@ def read_poses(state_pose, gone, key, looks, every, noise, offset, dropout, step
         elapsed: (worlds, parts) int64, steps since then; overwritten.
         reading: overwritten.
     """
-    for w in range(state_pose.shape[0]):
+    for w in worlds:
         first = looks[w] == 0
         for p in range(state_pose.shape[1]):
             elapsed[w, p] += 1
@@ -121,18 +122,11 @@ class PoseSensor(Sensor):
         self._key[worlds] = keys_from(uniform)
         draw_offsets(worlds, self._key, self.bias, self._offset)
 
-    def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
-        kept = self._last.copy(), self._elapsed.copy()  # a look at all worlds: the others' memory stays
-        super().reset(worlds, state, uniform)
-        others = np.ones(self.worlds, dtype=bool)
-        others[worlds] = False
-        self._last[others], self._elapsed[others] = kept[0][others], kept[1][others]
-
     def measure(self, state: State, reading: Reading) -> None:
         step = self.periods * self.surface.period
         read_poses(
-            state.pose, state.fallen, self._key, self.looks, self.every, self.noise, self._offset, self.dropout, step,
-            self._last, self._elapsed, reading,
+            self.looking, state.pose, state.fallen, self._key, self.looks, self.every, self.noise, self._offset, self.dropout,
+            step, self._last, self._elapsed, reading,
         )  # fmt: skip
 
     def own_state(self) -> dict[str, np.ndarray]:

@@ -105,8 +105,6 @@ class CameraSensor(Sensor):
         self.track = new_track(worlds, count)
         self._key = np.zeros((worlds, 2), dtype=np.int64)
         self._pictures: list[Picture] = []
-        self._everyone = np.arange(worlds)
-        self._chosen = self._everyone
         self._seen: Seen = new_seen(self.setup.shape, count, self.setup.rig.background)
         self._measure = self._by_statistics if self.statistical else self._by_image
         self._statistics = self._twin() if self.statistical else None  # now rather than in the first step
@@ -163,11 +161,9 @@ class CameraSensor(Sensor):
 
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
         worlds = np.asarray(worlds, dtype=np.int64)
-        self._chosen = worlds
         self.track.pose[worlds] = np.where(np.isfinite(state.pose[worlds]), state.pose[worlds], 0.0)
         self.track.velocity[worlds], self.track.missed[worlds] = 0.0, 0
         super().reset(worlds, state, uniform)
-        self._chosen = self._everyone
         for picture in self._pictures:
             self._take(picture, worlds, state)
 
@@ -179,11 +175,11 @@ class CameraSensor(Sensor):
 
     def measure(self, state: State, reading: Reading) -> None:
         reading.gone[...] = state.fallen
-        worlds = self._chosen
+        worlds = self.looking
         if self.every > 1:
             worlds = worlds[np.asarray(self.looks[worlds] % self.every == 0)]
-        if len(worlds) < self.worlds:  # the others do not look now
-            reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
+            if len(worlds) < len(self.looking):  # the others do not look now
+                reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
         self._measure(worlds, state, reading)
 
     def own_state(self) -> dict[str, np.ndarray]:
