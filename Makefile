@@ -21,12 +21,13 @@ PUSHT := $(VENV)-pusht
 POLICIES := transport align rotate
 
 .NOTPARALLEL:
-.PHONY: help venv test fuzz report accuracy benchmark train format clean
+.PHONY: help venv test fuzz report replicate accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
 	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
 	@echo "make report      evaluate the shipped policies: runs/report/report.html"
+	@echo "make replicate   the thesis's figures beside ours: runs/replicate/replicate.html"
 	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
 	@echo "make benchmark   accuracy and speed, as the README quotes them"
 	@echo "make train       train the shipped policies: $(POLICIES)"
@@ -72,6 +73,9 @@ fuzz: $(DEV)
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml
 
+replicate: $(REPORT)
+	$(PY) -m agents replicate
+
 accuracy: $(ACCURACY)
 	$(PY) -m vibgym.accuracy configs/accuracy/shipped.yaml
 
@@ -88,6 +92,7 @@ benchmark: $(LEARN) $(ACCURACY) $(PUSHT)/.installed
 	$(PY) -m benchmarks.contacts
 	$(PY) -m benchmarks.crowds --pusht $(PUSHT)/bin/python
 	$(PY) -m benchmarks.pile
+	$(PY) -m benchmarks.camera
 
 train: $(LEARN)
 	@for policy in $(POLICIES); do $(PY) -m agents train configs/agents/$$policy.yaml --policy agents/learned/shipped/$$policy.json || exit; done

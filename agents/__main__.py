@@ -1,4 +1,4 @@
-"""Command line: ``python -m agents evaluate CONFIG`` and ``python -m agents train CONFIG``.
+"""Command line: ``python -m agents evaluate CONFIG``, ``python -m agents train CONFIG``, ``python -m agents replicate``.
 
 Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
@@ -23,6 +23,7 @@ def parser() -> argparse.ArgumentParser:
     evaluating.add_argument(
         "--gif", nargs=3, metavar=("TASK", "POLICY", "PATH"), help="also write the film of this pair as a GIF file"
     )
+    evaluating.add_argument("--gif-hardware", metavar="NAME", help="on which hardware, instead of the first one")
     training = commands.add_parser("train", help="train a policy, or go on from its last checkpoint")
     training.add_argument(
         "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
@@ -31,6 +32,13 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
         command.add_argument("--quiet", action="store_true", help="no progress bars")
+    replicating = commands.add_parser("replicate", help="draw the thesis's figures beside ours")
+    replicating.add_argument(
+        "--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="directory of the page"
+    )
+    replicating.add_argument(
+        "--figure", action="append", metavar="NAME", help="only this figure; may be given several times"
+    )
     return result
 
 
@@ -43,9 +51,11 @@ def evaluate(arguments: argparse.Namespace) -> int:
     try:
         settings = evaluation.load_settings(arguments.config, arguments.episodes, arguments.output)
         gif = None
+        if arguments.gif is None and arguments.gif_hardware is not None:
+            raise ValueError(f"--gif-hardware: got {arguments.gif_hardware!r}; allowed: nothing without --gif")
         if arguments.gif is not None:
             task, policy, path = arguments.gif
-            gif = evaluation.Gif(task, policy, Path(path))
+            gif = evaluation.Gif(task, policy, Path(path), arguments.gif_hardware)
         try:
             prepared = evaluation.prepare(settings, gif)
             held.enter_context(locks.one_run(Path(settings.output), "evaluation.output"))
@@ -56,7 +66,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
     try:
         with held:
             results = evaluation.evaluate(prepared, arguments.quiet)
-            page = evaluation.write(results, gif, arguments.quiet)
+            page = evaluation.write(results, prepared.film, arguments.quiet)
     except files.WriteError as error:
         return failed(error)
     print(evaluation.summary_table(results))
@@ -79,6 +89,21 @@ def train(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def replicate(arguments: argparse.Namespace) -> int:
+    """Draw the thesis's figures beside ours."""
+    from agents.replicate.page import write
+    from vibgym.files import WriteError
+
+    try:
+        page = write(arguments.output, arguments.figure)
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    print(f"page: {page}")
+    return 0
+
+
 def refused(error: ValueError) -> int:
     """Say in one line what is wrong with the input."""
     print(" ".join(str(error).split()), file=sys.stderr)
@@ -94,7 +119,9 @@ def failed(error: Exception) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    return interrupts.run(lambda: {"evaluate": evaluate, "train": train}[arguments.command](arguments))
+    return interrupts.run(
+        lambda: {"evaluate": evaluate, "train": train, "replicate": replicate}[arguments.command](arguments)
+    )
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import Part, Surface, checks
+from vibgym.actuators import DataSheet
 from vibgym.envs.layout import Layout
 from vibgym.envs.shared import step_limit
 
@@ -34,6 +35,7 @@ class TaskInfo:
     periods_per_step: int  # oscillation periods
     step_time: float  # s
     layout: Layout  # of the state observation
+    hardware: DataSheet  # what the actuators' data sheet says
     step_limit: int | None  # steps
 
     @classmethod
@@ -70,7 +72,8 @@ class TaskInfo:
             apart=task.apart if math.isfinite(task.apart) else None,
             periods_per_step=base.periods_per_step,
             step_time=base.step_time,
-            layout=Layout(base.surface, base.parts, task.FEATURES, task.slots),
+            layout=Layout(base.surface, base.parts, task.features, task.slots),
+            hardware=base.data_sheet,
             step_limit=limit,
         )
 

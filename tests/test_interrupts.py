@@ -39,6 +39,14 @@ def test_while_a_command_imports_or_prepares(command, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.fixture(autouse=True)
+def interruptible():
+    """Shells let background jobs ignore interruptions, and programs pass that on: here they shall come through."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_run_tells_it_in_one_line_and_restores_what_was(capsys):
     before = signal.getsignal(signal.SIGINT)
 

@@ -11,6 +11,14 @@ for name in ("Rotate", "Sort"):
         env = gymnasium.make(f"vibgym/{name}-v0", action=action)
         env.reset(seed=0)
         env.step(env.action_space.sample())
+for name in ("Align", "Sort"):
+    for sensor in ({"kind": "pose"}, {"kind": "camera", "lines": "interlaced"}, {"kind": "camera", "statistical": True}):
+        for estimator in ("none", "kalman", "model"):
+            told = {**sensor, "estimator": estimator, "tell": ["age"]}
+            env = gymnasium.make(f"vibgym/{name}-v0", action="field", actuators="prototype", sensor=told)
+            env.reset(seed=0)
+            env.step(env.action_space.sample())
+gymnasium.make("vibgym/Align-v0", sensor="camera", observation="camera").reset(seed=0)
 part = vibgym.Part.rectangle(0.05, 0.035, friction=0.6)
 pair = vibgym.Simulator(vibgym.Surface(), [part, part], walls=["top"], worlds=3)
 pair.reset([[0.10, 0.1, 0.0], [0.15, 0.1, 0.0]])

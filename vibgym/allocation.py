@@ -167,7 +167,7 @@ def _driven(
 def _check_pair(surface: Any, part: Any) -> None:
     checks.instance("surface", surface, Surface)
     checks.instance("part", part, Part)
-    check_sliding(surface, part)
+    check_sliding(surface, part.static_friction)
 
 
 def _check_support(pose: np.ndarray, unsupported: np.ndarray) -> None:

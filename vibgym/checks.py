@@ -6,7 +6,7 @@ import inspect
 import math
 import numbers
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -82,13 +82,26 @@ def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> 
     return whole
 
 
-def fitting(name: str, value: int, bytes_each: int) -> int:
+def listed(value: Any) -> bool:
+    """Whether a value is a list, a tuple or the like, or an array with an axis; texts are none."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes | range)
+
+
+def interval(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
+    """Two numbers [low, high] with ``least <= low <= high <= most``."""
+    if not (listed(value) and len(value) == 2):
+        raise refuse(name, value, f"[low, high] with {least:g} <= low <= high <= {most:g}")
+    low = number(f"{name}[0]", value[0], least=least, most=most)
+    return low, number(f"{name}[1]", value[1], least=low, most=most)
+
+
+def fitting(name: str, value: int, bytes_each: float) -> int:
     """A number of things that this machine's memory can hold, if each takes ``bytes_each``."""
-    most = max(memory() // bytes_each, 1)
+    most = max(int(memory() / max(bytes_each, 1.0)), 1)
     if value > most:
-        allowed = (
-            f"a whole number <= {most}: each takes about {bytes_each} bytes, of {memory() / 2**30:.3g} GiB of memory"
-        )
+        allowed = f"a whole number <= {most}: each takes about {bytes_each:.0f} bytes, of {memory() / 2**30:.3g} GiB of memory"
         raise refuse(name, value, allowed)
     return value
 
@@ -188,13 +201,32 @@ def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[
     return choice(argument, value, kinds), {}
 
 
-def made(argument: str, cls: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
-    """``cls(*given, **settings)``, where settings that it does not have are refused by name."""
-    known = keywords(cls)
+def made(
+    argument: str, cls: Any, given: tuple[Any, ...], settings: Mapping[str, Any], more: tuple[str, ...] = ()
+) -> Any:
+    """``cls(*given, **settings)``, where settings that it does not have are refused by name; ``more``: that others take."""
+    return _with_settings(argument, cls, given, settings, keywords(cls), more)
+
+
+def called(argument: str, function: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
+    """``function(*given, **settings)``, where settings that are not among its keyword arguments are refused by name."""
+    parameters = inspect.signature(function).parameters.values()
+    known = tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
+    return _with_settings(argument, function, given, settings, known)
+
+
+def _with_settings(
+    argument: str,
+    make: Any,
+    given: Any,
+    settings: Mapping[str, Any],
+    known: tuple[str, ...],
+    more: tuple[str, ...] = (),
+) -> Any:
     for name in settings:
         if name not in known:
-            raise refuse(argument, f"the setting {name!r}", ", ".join(known) or "no settings")
-    return cls(*given, **settings)
+            raise refuse(argument, f"the setting {name!r}", ", ".join((*known, *more)) or "no settings")
+    return make(*given, **settings)
 
 
 def keywords(cls: Any) -> tuple[str, ...]:

@@ -6,10 +6,12 @@ A key may carry a unit: ``element_size_mm: 26`` is ``element_size: 0.026``. Ever
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from vibgym import checks, strict_yaml
@@ -81,11 +83,11 @@ def to_si(data: Mapping[str, Any], where: str) -> dict[str, Any]:
 
 
 def _scaled(value: Any, factor: float, where: str) -> Any:
-    if isinstance(value, list | tuple):
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
         return [_scaled(each, factor, where) for each in value]
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
         raise checks.refuse(where, value, "a number")
-    return checks.number(where, value) * factor if isinstance(value, int) else value * factor
+    return value * factor if isinstance(value, float) else checks.number(where, value) * factor
 
 
 def parse(model: type[Model], data: Any, where: str) -> Model:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -21,6 +22,23 @@ def environment(name: str, observation: str) -> None:
         made = gymnasium.make(name, observation=observation)
     except ValueError:
         return  # the task does not have this observation
+    made.reset(seed=0)
+    made.step(made.action_space.sample())
+    made.close()
+
+
+MACHINES: dict[str, dict[str, Any]] = {
+    "prototype actuators, pose sensor": {"actuators": "prototype", "sensor": "pose"},
+    "model estimator": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
+    "Kalman estimator": {"sensor": {"kind": "pose", "estimator": "kalman"}},
+    "camera": {"sensor": "camera", "observation": "camera"},
+    "statistical camera": {"sensor": {"kind": "camera", "statistical": True}},
+}
+
+
+def machine(**hardware: Any) -> None:
+    """A step of an environment on some hardware."""
+    made = gymnasium.make("vibgym/Align-v0", **hardware)
     made.reset(seed=0)
     made.step(made.action_space.sample())
     made.close()
@@ -64,6 +82,8 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
         for observation in ("state", "goal", "image"):
             yield f"{name}, {observation}", lambda name=name, kind=observation: environment(name, kind)
+    for name, hardware in MACHINES.items():
+        yield name, lambda hardware=hardware: machine(**hardware)
 
 
 def warm(say: Callable[[str], None]) -> float:

@@ -3,12 +3,14 @@
 Near rest a push of strength 1 accelerates a part by about ``mu a_v w^2 / 2`` and friction brakes it at the rate
 ``mu g / (2 a_h w)`` (first-order average, thesis eqs. 5.60 and 5.61). The law asks for the velocity from which the part can
 still stop at its target, ``sqrt(2 a d)`` far away and proportional to the distance near it, and pushes towards that velocity.
-Headings are controlled in the same way.
+Headings are controlled in the same way. On elements with a hard dead zone, :mod:`agents.control.settling` takes over near the
+target.
 
 The numbers are tuned for one period a step. A longer step holds its push for longer, so the velocity follows its set value no
 faster than in one step, in ``(1 - exp(-drag T)) / drag``; and the law goes by where the parts will be in the middle of the time
 that is added, and approaches more slowly by that time, lest they overshoot.
-:mod:`agents.control.allocation` turns what the parts want into the elements' motion.
+:mod:`agents.control.allocation` turns what the parts want into the elements' motion, :mod:`agents.control.dead_zone` where
+elements cannot do little.
 """
 
 from __future__ import annotations
@@ -18,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.allocation import Allocator
+from agents.control.dead_zone import allocator_for, strongest
 from agents.control.measured import Measured, wrap
+from agents.control.settling import Settling, keep_on
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.layout import LEAST_SPEED
@@ -35,6 +38,17 @@ TURN_ROOM = 0.010
 """m, distance to the nearest other part below which a part turns more slowly."""
 
 
+def top_slip(strength: float) -> float:
+    """Speed of a part over the table's on elements at a share of full amplitude: where friction takes what they give."""
+    if strength == 1.0:
+        return TOP_SLIP
+    given = strength * TOP_SLIP * (1.0 + DRAG_GROWTH * TOP_SLIP**2)
+    slip = given
+    for _ in range(20):  # Newton's method; the left side is convex, so it converges from above
+        slip -= (slip * (1.0 + DRAG_GROWTH * slip**2) - given) / (1.0 + 3.0 * DRAG_GROWTH * slip**2)
+    return slip
+
+
 class Steering:
     """Base of the policies with local fields: takes every part to a set velocity, by ``"phasor"`` actions.
 
@@ -47,6 +61,8 @@ class Steering:
 
     Attributes:
         ahead: s, half of what a step lasts longer than a period.
+        strength: largest push, over that of the surface's largest amplitude.
+        slack: m, by how much corners of parts that have arrived may be off.
 
     Raises:
         ValueError: a bad argument.
@@ -64,10 +80,11 @@ class Steering:
         approach: float = 7.0,
     ) -> None:
         surface, self.info = info.surface, info
-        self.allocator = Allocator(surface, info.parts, rule)
+        self.allocator = allocator_for(info, rule)
         self.braking = checks.number("braking", braking, above=0.0, most=1.0)
         friction = np.array([part.friction for part in info.parts])
         self.push = 0.5 * friction * surface.full_scale  # m/s^2 of a push of strength 1
+        self.strength = strongest(info)
         self.table_speed = max(surface.table_speed, LEAST_SPEED)
         self.drag = 0.5 * friction * surface.gravity / self.table_speed  # 1/s
         self.ahead = 0.5 * (info.step_time - surface.period)  # s
@@ -75,9 +92,13 @@ class Steering:
         self.approach /= 1.0 + self.approach * self.ahead
         held = -np.expm1(-self.drag * info.step_time) / np.maximum(self.drag, 1e-9)  # s, see above
         self.response = np.maximum(checks.number("response", response, above=0.0), held)
-        self.top_speed = TOP_SLIP * surface.table_speed
+        self.top_speed = top_slip(self.strength) * surface.table_speed
         self.turn_push = self.push / self.allocator.gyration  # rad/s^2
         self.symmetry = np.array([part.symmetry for part in info.parts])
+        self.settle, self.slack = keep_on, 0.0
+        if info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard":
+            settling = Settling(info, self.drag, self.push, self.turn_push, self.approach, self.ahead)
+            self.settle, self.slack = settling, settling.slack
 
     def expected(self, observation: Any) -> Measured:
         """What an observation says, with the parts moved on by :attr:`ahead`.
@@ -99,7 +120,7 @@ class Steering:
 
     def stopping_speed(self, distance: np.ndarray) -> np.ndarray:
         """Set speed (..., parts) at a distance (..., parts) from the target, m/s."""
-        return np.minimum(self._rate(distance, self.push), self.top_speed)
+        return np.minimum(self._rate(distance, self.strength * self.push), self.top_speed)
 
     def steer(self, measured: Measured, velocity: np.ndarray) -> np.ndarray:
         """The action that takes the parts to set velocities (batch, parts, 2), and their headings to where they shall be."""
@@ -112,11 +133,13 @@ class Steering:
         slip = (measured.velocity**2).sum(axis=-1, keepdims=True) / self.table_speed**2
         drag, push = self.drag[:, None] * (1.0 + DRAG_GROWTH * slip), self.push[:, None]
         force = ((velocity - measured.velocity) / self.response[:, None] + drag * measured.velocity) / push
-        force /= np.maximum(np.sqrt((force**2).sum(axis=-1, keepdims=True)), 1.0)
+        force /= np.maximum(np.sqrt((force**2).sum(axis=-1, keepdims=True)) / self.strength, 1.0)
         left = self._turn(measured)
-        rate = np.sign(left) * self._rate(np.abs(left), self.turn_push) * np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
+        room, most = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0), self.strength
+        rate = np.sign(left) * self._rate(np.abs(left), most * self.turn_push) * room
         torque = ((rate - measured.spin) / self.response + self.drag * measured.spin) / self.turn_push
-        return np.concatenate([force, np.clip(torque, -1.0, 1.0)[..., None]], axis=-1)
+        wanted = np.concatenate([force, np.clip(torque, -most, most)[..., None]], axis=-1)
+        return self.settle(measured, velocity, room * left, wanted)
 
     def _turn(self, measured: Measured) -> np.ndarray:
         """Turn that is left, (batch, parts) rad. Where headings do not count, several parts are turned straight (heading 0,

@@ -55,7 +55,7 @@ class LocalFieldPolicy(Steering):
         between = centre[:, :, None] - centre[:, None]
         distance = np.sqrt((between**2).sum(axis=-1))
         radius = np.array([part.radius for part in info.parts])
-        enough = radius[:, None] + radius + info.apart
+        enough = radius[:, None] + radius + (info.apart + 2.0 * self.slack)
         lack = np.maximum(enough - distance, 0.0) * measured.present[:, None] * ~np.eye(len(radius), dtype=bool)
         away = (lack / np.maximum(distance, 1e-9))[..., None] * between
         size = np.array([info.surface.width, info.surface.height])

@@ -77,7 +77,7 @@ class PlannerPolicy(Steering):
         self.calm = checks.number("calm", calm, above=0.0)
         self.faithful = checks.number("faithful", faithful, least=0.0)
         edge = min(checks.number("edge", edge, above=0.0), 0.5 * surface.width, 0.5 * surface.height)
-        self.targets = Targets(info, edge, checks.number("inset", inset, least=0.0))
+        self.targets = Targets(info, edge, checks.number("inset", inset, least=0.0), 2.0 * self.slack)
         self.hulls = hulls_of(info.parts)
         # Parts without zones may all swap targets: apart is apart.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
@@ -86,8 +86,8 @@ class PlannerPolicy(Steering):
             height=surface.height,
             edge=edge,
             top_speed=self.top_speed,
-            acceleration=0.8 * self.push.min(),
-            braking=self.braking * self.push.min(),
+            acceleration=0.8 * (self.strength * self.push.min()),
+            braking=self.braking * (self.strength * self.push.min()),
             approach=self.approach,
             spacing=self.targets.spacing,
             safe=checks.number("safe", safe, above=0.0),

@@ -49,15 +49,18 @@ class Targets:
         info: surface, parts, kinds and zones.
         edge: m, distance of targets from the surface's border.
         inset: m, distance from the other borders of a zone.
+        slack: m, by how much more than they have to be parts shall be apart, because they do not come to rest just there.
 
     Attributes:
         spacing: m, distance that parts keep: the largest dimension of an element, so that none shares one, or what is asked.
+        room: m, distance that targets have, where there is room.
     """
 
-    def __init__(self, info: TaskInfo, edge: float, inset: float) -> None:
+    def __init__(self, info: TaskInfo, edge: float, inset: float, slack: float = 0.0) -> None:
         surface, parts = info.surface, info.parts
         self.zones, self.kind = info.zones, np.array(info.kind)
         self.spacing = max(math.sqrt(2.0) * surface.element_size, info.apart or 0.0)
+        self.room = self.spacing + slack
         radius = np.array([part.radius for part in parts])
         edge = min(
             edge, radius.max()
@@ -70,7 +73,7 @@ class Targets:
             own = self.kind == kind
             border = min(inset, radius[own].max())
             low, high = np.maximum(zone[:2] + border, self.low), np.minimum(zone[2:] - border, self.high)
-            self.places.append(places(low, high, self.size[own].max(axis=0), self.spacing, int(own.sum())))
+            self.places.append(places(low, high, self.size[own].max(axis=0), self.room, int(own.sum())))
 
     def give(self, centre: np.ndarray, present: np.ndarray) -> np.ndarray:
         """Targets (parts, 2) m of one world's parts at ``centre`` (parts, 2) m; absent parts stay."""
@@ -84,8 +87,8 @@ class Targets:
 
     def _apart(self, centre: np.ndarray) -> np.ndarray:
         """Places of the lattice, shifted along the table so that the longest way is shortest."""
-        free = places(self.low, self.high, self.size.max(axis=0), self.spacing, len(centre))
-        pitch = self.size[:, 0].max() + self.spacing
+        free = places(self.low, self.high, self.size.max(axis=0), self.room, len(centre))
+        pitch = self.size[:, 0].max() + self.room
         best, least = free, math.inf
         for shift in np.linspace(-0.5, 0.5, SHIFTS) * pitch:
             moved = free + [shift, 0.0]

@@ -52,8 +52,8 @@ def _leads_somewhere(env: SharedInterface) -> bool:
     return env.task.has_goal or env.task.zones is not None
 
 
-class Log:
-    """What is written down of every world while a rollout goes on; all is of the worlds' first episodes.
+class Ends:
+    """How the worlds' first episodes end, and what they were rewarded with.
 
     Args:
         env: a vector environment whose episodes have just begun.
@@ -61,23 +61,51 @@ class Log:
         limit: steps of the longest episode.
 
     Attributes:
-        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Rollout`.
-        watched: the world that is filmed.
+        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Outcomes`.
     """
 
     def __init__(self, env: SharedInterface, info: dict[str, Any], limit: int) -> None:
-        truth = env.truth
-        self.env, self.start = env, truth
-        worlds, parts = truth.present.shape
-        touching = info.get("touching", np.zeros(worlds))
-        self.several = truth.present.sum(axis=1) > 1
-        self.touches = Touches(env.parts, worlds) if "touching" in info else None
-        way = np.where(truth.present[..., None], truth.error, 0.0)
+        self.env, worlds = env, len(env.truth.present)
         self.fields: dict[str, np.ndarray] = {
             "steps": np.zeros(worlds, dtype=np.int64),
             **{key: np.zeros(worlds, dtype=bool) for key in ("success", "fallen", "diverged")},
             **{key: np.zeros(worlds) for key in ("returns", "position_error")},
             "heading_error": np.full(worlds, np.nan),
+        }
+
+    def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
+        """Write down what the worlds ``alive`` (bool) are like after ``step``: nothing on the way."""
+
+    def end(self, step: int, ended: np.ndarray, info: dict[str, Any]) -> None:
+        """Write down how the worlds ``ended`` (bool) have ended."""
+        fields = self.fields
+        fields["steps"][ended] = step
+        fields["success"][ended] = info["is_success"][ended]
+        for key in ("fallen", "diverged", "position_error", "heading_error"):
+            if key in info:
+                fields[key][ended] = info[key][ended]
+
+
+class Log(Ends):
+    """What is written down of every world while a rollout goes on; all is of the worlds' first episodes.
+
+    Args:
+        env, info, limit: see :class:`Ends`.
+
+    Attributes:
+        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Rollout`.
+        watched: the world that is filmed.
+    """
+
+    def __init__(self, env: SharedInterface, info: dict[str, Any], limit: int) -> None:
+        super().__init__(env, info, limit)
+        self.start = truth = env.truth
+        worlds, parts = truth.present.shape
+        touching = info.get("touching", np.zeros(worlds))
+        self.several = truth.present.sum(axis=1) > 1
+        self.touches = Touches(env.parts, worlds) if "touching" in info else None
+        way = np.where(truth.present[..., None], truth.error, 0.0)
+        self.fields |= {
             "path_lengths": np.zeros((worlds, parts)),
             "straight": np.hypot(way[..., 0], way[..., 1]).sum(axis=1),
             "poses": np.full((worlds, limit + 1, parts, 3), np.nan, dtype=np.float32),
@@ -114,12 +142,8 @@ class Log:
 
     def end(self, step: int, ended: np.ndarray, info: dict[str, Any]) -> None:
         """Write down how the worlds ``ended`` (bool) have ended."""
+        super().end(step, ended, info)
         fields = self.fields
-        fields["steps"][ended] = step
-        fields["success"][ended] = info["is_success"][ended]
-        for key in ("fallen", "diverged", "position_error", "heading_error"):
-            if key in info:
-                fields[key][ended] = info[key][ended]
         if not _leads_somewhere(self.env):
             way = np.where(self.start.present[..., None], fields["poses"][:, step] - fields["poses"][:, 0], 0.0)[ended]
             fields["straight"][ended] = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)

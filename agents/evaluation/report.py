@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,10 @@ import jinja2
 import numpy as np
 from tqdm import tqdm
 
-from agents.evaluation import animation, cost_figure, figures, words
+from agents.evaluation import animation, cost_figure, effects_section, figures, machine, words
 from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film
 from agents.evaluation.processes import side_by_side, usable
-from agents.evaluation.results import Results, Row
+from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.statistics import Comparison
 from agents.evaluation.tables import number, plain, quantity
@@ -27,7 +27,7 @@ from vibgym.tasks.base import HOLD_PERIODS
 MOST_BYTES = 14_000_000
 """Of the page; films share what is left of it."""
 
-FIGURE_BYTES = 250_000
+FIGURE_BYTES = 140_000
 """Of one plot in base64, generously: kept free when films get their shares."""
 
 DEGREES = 180.0 / math.pi
@@ -62,27 +62,35 @@ def page(results: Results, quiet: bool = False) -> str:
     settings, surface = results.settings, results.surface
     goals = [task for task, info in results.tasks.items() if info.has_goal]
     together = [task for task in results.tasks if task not in goals]
-    pairs = list(results.rollouts)
+    sections = [(task, hardware) for task in results.tasks for hardware in results.hardware_of(task)]
+    trials = list(results.rollouts)
     # Base64 needs 4 bytes for 3.
-    share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(pairs) + 5)) / len(pairs))
+    share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(trials) + len(sections) + 4)) / len(trials))
     with side_by_side(settings.processes) as submit:
         drawn = []
-        for task, policy in tqdm(pairs, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
-            asked = (results.tasks[task], results.scenery[task], settings.animations, max(share, 100_000))
-            drawn.append(submit(_pictures, results.rollouts[task, policy], *asked))
-        arrivals = {task: _data(figures.arrivals(results, task), "png") for task in results.tasks}
+        for trial in tqdm(trials, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
+            asked = (results.tasks[trial.task], results.scenery[trial.task], settings.animations, max(share, 100_000))
+            drawn.append(submit(_pictures, results.rollouts[trial], *asked))
+        arrivals = {section: _data(figures.arrivals(results, *section), "png") for section in sections}
         examples = [_example(results, tasks) for tasks in (goals, together) if tasks and settings.animations]
-        cards: dict[str, list[dict[str, Any]]] = {task: [] for task in settings.tasks}
+        cards: dict[tuple[str, str], list[dict[str, Any]]] = {section: [] for section in sections}
         for row, pictures in zip(results.rows, drawn, strict=True):
-            cards[row.task].append(_card(results, row) | pictures.result())
+            cards[row.task, row.hardware].append(_card(results, row) | pictures.result())
     tasks = {
         task: {
             "info": info,
             "episodes": results.episodes(task),
             "inventory": words.inventory(info.parts),
             "asked": words.asked(info),
-            "cards": cards[task],
-            "arrivals": arrivals[task],
+            "sections": [
+                {
+                    "hardware": hardware,
+                    "episodes": results.episodes(task, hardware),
+                    "cards": cards[task, hardware],
+                    "arrivals": arrivals[task, hardware],
+                }
+                for hardware in results.hardware_of(task)
+            ],
         }
         for task, info in results.tasks.items()
     }
@@ -110,12 +118,30 @@ def page(results: Results, quiet: bool = False) -> str:
         threads=results.provenance["machine"]["cores"] // usable(settings.processes),
         tasks=list(tasks.values()),
         tables=tables,
+        hardware=results.hardware,
+        machines=_machines(results),
+        prototype=any(_kind(results.arguments_of(name)) == "prototype" for name in results.hardware),
+        effects=None if results.effects is None else effects_section.section(results),
         comparisons=[_compared(each) for each in against_best(results)],
         examples=examples,
         colours={name: figures.policy_colour(results, name) for name in results.policies},
         cost=None if results.cost is None else cost_figure.section(results.cost),
         settings_text=json.dumps(plain(settings.as_written()), indent=2),
     )
+
+
+def _machines(results: Results) -> list[dict[str, Any]]:
+    """What hardware there is, in words; nothing where all of it is ideal."""
+    found = {name: machine.sentences(results.arguments_of(name), results.surface) for name in results.hardware}
+    if all(tuple(said) == machine.IDEAL for said in found.values()):
+        return []
+    return [{"name": name, "sentences": said} for name, said in found.items()]
+
+
+def _kind(environment: Mapping[str, Any]) -> str:
+    """Of the actuators."""
+    actuators = environment.get("actuators", "ideal")
+    return actuators["kind"] if isinstance(actuators, Mapping) else actuators
 
 
 def _loads(results: Results) -> list[dict[str, Any]]:
@@ -142,7 +168,8 @@ def seeds_text(seeds: list[int]) -> str:
 
 def _card(results: Results, row: Row) -> dict[str, Any]:
     """What the table's row and the card of one policy on one task say."""
-    film, info = results.rollouts[row.task, row.policy].film, results.tasks[row.task]
+    trial = Trial(row.task, row.hardware, row.policy)
+    film, info = results.rollouts[trial].film, results.tasks[row.task]
     return {
         "row": row,
         "success": f"{100 * row.success_rate:.1f}",
@@ -211,17 +238,17 @@ def _signed(value: float, digits: int) -> str:
     return text[1:] if float(text) == 0.0 else text.replace("-", "−")
 
 
-def best_policy(results: Results, task: str) -> str:
-    """The policy with the most successes on a task; of equal ones the fastest to the goal."""
-    rows = [row for row in results.rows if row.task == task]
+def best_policy(results: Results, task: str, hardware: str) -> str:
+    """The policy with the most successes on a task and hardware; of equal ones the fastest to the goal."""
+    rows = [row for row in results.rows if (row.task, row.hardware) == (task, hardware)]
     return min(rows, key=lambda row: (-row.successes, np.nan_to_num(row.time_to_goal_median_s, nan=np.inf))).policy
 
 
 def against_best(results: Results) -> list[Comparison]:
-    """Comparisons of every task's best policy with each other one, the best one first."""
+    """Comparisons of the best policy on every task and hardware with each other one, the best one first."""
     found = []
     for each in results.comparisons:
-        best = best_policy(results, each.task)
+        best = best_policy(results, each.task, each.hardware)
         if best == each.first:
             found.append(each)
         elif best == each.second:
@@ -234,6 +261,7 @@ def _compared(each: Comparison) -> dict[str, Any]:
     time = each.time_interval
     return {
         "task": each.task,
+        "hardware": each.hardware,
         "first": each.first,
         "second": each.second,
         "success": _signed(100 * each.success_difference, 1),
@@ -248,20 +276,24 @@ def _compared(each: Comparison) -> dict[str, Any]:
 
 def _example(results: Results, tasks: Sequence[str]) -> str:
     """A large picture for the reading aid: of the policies that ever work, the film with the most varied field."""
-    best = {(task, best_policy(results, task)) for task in tasks}
-    frames: dict[tuple[str, str], int] = {}
-    variety: dict[tuple[str, str], tuple[bool, float]] = {}
+    best = {
+        Trial(task, hardware, best_policy(results, task, hardware))
+        for task in tasks
+        for hardware in results.hardware_of(task)
+    }
+    frames: dict[Trial, int] = {}
+    variety: dict[Trial, tuple[bool, float]] = {}
     for row in results.rows:
-        pair = (row.task, row.policy)
-        if row.task in tasks and (row.success_rate >= figures.WORTH_SHOWING or pair in best):
-            film, radius = results.rollouts[pair].film, results.tasks[row.task].parts[0].radius
+        trial = Trial(row.task, row.hardware, row.policy)
+        if row.task in tasks and (row.success_rate >= figures.WORTH_SHOWING or trial in best):
+            film, radius = results.rollouts[trial].film, results.tasks[row.task].parts[0].radius
             # Half way there: the lines behind the parts show, and the goals are still free, if the task moves them at all.
             way = (film.poses - film.poses[0])[..., :2]
             travelled = np.hypot(way[..., 0], way[..., 1])[:, film.present].sum(axis=1)
-            frames[pair] = frame = int((travelled >= 0.5 * travelled.max()).argmax())
+            frames[trial] = frame = int((travelled >= 0.5 * travelled.max()).argmax())
             moved = bool(travelled[frame] > radius)
-            variety[pair] = (moved, float(film.phasors[frame].var(axis=(0, 1)).sum()))
-    task, policy = max(variety, key=lambda pair: variety[pair])
-    film, scenery = results.rollouts[task, policy].film, results.scenery[task]
-    shown = animation.picture(film, scenery, frames[task, policy], animation.painter_for(scenery, 1064))
+            variety[trial] = (moved, float(film.phasors[frame].var(axis=(0, 1)).sum()))
+    chosen = max(variety, key=lambda trial: variety[trial])
+    film, scenery = results.rollouts[chosen].film, results.scenery[chosen.task]
+    shown = animation.picture(film, scenery, frames[chosen], animation.painter_for(scenery, 1064))
     return _data(animation.png(shown), "png")

@@ -1,11 +1,13 @@
-"""Results of an evaluation: rollouts, one row of statistics per policy and task, comparisons."""
+"""Results of an evaluation: rollouts, one row of statistics for each, comparisons."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from agents.evaluation.cost import Cost
+from agents.evaluation.effects import Effects
+from agents.evaluation.entries import HardwareEntry, laid_over
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import Comparison, quartiles, success_interval
@@ -14,11 +16,20 @@ from vibgym.rendering import Scenery
 from vibgym.scene import Surface
 
 
-@dataclass(frozen=True)
-class Row:
-    """One policy on one task: a row of results.csv. Quartiles of times are over the successes, of errors over all."""
+class Trial(NamedTuple):
+    """What is run and judged in one piece."""
 
     task: str
+    hardware: str
+    policy: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial: a row of results.csv. Quartiles of times are over the successes, of errors over all."""
+
+    task: str
+    hardware: str
     policy: str
     episodes: int
     successes: int
@@ -58,35 +69,53 @@ class Results:
     tasks: dict[str, TaskInfo]
     scenery: dict[str, Scenery]  # what pictures of each task show
     policies: dict[str, str]  # name -> description
-    rollouts: dict[tuple[str, str], Rollout]  # (task, policy), in the order of the settings
+    rollouts: dict[Trial, Rollout]  # tasks, hardware and policies in the order of the settings
     rows: tuple[Row, ...]
     comparisons: tuple[Comparison, ...]
     provenance: dict[str, Any]
     cost: Cost | None = None
+    effects: Effects | None = None
 
     @property
     def surface(self) -> Surface:
         """The table, the same in all tasks."""
         return next(iter(self.tasks.values())).surface
 
-    def episodes(self, task: str) -> int:
-        """Number of episodes of each policy on a task."""
-        return len(self.settings.seed_list(task))
+    @property
+    def hardware(self) -> list[str]:
+        """Names of all machines that something ran on, in the order of the settings."""
+        ran = {trial.hardware for trial in self.rollouts}
+        return [entry.name for entry in self.settings.machines() if entry.name in ran]
 
-    def names(self, task: str) -> list[str]:
-        """The policies that ran on a task."""
-        return [name for each, name in self.rollouts if each == task]
+    def arguments_of(self, hardware: str) -> dict[str, Any]:
+        """Keyword arguments of the environments on some hardware."""
+        return laid_over(self.settings.environment, self._machine(hardware).arguments)
+
+    def _machine(self, hardware: str) -> HardwareEntry:
+        return next(each for each in self.settings.machines() if each.name == hardware)
+
+    def hardware_of(self, task: str) -> list[str]:
+        """Names of the machines that a task ran on."""
+        return list(dict.fromkeys(trial.hardware for trial in self.rollouts if trial.task == task))
+
+    def episodes(self, task: str, hardware: str | None = None) -> int:
+        """Number of episodes of each policy on a task; on some hardware they may be fewer."""
+        most = None if hardware is None else self._machine(hardware).episodes
+        return len(self.settings.seed_list(task, most))
+
+    def names(self, task: str, hardware: str) -> list[str]:
+        """The policies that ran on a task on some hardware."""
+        return [trial.policy for trial in self.rollouts if trial[:2] == (task, hardware)]
 
 
-def row_of(policy: str, rollout: Rollout, level: float, resamples: int) -> Row:
+def row_of(trial: Trial, rollout: Rollout, level: float, resamples: int) -> Row:
     """Statistics of one rollout."""
     interval = success_interval(rollout.success, level, resamples)
     time, position, heading = map(quartiles, (rollout.time_to_goal, rollout.position_error, rollout.heading_error))
     throughput = quartiles(rollout.throughput)
     overall, policy_rate, environment_rate = rollout.timing.rates()
     return Row(
-        task=rollout.task,
-        policy=policy,
+        **trial._asdict(),
         episodes=len(rollout.seeds),
         successes=int(rollout.success.sum()),
         success_rate=float(rollout.success.mean()),

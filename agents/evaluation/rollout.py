@@ -5,15 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from tqdm import tqdm
 
-from agents.evaluation.log import SERIES, Film, Log
+from agents.evaluation.log import SERIES, Ends, Film, Log
 from agents.policy import Policy
+
+Kept = TypeVar("Kept", bound=Ends)
 
 LEAST_WAY = 0.010
 """m: over shorter ways an efficiency says nothing."""
@@ -35,8 +37,8 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Rollout:
-    """Records of one policy on one task. Arrays are (episodes,) unless said otherwise, in the order of the seeds."""
+class Outcomes:
+    """How one policy's episodes on one task ended. Arrays are (episodes,), in the order of the seeds."""
 
     task: str
     seeds: tuple[int, ...]
@@ -48,6 +50,17 @@ class Rollout:
     returns: np.ndarray  # sum of rewards
     position_error: np.ndarray  # m, at the end
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
+
+    @property
+    def time_to_goal(self) -> np.ndarray:
+        """Simulated time until success was established, its hold included, s; nan without success."""
+        return np.where(self.success, self.steps * self.step_time, np.nan)
+
+
+@dataclass(frozen=True)
+class Rollout(Outcomes):
+    """Records of one policy on one task. Arrays are (episodes,) unless said otherwise, in the order of the seeds."""
+
     path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
     straight: np.ndarray  # m, shortest way of all parts together, see below
     poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
@@ -58,11 +71,6 @@ class Rollout:
     collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
     timing: Timing
     film: Film
-
-    @property
-    def time_to_goal(self) -> np.ndarray:
-        """Simulated time until success was established, its hold included, s; nan without success."""
-        return np.where(self.success, self.steps * self.step_time, np.nan)
 
     @property
     def path_length(self) -> np.ndarray:
@@ -107,7 +115,7 @@ class Rollout:
 def run(
     policy: Policy, task: str, seeds: Sequence[int], environment: dict[str, Any], name: str = "", quiet: bool = False
 ) -> Rollout:
-    """Run ``policy`` on ``task``, one world for each seed.
+    """Run ``policy`` on ``task``, one world for each seed, and write down all that the report shows.
 
     The policy gets observations and nothing else. Every world counts with its first episode; all have ended on return. One
     that has ended begins another with its first part alone, which costs little, and nobody looks.
@@ -120,6 +128,29 @@ def run(
         name: of the policy, for the progress bar.
         quiet: no progress bar.
     """
+    log, timing = _episodes(Log, policy, task, seeds, environment, name, quiet)
+    film = log.film(seeds[log.watched])
+    return Rollout(task, tuple(seeds), log.env.step_time, timing=timing, film=film, **log.fields)
+
+
+def outcomes(
+    policy: Policy, task: str, seeds: Sequence[int], environment: dict[str, Any], name: str = "", quiet: bool = False
+) -> Outcomes:
+    """The same episodes as of :func:`run`, of which only the ends are kept."""
+    ends, _ = _episodes(Ends, policy, task, seeds, environment, name, quiet)
+    return Outcomes(task, tuple(seeds), ends.env.step_time, **ends.fields)
+
+
+def _episodes(
+    kept: type[Kept],
+    policy: Policy,
+    task: str,
+    seeds: Sequence[int],
+    environment: dict[str, Any],
+    name: str,
+    quiet: bool,
+) -> tuple[Kept, Timing]:
+    """The first episode of every world, written down by a record of the class ``kept``."""
     worlds = len(seeds)
     env = gym.make_vec(
         f"vibgym/{task}-v0",
@@ -131,7 +162,7 @@ def run(
     )
     base: Any = env.unwrapped
     observation, info = env.reset(seed=list(seeds))  # type: ignore[arg-type]
-    log = Log(base, info, base.max_episode_steps)
+    log = kept(base, info, base.max_episode_steps)
     parked: dict[str, Any] = {"parts": [0]} if len(base.parts) > 1 else {}
     alive, start = np.ones(worlds, dtype=bool), np.ones(worlds, dtype=bool)
     state, step, timed, policy_time, environment_time = None, 0, 0, 0.0, 0.0
@@ -158,11 +189,4 @@ def run(
             if start.any() and alive.any():
                 observation, _ = env.reset(options={"reset_mask": start, **parked})
     env.close()
-    return Rollout(
-        task=task,
-        seeds=tuple(seeds),
-        step_time=base.step_time,
-        timing=Timing(timed, policy_time + environment_time, policy_time, environment_time),
-        film=log.film(seeds[log.watched]),
-        **log.fields,
-    )
+    return log, Timing(timed, policy_time + environment_time, policy_time, environment_time)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from agents.evaluation.rollout import Rollout
+from agents.evaluation.rollout import Outcomes
 
 RNG_SEED = 20021
 """Of the resampling, so that a report can be repeated to the digit."""
@@ -42,9 +42,10 @@ class Quartiles:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two policies on the same seeds of a task; differences are first minus second."""
+    """Two policies on the same seeds of a task and the same hardware; differences are first minus second."""
 
     task: str
+    hardware: str
     first: str
     second: str
     episodes: int
@@ -127,7 +128,9 @@ def quartiles(values: np.ndarray) -> Quartiles:
     return Quartiles(*(float(each) for each in np.percentile(finite, [25.0, 50.0, 75.0])))
 
 
-def compare(names: tuple[str, str], first: Rollout, second: Rollout, level: float, resamples: int) -> Comparison:
+def compare(
+    hardware: str, names: tuple[str, str], first: Outcomes, second: Outcomes, level: float, resamples: int
+) -> Comparison:
     """Compare two policies seed by seed.
 
     Raises:
@@ -141,6 +144,7 @@ def compare(names: tuple[str, str], first: Rollout, second: Rollout, level: floa
     spread = len(times) > 1 and np.ptp(times) > 1e-9
     return Comparison(
         task=first.task,
+        hardware=hardware,
         first=names[0],
         second=names[1],
         episodes=len(first.seeds),

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from agents.evaluation.results import Results, Row
+from agents.evaluation import machine
+from agents.evaluation.effects import Cell, Effects
+from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.words import facts
 
 
-def episodes_of(policy: str, rollout: Rollout) -> list[dict[str, Any]]:
+def episodes_of(trial: Trial, rollout: Rollout) -> list[dict[str, Any]]:
     """One mapping per episode: the rows of episodes.csv."""
     columns = {
         "seed": rollout.seeds,
@@ -34,7 +36,7 @@ def episodes_of(policy: str, rollout: Rollout) -> list[dict[str, Any]]:
         "collisions": _whole(rollout.collisions),
         "clearance_m": rollout.clearance.tolist(),
     }
-    head = {"task": rollout.task, "policy": policy}
+    head = trial._asdict()
     return [head | dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
@@ -51,10 +53,12 @@ def json_text(results: Results) -> str:
         "settings": settings.as_written(),
         "seeds": settings.seed_list(),
         "tasks": {name: facts(info, results.episodes(name)) for name, info in results.tasks.items()},
+        "hardware": {name: machine.sentences(results.arguments_of(name), results.surface) for name in results.hardware},
         "results": [asdict(row) for row in results.rows],
         "comparisons": [asdict(each) for each in results.comparisons],
+        **({} if results.effects is None else {"effects": results.effects.as_values()}),
         **({} if results.cost is None else {"cost_per_period": results.cost.as_values()}),
-        "episodes": [one for key, rollout in results.rollouts.items() for one in episodes_of(key[1], rollout)],
+        "episodes": [one for trial, rollout in results.rollouts.items() for one in episodes_of(trial, rollout)],
     }
     return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
 
@@ -77,10 +81,12 @@ def _missing(value: Any) -> bool:
 def summary_table(results: Results) -> str:
     """The tables that the README quotes, in Markdown: success with its interval, and medians.
 
-    Tasks whose parts are done together, without goal poses, have columns of their own.
+    Tasks whose parts are done together, without goal poses, have columns of their own. Where there is more than one machine,
+    rows say which. The study of effects has a table of success rates and median times.
     """
-    columns = [
+    columns: list[tuple[str, Callable[[Row], str]]] = [
         ("task", lambda row: row.task),
+        *([("hardware", lambda row: row.hardware)] if len(results.hardware) > 1 else []),
         ("policy", lambda row: row.policy),
         ("success", lambda row: f"{100 * row.success_rate:.1f} %"),
         (
@@ -94,9 +100,21 @@ def summary_table(results: Results) -> str:
         rows = [row for row in results.rows if results.tasks[row.task].has_goal == has_goal]
         if rows:
             heads, texts = zip(*columns, *more, strict=True)
-            lines = ([text(row) for text in texts] for row in rows)
-            tables.append("\n".join([_line(heads), _line("-" * len(each) for each in heads), *map(_line, lines)]))
+            tables.append(_table(heads, ([text(row) for text in texts] for row in rows)))
+    if results.effects is not None:
+        tables.append(effects_table(results.effects))
     return "\n\n".join(tables)
+
+
+def effects_table(effects: Effects) -> str:
+    """Success rate and median time to goal of every policy in every case, in Markdown."""
+    lines = ([case, *map(_cell, cells)] for case, cells in effects.rows())
+    return _table((f"{effects.task}: effect", *effects.policies), lines)
+
+
+def _cell(cell: Cell) -> str:
+    time = f" ({quantity(cell.time_to_goal_median_s, 1.0, 2, 's')})" if cell.successes else ""
+    return f"{100 * cell.success_rate:.1f} %{time}"
 
 
 _FALLEN = ("fallen", lambda row: str(row.fallen))
@@ -133,6 +151,10 @@ def quantity(value: float, factor: float, digits: int, unit: str) -> str:
 def number(value: float, digits: int) -> str:
     """A number >= 0 in ``digits`` decimals, or one at most from 10 up."""
     return f"{value:.{digits if value < 9.995 else min(digits, 1)}f}"
+
+
+def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    return "\n".join([_line(heads), _line("-" * len(each) for each in heads), *map(_line, lines)])
 
 
 def _line(cells: Iterable[str]) -> str:

@@ -155,6 +155,25 @@ def test_stop_distance():
     assert run.sticking.tolist() == [False, False, True] and (run.velocity[-1] == 0).all()
 
 
+@pytest.mark.parametrize("share, ends", [(0.5, True), (-0.5, True), (1.2, False)])
+def test_on_a_tilted_table_friction_holds_back_less(share, ends):
+    """The part stops after v^2 / (2 (mu g - b)) and stays, or never, if the tilt is more than friction."""
+    tilt = [share * 0.6 * G, 0.0]
+    run = integrate(STILL, BLOCK, [0.4, 0.1, 0.3], [0.1, 0, 0], 0, 0, 2, tilt=tilt)
+    braking = 0.6 * G - tilt[0]
+    way = 0.1**2 / (2 * braking) if ends else 0.1 * 0.08 - 0.5 * braking * 0.08**2
+    assert run.pose[-1] == pytest.approx([0.4 + way, 0.1, 0.3], abs=1e-12)
+    assert run.sticking[-1] == ends
+
+
+def test_a_tilted_table_lets_go_of_what_rests_where_static_friction_ends():
+    part = Part.rectangle(0.05, 0.035, friction=0.5, static_friction=0.6)
+    for share, held in ((0.999, True), (1.001, False)):
+        run = integrate(STILL, part, [0.4, 0.1, 0.3], [0, 0, 0], 0, 0, 1, tilt=[0.0, -share * 0.6 * G], estimate=False)
+        way = 0.0 if held else 0.5 * (share * 0.6 - 0.5) * G * 0.04**2
+        assert run.pose[-1] == pytest.approx([0.4, 0.1 - way, 0.3], abs=1e-9)
+
+
 def test_spinning_disc():
     """Torque (2/3) mu m g r stops w r^2 / 2 after 3 w r / (4 mu g); 64 corners instead of a circle change it by 1e-5."""
     disc = Part.disc(0.022, friction=0.6)

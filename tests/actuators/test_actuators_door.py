@@ -114,8 +114,17 @@ def test_what_actuators_remember_is_part_of_the_snapshot():
     ({"kind": "weak", "colour": 1}, r"^actuators: got \"the setting 'colour'\"; allowed: least, latency"),
     ({"kind": "weak", "latency": -1}, r"^actuators\.latency: got -1; allowed: "),
     ({"kind": "ideal", "latency": 1}, r"^actuators: got .*latency.*; allowed: no settings"),
-    ("steam", r"^actuators: got 'steam'; allowed: 'ideal', 'weak'"),
+    ("steam", r"^actuators: got 'steam'; allowed: 'ideal', 'prototype', 'weak'"),
 ])  # fmt: skip
 def test_bad_actuators_are_refused(actuators, message):
     with pytest.raises(ValueError, match=message):
         batch(2, actuators)
+
+
+def test_an_estimator_may_take_actuators_that_draw_for_nominal_ones(monkeypatch):
+    """It takes the middle of what they draw."""
+    monkeypatch.setattr(Weak, "nominal", lambda self: Weak(self.surface, self.worlds, self.periods), raising=False)
+    env = batch(2, "weak", sensor={"kind": "ideal", "estimator": "model"})
+    env.reset(seed=1)
+    assert (env.core.sensing.estimator._predictor._plant.share == 0.75).all()
+    env.step(random_actions(env, 1)[0])

@@ -36,7 +36,7 @@ def test_quantities_come_back_in_si_units(task, settings):
     action = env.action_space.sample()
     for _ in range(3):
         seen, *_ = env.step(action)
-    truth, layout = env.truth, Layout(env.surface, env.parts, env.task.FEATURES, env.task.slots)
+    truth, layout = env.truth, Layout(env.surface, env.parts, env.task.features, env.task.slots)
     assert layout.rows == env.observation_layout
     there = truth.present
 

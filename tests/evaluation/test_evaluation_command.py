@@ -23,6 +23,8 @@ GOOD: dict[str, Any] = {
     "animations": False,
 }
 
+EFFECTS: dict[str, Any] = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
+
 BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
     "unknown key": ({"taks": ["Rotate"]}, ["taks", "tasks"]),
     "unknown task": ({"tasks": ["Stack"]}, ["tasks.0", "Stack", "Rotate", "Sort"]),
@@ -70,6 +72,58 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
     "environment key": ({"environment": {"action": "patch"}}, ["environment", "action", "surface"]),
     "environment value": ({"environment": {"parts": ["brick"]}}, ["parts", "brick", "steel_block"]),
     "surface value": ({"environment": {"surface": {"rows": -3}}}, ["rows", "-3"]),
+    "no hardware": ({"hardware": {}}, ["evaluation.hardware", "{}", "at least 1"]),
+    "hardware that is none": (
+        {"hardware": {"a": "prototype"}},
+        ["evaluation.hardware.a", "'prototype'", "'actuators'"],
+    ),
+    "hardware of another key": ({"hardware": {"a": {"walls": []}}}, ["evaluation.hardware.a", "walls", "'sensor'"]),
+    "hardware without a name": ({"hardware": {"": {}}}, ["evaluation.hardware", "''", "printable"]),
+    "hardware of an unknown kind": (
+        {"hardware": {"a": {"actuators": "magic"}}},
+        ["evaluation.hardware.a: actuators", "magic", "'prototype'"],
+    ),
+    "hardware with an unknown setting": (
+        {"hardware": {"a": {"actuators": {"kind": "prototype", "rust": 1}}}},
+        ["evaluation.hardware.a", "rust", "dead_zone"],
+    ),
+    "hardware for another task": ({"hardware": {"a": {"tasks": ["Sort"]}}}, ["evaluation.hardware.a.tasks", "Rotate"]),
+    "hardware without episodes": ({"hardware": {"a": {"episodes": 0}}}, ["evaluation.hardware.a.episodes", "0"]),
+    "hardware that nothing runs on": (
+        {"hardware": {"a": {}, "b": {}}, "policies": [{"kind": "zero", "hardware": ["a"]}]},
+        ["evaluation.hardware.b", "a policy runs on"],
+    ),
+    "unknown hardware of a policy": (
+        {"hardware": {"a": {}}, "policies": [{"kind": "zero", "hardware": ["ideal"]}]},
+        ["policies.0.hardware", "ideal", "among a"],
+    ),
+    "effects that are none": ({"effects": "all"}, ["evaluation.effects", "all"]),
+    "effects without cases": ({"effects": {**EFFECTS, "cases": {}}}, ["evaluation.effects.cases", "{}"]),
+    "effects on another task": ({"effects": {**EFFECTS, "task": "Align"}}, ["evaluation.effects.task", "Rotate"]),
+    "effects on an unknown policy": (
+        {"effects": {**EFFECTS, "policies": ["learned"]}},
+        ["evaluation.effects.policies.0", "learned", "'zero'", "'steered'"],
+    ),
+    "effects on a policy twice": (
+        {"effects": {**EFFECTS, "policies": ["zero", {"policy": "zero"}]}},
+        ["evaluation.effects.policies.1.name", "zero", "no other"],
+    ),
+    "an effect of another key": (
+        {"effects": {**EFFECTS, "cases": {"dust": {"surface": {}}}}},
+        ["evaluation.effects.cases.dust", "surface", "'actuators'"],
+    ),
+    "an effect that no environment has": (
+        {"effects": {**EFFECTS, "cases": {"dust": {"actuators": {"kind": "prototype", "dust": 1}}}}},
+        ["evaluation.effects.cases.dust: actuators", "dust", "dead_zone"],
+    ),
+    "a sensor setting that no sensor has": (
+        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "sensor": {"zoom": 2}}]}},
+        ["evaluation.effects.policies (zero in none): sensor", "zoom"],
+    ),
+    "a key of a policy of the study": (
+        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "actuators": "ideal"}]}},
+        ["evaluation.effects.policies.0", "actuators", "'sensor'"],
+    ),
     "confidence": ({"confidence": 95}, ["confidence", "95"]),
 }
 
@@ -113,6 +167,9 @@ def test_bad_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert "--episodes" in refusal(capsys, "evaluate", path, "--episodes", "0")
     assert "--gif TASK" in refusal(capsys, "evaluate", path, "--gif", "Align", "zero", str(tmp_path / "a.gif"))
     assert "--gif POLICY" in refusal(capsys, "evaluate", path, "--gif", "Rotate", "nobody", str(tmp_path / "a.gif"))
+    film = ["--gif", "Rotate", "zero", str(tmp_path / "a.gif"), "--gif-hardware", "prototype"]
+    assert "--gif-hardware: got 'prototype'; allowed: 'ideal'" in refusal(capsys, "evaluate", path, *film)
+    assert "--gif-hardware" in refusal(capsys, "evaluate", path, *film[-2:])
     (tmp_path / "file").write_text("")
     assert "output" in refusal(capsys, "evaluate", path, "--output", str(tmp_path / "file" / "below"))
     for arguments in ([], ["fly"], ["evaluate"], ["evaluate", path, "--episodes", "many"]):

@@ -21,6 +21,7 @@ from PIL import Image
 from agents import evaluation
 from agents.evaluation import animation, figures, report
 from agents.evaluation.figures import new_figure
+from agents.evaluation.results import Trial
 from vibgym.files import write_atomically
 
 
@@ -67,7 +68,7 @@ def test_page_says_what_was_found(found: evaluation.Results, written: Path) -> N
     assert text.count("data:image/webp") == len(found.rollouts)
     for row in found.rows:
         assert f"{100 * row.success_rate:.1f} %" in text
-        assert f"Seed {found.rollouts[row.task, row.policy].film.seed}" in text
+        assert f"Seed {found.rollouts[Trial(row.task, row.hardware, row.policy)].film.seed}" in text
 
 
 def test_bold_differences_are_those_that_are_clear(found: evaluation.Results, written: Path) -> None:
@@ -83,13 +84,16 @@ def test_a_name_is_drawn_as_it_is_written(
     found: evaluation.Results, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """No formula, which would fail or look otherwise, no mark that hides it from the legend."""
-    rollouts = {(task, name if each == "pusher" else each): one for (task, each), one in found.rollouts.items()}
+    rollouts = {
+        Trial(task, machine, name if each == "pusher" else each): one
+        for (task, machine, each), one in found.rollouts.items()
+    }
     policies = {name if each == "pusher" else each: text for each, text in found.policies.items()}
     drawn: list[Figure] = []
     monkeypatch.setattr(figures, "new_figure", lambda *size: drawn.append(new_figure(*size)) or drawn[-1])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # matplotlib's font does not have every character
-        figures.arrivals(dataclasses.replace(found, rollouts=rollouts, policies=policies), "Transport")
+        figures.arrivals(dataclasses.replace(found, rollouts=rollouts, policies=policies), "Transport", "ideal")
     (legend,) = drawn[0].legends
     texts = [text.get_text().rpartition(" (")[0] for text in legend.get_texts()]
     assert texts == ["still <&>", name, "counting"]
@@ -113,11 +117,11 @@ def test_json_holds_everything(found: evaluation.Results, written: Path) -> None
 def test_csv_rows(found: evaluation.Results, written: Path) -> None:
     with (written / "results.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [(row["task"], row["policy"]) for row in rows] == list(found.rollouts)
+    assert [(row["task"], row["hardware"], row["policy"]) for row in rows] == list(found.rollouts)
     assert rows[0]["time_to_goal_median_s"] == "" and float(rows[0]["success_rate"]) == 0.0
     with (written / "episodes.csv").open(newline="", encoding="utf-8") as file:
         episodes = list(csv.DictReader(file))
-    pusher = found.rollouts["Transport", "pusher"]
+    pusher = found.rollouts[Trial("Transport", "ideal", "pusher")]
     mine = [row for row in episodes if (row["task"], row["policy"]) == ("Transport", "pusher")]
     assert [int(row["seed"]) for row in mine] == list(pusher.seeds)
     np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
@@ -157,7 +161,7 @@ def test_failure_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize("most", [10**9, 60_000, 25_000, 1])
 def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most: int) -> None:
-    film = found.rollouts["Align", "counting"].film
+    film = found.rollouts[Trial("Align", "ideal", "counting")].film
     frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04)
     sizes = [len(animation.webp(frames, interval, size)) for size in (10**9, most, 1)]
     assert sizes[1] <= max(most, sizes[2]) and sizes[2] <= sizes[1] <= sizes[0]
@@ -166,7 +170,7 @@ def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most
 
 
 def test_gif(found: evaluation.Results) -> None:
-    film = found.rollouts["Align", "pusher"].film
+    film = found.rollouts[Trial("Align", "ideal", "pusher")].film
     frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04, 300)
     assert len(frames) <= animation.MOST_FRAMES and frames[0].dtype == np.uint8
     with Image.open(io.BytesIO(animation.gif(frames[:6], 1.0 / interval))) as image:

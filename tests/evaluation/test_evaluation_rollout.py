@@ -11,6 +11,7 @@ import pytest
 
 from agents import evaluation
 from agents.evaluation.log import WATCHED_AMONG, farthest_goal
+from agents.evaluation.results import Trial
 
 
 def alone(policy: Any, task: str, seed: int) -> dict[str, Any]:
@@ -31,7 +32,7 @@ def alone(policy: Any, task: str, seed: int) -> dict[str, Any]:
 @pytest.mark.parametrize("name", ["pusher", "counting"])
 @pytest.mark.parametrize("task", ["Transport", "Align"])
 def test_same_numbers_as_single_environments(found: evaluation.Results, task: str, name: str) -> None:
-    rollout = found.rollouts[task, name]
+    rollout = found.rollouts[Trial(task, "ideal", name)]
     policy = dict(zip(found.settings.named_policies(), found.settings.policies, strict=True))[name]
     for k, seed in enumerate(rollout.seeds[:4]):
         one = alone(policy, task, seed)
@@ -52,7 +53,10 @@ def test_same_numbers_as_single_environments(found: evaluation.Results, task: st
 
 
 def test_times_and_outcomes(found: evaluation.Results) -> None:
-    still, pusher = found.rollouts["Transport", "still <&>"], found.rollouts["Transport", "pusher"]
+    still, pusher = (
+        found.rollouts[Trial("Transport", "ideal", "still <&>")],
+        found.rollouts[Trial("Transport", "ideal", "pusher")],
+    )
     assert pusher.step_time == pytest.approx(0.04)
     assert pusher.success.sum() >= 4  # else the tests above have shown little
     np.testing.assert_allclose(pusher.time_to_goal[pusher.success], 0.04 * pusher.steps[pusher.success])
@@ -83,7 +87,7 @@ def test_film_is_the_watched_episode(found: evaluation.Results) -> None:
         assert not film.phasors[0].any()
         assert film.success == rollout.success[world]
         np.testing.assert_array_equal(film.poses.astype(np.float32), rollout.poses[world, : len(film.poses)])
-    assert found.rollouts["Align", "pusher"].film.phasors[1].any()
+    assert found.rollouts[Trial("Align", "ideal", "pusher")].film.phasors[1].any()
 
 
 def test_the_farthest_of_the_first_worlds_is_watched() -> None:
@@ -97,7 +101,7 @@ def test_the_farthest_of_the_first_worlds_is_watched() -> None:
 
 
 def test_rates_leave_the_first_step_out(found: evaluation.Results) -> None:
-    timing = found.rollouts["Transport", "still <&>"].timing
+    timing = found.rollouts[Trial("Transport", "ideal", "still <&>")].timing
     assert timing.world_steps == 8 * 249
     assert timing.total == pytest.approx(timing.policy + timing.environment)
     assert timing.rates()[0] == pytest.approx(timing.world_steps / timing.total)

@@ -53,7 +53,7 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
         ("Sort", "local_fields"),
         ("Sort", "zero"),
     ]
-    assert list(prepared.policies) == pairs
+    assert [(task, policy) for task, _, policy in prepared.jobs] == pairs
 
 
 def test_every_environment_can_be_evaluated() -> None:

@@ -18,10 +18,11 @@ from shapely import affinity
 from agents import evaluation
 from agents.evaluation import animation
 from agents.evaluation.log import SERIES
+from agents.evaluation.results import Trial
 from agents.evaluation.rollout import Rollout, run
 from tests.evaluation.conftest import Shepherd
 
-PAIRS = [("Sort", "shepherd"), ("Singulate", "shepherd"), ("Sort", "lazy shepherd"), ("Singulate", "lazy shepherd")]
+PAIRS = [Trial(task, "ideal", policy) for policy in ("shepherd", "lazy shepherd") for task in ("Sort", "Singulate")]
 
 
 def distances(found: evaluation.Results, task: str, poses: np.ndarray) -> np.ndarray:
@@ -49,7 +50,7 @@ def poses_of(rollout: Rollout, episode: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_collisions_and_clearance_from_the_poses(several: evaluation.Results, pair: tuple[str, str]) -> None:
+def test_collisions_and_clearance_from_the_poses(several: evaluation.Results, pair: Trial) -> None:
     rollout = several.rollouts[pair]
     for episode in range(3):
         poses = poses_of(rollout, episode)
@@ -65,13 +66,17 @@ def test_collisions_and_clearance_from_the_poses(several: evaluation.Results, pa
 
 
 def test_there_were_collisions(several: evaluation.Results) -> None:
-    assert several.rollouts["Sort", "shepherd"].collisions.sum() > 0  # else the test above has shown little
-    assert several.rollouts["Sort", "lazy shepherd"].collisions.sum() == 0
-    assert (several.rollouts["Singulate", "lazy shepherd"].clearance < 1e-5).all()  # in touch from the start
+    assert (
+        several.rollouts[Trial("Sort", "ideal", "shepherd")].collisions.sum() > 0
+    )  # else the test above has shown little
+    assert several.rollouts[Trial("Sort", "ideal", "lazy shepherd")].collisions.sum() == 0
+    assert (
+        several.rollouts[Trial("Singulate", "ideal", "lazy shepherd")].clearance < 1e-5
+    ).all()  # in touch from the start
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_throughput_from_the_poses(several: evaluation.Results, pair: tuple[str, str]) -> None:
+def test_throughput_from_the_poses(several: evaluation.Results, pair: Trial) -> None:
     rollout, task = several.rollouts[pair], several.tasks[pair[0]]
     for episode, steps in enumerate(rollout.steps):
         last = poses_of(rollout, episode)[-2:].astype(np.float64)
@@ -93,7 +98,7 @@ def test_throughput_from_the_poses(several: evaluation.Results, pair: tuple[str,
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_paths(several: evaluation.Results, pair: tuple[str, str]) -> None:
+def test_paths(several: evaluation.Results, pair: Trial) -> None:
     rollout, task = several.rollouts[pair], several.tasks[pair[0]]
     for episode in range(len(rollout.seeds)):
         places = poses_of(rollout, episode)[..., :2].astype(np.float64)
@@ -116,7 +121,7 @@ def test_paths(several: evaluation.Results, pair: tuple[str, str]) -> None:
 
 
 def test_same_numbers_as_single_environments(several: evaluation.Results) -> None:
-    rollout, policy = several.rollouts["Sort", "shepherd"], Shepherd()
+    rollout, policy = several.rollouts[Trial("Sort", "ideal", "shepherd")], Shepherd()
     for k, seed in enumerate(rollout.seeds[:2]):
         env = gym.make("vibgym/Sort-v0", action="field", observation="state")
         observation, info = env.reset(seed=seed)
@@ -135,7 +140,7 @@ def test_same_numbers_as_single_environments(several: evaluation.Results) -> Non
 def test_some_succeed_and_some_do_not(several: evaluation.Results) -> None:
     """Else the tests of this file have shown little."""
     assert sum(several.rollouts[pair].success.sum() for pair in PAIRS) >= 3
-    assert not several.rollouts["Sort", "lazy shepherd"].success.any()
+    assert not several.rollouts[Trial("Sort", "ideal", "lazy shepherd")].success.any()
 
 
 def test_absent_parts_leave_no_trace() -> None:
@@ -154,8 +159,12 @@ def test_panels_show_what_a_task_has(several: evaluation.Results) -> None:
         pair: [name for name in SERIES if rollout.over_time(name) is not None]
         for pair, rollout in several.rollouts.items()
     }
-    assert said["Transport", "pusher"] == ["position_error"]
-    assert said["Sort", "shepherd"] == said["Singulate", "shepherd"] == ["position_error", "clearance", "parts_done"]
+    assert said[Trial("Transport", "ideal", "pusher")] == ["position_error"]
+    assert (
+        said["Sort", "ideal", "shepherd"]
+        == said["Singulate", "ideal", "shepherd"]
+        == ["position_error", "clearance", "parts_done"]
+    )
     for rollout in several.rollouts.values():
         last = over_time(rollout, "position_error")[np.arange(len(rollout.steps)), rollout.steps]
         np.testing.assert_array_equal(last, rollout.position_error.astype(np.float32))
@@ -167,7 +176,7 @@ def test_columns(several: evaluation.Results, written_several: Path) -> None:
     assert list(episodes[0])[-4:] == ["parts_done", "throughput_parts_per_s", "collisions", "clearance_m"]
     assert len(episodes) == 5 + 2 * 6 + 2 * 5
     mine = [row for row in episodes if (row["task"], row["policy"]) == ("Sort", "shepherd")]
-    rollout = several.rollouts["Sort", "shepherd"]
+    rollout = several.rollouts[Trial("Sort", "ideal", "shepherd")]
     assert [int(row["collisions"]) for row in mine] == rollout.collisions.tolist()
     assert [float(row["throughput_parts_per_s"]) for row in mine] == rollout.throughput.tolist()
     assert [float(row["clearance_m"]) for row in mine] == rollout.clearance.tolist()
@@ -222,14 +231,14 @@ def test_summary_has_a_table_of_its_own(several: evaluation.Results) -> None:
 
 
 def test_pictures_show_zones_and_trails(several: evaluation.Results) -> None:
-    film = several.rollouts["Sort", "shepherd"].film
+    film = several.rollouts[Trial("Sort", "ideal", "shepherd")].film
     frames, _ = animation.frames_of(film, several.scenery["Sort"], 0.04, 520)
     assert (frames[0] != frames[-1]).any()
     assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
     # A zone tints its end of the table: the picture differs from Singulate's at the left and at the right, not between.
     pictures = []
     for task in ("Sort", "Singulate"):
-        own, scenery = several.rollouts[task, "lazy shepherd"].film, several.scenery[task]
+        own, scenery = several.rollouts[Trial(task, "ideal", "lazy shepherd")].film, several.scenery[task]
         empty = dataclasses.replace(own, present=np.zeros(6, dtype=bool))
         pictures.append(animation.picture(empty, scenery, 0, animation.painter_for(scenery, 520)))
     columns = (pictures[0][:140] != pictures[1][:140]).any(axis=(0, 2))

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from agents import evaluation
+from agents.evaluation.results import Trial
 from agents.evaluation.statistics import bootstrap, compare, difference_interval, quartiles, success_interval
 
 LEVEL, RESAMPLES = 0.95, 9999
@@ -68,14 +69,17 @@ def test_quartiles_skip_what_does_not_apply() -> None:
 
 
 def test_comparison_is_paired_and_turns_round(found: evaluation.Results) -> None:
-    pusher, still = found.rollouts["Transport", "pusher"], found.rollouts["Transport", "still <&>"]
-    forth = compare(("pusher", "still"), pusher, still, LEVEL, 500)
+    pusher, still = (
+        found.rollouts[Trial("Transport", "ideal", "pusher")],
+        found.rollouts[Trial("Transport", "ideal", "still <&>")],
+    )
+    forth = compare("ideal", ("pusher", "still"), pusher, still, LEVEL, 500)
     assert forth.success_difference == pytest.approx(pusher.success.mean())
     assert forth.both == 0 and np.isnan(forth.time_difference) and forth.time_interval is None
     back = forth.turned()
     assert (back.first, back.second) == ("still", "pusher")
     assert back.success_interval.low == -forth.success_interval.high
-    same = compare(("pusher", "pusher"), pusher, pusher, LEVEL, 500)
+    same = compare("ideal", ("pusher", "pusher"), pusher, pusher, LEVEL, 500)
     assert same.time_difference == 0.0 and same.time_interval is None
     with pytest.raises(ValueError, match="same task and the same seeds"):
-        compare(("a", "b"), pusher, found.rollouts["Align", "pusher"], LEVEL, 500)
+        compare("ideal", ("a", "b"), pusher, found.rollouts[Trial("Align", "ideal", "pusher")], LEVEL, 500)

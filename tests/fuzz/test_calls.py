@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from tests.envs.helpers import assert_same
 from tests.fuzz.campaign import count, fuzz
 from vibgym import Part, Simulator, Surface, checks, config, fields
+from vibgym.actuators import actuators_from
 from vibgym.allocation import mean_acceleration, mean_state, phasors_for
 
 
@@ -78,6 +79,17 @@ SURFACE, PART = Surface(4, 6), Part.rectangle(0.03, 0.02, friction=0.5)
 DISC = {"shape": "disc", "radius": 0.01, "friction": 0.5}
 BOX = {"pose": [0.08, 0.05, 0.0], "velocity": 0.0}
 
+
+def sensed(kind: str, **settings: Any) -> Any:
+    """An environment with a sensor."""
+    return gym.make("vibgym/Align-v0", sensor={"kind": kind, **settings})
+
+
+def estimated(kind: str, **settings: Any) -> Any:
+    """An environment with an estimator."""
+    return sensed("pose", estimator={"kind": kind, **settings})
+
+
 CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "Surface": (
         Surface,
@@ -108,6 +120,33 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         dict(num_envs=2, surface={"rows": 8}, parts=["steel_block"], model="averaged", action="patch", observation="goal",
              actuators={"kind": "ideal"}, sensor={"kind": "ideal"}, randomize=None,
              max_episode_periods=10, max_episode_steps=10, autoreset_mode="NextStep"),
+    ),
+    "prototype": (
+        lambda **settings: actuators_from({"kind": "prototype", **settings}, SURFACE, 2, 3),
+        dict(dead_zone=1e-4, dead_zone_form="soft", limit=2e-4, latency=2, gain_spread=0.1, phase_spread=0.1, bandwidth=5.0,
+             resolution=1e-6, dead=[[0, 1]], stuck=0.1, seed=3),
+    ),
+    "pose sensor": (
+        functools.partial(sensed, "pose"),
+        dict(noise=[1e-4, 1e-3], bias=1e-4, dropout=0.1, delay=2, rate=12.5, estimator="model", tell=["age"]),
+    ),
+    "camera": (
+        functools.partial(sensed, "camera"),
+        dict(statistical=False, height=0.8, position=[0.4, 0.1], tilt=[0.01, 0.0], lens=6e-3, chip=7e-3, pixels=[752, 570],
+             distortion=0.01, lines="half", edge="grey", blur=0.5, noise=1.0, light=0.1, threshold=110.0, border=0.015,
+             tetragons=[16, 4], mark=0.01, delay=2, rate=12.5, estimator="kalman", tell=["sigma"]),
+    ),
+    "model estimator": (
+        functools.partial(estimated, "model"),
+        dict(model="planar", model_error=0.1, acceleration=0.01, unknown=0.01, drift=0.01, sigma=1.0),
+    ),
+    "Kalman estimator": (
+        functools.partial(estimated, "kalman"), dict(acceleration=0.01, unknown=0.01, drift=0.01, sigma=1.0),
+    ),
+    "randomize": (
+        lambda **ranges: gym.make("vibgym/Sort-v0", actuators="prototype", randomize=ranges),
+        dict(friction=[0.9, 1.1], mass=[0.5, 2.0], tilt=0.01, parts=[2, 3], dead_zone=[0.0, 1e-4], latency=[0, 3],
+             limit=[2e-4, 3e-4], gain_spread=[0.0, 0.1], bandwidth=[1.0, 5.0], dead=[0.0, 0.1], stuck=[0.0, 0.1]),
     ),
     "surface_from": (config.surface_from, dict(value="prototype")),
     "part_from": (config.part_from, dict(value=DISC)),
@@ -182,6 +221,13 @@ def none_outlives_the_tests() -> Iterator[None]:
     beginning.cache_clear()
 
 
+MACHINE: dict[str, Any] = {
+    "actuators": {"kind": "prototype", "latency": 2},
+    "sensor": {"kind": "pose", "dropout": 0.2, "estimator": "model"},
+    "randomize": {"friction": [0.9, 1.1], "dead_zone": [0.0, 1e-4]},
+}
+
+
 @functools.cache
 def live(kind: str) -> Any:
     """An environment or a simulator that has begun."""
@@ -190,7 +236,12 @@ def live(kind: str) -> Any:
         made.reset([[0.05, 0.05, 0.0], [0.1, 0.05, 0.0]])
         return made
     if kind == "single":
-        made = gym.make("vibgym/Sort-v0", action="field")
+        made = gym.make("vibgym/Sort-v0", action="field", **MACHINE)
+        made.reset(seed=1)
+        return made
+    if kind == "camera":
+        sensor = {"kind": "camera", "lines": "interlaced", "delay": 1, "rate": 12.5, "estimator": "model"}
+        made = gym.make("vibgym/Align-v0", action="field", sensor=sensor, observation="camera")
         made.reset(seed=1)
         return made
     made = gym.make_vec("vibgym/Rotate-v0", num_envs=2, action="patch")
@@ -215,6 +266,7 @@ METHODS = {
                   ("advance", "periods", {"amplitude": 0.0, "phase": 0.0}), ("set_state", "state", {})],
     "single": [("reset", "seed", {}), ("reset", "options", {}), ("step", "action", {}), ("set_state", "state", {}),
                ("phasors", "world", {}), ("caption", "world", {})],
+    "camera": [("reset", "options", {}), ("step", "action", {}), ("set_state", "state", {})],
     "vector": [("reset", "seed", {}), ("reset", "options", {}), ("step", "actions", {}), ("set_state", "state", {}),
                ("phasors", "world", {}), ("caption", "world", {}), ("get_attr", "name", {}), ("call", "name", {})],
 }  # fmt: skip

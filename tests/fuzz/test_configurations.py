@@ -31,7 +31,9 @@ ENVIRONMENT = """
     - {shape: disc, radius_mm: 20, friction: 0.6, restitution: 0.2, contact_friction: 0.3, name: disc}
     - {shape: polygon, vertices_mm: [[0, 0], [50, 0], [50, 20], [20, 20], [20, 40], [0, 40]], friction: 0.5, name: angle}
   walls: [left, top]
-  randomize: {parts: [1, 3]}
+  randomize: {parts: [1, 3], friction: [0.9, 1.1], tilt: 0.002, dead_zone_mm: [0.05, 0.1]}
+  actuators: {kind: prototype, dead_zone_mm: 0.1, latency: 1, phase_spread_deg: 5, dead: [[0, 1]]}
+  sensor: {kind: pose, noise: [0.0001, 0.003], dropout: 0.1, estimator: {kind: model, drift: 0.01}}
 """
 ZONES = "  zones: {block: [0, 0, 0.2, 0.2], disc: [0.3, 0, 0.5, 0.2], angle: [0.6, 0, 0.8, 0.2]}\n"
 

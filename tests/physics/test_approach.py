@@ -11,7 +11,7 @@ from vibgym.physics.collision.coupling import Encounter, FixedEncounter, new_con
 from vibgym.physics.collision.hulls import wall_gap
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.jit import jit
-from vibgym.physics.core.records import State
+from vibgym.physics.core.records import new_state
 from vibgym.physics.core.reference import reference
 from vibgym.physics.friction.workspace import FixedScene, Scene, new_workspace
 from vibgym.scene.hulls import gaps_between, hulls_of
@@ -41,12 +41,10 @@ def encounter_of(parts, walls):
     schemes = planar_schemes(SURFACE, parts, walls)
     workspace = new_workspace(table, bodies, schemes.together, len(parts))
     space = ContactSpace(SURFACE, parts, walls)
-    shape = (1, len(parts), 3)
-    flags = [np.zeros(shape[:2], bool) for _ in range(3)]
-    state = State(*(np.zeros(shape) for _ in range(3)), *flags, np.zeros(1, bool))
+    state = new_state(1, len(parts))
     fixed = FixedEncounter(
         FixedScene(table, bodies, schemes.together, workspace), hulls, space.solver, impact_properties_of(parts),
-        new_contacts(len(parts), hulls), schemes.couplings, OVERLAP, schemes.walls,
+        new_contacts(len(parts), hulls), schemes.couplings, schemes.bend, OVERLAP, schemes.walls,
     )  # fmt: skip
     drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)
     scene = Scene(table, bodies, schemes.together, drive, state, workspace)

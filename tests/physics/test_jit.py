@@ -22,6 +22,7 @@ assert vibgym.__file__.startswith({folder!r})
 from vibgym.physics.core.drive import all_phasors, field_drive
 from vibgym.physics.collision.hulls import wall_gap
 phasors = np.zeros((1, 2, 2, 2))
+{between}
 all_phasors(field_drive(np.ones((1, 6), np.float32), np.zeros((1, 1, 2)), 0.026, 0.05, 10.0), phasors)
 all_phasors(field_drive(np.ones((1, 6), np.float32), np.zeros((1, 1, 2)), 0.026, 0.05, 10.0), phasors)
 print(float(phasors.sum()))
@@ -34,9 +35,9 @@ def run(tmp_path):
     package = tmp_path / "vibgym"
     shutil.copytree(ROOT, package, ignore=shutil.ignore_patterns("__pycache__"))
 
-    def once(**more):
+    def once(between="", **more):
         environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1", **more}
-        code = PROBE.format(folder=str(tmp_path))
+        code = PROBE.format(folder=str(tmp_path), between=between)
         done = subprocess.run(
             [sys.executable, "-c", code], text=True, env=environment, cwd=tmp_path, capture_output=True, check=True
         )
@@ -56,6 +57,18 @@ def test_an_edit_in_a_called_kernel_is_noticed(run):
     result = "return first * scale, second * scale"
     assert text.count(result) == 1
     file.write_text(text.replace(result, "return 2.0 * first * scale, second * scale"))
+    assert abs(once()[0] - first) > 1e-6
+
+
+def test_a_kernel_is_not_kept_that_may_be_older_than_its_file(run):
+    """A file is edited after the process has imported it, and before it compiles: the next one must not get the old kernel."""
+    package, once = run
+    file = package / "physics" / "core" / "drive.py"
+    edit = f"""
+import pathlib; file = pathlib.Path({str(file)!r})
+file.write_text(file.read_text().replace("return first * scale, second", "return 2.0 * first * scale, second"))"""
+    first, _ = once(between=edit)
+    assert not list((package.parent / "cache").rglob("*.nbc"))
     assert abs(once()[0] - first) > 1e-6
 
 

@@ -72,13 +72,13 @@ def test_a_delayed_sensor_says_what_was_true_then(periods, delay):
         expected = true[max(step * periods - delay, 0)]
         if step * periods <= delay:  # not yet due: what it saw at the reset
             expected = true[0]
-        assert (slow.core.sensor.measurement.pose == expected).all(), step
+        assert (slow.core.sensing.measurement.pose == expected).all(), step
 
 
 def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth():
     ideal, shifted = batch(4, observation="goal"), batch(4, sensor={"kind": "shifted"}, observation="goal")
     ideal.reset(seed=3), shifted.reset(seed=3)
-    shift = shifted.core.sensor.shift
+    shift = shifted.core.sensing.sensor.shift
     assert (shift > 1e-4).all() and (ideal.truth.pose == shifted.truth.pose).all()  # the start is drawn as ever
     seen = shifted.step(np.zeros(shifted.action_space.shape, dtype=np.float32))
     true = ideal.step(np.zeros(ideal.action_space.shape, dtype=np.float32))
@@ -133,13 +133,13 @@ def test_what_a_sensor_remembers_is_part_of_the_snapshot():
 
 
 @pytest.mark.parametrize("sensor, message", [
-    ({"kind": "shifted", "colour": 1}, r"^sensor: got \"the setting 'colour'\"; allowed: most, delay"),
+    ({"kind": "shifted", "colour": 1}, r"^sensor: got \"the setting 'colour'\"; allowed: most, delay, rate, estimator"),
     ({"kind": "shifted", "delay": -1}, r"^sensor\.delay: got -1; allowed: "),
     ({"kind": "shifted", "delay": 0.5}, r"^sensor\.delay: got 0\.5; allowed: "),
-    ({"kind": "ideal", "delay": 1}, r"^sensor: got .*delay.*; allowed: no settings"),
-    ({"kind": "nose"}, r"^sensor\['kind'\]: got 'nose'; allowed: 'ideal', 'shifted'"),
+    ({"kind": "ideal", "delay": 1}, r"^sensor: got .*delay.*; allowed: estimator"),
+    ({"kind": "nose"}, r"^sensor\['kind'\]: got 'nose'; allowed: 'ideal', 'pose', 'camera', 'shifted'"),
     ({"delay": 1}, r"^sensor: got .*; allowed: a mapping with 'kind'"),
-    ("nose", r"^sensor: got 'nose'; allowed: 'ideal', 'shifted'"),
+    ("nose", r"^sensor: got 'nose'; allowed: 'ideal', 'pose', 'camera', 'shifted'"),
     (3, r"^sensor: got 3; allowed: "),
 ])  # fmt: skip
 def test_bad_sensors_are_refused(sensor, message):

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from vibgym.physics.core.records import State
+from vibgym.physics.core.records import new_state
 from vibgym.tasks.base import Start
 from vibgym.tasks.scoring import Scoring
 
@@ -13,17 +13,8 @@ class Judge:
     """A task's scoring on states that the test makes up."""
 
     def __init__(self, task: Any, worlds: int, periods: int = 1) -> None:
-        shape = (worlds, len(task.parts))
-        off = np.zeros(shape, dtype=bool)
-        self.state = State(
-            pose=np.zeros((*shape, 3)),
-            velocity=np.full((*shape, 3), np.nan),  # scores look at the mean only
-            mean_velocity=np.zeros((*shape, 3)),
-            fallen=off.copy(),
-            sticking=off.copy(),
-            doubtful=off.copy(),
-            diverged=np.zeros(worlds, dtype=bool),
-        )
+        self.state = new_state(worlds, len(task.parts))
+        self.state.velocity[...] = np.nan  # scores look at the mean only
         self.scoring = Scoring(task, self.state, periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
 

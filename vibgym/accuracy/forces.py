@@ -24,9 +24,19 @@ class Forces:
         surface, part: of ``vibgym.scene``; only their plain attributes are read.
         amplitude, phase: (rows, columns), m and rad.
         cubature: of the contact area.
+        tilt: (2,) m/s^2, constant acceleration of the part.
     """
 
-    def __init__(self, surface: Any, part: Any, amplitude: np.ndarray, phase: np.ndarray, cubature: Cubature) -> None:
+    def __init__(
+        self,
+        surface: Any,
+        part: Any,
+        amplitude: np.ndarray,
+        phase: np.ndarray,
+        cubature: Cubature,
+        tilt: np.ndarray,
+    ) -> None:
+        self.tilt = tilt
         self.w = w = 2.0 * math.pi * surface.frequency
         self.period = 1.0 / surface.frequency
         self.radius = surface.horizontal_amplitude
@@ -75,14 +85,15 @@ class Forces:
         contact = self.contact(y)
         slip = self.slip(t, y)
         if contact is None or self.friction == 0.0 or not slip.any():
-            return np.array([y[3], y[4], y[5], 0.0, 0.0, 0.0])
+            return np.array([y[3], y[4], y[5], *self.tilt, 0.0])
         ax, ay, aw = self.grip(contact, t, self.friction)(slip)
-        return np.array([y[3], y[4], y[5], ax, ay, aw / self.gyration])
+        return np.array([y[3], y[4], y[5], ax + self.tilt[0], ay + self.tilt[1], aw / self.gyration])
 
     def needed(self, t: float) -> np.ndarray:
-        """Wrench per unit mass that moves the part with the table."""
+        """Wrench of friction per unit mass that moves the part with the table."""
         size = self.radius * self.w**2
-        return np.array([-size * math.cos(self.w * t), -size * math.sin(self.w * t), 0.0])
+        x, y = self.tilt
+        return np.array([-size * math.cos(self.w * t) - x, -size * math.sin(self.w * t) - y, 0.0])
 
     def carried(self, y: np.ndarray, t0: float, t: float) -> np.ndarray:
         """State at ``t`` of a part stuck since ``t0``."""

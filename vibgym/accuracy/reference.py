@@ -77,6 +77,7 @@ def integrate(
     *,
     tolerance: float = 1e-9,
     estimate: bool = True,
+    tilt: Any = (0.0, 0.0),
 ) -> Trajectory:
     """The motion of one part over whole periods under a held drive, from time 0.
 
@@ -87,6 +88,7 @@ def integrate(
             and rad.
         periods: how many.
         tolerance: relative, of every step; absolute ones follow from the scales of length and velocity of the drive.
+        tilt: (2,) m/s^2, constant acceleration of what lies on the table.
         estimate: run again at ``100 tolerance`` for :attr:`Trajectory.error`; costs about half as much again.
 
     Raises:
@@ -100,22 +102,27 @@ def integrate(
     amplitude = checks.array("amplitude", amplitude, shape, least=0.0, most=highest)
     phase = checks.array("phase", phase, shape)
     periods = checks.count("periods", periods)
+    tilt = checks.array("tilt", tilt, (2,))
     tolerance = checks.number("tolerance", tolerance, least=1e-12, most=1e-4)
-    run = _Run(surface, part, amplitude, phase, tolerance, FINE, _LEAST_STEPS).go(pose, velocity, periods)
+    run = _Run(surface, part, amplitude, phase, tilt, tolerance, FINE, _LEAST_STEPS).go(pose, velocity, periods)
     if not estimate:
         return run
-    coarse = _Run(surface, part, amplitude, phase, 100.0 * tolerance, COARSE, _COARSE_STEPS).go(pose, velocity, periods)
+    rough = 100.0 * tolerance
+    coarse = _Run(surface, part, amplitude, phase, tilt, rough, COARSE, _COARSE_STEPS).go(pose, velocity, periods)
     difference = _CAUTION * np.abs(run.pose - coarse.pose)
     evaluations = run.evaluations + coarse.evaluations
     return Trajectory(**{**vars(run), "error": difference, "evaluations": evaluations})
 
 
 class _Run(Forces):
-    def __init__(self, surface, part, amplitude, phase, tolerance: float, cubature: Cubature, least_steps: int) -> None:
-        super().__init__(surface, part, amplitude, phase, cubature)
+    def __init__(self, surface, part, amplitude, phase, tilt, tolerance, cubature: Cubature, least_steps: int) -> None:
+        super().__init__(surface, part, amplitude, phase, cubature, tilt)
         self.tolerance = tolerance
         self.longest = self.period / least_steps
-        self.scale = self.radius * self.w + max(self.static, 1e-3) * self.gravity / self.w  # of velocity, m/s
+        slope = float(np.hypot(*tilt))
+        self.scale = (
+            self.radius * self.w + max(max(self.static, 1e-3) * self.gravity, slope) / self.w
+        )  # of velocity, m/s
         self.threshold = 100.0 * tolerance * self.scale
         length = self.scale / self.w
         self.absolute = tolerance * np.array(
@@ -129,7 +136,7 @@ class _Run(Forces):
 
     def stick(self, y: np.ndarray, t0: float, fresh: float) -> tuple[float, np.ndarray, str]:
         """Carry a part on until it lets go, falls or the period ends; ``fresh`` is the time below which it cannot let go."""
-        if self.radius == 0.0:
+        if self.radius == 0.0 and not self.tilt.any():
             return self.period, self.carried(y, t0, self.period), "end"
         found: list[np.ndarray | None] = [None]
 

@@ -6,22 +6,33 @@ from typing import Any
 
 from vibgym import checks
 from vibgym.actuators.base import Actuators
+from vibgym.actuators.data_sheet import DataSheet
 from vibgym.actuators.ideal import IdealActuators
+from vibgym.actuators.prototype import PrototypeActuators
+from vibgym.actuators.stage import ActuatorStage
+from vibgym.config import to_si
 from vibgym.registry import Registry
 from vibgym.scene.surface import Surface
 
-ACTUATORS: Registry[type[Actuators]] = Registry("actuators", {"ideal": IdealActuators})
+ACTUATORS: Registry[type[ActuatorStage]] = Registry(
+    "actuators", {"ideal": IdealActuators, "prototype": PrototypeActuators}
+)
 """Actuators by name; ``ACTUATORS.register(name, cls)`` adds some of your own."""
 
 
-def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> Actuators:
-    """Actuators from their name or a mapping with ``kind`` and their own settings.
+def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> ActuatorStage:
+    """Actuators from their name or a mapping with ``kind`` and their own settings; keys may carry a unit (``dead_zone_mm``).
 
     Raises:
         ValueError: an unknown kind or setting, or a bad value.
     """
     kind, settings = checks.named("actuators", value, tuple(ACTUATORS))
-    return checks.made("actuators", ACTUATORS[kind], (surface, worlds, periods), settings)
+    return checks.made("actuators", ACTUATORS[kind], (surface, worlds, periods), to_si(settings, "actuators"))
 
 
-__all__ = ["ACTUATORS", "Actuators", "actuators_from"]
+def nominal(actuators: ActuatorStage) -> ActuatorStage:
+    """What a model of the machine takes for some actuators: as their data sheet has them, and without latency."""
+    return actuators.nominal() or IdealActuators(actuators.surface, actuators.worlds, actuators.periods)
+
+
+__all__ = ["ACTUATORS", "ActuatorStage", "Actuators", "DataSheet", "PrototypeActuators", "actuators_from", "nominal"]

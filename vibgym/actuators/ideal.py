@@ -3,29 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from vibgym.actuators.base import Actuators
+from vibgym.actuators.stage import ActuatorStage
 from vibgym.physics.core.drive import Drive
-from vibgym.scene.surface import Surface
 
 
-class IdealActuators(Actuators):
+class IdealActuators(ActuatorStage):
     """Elements that follow every command without delay; it is read for the elements under a part only."""
-
-    def __init__(self, surface: Surface, worlds: int, periods: int) -> None:
-        self.surface, self.worlds, self.periods = surface, worlds, periods
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         """Nothing to do: they remember nothing."""
 
     def apply(self, command: Drive) -> Sequence[tuple[Drive, int]]:
         return ((command, self.periods),)
-
-    def realise(self, phasors: np.ndarray) -> None:
-        """As they are."""
-
-    def _state(self) -> dict[str, Any]:
-        return {}

@@ -11,7 +11,15 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym.physics.core.drive import FIELD_STRENGTHS, Drive, element_drive, field_drive, patch_drive, phasor_drive
+from vibgym.physics.core.drive import (
+    FIELD_STRENGTHS,
+    NOWHERE,
+    Drive,
+    element_drive,
+    field_drive,
+    patch_drive,
+    phasor_drive,
+)
 from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -129,7 +137,7 @@ class Patch(Action):
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
         centre = measurement.pose[:, :, 1::-1] / self.surface.element_size
         first = np.floor(centre + (0.5 - 0.5 * self.side))
-        centre[measurement.gone] = np.inf
+        centre[measurement.gone] = NOWHERE
         return patch_drive(values, first.astype(np.int64), centre, self.side, self.full_scale)
 
 
@@ -148,7 +156,7 @@ class Field(Action):
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
         centre = measurement.pose[:, :, :2].copy()  # the pose moves on, the field stays where it was
-        centre[measurement.gone] = np.inf
+        centre[measurement.gone] = NOWHERE
         return field_drive(values, centre, self.surface.element_size, self.reach, self.full_scale)
 
 

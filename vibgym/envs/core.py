@@ -16,14 +16,17 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.actuators import actuators_from
+from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.observations import OBSERVATIONS
+from vibgym.envs.randomization import Randomization
 from vibgym.envs.starting import Starting
-from vibgym.physics.core.drive import all_phasors
+from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
-from vibgym.sensing import sensor_from
+from vibgym.sensing import sensing_from
+from vibgym.sensing.measurement import new_measurement
+from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, restored
 from vibgym.tasks import TASKS, Start, Task
@@ -76,6 +79,7 @@ class Core:
 
     Attributes:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
+        details: groups of what ``info`` says besides, live arrays (worlds, ...).
         term_names, terms: names of the reward terms, and their values (worlds, terms).
 
     Raises:
@@ -92,11 +96,13 @@ class Core:
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
         self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
         self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
-        self.task: Task = checks.made("task", cls, (self.surface, self.parts), _task_settings(options, cls))
-        self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
-        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
-        self.sensor = sensor_from(options.sensor, self.surface, worlds, len(self.parts), self.periods)
+        names = cls.RANDOMIZED, self.actuators.VARIED
+        self.randomization = Randomization(options.randomize, *names, self.surface, len(self.parts))
+        self.actuators.vary(self.randomization.actuators)
+        settings = _task_settings(options, cls, self.randomization.task)
+        self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
+        self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
         knobs: dict[str, Any] = {}
         if isinstance(options.model, str) and options.model == "auto":
             knobs["periods_per_call"] = self.periods
@@ -104,19 +110,29 @@ class Core:
             raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
         walls = () if options.walls is None else options.walls
         self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs)
+        self.sensing = sensing_from(
+            options.sensor, self.surface, self.parts, worlds, self.periods,
+            plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
+        )  # fmt: skip
+        self.task.features = (*self.task.features, *self.sensing.tell)
+        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
+        self.observation.watch(self.sensing.sensor)
+        command = self._resting_command()
+        self.actuators.prepare(command)
+        self.sensing.prepare(command)
+        self._check_extremes()
         self.identity = _identity(options, self)
-        velocity = [np.append(self.surface.idle_velocity(part.friction), 0.0) for part in self.parts]
-        self.idle = np.array(velocity)
+        self.idle = self._idle_velocity(np.ones(len(self.parts)))
         # Arrays of the state and of the scoring live as long as the core and are changed in place.
         state = self.simulator.state
         self.scoring = Scoring(self.task, state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # A sensor that tells the truth needs no relations of its own.
         self._measured, self._by_measurement = self.relations, None
-        if not self.sensor.exact:
+        if not self.sensing.exact:
             self._measured = new_relations(worlds, len(self.parts))
             self._by_measurement = self.scoring.judged(self._measured)
-        self.facts = self.task.facts(state.diverged, self.episode)
+        self.facts, self.details = self._shown()
         self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
         if self.observation.goal_reward:
             self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
@@ -126,12 +142,19 @@ class Core:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
         vars(self).update(state)
-        self.facts = self.task.facts(self.simulator.state.diverged, self.episode)
+        self.facts, self.details = self._shown()
+
+    def _shown(self) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
+        """Facts, and groups of what ``info`` says besides (what was drawn, what is measured): live arrays (worlds, ...)."""
+        state = self.simulator.state
+        drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
+        groups = {"drawn": drawn, "measured": self.sensing.facts()}
+        return self.task.facts(state.diverged, self.episode), {name: each for name, each in groups.items() if each}
 
     @property
     def draws(self) -> int:
         """Uniform numbers that an episode's start takes from its world's generator."""
-        return self.task.draws + self.actuators.draws + self.sensor.draws
+        return self.task.draws + self.actuators.draws + self.sensing.draws + self.randomization.draws
 
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], starting: Starting | None = None
@@ -146,16 +169,38 @@ class Core:
         """
         uniform = np.array([generator.random(self.draws) for generator in generators])
         own, driven = self.task.draws, self.task.draws + self.actuators.draws
+        sensed = driven + self.sensing.draws
         start = self.start_of(worlds, uniform[:, :own], starting)
-        velocity = np.where(start.present[..., None], self.idle, 0.0)
+        drawn = self.randomization.values(uniform[:, sensed:])
+        idle = self.idle
+        if "friction" in drawn:
+            idle = np.array([self._idle_velocity(factors) for factors in drawn["friction"]])
+        velocity = np.where(start.present[..., None], idle, 0.0)
         self.simulator.place(worlds, start.pose, velocity, 0.0, ~start.present)
+        self.simulator.condition(worlds, drawn)
         self.scoring.begin(worlds, start)
         if self.observation.goal_reward:
             self.terms[worlds] = 0.0
         self.actuators.reset(worlds, uniform[:, own:driven])
-        self.sensor.reset(worlds, self.simulator.state, uniform[:, driven:])
+        self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
         self._look()
         self.began = True
+
+    def _idle_velocity(self, factors: np.ndarray) -> np.ndarray:
+        """(parts, 3) of parts that slide in place on elements at rest, with these factors (parts,) on their friction."""
+        pairs = zip(factors.tolist(), self.parts, strict=True)
+        return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
+
+    def _check_extremes(self) -> None:
+        """Refuse ranges of conditions whose ends the model does not cover, in whatever combination they may be drawn."""
+        parts, lowest = len(self.parts), {name: low for name, (low, _) in self.randomization.ranges.items()}
+        highest = {name: high for name, (_, high) in self.randomization.ranges.items()}
+        # One part as heavy as may be and the others as light, for every part in turn.
+        mass = np.where(np.eye(parts, dtype=bool), highest.get("mass", 1.0), lowest.get("mass", 1.0))
+        tilt = [self.surface.gravity * np.sin(highest.get("tilt", 0.0)), 0.0]
+        rows = Conditions(np.full((parts, parts), highest.get("friction", 1.0)), mass, np.tile(tilt, (parts, 1)))
+        if self.randomization.ranges:
+            self.simulator.check_conditions(rows, rows._asdict(), "randomize[{!r}]")
 
     def start_of(self, worlds: np.ndarray, uniform: np.ndarray, starting: Starting | None) -> Start:
         """The start that a reset draws, with what the caller wants of it."""
@@ -165,19 +210,21 @@ class Core:
 
     def step(self, action: np.ndarray) -> None:
         """Advance every world by one step under a checked action, score it, and measure."""
-        command = self.action.command(action, self.sensor.measurement)
-        elapsed, instant, state = 0, self.sensor.instant, self.simulator.state
+        command = self.action.command(action, self.sensing.measurement)
+        self.sensing.follow(command)
+        elapsed, instant, state = 0, self.sensing.instant, self.simulator.state
         for drive, periods in self.actuators.apply(command):
             self.drive = drive
             if elapsed < instant < elapsed + periods:  # the sensor looks within this stretch
                 self.simulator.run(drive, instant - elapsed)
-                self.sensor.look(state)
+                self.sensing.look(state)
                 self.simulator.run(drive, elapsed + periods - instant)
             else:
                 self.simulator.run(drive, periods)
                 if elapsed + periods == instant:
-                    self.sensor.look(state)
+                    self.sensing.look(state)
             elapsed += periods
+        self.sensing.update()
         self.scoring.score()
         self._look()
         if self.observation.goal_reward:
@@ -190,19 +237,25 @@ class Core:
     def _look(self) -> None:
         """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
         if self._by_measurement is not None:
-            measured = self.sensor.measurement
+            measured = self.sensing.measurement
             self.scoring.relate(measured.pose, measured.gone, self._by_measurement)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""
-        return self.observation.observe(self.sensor.measurement, self._measured, self.episode)
+        return self.observation.observe(self.sensing.measurement, self._measured, self.episode)
+
+    def _resting_command(self) -> Drive:
+        """A command as they all are, that nobody obeys."""
+        shape = (self.worlds, len(self.parts))
+        nowhere = new_measurement(*shape)
+        nowhere.gone[...] = True
+        return self.action.command(np.zeros((self.worlds, self.action.size), dtype=np.float32), nowhere)
 
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
         phasors = np.zeros((1, self.surface.rows, self.surface.columns, 2))
         if self.drive is not None and self.surface.full_scale > 0.0:
-            own = (each[world : world + 1] if isinstance(each, np.ndarray) else each for each in self.drive)
-            all_phasors(type(self.drive)(*own), phasors)
+            all_phasors(self.drive, phasors, world)
             phasors /= self.surface.full_scale
         return phasors[0]
 
@@ -213,7 +266,7 @@ class Core:
             "simulator": self.simulator.get_state(),
             "episode": copied(self._progress()),
             "actuators": self.actuators.get_state(),
-            "sensor": self.sensor.get_state(),
+            "sensor": self.sensing.get_state(),
             "began": self.began,
         }
 
@@ -229,15 +282,15 @@ class Core:
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
         actuators = self.actuators.check_state(state["actuators"])
-        sensor = self.sensor.check_state(state["sensor"])
+        sensor = self.sensing.check_state(state["sensor"])
         self.simulator.set_state(state["simulator"])  # checks before it changes anything, and is the last that can fail
         for name, values in self._progress().items():
             values[...] = episode[name]
         self.actuators.set_state(actuators)
-        self.sensor.set_state(sensor)
+        self.sensing.set_state(sensor)
         if began:
-            if self.sensor.exact:
-                self.sensor.reset(NONE, self.simulator.state, np.zeros((0, self.sensor.draws)))
+            if self.sensing.exact:
+                self.sensing.reset(NONE, self.simulator.state, np.zeros((0, self.sensing.draws)))
             self._look()
         self.drive, self.began = None, began
 
@@ -256,14 +309,16 @@ def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
     return tuple(part_from(part, "parts" if one else f"parts[{k}]") for k, part in enumerate(parts))
 
 
-def _task_settings(options: Options, cls: type[Task]) -> dict[str, Any]:
-    """Keyword arguments of the task: those that the environment names, where the task has them, and the task's own."""
-    settings = {name: getattr(options, name) for name in ("start", "zones", "slots", "randomize")}
-    settings = {name: value for name, value in settings.items() if value is not None}
+def _task_settings(options: Options, cls: type[Task], randomize: Mapping[str, Any]) -> dict[str, Any]:
+    """Keyword arguments of the task: those that the environment names, where the task has them, and the task's own.
+
+    ``randomize``: the task's share of it.
+    """
+    settings = {name: getattr(options, name) for name in ("start", "zones", "slots")}
+    settings = {
+        name: value for name, value in {**settings, "randomize": randomize or None}.items() if value is not None
+    }
     known = checks.keywords(cls)
-    nothing = isinstance(options.randomize, Mapping) and not options.randomize
-    if "randomize" not in known and nothing:
-        del settings["randomize"]
     for name, value in settings.items():
         if name not in known:
             raise checks.refuse(
@@ -281,7 +336,7 @@ def _identity(options: Options, core: Core) -> str:
     """What makes two environments the same, as JSON: their states fit each other."""
 
     def plain(value: Any) -> Any:
-        return value.tolist() if isinstance(value, np.ndarray) else repr(value)
+        return value.tolist() if isinstance(value, np.ndarray | np.generic) else repr(value)
 
     content = {
         **vars(options),

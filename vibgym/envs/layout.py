@@ -19,6 +19,8 @@ from vibgym.scene.surface import Surface
 COARSE, FINE = 0.050, 0.005  # m
 COARSE_TURN, FINE_TURN = 0.5, 0.05  # rad
 SPIN = 10.0  # rad/s
+AGE_SCALE = 10.0  # periods
+SIGMA_SCALE, TURN_SIGMA_SCALE = 0.001, math.pi / 180.0  # m, rad
 LEAST_SPEED = 1e-3  # m/s, taken for the table's where that is slower
 MOST_KINDS = 3
 """Kinds of parts that an observation tells apart."""
@@ -83,12 +85,20 @@ FEATURES = (
     Feature(
         "neighbour", 2, "unit vector from its centre to that part's, x and y; 0, 0 without others", "1", "direction"
     ),
+    Feature("age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", "tanh"),
+    Feature(
+        "sigma",
+        2,
+        "tanh of what the measurement may be off by (standard deviation): position in 1 mm, heading in 1 deg",
+        "1",
+        "tanh",
+    ),
 )
 """All features, in the order in which they stand in a part's block."""
 
 (
     PRESENT, KIND, ELEMENT, HEADING, POSITION, WAY, WAY_COARSE, WAY_FINE,
-    TURN, TURN_COARSE, TURN_FINE, VELOCITY, SPIN_RATE, GAP, NEIGHBOUR,
+    TURN, TURN_COARSE, TURN_FINE, VELOCITY, SPIN_RATE, GAP, NEIGHBOUR, AGE, SIGMA,
 ) = range(len(FEATURES))  # fmt: skip
 """Rows of :data:`FEATURES`, for the kernel."""
 
@@ -215,6 +225,8 @@ def scales(surface: Surface) -> np.ndarray:
         "turn_fine": (FINE_TURN,) * 2,
         "velocity": (speed, speed),
         "spin": (SPIN, SPIN),
+        "age": (AGE_SCALE,) * 2,
+        "sigma": (SIGMA_SCALE, TURN_SIGMA_SCALE),
         "gap": (math.sqrt(2.0) * surface.element_size,) * 2,
     }
     return np.array([by_name.get(name, (1.0, 1.0)) for name in NAMES])

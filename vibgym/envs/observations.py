@@ -16,7 +16,8 @@ from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
-from vibgym.sensing import Measurement
+from vibgym.sensing import Measurement, Sensor
+from vibgym.sensing.camera import CameraSensor
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import Episode, Relations
 
@@ -29,6 +30,7 @@ PRESENT, KIND, ELEMENT, HEADING, POSITION = table.PRESENT, table.KIND, table.ELE
 WAY, WAY_COARSE, WAY_FINE = table.WAY, table.WAY_COARSE, table.WAY_FINE
 TURN, TURN_COARSE, TURN_FINE = table.TURN, table.TURN_COARSE, table.TURN_FINE
 VELOCITY, SPIN, GAP, NEIGHBOUR = table.VELOCITY, table.SPIN_RATE, table.GAP, table.NEIGHBOUR
+AGE, SIGMA = table.AGE, table.SIGMA
 
 
 class Blocks(NamedTuple):
@@ -51,11 +53,11 @@ def _unit(value):
 
 
 @borrowing
-def write_blocks(pose, mean_velocity, blocks, size, flat):
+def write_blocks(pose, mean_velocity, age, sigma, blocks, size, flat):
     """Write every world's state observation into ``flat`` (worlds, slots x size) float32.
 
     Args:
-        pose, mean_velocity: measured.
+        pose, mean_velocity, age, sigma: measured.
         blocks: address of pinned :class:`Blocks`.
         size: numbers in a block.
     """
@@ -101,6 +103,12 @@ def write_blocks(pose, mean_velocity, blocks, size, flat):
                 block[column[SPIN]] = _unit(mean_velocity[w, p, 2] / scale[SPIN, 0])
             if column[GAP] >= 0:
                 block[column[GAP]] = math.tanh(gap[w, p] / scale[GAP, 0])
+            if column[AGE] >= 0:
+                block[column[AGE]] = math.tanh(age[w, p] / scale[AGE, 0])
+            if column[SIGMA] >= 0:
+                unsure = math.sqrt(sigma[w, p, 0] * sigma[w, p, 0] + sigma[w, p, 1] * sigma[w, p, 1])
+                block[column[SIGMA]] = math.tanh(unsure / scale[SIGMA, 0])
+                block[column[SIGMA] + 1] = math.tanh(sigma[w, p, 2] / scale[SIGMA, 1])
             other = neighbour[w, p]
             if column[NEIGHBOUR] >= 0 and other >= 0:
                 dx, dy = pose[w, other, 0] - pose[w, p, 0], pose[w, other, 1] - pose[w, p, 1]
@@ -129,7 +137,14 @@ class Observation(ABC):
 
     def __init__(self, task: Task) -> None:
         self.task = task
-        self.layout = Table(task.surface, task.parts, task.FEATURES, task.slots)
+        self.layout = Table(task.surface, task.parts, task.features, task.slots)
+
+    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - most get all that they need with every measurement
+        """Get to know the sensor, once, before anything else is asked.
+
+        Raises:
+            ValueError: the sensor has not what this observation shows.
+        """
 
     @property
     @abstractmethod
@@ -167,7 +182,8 @@ class StateObservation(Observation):
             layout = self.layout
             blocks = Blocks(relations, episode.present, self._traits, layout.column, layout.scale)
             self._relations, self._blocks = relations, Pinned(BLOCKS, blocks)
-        write_blocks(measurement.pose, measurement.mean_velocity, self._blocks.address, self.layout.block, out)
+        pose, mean_velocity, _, age, sigma = measurement
+        write_blocks(pose, mean_velocity, age, sigma, self._blocks.address, self.layout.block, out)
         return out
 
 
@@ -246,7 +262,27 @@ class ImageObservation(Observation):
         return image
 
 
+class CameraObservation(Observation):
+    """uint8 image (lines, columns): what the camera saw at the look that is due, with all its noise and distortion."""
+
+    def watch(self, sensor: Sensor) -> None:
+        if not isinstance(sensor, CameraSensor):
+            raise checks.refuse(
+                "observation", "camera", "'camera' only with sensor='camera', or a mapping of that kind"
+            )
+        self._camera = sensor
+        sensor.keep_pictures()
+
+    @property
+    def space(self) -> spaces.Space:
+        return spaces.Box(0, 255, self._camera.setup.shape, np.uint8)
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        return self._camera.image()
+
+
 OBSERVATIONS: Registry[type[Observation]] = Registry(
-    "observation", {"state": StateObservation, "goal": GoalObservation, "image": ImageObservation}
+    "observation",
+    {"state": StateObservation, "goal": GoalObservation, "image": ImageObservation, "camera": CameraObservation},
 )
 """Observations by name; ``OBSERVATIONS.register(name, cls)`` adds one of your own."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym.actuators import DataSheet
 from vibgym.envs.core import Core
 from vibgym.envs.layout import Numbers
 from vibgym.envs.starting import KEYS, Starting, starting_from
@@ -62,6 +63,11 @@ class SharedInterface:
     def task(self) -> Task:
         """What is asked of the parts: tolerances, kinds, zones."""
         return self.core.task
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """What is known of the actuators beforehand: nominal dead zone, limit, latency; nothing that an episode draws."""
+        return self.core.actuators.data_sheet
 
     @property
     def action_shape(self) -> tuple[int, ...]:
@@ -122,6 +128,21 @@ def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
         return None
     limit = checks.count("max_episode_periods", max_episode_periods, most=MOST_EPISODE)
     return None if periods_per_step == 1 else math.ceil(limit / periods_per_step)
+
+
+def check_delays(core: Core, max_episode_periods: Any) -> None:
+    """Refuse a machine of which an episode shows nothing, or that does nothing in it.
+
+    Raises:
+        ValueError: a delay or a latency that lasts as long as an episode.
+    """
+    if max_episode_periods is None:
+        return
+    actuators = core.actuators
+    latency = "randomize['latency']" if "latency" in actuators.drawn() else "actuators.latency"
+    for name, periods in (("sensor.delay", core.sensing.sensor.delay), (latency, actuators.most_latency)):
+        if periods >= max_episode_periods:
+            raise checks.refuse(name, f"{periods} periods", f"less than an episode, {max_episode_periods} periods")
 
 
 def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | None:

@@ -13,8 +13,9 @@ from gymnasium.utils import seeding
 from vibgym import checks
 from vibgym.envs import generators, layout
 from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.envs.shared import SharedInterface, check_delays, frames_per_second, step_limit, wishes
 from vibgym.scene.surface import Surface
+from vibgym.sensing import TOLD
 from vibgym.snapshots import check_keys
 from vibgym.tasks import ArrangedTask, PoseTask
 
@@ -49,9 +50,15 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     {arranged table}
 
+    A sensor that is asked to (``"tell": ["age", "sigma"]``) adds to every block:
+
+    {told table}
+
     ``"goal"``: dictionary of ``observation`` (as above), ``achieved_goal`` and ``desired_goal``: x, y in m and, where the
     heading counts, the heading in rad; the reward is then :meth:`compute_reward`. ``"image"``: uint8
     (6 rows, 6 columns, 3), see :class:`vibgym.envs.observations.ImageObservation`. Only tasks with a goal pose have ``"goal"``.
+    ``"camera"``: uint8 (lines, columns), what the camera sees; only with ``sensor="camera"``, see
+    :class:`vibgym.sensing.camera.CameraSensor`.
 
     ## Rewards
     The sum of ``info["reward_terms"]``, each bounded:
@@ -88,7 +95,9 @@ class VibgymEnv(SharedInterface, gym.Env):
     ## Episode end
     Success (within tolerance, or all parts done, for 10 periods in a row), a fallen part or a diverged simulation terminate
     it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
-    where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``.
+    where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where ``randomize`` draws any, ``drawn``: the
+    factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the acceleration x, y (m/s^2) of what lies on
+    the tilted table. Observations do not show them.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"``, ``"Singulate"``, or one that you have registered.
@@ -97,9 +106,20 @@ class VibgymEnv(SharedInterface, gym.Env):
             fields; with one of them for Transport, Align and Rotate.
         model: ``"planar"``, ``"averaged"`` or ``"auto"`` (its default tolerance), as for :class:`vibgym.Simulator`.
         action, observation: see above.
-        actuators, sensor: ``"ideal"``, or a registered name, or a mapping with ``kind`` and its settings.
-        randomize: None; Sort and Singulate take ``{"parts": [low, high]}``: so many of the parts, chosen at random, are
-            there in an episode.
+        actuators: ``"ideal"``, ``"prototype"`` (:class:`vibgym.actuators.PrototypeActuators`: a dead zone, latency, no two
+            elements alike), a registered name, or a mapping with ``kind`` and its settings.
+        sensor: ``"ideal"``, ``"pose"`` (:class:`vibgym.sensing.PoseSensor`: poses with noise), ``"camera"``
+            (:class:`vibgym.sensing.camera.CameraSensor`: measured in images, or off as if they were with
+            ``"statistical": True``, which costs little), a registered name, or a mapping with ``kind``, its settings,
+            ``estimator`` (``"none"``; ``"kalman"``; ``"model"``: what is measured is the state at which the next command
+            begins to act, by the simulator under the commands given) and ``tell`` (see above). ``info["measured"]`` then holds
+            ``age`` (periods) and ``sigma`` (m, m, rad) of each part, and of a camera how many parts it took for others at
+            the last look (``swaps``), how many ran into one another (``merges``), and how many it lost (``losses``).
+        randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
+            factors on friction between table and part, and on mass, one a part. ``"tilt"``: the largest angle of a tilted
+            table, or [low, high], rad; its direction is drawn, too. Sort and Singulate also take ``"parts": [low, high]``: so
+            many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
+            (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was drawn.
         start: of Sort: ``"scattered"`` (default: at random, at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left
             end for the first kind, at the right end for the second, in the middle for the third.
@@ -152,6 +172,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         self.observation_space = self.core.observation.space
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": frames_per_second(self.core)}
         self._limit = step_limit(self.core.periods, max_episode_periods)
+        check_delays(self.core, max_episode_periods)
         self._steps = 0
         self._closed = False
         self._viewer: Any = None
@@ -269,10 +290,14 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
         info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
+        for group, details in core.details.items():  # arrays, as batches of single environments stack them
+            info[group] = {
+                name: values[0].item() if values.ndim == 1 else values[0].copy() for name, values in details.items()
+            }
         return info
 
 
 if VibgymEnv.__doc__ is not None:  # python -OO has none
-    for _name, _task in (("pose", PoseTask), ("arranged", ArrangedTask)):
-        _table = layout.table(_task.FEATURES).replace("\n", "\n    ")
+    for _name, _features in (("pose", PoseTask.FEATURES), ("arranged", ArrangedTask.FEATURES), ("told", TOLD)):
+        _table = layout.table(_features).replace("\n", "\n    ")
         VibgymEnv.__doc__ = VibgymEnv.__doc__.replace(f"{{{_name} table}}", _table)

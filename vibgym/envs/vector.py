@@ -15,7 +15,7 @@ from gymnasium.vector.utils import batch_space
 from vibgym import checks
 from vibgym.envs import generators
 from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import MOST_EPISODE, SharedInterface, frames_per_second, step_limit, wishes
+from vibgym.envs.shared import MOST_EPISODE, SharedInterface, check_delays, frames_per_second, step_limit, wishes
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import check_keys, copied, restored
 
@@ -82,6 +82,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         )  # fmt: skip
         self.core = Core(known, self.num_envs)
         limits = (max_episode_steps, step_limit(self.core.periods, max_episode_periods))
+        check_delays(self.core, max_episode_periods)
         self.max_episode_steps = min((each for each in limits if each is not None), default=None)
         self.render_mode = render_mode
         self.metadata = {
@@ -323,4 +324,12 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             terms[name] = term.copy() if mask is None else np.where(mask, term, 0.0)
             terms[f"_{name}"] = here.copy()
         info["reward_terms"], info["_reward_terms"] = terms, here.copy()
+        for group, details in core.details.items():
+            shown: dict[str, Any] = {}
+            for name, value in details.items():
+                shown[name] = value.copy()
+                if mask is not None:
+                    shown[name][~mask] = 0
+                shown[f"_{name}"] = here.copy()
+            info[group], info[f"_{group}"] = shown, here.copy()
         return info

@@ -2,26 +2,78 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from vibgym import checks
+from vibgym.config import to_si
 from vibgym.registry import Registry
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.sensing.base import Measurement, Sensor
+from vibgym.sensing.base import Sensor
+from vibgym.sensing.camera import CameraSensor
+from vibgym.sensing.estimation import ESTIMATORS, Plant, estimator_from
 from vibgym.sensing.ideal import IdealSensor
+from vibgym.sensing.measurement import Measurement, Reading
+from vibgym.sensing.pose import PoseSensor
+from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 
-SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor})
+SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor, "camera": CameraSensor})
 """Sensors by name; ``SENSORS.register(name, cls)`` adds one of your own."""
 
+TOLD = ("age", "sigma")
+"""What a state observation may tell of the measurement besides."""
 
-def sensor_from(value: Any, surface: Surface, worlds: int, parts: int, periods: int) -> Sensor:
-    """A sensor from its name or a mapping with ``kind`` and its own settings.
+
+def sensing_from(
+    value: Any,
+    surface: Surface,
+    parts: Sequence[Part],
+    worlds: int,
+    periods: int,
+    *,
+    plant: Plant,
+    latency: int,
+    walls: Sequence[str],
+) -> Sensing:
+    """A sensing stage from a sensor's name, or a mapping with ``kind``, the sensor's settings, ``estimator`` and ``tell``.
+
+    Args:
+        plant: nominal actuators without latency, for estimators with a model.
+        latency: periods between a command and its effect.
+        walls: of the table.
 
     Raises:
         ValueError: an unknown kind or setting, or a bad value.
     """
     kind, settings = checks.named("sensor", value, tuple(SENSORS))
-    return checks.made("sensor", SENSORS[kind], (surface, worlds, parts, periods), settings)
+    settings = to_si(settings, "sensor")
+    chosen = settings.pop("estimator", "none")
+    tell = _told(settings.pop("tell", ()))
+    sensor = checks.made("sensor", SENSORS[kind], (surface, parts, worlds, periods), settings, ("estimator", "tell"))
+    if sensor.exact and chosen == "none":
+        return ExactSensing(sensor, tell)
+    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), tell)
 
 
-__all__ = ["SENSORS", "Measurement", "Sensor", "sensor_from"]
+def _told(value: Any) -> tuple[str, ...]:
+    """What a state observation shall tell of the measurement besides."""
+    if not isinstance(value, list | tuple) or any(
+        not isinstance(each, str) or each not in TOLD or value.count(each) > 1 for each in value
+    ):
+        raise checks.refuse("sensor.tell", value, f"a list of different names among {', '.join(TOLD)}")
+    return tuple(each for each in TOLD if each in value)
+
+
+__all__ = [
+    "ESTIMATORS",
+    "SENSORS",
+    "TOLD",
+    "Estimator",
+    "Measurement",
+    "PoseSensor",
+    "Reading",
+    "Sensing",
+    "Sensor",
+    "sensing_from",
+]

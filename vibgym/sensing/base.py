@@ -1,70 +1,95 @@
-"""From the true state to what a controller may know: the door that every sensor goes through."""
+"""From the true state to readings of it: the door that every sensor goes through."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.physics.core.records import State
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.snapshots import copied, restored
+from vibgym.sensing.measurement import Reading, new_reading
 
+MOST_DELAY = 10_000
+"""Periods: longer than any episode."""
 
-class Measurement(NamedTuple):
-    """What is known of the parts of all worlds; not to be kept, since the next step overwrites it."""
-
-    pose: np.ndarray  # (worlds, parts, 3) m, m, rad
-    mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period, m/s, m/s, rad/s
-    gone: np.ndarray  # (worlds, parts) bool, parts that are not on the surface
-
-
-def new_measurement(worlds: int, parts: int) -> Measurement:
-    """Arrays for ``worlds`` worlds."""
-    shape = (worlds, parts, 3)
-    return Measurement(np.zeros(shape), np.zeros(shape), np.zeros((worlds, parts), dtype=bool))
+BYTES_OF_READING = 50
+"""Of a part, in a step that is kept until it is due."""
 
 
 class Sensor(ABC):
-    """Base of all sensors: batched, with a delay in periods.
+    """Base of all sensors: batched, with a delay in periods and a rate.
 
     A sensor of your own is a subclass with :meth:`measure`, and ``vibgym.sensing.SENSORS.register`` gives it a name. It
     looks at the true state once a step, ``delay`` periods before the step's end or at the end of an earlier step; the base
-    class keeps what it saw until it is due. Just after a reset that is what it saw then.
+    class keeps what it read until it is due. Just after a reset that is what it read then.
 
     Args:
         surface: the table.
-        worlds, parts: number of worlds, and of parts in each.
+        parts: the parts of every world.
+        worlds: number of worlds.
         periods: oscillation periods of a step.
         delay: periods between an instant and the observation that tells of it.
+        rate: Hz, looks in a second; None: one a step. Steps must come at a multiple of it.
 
     Attributes:
         instant: periods after a step's start at which the sensor looks.
-        measurement: what is known now.
+        due: the reading that has just come due.
+        looking: (n,) index of the worlds that are looked at: all of them, or at a reset those that begin. What is read of
+            others is not used.
+        looks: (worlds,) int64, looks since the episode's start, the one before its first step being look 0.
 
     Raises:
         ValueError: a bad setting.
     """
 
     exact: ClassVar[bool] = False
-    """Whether what it says is always the truth of this instant: what follows from it then is not computed twice."""
+    """Whether what it reads is always the truth of this instant, without delay: then nobody keeps a copy."""
 
     draws: int = 0
     """Uniform numbers that it needs at the start of each episode, in :meth:`begin`."""
 
-    def __init__(self, surface: Surface, worlds: int, parts: int, periods: int, *, delay: int = 0) -> None:
-        self.surface, self.worlds, self.parts = surface, worlds, parts
-        self.delay = checks.count("sensor.delay", delay, least=0, most=10_000)
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        worlds: int,
+        periods: int,
+        *,
+        delay: int = 0,
+        rate: float | None = None,
+    ) -> None:
+        self.surface, self.parts, self.worlds = surface, tuple(parts), worlds
+        self.periods = periods
+        delay = checks.count("sensor.delay", delay, least=0, most=MOST_DELAY)
+        self.delay = checks.fitting("sensor.delay", delay, BYTES_OF_READING * worlds * len(self.parts) / periods)
+        self.every = _steps_between("sensor.rate", rate, surface.frequency / periods)
         self.instant = periods - self.delay % periods
-        self._seen = [new_measurement(worlds, parts) for _ in range(self.delay // periods + 1)]  # the oldest first
+        self._readings = [
+            new_reading(worlds, len(self.parts)) for _ in range(self.delay // periods + 1)
+        ]  # oldest first
+        self.looks = np.zeros(worlds, dtype=np.int64)
+        self._fresh = new_reading(worlds, len(self.parts))
+        self._everyone = np.arange(worlds)
+        self.looking = self._everyone
 
     @property
-    def measurement(self) -> Measurement:
-        """What is known now."""
-        return self._seen[0]
+    def due(self) -> Reading:
+        """The reading that has just come due."""
+        return self._readings[0]
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(parts, 3) standard deviation that a reading of a pose is thought to have, m, m, rad; for estimators."""
+        return np.zeros((len(self.parts), 3))
+
+    def facts(self) -> dict[str, np.ndarray]:
+        """What ``info`` says of the last look besides, by name: live arrays (worlds, ...)."""
+        return {}
 
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
         """Start afresh in ``worlds`` (index array), whose parts have been put down.
@@ -73,42 +98,58 @@ class Sensor(ABC):
             uniform: (len(worlds), draws) in [0, 1).
         """
         self.begin(worlds, uniform)
-        fresh = new_measurement(self.worlds, self.parts)
+        self.looks[worlds] = 0
+        fresh = self._fresh
+        fresh.seen[worlds] = True
+        self.looking = worlds
         self.measure(state, fresh)
-        for each in self._seen:
-            for kept, seen in zip(each, fresh, strict=True):
-                kept[worlds] = seen[worlds]
+        self.looking = self._everyone
+        for each in self._readings:
+            for kept, read in zip(each, fresh, strict=True):
+                kept[worlds] = read[worlds]
+        for each in self._readings[1:]:  # until the first look of a step is due there is nothing new
+            each.seen[worlds] = False
 
     def look(self, state: State) -> None:
         """Take in the true state of this instant; called once a step, at :attr:`instant`."""
-        oldest = self._seen.pop(0)
+        self.looks += 1
+        oldest = self._readings.pop(0)
+        oldest.seen[...] = True
         self.measure(state, oldest)
-        self._seen.append(oldest)
+        if self.every > 1:
+            oldest.seen[self.looks % self.every != 0] = False
+        self._readings.append(oldest)
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:  # noqa: B027 - most have nothing to do
         """Set what holds for the whole episodes of ``worlds``; see :meth:`reset`."""
 
     @abstractmethod
-    def measure(self, state: State, measurement: Measurement) -> None:
-        """Write what is seen of ``state`` (not to be changed or kept) into ``measurement``, for all worlds."""
+    def measure(self, state: State, reading: Reading) -> None:
+        """Write what is seen of ``state`` (not to be changed or kept) into ``reading``, for all worlds.
+
+        ``reading.seen`` is True on entry: set it False for parts that this look does not see.
+        """
 
     def own_state(self) -> dict[str, np.ndarray]:
         """Live arrays that belong to a snapshot, by name, besides what the base class keeps."""
         return {}
 
-    def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit."""
-        return copied(self._state())
-
-    def check_state(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
-        return restored("state['sensor']", self._state(), state)
-
-    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a checked state."""
-        for name, values in self._state().items():
-            values[...] = state[name]
-
-    def _state(self) -> dict[str, np.ndarray]:
-        kept = {f"{name}{k}": values for k, each in enumerate(self._seen) for name, values in each._asdict().items()}
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
+        kept: dict[str, Any] = {"looks": self.looks}
+        for k, each in enumerate(self._readings):
+            kept |= {f"{name}{k}": values for name, values in each._asdict().items()}
         return {**kept, **self.own_state()}
+
+
+def _steps_between(name: str, rate: Any, steps_per_second: float) -> int:
+    """Steps from look to look."""
+    if rate is None:
+        return 1
+    value = checks.number(name, rate, above=0.0)
+    steps = round(steps_per_second / value)
+    if steps < 1 or abs(steps * value - steps_per_second) > 1e-6 * steps_per_second:
+        raise checks.refuse(
+            name, rate, f"{steps_per_second:g} Hz, the rate of steps, over a whole number; or None for that rate"
+        )
+    return steps

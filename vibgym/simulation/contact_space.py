@@ -38,9 +38,6 @@ MOST_MASS_RATIO = 2000.0
 KEPT_PER_SECOND = 1e-150
 """Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
 
-FEWEST_ITERATIONS, MOST_ITERATIONS = 10, 1000
-"""Rounds of the solver over all contacts."""
-
 MATERIALS = 31
 """Different coefficients of friction that walls can tell apart: bits of pymunk's shape filter."""
 
@@ -68,7 +65,6 @@ class ContactSpace:
             raise checks.refuse("parts", f"{len(materials)} values", allowed)
         slop = min(SLOP, 0.05 * check_parts(parts))
         self.space = space = pymunk.Space()
-        space.iterations = iterations(parts)
         space.collision_slop = slop
         space.collision_bias = KEPT_PER_SECOND
         self._bodies, self._shapes, owner = [], [], [0]
@@ -110,6 +106,9 @@ class ContactSpace:
             add=_function("cpSpaceAddShape"),
             remove=_function("cpSpaceRemoveShape"),
             number_from=_function("cpSpaceSetShapeIDCounter"),
+            set_mass=_function("cpBodySetMass"),
+            set_moment=_function("cpBodySetMoment"),
+            set_rounds=_function("cpSpaceSetIterations"),
             last_step=_function("cpSpaceSetCurrentTimeStep"),
             put_all=batch(place | speed),
             put_velocity=batch(speed),
@@ -145,37 +144,33 @@ def check_parts(parts: Sequence[Part]) -> float:
         raise checks.refuse(
             "parts", f"part {parts.index(thinnest)} ({thinnest.name!r}), {1e3 * width:.3g} mm wide", allowed
         )
-    masses = [part.mass for part in parts]
-    ratio = max(masses) / min(masses)
-    if ratio > MOST_MASS_RATIO:
-        heavy, light = masses.index(max(masses)), masses.index(min(masses))
-        got = (
-            f"part {heavy} ({parts[heavy].name!r}), {ratio:.3g} times as heavy as part {light} ({parts[light].name!r})"
-        )
-        raise checks.refuse(
-            "parts", got, f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
-        )
+    check_masses("parts", parts, np.array([part.mass for part in parts]))
     return width
+
+
+def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> None:
+    """Refuse ``masses`` (parts,), kg, that are too different for the solver."""
+    heavy, light = int(np.argmax(masses)), int(np.argmin(masses))
+    ratio = masses[heavy] / masses[light]
+    if ratio > MOST_MASS_RATIO:
+        names = parts[heavy].name, parts[light].name
+        got = f"part {heavy} ({names[0]!r}), {ratio:.3g} times as heavy as part {light} ({names[1]!r})"
+        raise checks.refuse(
+            argument, got, f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        )
 
 
 def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
     """What impacts between the parts of a world depend on."""
-    mass = np.array([part.mass for part in parts])
+    n = len(parts)
     return ImpactProperties(
-        inverse_mass=1.0 / mass,
-        inverse_inertia=1.0 / (mass * [part.gyration for part in parts]),
+        mass=np.array([part.mass for part in parts]),
+        gyration=np.array([part.gyration for part in parts]),
+        inverse_mass=np.zeros(n),  # written for each world
+        inverse_inertia=np.zeros(n),
         restitution=np.array([part.restitution for part in parts]),
         friction=np.array([part.contact_friction for part in parts]),
     )
-
-
-def iterations(parts: Sequence[Part]) -> int:
-    """Rounds that the solver needs: a push has to find its way through a heap, and from heavy to light parts.
-
-    A light part between a heavy one and a wall takes up a share ``light / heavy`` of the push in each round.
-    """
-    mass = [part.mass for part in parts]
-    return min(FEWEST_ITERATIONS + round(2.0 * math.sqrt(len(parts)) + max(mass) / min(mass)), MOST_ITERATIONS)
 
 
 def _address(pointer: Any) -> int:

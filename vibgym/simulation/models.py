@@ -18,8 +18,9 @@ from vibgym.physics.core.reference import Pinned
 from vibgym.physics.friction.planar import slide_rows
 from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of, kinds_of
+from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.protocol import NO_PATHS, Model, Setup
-from vibgym.simulation.schemes import averaged_scheme, check_knobs, planar_scheme, planar_schemes
+from vibgym.simulation.schemes import averaged_scheme, check_knobs, check_sliding, planar_scheme, planar_schemes
 from vibgym.simulation.threads import Pool
 
 
@@ -52,6 +53,9 @@ class Planar(Alone):
         finally:
             self._setups.give_back(setup)
 
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        """It covers all."""
+
 
 def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
     """What one thread needs."""
@@ -63,6 +67,7 @@ class Averaged(Alone):
     """The averaged model, of one part a world."""
 
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
+        self._setup = setup
         self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
         self._workspaces = Pool(partial(contact.new_workspace, self._table, self._body))
 
@@ -74,6 +79,18 @@ class Averaged(Alone):
             integrator.advance_worlds(start, stop, scene, periods)
         finally:
             self._workspaces.give_back(workspace)
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        """Refuse those under which the part may stick."""
+        part = self._setup.parts[0]
+        factors = conditions.friction[:, 0]
+        if not len(factors):
+            return
+        worst = int(np.argmax(factors * part.static_friction * 2.0 * self._setup.surface.gravity + conditions.slope))
+        factor, slope = float(factors[worst]), float(conditions.slope[worst])
+        got = f"a factor {factor:g} on friction {part.static_friction:g} and a tilt of {slope:.3g} m/s^2"
+        name = "friction" if factor > 1.0 else "tilt"
+        check_sliding(self._setup.surface, factor * part.static_friction, slope, where.format(name), got)
 
 
 def planar(setup: Setup, knobs: Mapping[str, Any]) -> Model:

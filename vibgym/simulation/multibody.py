@@ -26,9 +26,10 @@ from vibgym.physics.core.reference import Pinned
 from vibgym.physics.friction.planar import slide_rows
 from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of
-from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
+from vibgym.simulation.conditions import Conditions
+from vibgym.simulation.contact_space import ContactSpace, check_masses, impact_properties_of
 from vibgym.simulation.protocol import NO_PATHS, Setup
-from vibgym.simulation.schemes import PlanarSchemes
+from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
 from vibgym.simulation.threads import Pool
 
 STATISTICS = {"free": FREE, "near": LOOKED, "contact": CONTACT, "contact_steps": CALLS}
@@ -42,6 +43,7 @@ class Multibody:
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
+        self._setup, self._bend = setup, schemes.bend
         self._tools = Pool(partial(Tools, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
@@ -67,6 +69,18 @@ class Multibody:
         finally:
             self._smallest_gap[start] = tools.contacts.deepest[0]
             self._tools.give_back(tools)
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        """Refuse masses that are too different, and friction that contacts cannot follow."""
+        if not len(conditions.tilt):
+            return
+        parts, surface = self._setup.parts, self._setup.surface
+        masses = conditions.mass * [part.mass for part in parts]
+        check_masses(where.format("mass"), parts, masses[np.argmax(masses.max(axis=1) / masses.min(axis=1))])
+        friction = (conditions.friction * [part.friction for part in parts]).max(axis=1)
+        hardest = np.argmax(friction * surface.gravity + 0.5 * conditions.slope)
+        own, tilt = float(friction[hardest]), float(conditions.slope[hardest])
+        check_contact_steps(where.format("friction"), surface, own, tilt, self._bend)
 
     def reset(self) -> None:
         """Begin counting anew."""
@@ -102,7 +116,7 @@ class Tools:
         self.contacts = new_contacts(self.parts, setup.hulls)
         together = FixedEncounter(
             friction, setup.hulls, self._space.solver, impact_properties_of(setup.parts), self.contacts,
-            schemes.couplings, schemes.overlap, schemes.walls,
+            schemes.couplings, schemes.bend, schemes.overlap, schemes.walls,
         )  # fmt: skip
         self.together = Pinned(FIXED_ENCOUNTER, together)
         workspace = new_workspace(table, bodies, schemes.together, LANES)

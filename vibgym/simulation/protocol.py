@@ -13,6 +13,7 @@ from vibgym.physics.core.records import State
 from vibgym.physics.core.reference import Pinned
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.conditions import Conditions
 
 NO_PATHS = np.empty((0, 0, 3))
 """For kernels that write down paths only if they are asked to."""
@@ -39,6 +40,9 @@ class Model(Protocol):
 
     def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        """Raise ValueError for conditions that the model does not cover, see :func:`.conditions.conditions_of`."""
 
     def reset(self) -> None:
         """Begin counting anew."""

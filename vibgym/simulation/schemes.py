@@ -44,6 +44,7 @@ class PlanarSchemes(NamedTuple):
     alone: tuple[Scheme, ...]  # one a kind
     together: Scheme  # of all parts where there are contacts
     couplings: int  # fewest steps of the coupling from cut to cut
+    bend: float  # m that ``mu g h^2`` may be in such a step ``h``; infinite: the number of steps does not depend on friction
     overlap: float  # m that an impact may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 
@@ -101,24 +102,29 @@ def planar_schemes(
         overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
     alone = [planar_scheme(surface, part, steps=steps, substeps=substeps, pieces=pieces) for part in kinds]
     finest = max(alone, key=lambda scheme: scheme.steps)
-    coupled = chosen("contact_steps", contact_steps, most=MOST_STEPS) or _contact_steps(surface, kinds, half_width)
+    coupled, bend = chosen("contact_steps", contact_steps, most=MOST_STEPS), math.inf
+    if coupled is None:
+        coupled, bend = CONTACT_STEPS, min(FRICTION_OVERLAP, 0.25 * half_width)
+        check_contact_steps("parts", surface, max(part.friction for part in kinds), 0.0, bend)
     return PlanarSchemes(
         alone=tuple(alone),
         together=finest,
         couplings=math.ceil(coupled / finest.steps),
+        bend=bend,
         overlap=overlap,
         walls=sum(1 << WALLS.index(name) for name in walls),
     )
 
 
-def _contact_steps(surface: Surface, kinds: Sequence[Part], half_width: float) -> int:
-    """Steps of the coupling in a period that keep what friction adds to an overlap in each of them small."""
-    friction = max(part.friction for part in kinds)
-    needed = surface.period * math.sqrt(friction * surface.gravity / min(FRICTION_OVERLAP, 0.25 * half_width))
+def check_contact_steps(argument: str, surface: Surface, friction: float, tilt: float, bend: float) -> None:
+    """Refuse friction (and a tilt, m/s^2) that contacts would need too many steps of a period for, see ``PlanarSchemes.bend``.
+
+    The kernels find the number of steps for each world (:func:`vibgym.physics.collision.coupling.couplings_needed`).
+    """
+    needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * tilt) / bend)
     if not needed <= MOST_STEPS:
         allowed = f"friction that contacts can follow in {MOST_STEPS} steps of a period of {surface.period:g} s"
-        raise checks.refuse("parts", f"a friction of {friction:g}", allowed)
-    return max(CONTACT_STEPS, math.ceil(needed))
+        raise checks.refuse(argument, f"a friction of {friction:g}", allowed)
 
 
 def averaged_scheme(
@@ -128,20 +134,22 @@ def averaged_scheme(
     order = checks.count("order", order, most=2)
     stride = checks.count("stride", stride, most=checks.MOST_PERIODS)
     cuts = chosen("steps", steps, most=MOST_STEPS) or 1
-    check_sliding(surface, part)
+    check_sliding(surface, part.static_friction)
     return AveragedScheme(order, stride, cuts, averages_tables.averages())
 
 
-def check_sliding(surface: Surface, part: Part) -> None:
-    """Refuse scenes that the averaged model does not cover."""
-    if not surface.slides_permanently(part.static_friction):
-        needed = part.static_friction * (surface.gravity + surface.full_scale)
-        horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
+def check_sliding(
+    surface: Surface, static_friction: float, tilt: float = 0.0, argument: str = "model", value: Any = "averaged"
+) -> None:
+    """Refuse scenes that the averaged model does not cover, by the argument that makes them so; ``tilt``: m/s^2."""
+    needed = static_friction * (surface.gravity + surface.full_scale) + tilt
+    horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
+    if not horizontal > needed:
         raise checks.refuse(
-            "model",
-            "averaged",
-            f"scenes that always slide, a_h w^2 > static_friction (g + a_v w^2); here {horizontal:.4g} <= {needed:.4g} m/s^2:"
-            " use model='planar', or lower max_amplitude",
+            argument,
+            value,
+            f"scenes that always slide, a_h w^2 > static_friction (g + a_v w^2) + tilt; here {horizontal:.4g} <= {needed:.4g} "
+            "m/s^2: use model='planar', or lower max_amplitude",
         )
 
 

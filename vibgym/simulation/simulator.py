@@ -10,7 +10,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.physics.core.drive import Drive, polar_drive
-from vibgym.physics.core.records import STATE, State
+from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
 from vibgym.physics.core.reference import Pinned
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
@@ -18,13 +18,14 @@ from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice, choose, choose_for
+from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS as FIXED
 from vibgym.simulation.protocol import Setup
 from vibgym.snapshots import check_keys, copied, restored
 
 MODELS = (*FIXED, "auto")
 
-BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 64, 96, 32
+BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 80, 112, 32
 """Of a world's state, and of its drive: two arrays, and two that a caller's amplitudes and phases become."""
 
 MOST_TIME = 10**15
@@ -129,22 +130,14 @@ class Simulator:
         self.model = self.choice.model
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._model = FIXED[self.model](setup, self.choice.knobs)
-        shape = (self.worlds, len(self.parts), 3)
-        self._state = State(
-            pose=np.tile(overlaps.apart(surface, self.parts), (self.worlds, 1, 1)),
-            velocity=np.zeros(shape),
-            mean_velocity=np.zeros(shape),
-            fallen=np.zeros(shape[:2], dtype=bool),
-            sticking=np.zeros(shape[:2], dtype=bool),
-            doubtful=np.zeros(shape[:2], dtype=bool),
-            diverged=np.zeros(self.worlds, dtype=bool),
-        )
+        self._state = new_state(self.worlds, len(self.parts))
+        self._state.pose[...] = overlaps.apart(surface, self.parts)
         self._pinned = Pinned(STATE, self._state)
         self._periods = 0
         self._counted = 0  # periods since the last reset; snapshots leave it alone
 
     def reset(self, pose: Any, velocity: Any = None) -> None:
-        """Put the parts down and set time to 0.
+        """Put the parts down, set time to 0, and all conditions back to what the parts and a level table say.
 
         Args:
             pose: broadcastable to (worlds, parts, 3): x and y (m) of the centre of mass, heading (rad).
@@ -172,7 +165,7 @@ class Simulator:
         self._model.reset()
 
     def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
-        """Start the given worlds (index or mask) afresh from checked values; the others and the clock go on.
+        """Start the given worlds (index or mask) afresh from checked values, conditions included; others and clock go on.
 
         ``fallen``: parts that take no part; they touch nothing.
         """
@@ -181,6 +174,46 @@ class Simulator:
         for flag in (state.sticking, state.doubtful, state.diverged):
             flag[worlds] = False
         state.fallen[worlds] = fallen
+        for name, usual in CONDITIONS.items():
+            getattr(state, name)[worlds] = usual
+
+    def set_conditions(self, worlds: Any, *, friction: Any = None, mass: Any = None, tilt: Any = None) -> None:
+        """Say under which conditions some worlds go on, until the next reset of these; what is None stays as it is.
+
+        Args:
+            worlds: mask (worlds,), indices, or a slice; n worlds.
+            friction: factor on the coefficients of static and sliding friction between part and table, broadcastable to
+                (n, parts), 0.01 to 100. Friction between parts stays what it is.
+            mass: likewise, on mass and planar inertia. It shows where parts touch one another.
+            tilt: constant acceleration x and y of all that lies on the table, m/s^2, broadcastable to (n, 2), at most the
+                table's gravity together. A table tilted by a small angle has ``g sin(angle)``, downhill; that the load
+                becomes smaller by ``cos(angle)`` is left out.
+
+        Raises:
+            ValueError: a bad argument, masses that differ by more than contacts can be relied on for, friction that
+                contacts cannot follow, or, with the averaged model, conditions under which a part may stick; nothing has
+                changed.
+        """
+        rows = worlds_from(worlds, self.worlds)
+        now = Conditions(*(getattr(self._state, name)[rows] for name in Conditions._fields))
+        given = {"friction": friction, "mass": mass, "tilt": tilt}
+        found = self.check_conditions(now, given, "{}")
+        self.condition(rows, found._asdict())
+
+    def condition(self, worlds: Any, conditions: Mapping[str, np.ndarray]) -> None:
+        """Set some conditions of worlds (index or mask), by name, to checked values."""
+        for name, values in conditions.items():
+            getattr(self._state, name)[worlds] = values
+
+    def check_conditions(self, now: Conditions, given: Mapping[str, Any], where: str) -> Conditions:
+        """Conditions that :meth:`set_conditions` would take, see :func:`vibgym.simulation.conditions.conditions_of`.
+
+        Raises:
+            ValueError: as there.
+        """
+        found = conditions_of(now, given, self.surface.gravity, where)
+        self._model.check_conditions(found, where)
+        return found
 
     def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
         """Advance by whole periods with the elements' motion held.
@@ -252,6 +285,21 @@ class Simulator:
         return self._state.diverged.copy()
 
     @property
+    def friction(self) -> np.ndarray:
+        """(worlds, parts) factor on the parts' coefficients of friction with the table; a copy."""
+        return self._state.friction.copy()
+
+    @property
+    def mass(self) -> np.ndarray:
+        """(worlds, parts) factor on the parts' masses; a copy."""
+        return self._state.mass.copy()
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """(worlds, 2) acceleration x and y of all that lies on the table, m/s^2; a copy."""
+        return self._state.tilt.copy()
+
+    @property
     def statistics(self) -> dict[str, int]:
         """Periods of all worlds since the reset by the way they took, and calls of the contact solver.
 
@@ -295,6 +343,8 @@ class Simulator:
         periods = checks.count("state['periods']", state["periods"], least=0, most=MOST_TIME)
         where = (values["pose"], values["fallen"] | values["diverged"][:, None])
         overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
+        conditions = Conditions(*(values[name] for name in Conditions._fields))
+        self.check_conditions(conditions, conditions._asdict(), "state['{}']")
         for name, mine in live.items():
             mine[...] = values[name]
         self._periods = periods

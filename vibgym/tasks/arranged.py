@@ -43,6 +43,8 @@ class ArrangedTask(Task):
         "present", "kind", "element", "heading", "position", "way", "way_coarse", "velocity", "spin", "gap", "neighbour"
     )  # fmt: skip
 
+    RANDOMIZED = ("parts",)
+
     def __init__(
         self,
         surface: Surface,

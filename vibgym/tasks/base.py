@@ -45,6 +45,7 @@ class Task(ABC):
         zones: (kinds, 4) m, where each kind shall end: x_low, y_low, x_high, y_high; None for tasks without zones.
         apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
         slots: blocks of the state observation.
+        features: of a part in it: :attr:`FEATURES`, and what the sensor tells besides.
 
     Raises:
         ValueError: too many kinds or parts.
@@ -62,6 +63,9 @@ class Task(ABC):
 
     FEATURES: ClassVar[tuple[str, ...]]
     """Of a part in the state observation, among :data:`vibgym.envs.layout.NAMES`."""
+
+    RANDOMIZED: ClassVar[tuple[str, ...]] = ()
+    """Keys of ``randomize=`` that the task draws for itself; it is handed a mapping with those that are given."""
 
     HAS_WALLS: ClassVar[bool] = True
     """Whether borders may have walls."""
@@ -83,7 +87,7 @@ class Task(ABC):
         self.kinds, self.kind = kinds_by_name(self.parts)
         self.zones: np.ndarray | None = None
         self.apart = -math.inf
-        self.slots = len(self.parts)
+        self.slots, self.features = len(self.parts), tuple(self.FEATURES)
         self.hulls = hulls_of(self.parts)
 
     @property

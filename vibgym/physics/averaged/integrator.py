@@ -24,7 +24,7 @@ from vibgym.physics.averaged.contact import AveragedScheme, Workspace, look_unde
 from vibgym.physics.contact_area.phasors import forget_phasors
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import Body, Motion, State, Table, is_finite
+from vibgym.physics.core.records import Body, Motion, State, Table, is_finite, under_conditions
 from vibgym.physics.core.reference import reference
 
 
@@ -37,6 +37,13 @@ class AveragedScene(NamedTuple):
     drive: Drive
     state: State
     work: Workspace
+
+
+@borrowing
+def in_world(scene, world):
+    """The scene with the part as it is in a world."""
+    body = under_conditions(scene.body, scene.state, world, 0)
+    return AveragedScene(scene.table, body, scene.scheme, scene.drive, scene.state, scene.work)
 
 
 @borrowing
@@ -92,8 +99,10 @@ def look_ahead(scene, world, motion):
 
 @borrowing
 def acceleration_of(scene, n, motion):
-    """Mean acceleration for the cut at hand."""
-    return mean_acceleration(scene.table, scene.body, scene.scheme, n, motion.vx, motion.vy, motion.spin, scene.work)
+    """Mean acceleration for the cut at hand, by friction and by the table's tilt, which is constant: nothing of it wobbles."""
+    body = scene.body
+    ax, ay, aw = mean_acceleration(scene.table, body, scene.scheme, n, motion.vx, motion.vy, motion.spin, scene.work)
+    return ax + body.tilt_x, ay + body.tilt_y, aw
 
 
 @borrowing
@@ -250,7 +259,7 @@ def advance_worlds(start, stop, scene, periods):
             state.pose[world, 0, 0], state.pose[world, 0, 1], state.pose[world, 0, 2],
             state.velocity[world, 0, 0], state.velocity[world, 0, 1], state.velocity[world, 0, 2],
         )  # fmt: skip
-        motion, pose, margin, n, sound = advance_world(scene, world, motion, periods)
+        motion, pose, margin, n, sound = advance_world(in_world(scene, world), world, motion, periods)
         if margin < 0.0:
             state.doubtful[world, 0] = True
         if not sound:  # keep the last state that made sense; nobody gets to see the other one

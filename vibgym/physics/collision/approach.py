@@ -8,6 +8,7 @@ from typing import NamedTuple
 from vibgym.physics.collision.hulls import A_FACE, B_FACE, farthest, hull_contact, wall_direction
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import friction_in, tilt_size
 
 FAST, SLOWLY = 0.02, 6.0
 """m/s; where parts come together more slowly, so many times the overlap of an impact is allowed."""
@@ -38,8 +39,8 @@ def part_motion(workspace, part):
 @borrowing
 def pull_on(encounter, part):
     """Friction's acceleration of a part, which straight lines leave out, m/s^2."""
-    bodies, gravity = encounter.scene.bodies, encounter.scene.table.gravity
-    return 2.0 * bodies.friction[bodies.kind[part]] * gravity
+    scene = encounter.scene
+    return 2.0 * friction_in(scene.bodies, scene.state, scene.workspace.world[part], part) * scene.table.gravity
 
 
 @borrowing
@@ -79,7 +80,9 @@ def meet_wall(encounter, approach, shortest, pair, part, wall):
     table, hulls, placed = encounter.scene.table, encounter.hulls, encounter.contacts.placed
     x, y, vx, vy, spin = part_motion(encounter.scene.workspace, part)
     nx, ny, border = wall_direction(table, wall)
-    pull, curve, h = pull_on(encounter, part), spin * spin * arm_of(hulls, part), approach.h
+    scene = encounter.scene
+    pull = pull_on(encounter, part) + tilt_size(scene.state, scene.workspace.world[part])
+    curve, h = spin * spin * arm_of(hulls, part), approach.h
     # Also what goes away from the wall may first turn a corner into it.
     if border - (nx * x + ny * y) > hulls.radius[part] + max(nx * vx + ny * vy, 0.0) * h + 0.5 * pull * h * h:
         return approach
@@ -98,7 +101,7 @@ def meet_part(encounter, approach, shortest, pair, i, j):
     xi, yi, ui, wi, si = part_motion(encounter.scene.workspace, i)
     xj, yj, uj, wj, sj = part_motion(encounter.scene.workspace, j)
     h = approach.h
-    pull = pull_on(encounter, i) + pull_on(encounter, j)
+    pull = pull_on(encounter, i) + pull_on(encounter, j)  # a tilted table accelerates both alike
     dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
     speed = math.sqrt(du * du + dw * dw)
     clear = hulls.radius[i] + hulls.radius[j] + speed * h + 0.5 * pull * h * h

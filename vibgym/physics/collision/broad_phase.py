@@ -1,6 +1,7 @@
 """Which parts can come to touch: pairs that are near before a period, and paths that have come near after it.
 
-Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g``, which bounds how far it gets.
+Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g`` (and a tilted table by as much
+as it is tilted), which bounds how far it gets.
 Parts whose circumscribed circles stay apart under that bound are not near. After a period without contacts the paths are
 known, and the outlines' distances along them say whether anything came to touch.
 """
@@ -11,6 +12,7 @@ import math
 
 from vibgym.physics.collision.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import friction_in, tilt_size
 
 IN_TOUCH = 2e-4
 """m; what begins a period nearer than this is taken to touch in it, and no path without contacts is tried."""
@@ -20,10 +22,11 @@ NEVER, NEAR, TOUCHING = 0, 1, 2
 
 
 @borrowing
-def travel_bound(table, friction, vx, vy):
-    """Largest distance, m, that a part can cover in a period while nothing but the table moves it."""
+def travel_bound(table, friction, tilt, vx, vy):
+    """Largest distance, m, that a part can cover in a period while nothing but the table (tilt in m/s^2) moves it."""
     # Not less for parts at the table's speed: what spins on an uneven pressure may become faster than the table.
-    return (math.sqrt(vx * vx + vy * vy) + friction * table.gravity * table.period) * table.period
+    pull = friction * table.gravity + 0.5 * tilt
+    return (math.sqrt(vx * vx + vy * vy) + pull * table.period) * table.period
 
 
 @borrowing
@@ -39,10 +42,11 @@ def wall_distance(table, wall, x, y):
 
 
 @borrowing
-def near_pairs(table, bodies, hulls, walls, pose, velocity, away, slack, pairs, reach, order):
+def near_pairs(table, bodies, hulls, walls, state, world, pose, velocity, away, slack, pairs, reach, order):
     """Pairs of parts, and of parts and walls, of one world that may touch within a period.
 
     Args:
+        state, world: for the world's conditions.
         walls: set of walls, a bit each.
         pose, velocity: (parts, 3).
         away: (parts,) bool, parts that have fallen.
@@ -54,11 +58,11 @@ def near_pairs(table, bodies, hulls, walls, pose, velocity, away, slack, pairs, 
     Returns:
         Number of pairs.
     """
-    parts = pose.shape[0]
+    parts, tilt = pose.shape[0], tilt_size(state, world)
     n, largest = 0, 0.0
     for i in range(parts):
-        mu = bodies.friction[bodies.kind[i]]
-        reach[i] = hulls.radius[i] + travel_bound(table, mu, velocity[i, 0], velocity[i, 1]) + slack
+        mu = friction_in(bodies, state, world, i)
+        reach[i] = hulls.radius[i] + travel_bound(table, mu, tilt, velocity[i, 0], velocity[i, 1]) + slack
         if not away[i]:
             largest = max(largest, reach[i])
     for i in range(parts):  # sorted along x, the longer side of most tables, by insertion: it is nearly sorted often
@@ -112,18 +116,19 @@ def proximity(table, hulls, pose, pairs, n, placed):
 
 
 @borrowing
-def curvature_bound(table, bodies, hulls, part, step):
+def curvature_bound(table, bodies, hulls, state, world, part, step):
     """How far a point of a part can be from the straight line between two poses ``step`` s apart, m."""
-    kind = bodies.kind[part]
-    friction, gyration, radius = bodies.friction[kind], bodies.gyration[kind], hulls.radius[part]
-    return 2.0 * friction * table.gravity * (1.0 + radius * radius / gyration) * step * step / 8.0
+    friction, radius = friction_in(bodies, state, world, part), hulls.radius[part]
+    gyration, bend = bodies.gyration[bodies.kind[part]], tilt_size(state, world) * step * step / 8.0
+    return 2.0 * friction * table.gravity * (1.0 + radius * radius / gyration) * step * step / 8.0 + bend
 
 
 @borrowing
-def paths_cross(table, bodies, hulls, paths, steps, first, pairs, n, placed):
+def paths_cross(table, bodies, hulls, state, world, paths, steps, first, pairs, n, placed):
     """Whether one of the pairs may have touched on the way.
 
     Args:
+        state, world: for the world's conditions.
         paths: (worlds * parts, most steps + 1, 3) poses at the ends of steps; the world's rows begin at ``first``.
         steps: (kinds,) steps per period of each kind.
     """
@@ -132,9 +137,9 @@ def paths_cross(table, bodies, hulls, paths, steps, first, pairs, n, placed):
         mine = steps[bodies.kind[i]]
         theirs = mine if j < 0 else steps[bodies.kind[j]]
         common = math.gcd(mine, theirs)
-        slack = curvature_bound(table, bodies, hulls, i, table.period / common)
+        slack = curvature_bound(table, bodies, hulls, state, world, i, table.period / common)
         if j >= 0:
-            slack += curvature_bound(table, bodies, hulls, j, table.period / common)
+            slack += curvature_bound(table, bodies, hulls, state, world, j, table.period / common)
         for k in range(common):
             p = paths[first + i]
             at, then = p[k * (mine // common)], p[(k + 1) * (mine // common)]

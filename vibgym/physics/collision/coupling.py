@@ -20,10 +20,11 @@ import numpy as np
 from vibgym.physics.collision.approach import safe_step
 from vibgym.physics.collision.broad_phase import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.collision.hulls import Hulls, place_hulls
-from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts
+from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts, weigh_parts
 from vibgym.physics.collision.solver import JOLT, Solver, forget_impacts, leave, solve
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import friction_in, tilt_size
 from vibgym.physics.core.reference import Layout, reference
 from vibgym.physics.friction.stepper import apply_friction, cut_stale, enter_part
 from vibgym.physics.friction.workspace import FixedScene, Scene, Step
@@ -73,6 +74,7 @@ class FixedEncounter(NamedTuple):
     properties: ImpactProperties
     contacts: Contacts
     couplings: int
+    bend: float
     overlap: float
     walls: int
 
@@ -90,6 +92,7 @@ class Encounter(NamedTuple):
     properties: ImpactProperties
     contacts: Contacts
     couplings: int  # fewest steps of the coupling from cut to cut
+    bend: float  # m that ``mu g h^2`` may be in such a step ``h``; infinite: the number of steps does not depend on friction
     overlap: float  # m that an impact may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 
@@ -129,8 +132,9 @@ def pairs_now(encounter, pairs):
             contacts.settled[p, k] = workspace.pose[g, k * LANES + lane]
             contacts.speed[p, k] = workspace.velocity[g, k * LANES + lane]
     return near_pairs(
-        scene.table, scene.bodies, encounter.hulls, encounter.walls, contacts.settled, contacts.speed, workspace.away,
-        1.5 * STRAY * scene.table.period, pairs, contacts.reach, contacts.order,
+        scene.table, scene.bodies, encounter.hulls, encounter.walls, scene.state, workspace.world[0],
+        contacts.settled, contacts.speed, workspace.away, 1.5 * STRAY * scene.table.period, pairs, contacts.reach,
+        contacts.order,
     )  # fmt: skip
 
 
@@ -196,6 +200,18 @@ def leave_world(scene, world):
 
 
 @borrowing
+def couplings_needed(encounter, world):
+    """Fewest steps of the coupling from cut to cut: so many that friction and tilt add little to an overlap in each."""
+    scene = encounter.scene
+    friction = 0.0
+    for part in range(encounter.solver.bodies.shape[0]):
+        friction = max(friction, friction_in(scene.bodies, scene.state, world, part))
+    pull = friction * scene.table.gravity + 0.5 * tilt_size(scene.state, world)
+    steps = scene.table.period / scene.scheme.steps * math.sqrt(pull / encounter.bend)
+    return max(encounter.couplings, int(math.ceil(steps - 1e-9)))
+
+
+@borrowing
 def collide_period(world, encounter, pairs, n):
     """Advance one world by a period with contacts, changing the state in place.
 
@@ -209,8 +225,9 @@ def collide_period(world, encounter, pairs, n):
     scene, solver, contacts = encounter.scene, encounter.solver, encounter.contacts
     workspace, steps = scene.workspace, scene.scheme.steps
     span = scene.table.period / steps
-    longest = span / encounter.couplings
+    longest = span / couplings_needed(encounter, world)
     enter_world(scene, world)
+    weigh_parts(encounter.properties, scene.state.mass[world])
     calls, placed = 0, False
     for turn in range(steps):
         elapsed, stale = 0.0, True

@@ -28,8 +28,10 @@ MOST_IMPACTS, IMPACTS_A_PAIR = 32, 8
 class ImpactProperties(NamedTuple):
     """What an impact depends on besides shapes."""
 
-    inverse_mass: np.ndarray  # (parts,) 1/kg
-    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2)
+    mass: np.ndarray  # (parts,) kg, of the parts as they were made
+    gyration: np.ndarray  # (parts,) m^2, inertia over mass
+    inverse_mass: np.ndarray  # (parts,) 1/kg, in the world at hand
+    inverse_inertia: np.ndarray  # (parts,) 1/(kg m^2), likewise
     restitution: np.ndarray  # (parts,) energetic coefficient; a pair has the geometric mean, a wall what the part has
     friction: np.ndarray  # (parts,) likewise
 
@@ -40,6 +42,15 @@ class RelativeMotion(NamedTuple):
     approach: float  # m/s, along the normal
     slip: float  # m/s, along the tangent
     turning: float  # rad/s
+
+
+@borrowing
+def weigh_parts(properties, factor):
+    """Set what the parts of a world weigh, by the factors (parts,) on their masses."""
+    for p in range(factor.shape[0]):
+        mass = factor[p] * properties.mass[p]
+        properties.inverse_mass[p] = 1.0 / mass
+        properties.inverse_inertia[p] = 1.0 / (mass * properties.gyration[p])
 
 
 @borrowing

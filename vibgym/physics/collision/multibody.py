@@ -24,7 +24,7 @@ from vibgym.physics.collision.broad_phase import (
 )
 from vibgym.physics.collision.coupling import Encounter, collide_period, fixed_encounter_at
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import State, state_at
+from vibgym.physics.core.records import State, new_state, state_at
 from vibgym.physics.core.reference import Layout, reference
 from vibgym.physics.friction.workspace import Scene
 
@@ -53,7 +53,6 @@ prospect_at = PROSPECT.at
 
 def new_prospect(worlds: int, parts: int, steps: np.ndarray) -> Prospect:
     """Arrays for a block of ``worlds`` with so many parts, of kinds that take ``steps`` a period."""
-    flags = (worlds, parts)
     return Prospect(
         mode=np.zeros(worlds, np.int64),
         pairs=np.empty((worlds, pair_capacity(parts), 2), np.int64),
@@ -62,16 +61,13 @@ def new_prospect(worlds: int, parts: int, steps: np.ndarray) -> Prospect:
         count=np.zeros(len(steps), np.int64),
         paths=np.empty((worlds * parts, int(steps.max()) + 1, 3)),
         steps=steps,
-        kept=State(
-            np.empty((*flags, 3)), np.empty((*flags, 3)), np.empty((*flags, 3)),
-            np.empty(flags, bool), np.empty(flags, bool), np.empty(flags, bool), np.empty(worlds, bool),
-        ),
-    )  # fmt: skip
+        kept=new_state(worlds, parts),
+    )
 
 
 @borrowing
 def copy_world(source, world, target, to):
-    """Copy a world's parts from one state to another."""
+    """Copy a world's parts from one state to another, but for the conditions, which stay as they are."""
     for p in range(source.pose.shape[1]):
         for k in range(3):
             target.pose[to, p, k], target.velocity[to, p, k] = source.pose[world, p, k], source.velocity[world, p, k]
@@ -101,7 +97,7 @@ def broad_phase(start, stop, fixed, state, prospect):
         found, mode = 0, NEVER
         if not state.diverged[world]:
             found = near_pairs(
-                table, bodies, hulls, fixed.walls,
+                table, bodies, hulls, fixed.walls, state, world,
                 state.pose[world], state.velocity[world], state.fallen[world], 0.0, pairs, contacts.reach, contacts.order,
             )  # fmt: skip
         if found > 0:
@@ -129,8 +125,8 @@ def was_hit(world, w, encounter, prospect):
         if encounter.walls != 0 and scene.state.fallen[world, p] and not kept.fallen[w, p]:
             return True
     return paths_cross(
-        scene.table, scene.bodies, encounter.hulls, prospect.paths, prospect.steps, w * parts, prospect.pairs[w],
-        prospect.found[w], encounter.contacts.placed,
+        scene.table, scene.bodies, encounter.hulls, scene.state, world, prospect.paths, prospect.steps, w * parts,
+        prospect.pairs[w], prospect.found[w], encounter.contacts.placed,
     )  # fmt: skip
 
 
@@ -148,7 +144,7 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
     encounter = reference(
         Encounter(
             reference(scene), fixed.hulls, fixed.solver, fixed.properties, fixed.contacts,
-            fixed.couplings, fixed.overlap, fixed.walls,
+            fixed.couplings, fixed.bend, fixed.overlap, fixed.walls,
         )
     )  # fmt: skip
     for world in range(start, stop):

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,9 @@ from vibgym.physics.core.jit import borrowing
 JOLT = 0.1
 """m/s; where contacts change a part's velocity by more, it has been hit, not held: what lies beneath it is looked at again, and
 the solver does not start from the impulses of that impact."""
+
+FEWEST_ROUNDS, MOST_ROUNDS = 10, 1000
+"""Rounds of the solver over all contacts in a step."""
 
 FAR_AWAY = 1e3
 """m; where the solver keeps parts that are not on the table."""
@@ -31,6 +35,9 @@ class Solver(NamedTuple):
     add: int  # (space, shape)
     remove: int  # (space, shape)
     number_from: int  # void(space, int): number that the next shape gets
+    set_mass: int  # void(body, float64 kg)
+    set_moment: int  # void(body, float64 kg m^2)
+    set_rounds: int  # void(space, int): rounds over all contacts in a step
     last_step: int  # void(space, float64 h): the length that impulses of the last step are remembered for
     put_all: int  # batches: x, y, heading, vx, vy, spin
     put_velocity: int
@@ -43,6 +50,36 @@ class Solver(NamedTuple):
     owner: np.ndarray  # (parts + 1,) first shape of each part
     fixed: int  # shapes of the walls, which are numbered first
     slop: float  # m of overlap that the solver leaves alone
+
+
+@borrowing
+def rounds_needed(parts, ratio):
+    """Rounds of the solver: a push has to find its way through a heap, and from heavy to light parts.
+
+    A light part between a heavy one and a wall takes up a share ``light / heavy`` of the push in each round.
+
+    Args:
+        parts: their number.
+        ratio: of the largest mass to the smallest.
+    """
+    return min(FEWEST_ROUNDS + int(np.rint(2.0 * math.sqrt(parts) + ratio)), MOST_ROUNDS)
+
+
+@borrowing
+def enter(solver, properties, factor):
+    """Put a world's parts into the solver, with the factors (parts,) on their masses."""
+    heaviest, lightest = 0.0, math.inf
+    for p in range(solver.bodies.shape[0]):
+        mass = factor[p] * properties.mass[p]
+        heaviest, lightest = max(heaviest, mass), min(lightest, mass)
+        call_foreign(solver.set_mass, (solver.bodies[p], mass))
+        call_foreign(solver.set_moment, (solver.bodies[p], mass * properties.gyration[p]))
+    call_foreign(solver.set_rounds, (solver.space, rounds_needed(solver.bodies.shape[0], heaviest / lightest)))
+    call_foreign(solver.number_from, (solver.space, solver.fixed))
+    for p in range(solver.bodies.shape[0]):
+        call_foreign(solver.update, (solver.bodies[p], 0.0))  # shapes are entered where their bodies are
+    for k in range(solver.shapes.shape[0]):
+        call_foreign(solver.add, (solver.space, solver.shapes[k]))
 
 
 @borrowing
@@ -72,11 +109,7 @@ def solve(encounter, world, h, entered, undo):
     cursor[0] = 0
     call_foreign(solver.each, (solver.space, solver.put, solver.put_all))
     if not entered:
-        call_foreign(solver.number_from, (solver.space, solver.fixed))
-        for p in range(parts):
-            call_foreign(solver.update, (solver.bodies[p], 0.0))  # shapes are entered where their bodies are
-        for k in range(solver.shapes.shape[0]):
-            call_foreign(solver.add, (solver.space, solver.shapes[k]))
+        enter(solver, encounter.properties, encounter.scene.state.mass[world])
     # The solver begins with the last step's impulses. It would scale them with the step, but not its record of them, and
     # parts would stick together by the difference.
     call_foreign(solver.last_step, (solver.space, h))

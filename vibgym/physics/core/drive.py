@@ -15,12 +15,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibgym.physics.core.hardware import hardware_at, realise
 from vibgym.physics.core.jit import borrowing
 
 FIELD_STRENGTHS = 6
 """Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
 
-POLAR, ELEMENT, PHASOR, PATCH, FIELD = range(5)
+NOWHERE = 1e300
+"""Centre of a part that commands nothing: so far away that its squared distance is infinite, yet a number for snapshots."""
+
+POLAR, ELEMENT, PHASOR, PATCH, FIELD, CARTESIAN = range(6)
 """How a drive is written down; see the function of that name, such as :func:`polar_drive`."""
 
 
@@ -32,8 +36,8 @@ class Drive(NamedTuple):
 
     mode: int
     values: np.ndarray  # (worlds, n) float32, numbers in [-1, 1] (clipped): all modes but POLAR
-    amplitude: np.ndarray  # (worlds, rows, columns) m: POLAR
-    phase: np.ndarray  # (worlds, rows, columns) rad: POLAR
+    amplitude: np.ndarray  # (worlds, rows, columns) m: POLAR; C, m/s^2: CARTESIAN
+    phase: np.ndarray  # (worlds, rows, columns) rad: POLAR; S, m/s^2: CARTESIAN
     origin: np.ndarray  # (worlds, parts, 2) int64, row and column of a patch's first element: PATCH
     centre: np.ndarray  # (worlds, parts, 2), of the parts; PATCH: rows, columns in elements; FIELD: x, y in m
     size: int  # elements along a side of a patch: PATCH
@@ -42,6 +46,9 @@ class Drive(NamedTuple):
     angular_frequency: float  # rad/s: POLAR
     element_size: float  # m: FIELD
     reach: float  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
+    hardware: int = (
+        0  # address of pinned Hardware through which commands go, and which says whose rows they are; 0: none
+    )
 
 
 def _plain(values: Any, kind: type) -> np.ndarray:
@@ -64,6 +71,12 @@ def polar_drive(amplitude: np.ndarray, phase: np.ndarray, angular_frequency: flo
     )
 
 
+def cartesian_drive(c: np.ndarray, s: np.ndarray) -> Drive:
+    """The phasors themselves: ``C`` and ``S`` of every element, each (worlds, rows, columns), m/s^2."""
+    c, s = _plain(c, np.float64), _plain(s, np.float64)
+    return Drive(CARTESIAN, _NO_VALUES, c, s, _NO_ORIGIN, _NO_MOTION, 0, 0, 0.0, 0.0, 0.0, 0.0)
+
+
 def element_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
     """Amplitude [-1, 1] -> [0, largest] and phase [-1, 1] -> [-pi, pi] of every element.
 
@@ -84,7 +97,7 @@ def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size
     """Phasors of the k x k elements around each part, all others at rest.
 
     An element in several patches obeys the part whose centre is nearest to the element's centre; ties go to the lower index.
-    A part whose centre is infinitely far away commands nothing.
+    A part whose centre is :data:`NOWHERE` commands nothing.
 
     Args:
         values: (worlds, parts * k * k * 2) float32, rows first.
@@ -100,7 +113,7 @@ def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, rea
     """Strengths of the basic fields around each part, on the whole surface: those of :mod:`vibgym.fields`.
 
     The field's vector at an element's centre (thesis fig. 4.4) is the direction in which the element shall push. Every element
-    obeys the part whose centre is nearest to its own; ties go to the lower index. A part whose centre is infinitely far away
+    obeys the part whose centre is nearest to its own; ties go to the lower index. A part whose centre is :data:`NOWHERE`
     commands nothing, and where none commands the elements rest.
 
     Args:
@@ -219,8 +232,7 @@ def _field(drive, world, row, column):
 
 
 @borrowing
-def element_phasor(drive, world, row, column):
-    """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
+def _commanded(drive, world, row, column):
     if drive.mode == POLAR:
         return _polar(drive, world, row, column)
     if drive.mode == ELEMENT:
@@ -229,15 +241,62 @@ def element_phasor(drive, world, row, column):
         return _phasor(drive, world, (row * drive.columns + column) * 2)
     if drive.mode == PATCH:
         return _patch(drive, world, row, column)
-    return _field(drive, world, row, column)
+    if drive.mode == FIELD:
+        return _field(drive, world, row, column)
+    return drive.amplitude[world, row, column], drive.phase[world, row, column]
 
 
 @borrowing
-def all_phasors(drive, phasors):
-    """Fill ``phasors`` (worlds, rows, columns, 2) with every element's ``(C, S)``, for pictures and tests."""
+def element_phasor(drive, world, row, column):
+    """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
+    source = world
+    if drive.hardware != 0:
+        source = hardware_at(drive.hardware).source[world]
+    c, s = 0.0, 0.0
+    if source >= 0:
+        c, s = _commanded(drive, source, row, column)
+    if drive.hardware != 0:
+        c, s = realise(hardware_at(drive.hardware), world, row, column, c, s)
+    return c, s
+
+
+@borrowing
+def all_phasors(drive, phasors, first=0):
+    """Fill ``phasors`` (worlds, rows, columns, 2) with every element's ``(C, S)``, of the worlds from ``first`` on."""
     for world in range(phasors.shape[0]):
         for row in range(phasors.shape[1]):
             for column in range(phasors.shape[2]):
-                c, s = element_phasor(drive, world, row, column)
+                c, s = element_phasor(drive, first + world, row, column)
                 phasors[world, row, column, 0] = c
                 phasors[world, row, column, 1] = s
+
+
+@borrowing
+def limit_phasors(phasors, limit, c, s):
+    """Copy phasors (worlds, rows, columns, 2) into ``c`` and ``s``, longer ones shortened to ``limit`` (m/s^2)."""
+    for world in range(phasors.shape[0]):
+        for row in range(phasors.shape[1]):
+            for column in range(phasors.shape[2]):
+                real, imaginary = phasors[world, row, column, 0], phasors[world, row, column, 1]
+                square = real * real + imaginary * imaginary
+                scale = limit / math.sqrt(square) if square > limit * limit else 1.0
+                c[world, row, column], s[world, row, column] = scale * real, scale * imaginary
+
+
+@borrowing
+def follow_phasors(drive, keep, reached, c, s):
+    """Elements that follow their phasors with a lag of first order, for a period.
+
+    Args:
+        keep: (worlds, 2) shares of the distance to the phasor that are left at the period's end, and in its mean.
+        reached: (worlds, rows, columns, 2) phasors at the period's start, m/s^2, overwritten with those at its end.
+        c, s: (worlds, rows, columns) overwritten with the means of the period.
+    """
+    for world in range(reached.shape[0]):
+        end, mean = keep[world, 0], keep[world, 1]
+        for row in range(reached.shape[1]):
+            for column in range(reached.shape[2]):
+                real, imaginary = element_phasor(drive, world, row, column)
+                dc, ds = reached[world, row, column, 0] - real, reached[world, row, column, 1] - imaginary
+                c[world, row, column], s[world, row, column] = real + mean * dc, imaginary + mean * ds
+                reached[world, row, column, 0], reached[world, row, column, 1] = real + end * dc, imaginary + end * ds

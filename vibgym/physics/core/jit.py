@@ -23,9 +23,11 @@ import functools
 import gc
 import hashlib
 import logging
+import math
 import os
 import pickle
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -148,6 +150,9 @@ class _Kernel(CPUDispatcher):
 
     _cache: Any
 
+    imported = math.inf
+    """When Python read the kernel's file, and those that it imports."""
+
     @functools.cached_property
     def called(self) -> _Called:
         """The same for other kernels."""
@@ -183,16 +188,19 @@ class _Kernel(CPUDispatcher):
         cache = self._cache
         own: Any = _Files(cache.cache_path, cache._impl.filename_base, cache._cache_file._source_stamp)
         # The version is looked at before anything else is read, which may no longer be readable.
-        own._version = f"{own._version} {sources(self.py_func.__code__.co_filename, self.py_func.__module__)}"
+        where = self.py_func.__code__.co_filename, self.py_func.__module__
+        own._version = f"{own._version} {sources(*where)}"
         cache._cache_file = own
+        if last_edit(*where) > self.imported:  # what is compiled is older than what the version tells of
+            cache.disable()
 
 
 def _kernel(function: Any, **more: Any) -> Any:
-    return (
-        function
-        if config.DISABLE_JIT
-        else _Kernel(py_func=function, targetoptions={**OPTIONS, **more}, pipeline_class=_Compiler)
-    )
+    if config.DISABLE_JIT:
+        return function
+    kernel = _Kernel(py_func=function, targetoptions={**OPTIONS, **more}, pipeline_class=_Compiler)
+    kernel.imported = time.time()
+    return kernel
 
 
 def jit(function: Any) -> Any:
@@ -219,8 +227,8 @@ _IMPORT = re.compile(r"^(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?", re
 
 
 @functools.cache
-def sources(file: str, module: str) -> str:
-    """Digest of a module's file and of all files that it imports, directly or not, from its own package and from this one."""
+def _imported(file: str, module: str) -> tuple[Path, ...]:
+    """A module's file and all files that it imports, directly or not, from its own package and from this one."""
     own, name = Path(file), module.partition(".")[0]
     depth = module.count(".") + (own.name == "__init__.py")
     roots = {__name__.partition(".")[0]: Path(__file__).parents[__name__.count(".")], name: own.parents[depth]}
@@ -235,11 +243,22 @@ def sources(file: str, module: str) -> str:
                 new = {path.with_suffix(".py"), path / "__init__.py"} - found
                 todo += [one for one in new if one.is_file()]
                 found |= new
+    return tuple(path for path in sorted(found) if path.is_file())
+
+
+@functools.cache
+def sources(file: str, module: str) -> str:
+    """Digest of what :func:`_imported` finds."""
     digest = hashlib.sha256()
-    for path in sorted(found):
-        if path.is_file():
-            digest.update(path.read_bytes())
+    for path in _imported(file, module):
+        digest.update(path.read_bytes())
     return digest.hexdigest()
+
+
+@functools.cache
+def last_edit(file: str, module: str) -> float:
+    """When the youngest of these files was written."""
+    return max(path.stat().st_mtime for path in _imported(file, module))
 
 
 class _Files(IndexDataCacheFile):

@@ -38,6 +38,8 @@ class Body(NamedTuple):
     static_friction: float
     convex: bool
     turns: bool  # False for a disc, whose contact area does not depend on heading
+    tilt_x: float = 0.0  # m/s^2, constant acceleration of what lies on the table, for that is tilted
+    tilt_y: float = 0.0
 
 
 class Bodies(NamedTuple):
@@ -67,6 +69,8 @@ def body_of(bodies, kind):
         bodies.static_friction[kind],
         bodies.convex[kind],
         bodies.turns[kind],
+        0.0,
+        0.0,
     )
 
 
@@ -91,6 +95,63 @@ class State(NamedTuple):
     sticking: np.ndarray  # (worlds, parts) bool, at the current instant
     doubtful: np.ndarray  # (worlds, parts) bool: since the start the model has left the range that it is certified for
     diverged: np.ndarray  # (worlds,) bool
+    friction: np.ndarray  # (worlds, parts) factor on both coefficients of friction between part and table
+    mass: np.ndarray  # (worlds, parts) factor on mass and inertia
+    tilt: np.ndarray  # (worlds, 2) m/s^2, constant acceleration of what lies on the table
+
+
+CONDITIONS = {"friction": 1.0, "mass": 1.0, "tilt": 0.0}
+"""Fields of the state that the physics does not change, and what they are unless somebody says otherwise."""
+
+
+def new_state(worlds: int, parts: int) -> State:
+    """Arrays for parts at rest at the origin of a level table."""
+    return State(
+        pose=np.zeros((worlds, parts, 3)),
+        velocity=np.zeros((worlds, parts, 3)),
+        mean_velocity=np.zeros((worlds, parts, 3)),
+        fallen=np.zeros((worlds, parts), np.bool_),
+        sticking=np.zeros((worlds, parts), np.bool_),
+        doubtful=np.zeros((worlds, parts), np.bool_),
+        diverged=np.zeros(worlds, np.bool_),
+        friction=np.ones((worlds, parts)),
+        mass=np.ones((worlds, parts)),
+        tilt=np.zeros((worlds, 2)),
+    )
+
+
+@borrowing
+def tilt_size(state, world):
+    """Magnitude of a world's tilt, m/s^2."""
+    return math.sqrt(state.tilt[world, 0] * state.tilt[world, 0] + state.tilt[world, 1] * state.tilt[world, 1])
+
+
+@borrowing
+def body_tilt(body):
+    """Magnitude of the tilt that a body is under, m/s^2."""
+    return math.sqrt(body.tilt_x * body.tilt_x + body.tilt_y * body.tilt_y)
+
+
+@borrowing
+def friction_in(bodies, state, world, part):
+    """Coefficient of sliding friction of a part in its world."""
+    return state.friction[world, part] * bodies.friction[bodies.kind[part]]
+
+
+@borrowing
+def under_conditions(body, state, world, part):
+    """A body as it is in its world: with the factor on its friction, and the table's tilt."""
+    factor = state.friction[world, part]
+    return Body(
+        body.outline, body.area, body.radius, body.gyration, factor * body.friction, factor * body.static_friction,
+        body.convex, body.turns, state.tilt[world, 0], state.tilt[world, 1],
+    )  # fmt: skip
+
+
+@borrowing
+def body_in(bodies, state, world, part):
+    """The body of a part in its world."""
+    return under_conditions(body_of(bodies, bodies.kind[part]), state, world, part)
 
 
 class Motion(NamedTuple):

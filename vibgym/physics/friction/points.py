@@ -13,7 +13,7 @@ import math
 
 from vibgym.physics.contact_area.cut import points_at, spin_split
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import Motion, is_finite
+from vibgym.physics.core.records import Motion, body_tilt, is_finite
 from vibgym.physics.friction.static import holds, slip_step
 from vibgym.physics.friction.wrench import sliding_wrench
 
@@ -34,29 +34,30 @@ def slide(table, body, cut, n, phase, h, motion):
     pc, ps = cut.phasor_c, cut.phasor_s
     x, y, heading, vx, vy, spin = motion
     g, speed, mu, turn = table.gravity, table.speed, body.friction, body.friction / body.gyration
+    px, py = body.tilt_x, body.tilt_y
     third = h / 3.0
     advance = 2.0 * math.pi / table.period * third
     c, s = math.cos(phase), math.sin(phase)
     ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c, s, -speed * s - vx, speed * c - vy, spin)
-    ax, ay, aw = mu * ax, mu * ay, turn * aw
+    ax, ay, aw = mu * ax + px, mu * ay + py, turn * aw
     c, s = math.cos(phase + advance), math.sin(phase + advance)
     bx, by, bw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
         -speed * s - (vx + third * ax), speed * c - (vy + third * ay), spin + third * aw,
     )  # fmt: skip
-    bx, by, bw = mu * bx, mu * by, turn * bw
+    bx, by, bw = mu * bx + px, mu * by + py, turn * bw
     c, s = math.cos(phase + 2.0 * advance), math.sin(phase + 2.0 * advance)
     cx, cy, cw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
         -speed * s - (vx + h * bx - third * ax), speed * c - (vy + h * by - third * ay), spin + h * bw - third * aw,
     )  # fmt: skip
-    cx, cy, cw = mu * cx, mu * cy, turn * cw
+    cx, cy, cw = mu * cx + px, mu * cy + py, turn * cw
     c, s = math.cos(phase + 3.0 * advance), math.sin(phase + 3.0 * advance)
     dx, dy, dw = sliding_wrench(
         weight, rx, ry, pc, ps, n, g, c, s,
         -speed * s - (vx + h * (ax - bx + cx)), speed * c - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
     )  # fmt: skip
-    dx, dy, dw = mu * dx, mu * dy, turn * dw
+    dx, dy, dw = mu * dx + px, mu * dy + py, turn * dw
     x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
     y += h * (vy + 0.125 * h * (ay + 2.0 * by + cy))
     heading += h * (spin + 0.125 * h * (aw + 2.0 * bw + cw))
@@ -76,7 +77,7 @@ def release(table, body, cut, n, start, stop):
     for look in range(44):
         held = holds(
             table, body.static_friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration,
-            math.cos(at), math.sin(at), cut.load,
+            math.cos(at), math.sin(at), body.tilt_x, body.tilt_y, cut.load,
         )  # fmt: skip
         if look == 0:
             if held:
@@ -100,7 +101,7 @@ def near_rest(table, body, cut, n, phase, h, motion, stuck):
     """A substep of length ``h`` from ``phase = w t`` on, while slip is small or the part sticks; ``motion`` and ``stuck``."""
     x, y, heading, vx, vy, spin = motion
     omega = 2.0 * math.pi / table.period
-    harshest = table.speed * omega + 2.0 * body.friction * table.gravity  # m/s^2, that slip can change with
+    harshest = table.speed * omega + 2.0 * body.friction * table.gravity + body_tilt(body)  # m/s^2, of slip
     shortest = SHORTEST * h
     stop = phase + omega * h
     let_go = -1.0  # the phase at which static friction was found too weak
@@ -130,8 +131,8 @@ def near_rest(table, body, cut, n, phase, h, motion, stuck):
             x, y, heading, vx, vy, spin = slide(table, body, cut, n, phase, step, Motion(x, y, heading, vx, vy, spin))
         else:
             slip_x, slip_y, spin, way_x, way_y, turned = slip_step(
-                table, body.friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration, cut.load,
-                phase, step, slip_x, slip_y, spin,
+                table, body.friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration, body.tilt_x, body.tilt_y,
+                cut.load, phase, step, slip_x, slip_y, spin,
             )  # fmt: skip
             x += table.radius * (c3 - c0) - way_x
             y += table.radius * (s3 - s0) - way_y
@@ -166,7 +167,8 @@ def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot,
     cuts = cuts_needed(table, step.span, motion.vx, motion.vy, motion.spin)
     substeps = (step.substeps + cuts - 1) // cuts
     h = step.span / (cuts * substeps)
-    slow = (table.speed * omega + 2.0 * body.friction * table.gravity) * h  # the most that slip can change in a substep
+    # The most that slip can change in a substep.
+    slow = (table.speed * omega + 2.0 * body.friction * table.gravity + body_tilt(body)) * h
     ahead = 0.5 * step.span / cuts
     for k in range(cuts):
         begin = step.phase + omega * h * (k * substeps)

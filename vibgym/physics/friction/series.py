@@ -10,6 +10,7 @@ import math
 
 from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import body_tilt
 from vibgym.physics.friction.wrench import expanded_wrench
 
 LARGEST_VARIATION = 0.45
@@ -23,7 +24,7 @@ SMALLEST_SLIP = 0.6
 @borrowing
 def limits(table, body):
     """What the series is good for: largest ``(omega / |u|)^2``, and slip (m/s) that is too small, per s of a substep."""
-    harshest = table.speed * 2.0 * math.pi / table.period + 2.0 * body.friction * table.gravity
+    harshest = table.speed * 2.0 * math.pi / table.period + 2.0 * body.friction * table.gravity + body_tilt(body)
     return (LARGEST_VARIATION / body.radius) ** 2, SMALLEST_SLIP * harshest
 
 
@@ -36,39 +37,41 @@ def kutta_lanes(moments, gravity, speed, h, c, s, pose, velocity, own, lanes):
         gravity, speed: of the table.  h: s.
         c, s: cos wt and sin wt at the four stages.
         pose, velocity: flat (3, lane), changed in place.
-        own: flat (4, lane): largest ``(omega / |u|)^2`` and smallest ``|u|^2`` so far, brought up to date; friction, and one
-            over the inertia per mass (m^-2). In one array, since the compiler gives up vectorising where many may overlap.
+        own: flat (6, lane): largest ``(omega / |u|)^2`` and smallest ``|u|^2`` so far, brought up to date; friction, one over
+            the inertia per mass (m^-2), and the tilt x and y (m/s^2). In one array, since the compiler gives up vectorising
+            where many may overlap.
     """
     third, eighth = h / 3.0, h / 8.0
     c0, c1, c2, c3 = c
     s0, s1, s2, s3 = s
     for j in range(lanes):
         m, t = own[2 * LANES + j], own[3 * LANES + j]
+        px, py = own[4 * LANES + j], own[5 * LANES + j]
         g = m * gravity
         vx, vy, spin = velocity[j], velocity[LANES + j], velocity[2 * LANES + j]
         ax, ay, aw, square, varies = expanded_wrench(
             moments, j, g, -m * c0, m * s0, -speed * s0 - vx, speed * c0 - vy, spin
         )
         least, most = square, varies
-        aw *= t
+        ax, ay, aw = ax + px, ay + py, aw * t
         bx, by, bw, square, varies = expanded_wrench(
             moments, j, g, -m * c1, m * s1,
             -speed * s1 - (vx + third * ax), speed * c1 - (vy + third * ay), spin + third * aw,
         )  # fmt: skip
         least, most = min(least, square), max(most, varies)
-        bw *= t
+        bx, by, bw = bx + px, by + py, bw * t
         cx, cy, cw, square, varies = expanded_wrench(
             moments, j, g, -m * c2, m * s2,
             -speed * s2 - (vx + h * bx - third * ax), speed * c2 - (vy + h * by - third * ay),
             spin + h * bw - third * aw,
         )  # fmt: skip
         least, most = min(least, square), max(most, varies)
-        cw *= t
+        cx, cy, cw = cx + px, cy + py, cw * t
         dx, dy, dw, square, varies = expanded_wrench(
             moments, j, g, -m * c3, m * s3,
             -speed * s3 - (vx + h * (ax - bx + cx)), speed * c3 - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
         )  # fmt: skip
-        dw *= t
+        dx, dy, dw = dx + px, dy + py, dw * t
         own[j] = max(own[j], max(most, varies))
         own[LANES + j] = min(own[LANES + j], min(least, square))
         pose[j] += h * (vx + eighth * (ax + 2.0 * bx + cx))

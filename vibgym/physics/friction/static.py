@@ -3,7 +3,7 @@
 Write ``eta = (u_x, u_y, omega)`` for the slip of the table relative to the part's centre of mass and the part's spin, and
 ``H(eta) = mu * integral of p |u - omega z^ x r|``, the power of friction. It is convex, and friction is its subgradient:
 
-    M d(eta)/dt = (a_table, 0) - dH(eta),        M = diag(1, 1, k^2)
+    M d(eta)/dt = (a_table - tilt, 0) - dH(eta),        M = diag(1, 1, k^2)
 
 Where slip vanishes the subgradient is a whole set, the limit surface: every wrench that a stress of at most ``mu p`` can
 have. An implicit Euler step of length ``h`` is the minimum of a strictly convex function, so it always has exactly one
@@ -167,23 +167,32 @@ def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, 
 
 
 @borrowing
-def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine, load):
-    """Whether friction of coefficient ``friction`` can carry the part along with the table (thesis eq. 3.2)."""
-    needed = table.speed * 2.0 * math.pi / table.period
+def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine, tilt_x, tilt_y, load):
+    """Whether friction of coefficient ``friction`` can carry the part along with the table (thesis eq. 3.2), less the tilt's
+    acceleration (m/s^2), which it need not give or has to hold up."""
+    drive = table.speed * 2.0 * math.pi / table.period
+    # | -drive (cos, sin) - tilt |, written so that it is exactly ``drive`` on a level table.
+    square = drive * drive + 2.0 * drive * (cosine * tilt_x + sine * tilt_y) + (tilt_x * tilt_x + tilt_y * tilt_y)
+    needed = math.sqrt(max(square, 0.0))
     total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, cosine, sine, friction, load)
     if needed == 0.0:
         return True
     if needed > total * (1.0 + 1e-12):  # at exactly mu_0 g it holds, whatever rounding says
         return False
     sx, sy, spin = implicit_slip(
-        load, total, points[1], points[2], n, gyration, -needed * cosine, -needed * sine, 0.0, 0.0, 0.0, 0.0
-    )
+        load, total, points[1], points[2], n, gyration,
+        -drive * cosine - tilt_x, -drive * sine - tilt_y, 0.0, 0.0, 0.0, 0.0,
+    )  # fmt: skip
     return sx == 0.0 and sy == 0.0 and spin == 0.0
 
 
 @borrowing
-def slip_step(table, friction, points, phasor_c, phasor_s, n, gyration, load, phase, h, slip_x, slip_y, spin):
+def slip_step(
+    table, friction, points, phasor_c, phasor_s, n, gyration, tilt_x, tilt_y, load, phase, h, slip_x, slip_y, spin
+):
     """One SDIRK2 step of slip and spin from ``phase = w t`` on.
+
+    The tilt (m/s^2) accelerates the part, so it takes from the slip of the table against it.
 
     Returns:
         Slip x, y and spin at the end, and the integrals of slip x, y and spin over the step.
@@ -198,6 +207,8 @@ def slip_step(table, friction, points, phasor_c, phasor_s, n, gyration, load, ph
         at = phase + omega * (part if stage == 0 else h)
         c, s = math.cos(at), math.sin(at)
         total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, c, s, part * friction, load)
+        if tilt_x != 0.0 or tilt_y != 0.0:  # asked, for else the compiler rounds differently on a level table, too
+            from_x, from_y = from_x - part * tilt_x, from_y - part * tilt_y
         sx, sy, sw = implicit_slip(
             load,
             total,

@@ -22,7 +22,7 @@ from vibgym.physics.contact_area.pressure_moments import (
     read_phasors,
 )
 from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import Motion, body_of
+from vibgym.physics.core.records import Motion, body_in, body_of
 from vibgym.physics.friction.points import cuts_needed, slide_by_points
 from vibgym.physics.friction.series import limits, slide_by_series
 
@@ -45,11 +45,12 @@ def enter_part(scene, slot, world, part, away):
     """Put a part into a slot; ``away``: it is not on the table, or the slot stays empty and only copies that part."""
     state, workspace = scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
-    body = body_of(scene.bodies, scene.bodies.kind[part])
+    body = body_in(scene.bodies, state, world, part)
     workspace.world[slot], workspace.part[slot], workspace.away[slot] = world, part, away
     workspace.most_square[slot], workspace.slow_rate[slot] = limits(scene.table, body)
     own = workspace.own[g]
     own[2 * LANES + lane], own[3 * LANES + lane] = body.friction, 1.0 / body.gyration
+    own[4 * LANES + lane], own[5 * LANES + lane] = body.tilt_x, body.tilt_y
     for k in range(3):
         workspace.pose[g, k * LANES + lane] = state.pose[world, part, k]
         workspace.velocity[g, k * LANES + lane] = state.velocity[world, part, k]
@@ -135,7 +136,7 @@ def take_by_points(scene, step, slot):
     world, part = workspace.world[slot], workspace.part[slot]
     pose, velocity = workspace.pose[g], workspace.velocity[g]
     motion, stuck, supported = slide_by_points(
-        scene.table, body_of(scene.bodies, scene.bodies.kind[part]), scene.scheme.pieces, scene.drive, world, step,
+        scene.table, body_in(scene.bodies, state, world, part), scene.scheme.pieces, scene.drive, world, step,
         workspace.cut, workspace.phasors, slot,
         Motion(
             pose[lane], pose[LANES + lane], pose[2 * LANES + lane],

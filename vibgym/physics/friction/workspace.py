@@ -46,7 +46,7 @@ class Workspace(NamedTuple):
     old_velocity: np.ndarray
     begun_pose: np.ndarray  # of the period's start, for means and divergence
     begun_velocity: np.ndarray
-    own: np.ndarray  # (groups, 4 x lane), see vibgym.physics.friction.series.kutta_lanes
+    own: np.ndarray  # (groups, 6 x lane), see vibgym.physics.friction.series.kutta_lanes
     inverse_area: np.ndarray  # (groups, lane) one over the supported area, in cells
     held: np.ndarray  # (groups, lane) number of pieces
     pieces: np.ndarray  # (groups, piece x field x lane)
@@ -113,7 +113,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         old_velocity=lanes(3),
         begun_pose=lanes(3),
         begun_velocity=lanes(3),
-        own=lanes(4),
+        own=lanes(6),
         inverse_area=lanes(1),
         held=np.zeros((groups, LANES), np.int64),
         pieces=lanes((across * across + 1) * PIECE_FIELDS),

@@ -1,0 +1,269 @@
+"""Alternating projections: phasors that do what parts want, of elements that rest or move far enough. Compiled.
+
+The wish is projected onto what elements can do, what is then missing is added to the wish as the phasors of least norm, and so
+on from several starts. Of all that was come by, the one with the least expected error is taken: what is missing, and what the
+spread of the elements' gains and phases makes of each piece's push.
+
+Parts that share elements are served together, as a group; all others by themselves. A world's phasors are the same bits alone
+and in a batch: the starts are a fixed table.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.control.allocation import DAMPING
+from agents.control.pieces import cut_parts
+from vibgym.physics.core.jit import borrowing
+
+STARTS, ROUNDS = 16, 8
+"""Starts, the least-norm phasors first, and projections from each."""
+
+SPREAD = 0.1
+"""Expected error of an element's push over its size: 5 % of gain and 5 degrees of phase."""
+
+
+class Limits(NamedTuple):
+    """What elements can do, as shares of full amplitude, and how it is looked for."""
+
+    least: float  # smallest amplitude but rest
+    most: float
+    start: np.ndarray  # (STARTS, slots, 2) what is added to the least-norm phasors
+
+
+class Work(NamedTuple):
+    """Scratch of one world."""
+
+    group: np.ndarray  # (parts,) int64: the first part with which each shares elements, directly or not
+    slot: np.ndarray  # (elements,) int64: where an element stands in the list of its group; -1: not under a part
+    element: np.ndarray  # (room,) int64: the list
+    covered: np.ndarray  # (room,) share of parts on it
+    at: np.ndarray  # (parts,) int64: where a part stands in its group
+    row: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
+    on: np.ndarray  # (room,) int64: ... where its element stands ...
+    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration
+    inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
+    wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
+    missing: np.ndarray  # (3 parts,) ... what they do not get ...
+    command: np.ndarray  # (3 parts,) ... and the strengths of the fields that would give it to them
+    wish: np.ndarray  # (room, 2) phasors, accumulated
+    done: np.ndarray  # (room, 2) the same as the elements can do it
+    best: np.ndarray  # (room, 2)
+
+
+def new_work(parts: int, elements: int, room: int) -> Work:
+    """Scratch for worlds of so many parts, elements and pieces."""
+    return Work(
+        group=np.zeros(parts, dtype=np.int64),
+        slot=np.full(elements, -1, dtype=np.int64),
+        element=np.zeros(room, dtype=np.int64),
+        covered=np.zeros(room),
+        at=np.zeros(parts, dtype=np.int64),
+        row=np.zeros(room, dtype=np.int64),
+        on=np.zeros(room, dtype=np.int64),
+        arm=np.zeros((room, 3)),
+        inverse=np.zeros((3 * parts, 3 * parts)),
+        wanted=np.zeros(3 * parts),
+        missing=np.zeros(3 * parts),
+        command=np.zeros(3 * parts),
+        wish=np.zeros((room, 2)),
+        done=np.zeros((room, 2)),
+        best=np.zeros((room, 2)),
+    )
+
+
+def start_table(slots: int, size: float) -> np.ndarray:
+    """Vectors (STARTS, slots, 2) spread evenly over the disc of radius ``size``, those of the first start zero."""
+    k = np.arange(STARTS * slots, dtype=np.float64).reshape(STARTS, slots)
+    # Kronecker's sequence; powers of the plastic number fill the square evenly (M. Roberts 2018).
+    radius, turn = size * np.sqrt(k * 0.7548776662466927 % 1.0), 2.0 * math.pi * (k * 0.5698402909980532 % 1.0)
+    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
+    table[0] = 0.0
+    return table
+
+
+@borrowing
+def group_parts(pieces, count, parts, group, slot):
+    """Number the parts by the groups that share elements; leaves -1 in ``slot``."""
+    for p in range(parts):
+        group[p] = p
+    for i in range(count):
+        e, p = pieces.element[i], pieces.part[i]
+        if slot[e] < 0:
+            slot[e] = p
+        elif group[slot[e]] != group[p]:
+            low, high = min(group[slot[e]], group[p]), max(group[slot[e]], group[p])
+            for q in range(parts):
+                if group[q] == high:
+                    group[q] = low
+    for i in range(count):
+        slot[pieces.element[i]] = -1
+
+
+@borrowing
+def invert(matrix, n):
+    """Invert a positive definite matrix (n, n) in place: Gauss and Jordan, which then need no pivots."""
+    for k in range(n):
+        pivot = 1.0 / matrix[k, k]
+        matrix[k, k] = 1.0
+        for j in range(n):
+            matrix[k, j] *= pivot
+        for i in range(n):
+            if i != k:
+                share = matrix[i, k]
+                matrix[i, k] = 0.0
+                for j in range(n):
+                    matrix[i, j] -= share * matrix[k, j]
+
+
+@borrowing
+def gather(pieces, count, own, wanted, work):
+    """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three."""
+    group, slot, inverse = work.group, work.slot, work.inverse
+    parts, elements, n = 0, 0, 0
+    for p in range(group.shape[0]):
+        if group[p] == own:
+            work.at[p] = parts
+            for k in range(3):
+                work.wanted[3 * parts + k] = wanted[p, k]
+            parts += 1
+    for i in range(count):
+        p, e = pieces.part[i], pieces.element[i]
+        if group[p] != own:
+            continue
+        if slot[e] < 0:
+            slot[e] = elements
+            work.element[elements], work.covered[elements] = e, 0.0
+            elements += 1
+        work.covered[slot[e]] += pieces.share[i]
+        work.row[n], work.on[n] = 3 * work.at[p], slot[e]
+        work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
+        n += 1
+    for i in range(3 * parts):
+        for j in range(3 * parts):
+            inverse[i, j] = DAMPING if i == j else 0.0
+    for i in range(n):
+        p, a, ax, ay = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        weight = 1.0 / work.covered[work.on[i]]
+        for j in range(n):
+            if work.on[j] != work.on[i]:
+                continue
+            q, b, bx, by = work.row[j], work.arm[j, 0], work.arm[j, 1], work.arm[j, 2]
+            inverse[p, q] += weight * a * b
+            inverse[p + 1, q + 1] += weight * a * b
+            inverse[p, q + 2] -= weight * a * by
+            inverse[p + 1, q + 2] += weight * a * bx
+            inverse[p + 2, q] -= weight * ay * b
+            inverse[p + 2, q + 1] += weight * ax * b
+            inverse[p + 2, q + 2] += weight * (ax * bx + ay * by)
+    invert(inverse, 3 * parts)
+    return parts, elements, n
+
+
+@borrowing
+def miss(work, parts, n, phasors):
+    """What the group's parts lack under ``phasors``, in ``work.missing``; returns the expected error, squared."""
+    missing, expected = work.missing, 0.0
+    for k in range(3 * parts):
+        missing[k] = work.wanted[k]
+    for i in range(n):
+        p, a, ax, ay = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        x, y = phasors[work.on[i], 0], phasors[work.on[i], 1]
+        missing[p] -= a * x
+        missing[p + 1] -= a * y
+        missing[p + 2] -= ax * y - ay * x
+        expected += SPREAD * SPREAD * (a * a + ax * ax + ay * ay) * (x * x + y * y)
+    for k in range(3 * parts):
+        expected += missing[k] * missing[k]
+    return expected
+
+
+@borrowing
+def add_missing(work, parts, n):
+    """Add to the wish the phasors of least mean square over the covered area that do what is missing."""
+    command, wish = work.command, work.wish
+    for k in range(3 * parts):
+        value = 0.0
+        for j in range(3 * parts):
+            value += work.inverse[k, j] * work.missing[j]
+        command[k] = value
+    for i in range(n):
+        p, a, ax, ay, j = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2], work.on[i]
+        wish[j, 0] += (a * command[p] - ay * command[p + 2]) / work.covered[j]
+        wish[j, 1] += (a * command[p + 1] + ax * command[p + 2]) / work.covered[j]
+
+
+@borrowing
+def project(limits, elements, wish, done):
+    """The nearest that elements can do: rest, or an amplitude within the limits; returns whether the dead zone took any."""
+    taken = False
+    for j in range(elements):
+        x, y = wish[j, 0], wish[j, 1]
+        length = math.sqrt(x * x + y * y)
+        scale = 1.0
+        if length > limits.most:
+            scale = limits.most / length
+        elif length < limits.least:
+            scale = limits.least / length if length > 0.5 * limits.least else 0.0
+            taken = taken or length > 0.0
+        done[j, 0], done[j, 1] = scale * x, scale * y
+    return taken
+
+
+@borrowing
+def serve_group(limits, pieces, count, own, wanted, work):
+    """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
+    parts, elements, n = gather(pieces, count, own, wanted, work)
+    wish, done, best, least = work.wish, work.done, work.best, math.inf
+    for start in range(limits.start.shape[0]):
+        for j in range(elements):
+            done[j, 0], done[j, 1] = 0.0, 0.0
+            wish[j, 0] = limits.start[start, j % limits.start.shape[1], 0]
+            wish[j, 1] = limits.start[start, j % limits.start.shape[1], 1]
+        miss(work, parts, n, wish)
+        add_missing(work, parts, n)
+        for turn in range(ROUNDS):
+            taken = project(limits, elements, wish, done)
+            expected = miss(work, parts, n, done)
+            if expected < least:
+                least = expected
+                for j in range(elements):
+                    best[j, 0], best[j, 1] = done[j, 0], done[j, 1]
+            if start == 0 and turn == 0 and not taken:
+                return elements  # those of least norm will do
+            add_missing(work, parts, n)
+    return elements
+
+
+@borrowing
+def serve(outlines, limits, pose, present, wanted, pieces, work, push):
+    """Pushes of all elements of all worlds, see :meth:`agents.control.dead_zone.DeadZoneAllocator.pushes`.
+
+    Args:
+        outlines: of :func:`agents.control.pieces.outlines_of`.
+        limits: of the elements.
+        pose, wanted: (worlds, parts, 3).  present: (worlds, parts) bool.
+        pieces, work: scratch.
+        push: (worlds, rows, columns, 2), overwritten.
+    """
+    for w in range(pose.shape[0]):
+        push[w] = 0.0
+        count = cut_parts(outlines, pose[w], present[w], pieces)
+        group_parts(pieces, count, pose.shape[1], work.group, work.slot)
+        for own in range(pose.shape[1]):
+            if work.group[own] != own or not present[w, own]:
+                continue
+            moves = False
+            for p in range(pose.shape[1]):
+                if work.group[p] == own and present[w, p]:
+                    moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
+            if not moves:
+                continue
+            elements = serve_group(limits, pieces, count, own, wanted[w], work)
+            for j in range(elements):
+                row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
+                push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]
+                work.slot[work.element[j]] = -1

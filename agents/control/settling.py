@@ -1,0 +1,77 @@
+"""The last millimetres on elements that cannot do little: pulses towards the place where a part comes to rest, then nothing.
+
+Friction brakes a part at the rate c = mu g / (2 a_h w) whatever the elements do, so one at p with velocity v comes to rest at
+p + v / c, and an acceleration a held for the time T shifts that place by a T / c. The same holds for headings. Near its target
+a part therefore gets the one pulse that shifts its place of rest there, and then its elements are off until the place of rest
+is off by more than a band. Held on all the time, elements would have to work against each other to do little, and their spread
+would keep the part in motion.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from agents.control.measured import Measured
+from agents.task_info import TaskInfo
+
+NEAR, NEAR_TURN = 0.003, math.radians(5.0)
+"""m and rad, of the place of rest from the target: below both a part gets pulses."""
+
+REACH = 0.015
+"""m, of the part from its target, likewise: friction grows with speed, and the place of rest is known well for slow parts."""
+
+BAND = 0.25
+"""Share of the tolerances within which places of rest are left as they are."""
+
+LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
+"""m and rad, the same where a task asks for no pose, but for zones or distances."""
+
+
+class Settling:
+    """Replaces what the law wants of parts near their targets.
+
+    Args:
+        info: task and step time.
+        drag: (parts,) 1/s, c above.
+        push, turn_push: (parts,) m/s^2 and rad/s^2 of a push of strength 1.
+        approach: 1/s, set velocity over the distance to the target near it.
+        ahead: s, by which measured places have been moved on.
+
+    Attributes:
+        slack: m, by how much corners of parts at rest may be off.
+    """
+
+    def __init__(
+        self, info: TaskInfo, drag: np.ndarray, push: np.ndarray, turn_push: np.ndarray, approach: float, ahead: float
+    ) -> None:
+        self.approach, self.coast = approach, 1.0 / np.maximum(drag, 1e-9) - ahead  # s
+        self.gain, self.turn_gain = drag / (push * info.step_time), drag / (turn_push * info.step_time)
+        self.band = BAND * info.position_tolerance if info.has_goal else LOOSE_BAND
+        self.turn_band = BAND * info.heading_tolerance if info.has_goal else LOOSE_TURN
+        self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
+        self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
+
+    def __call__(self, measured: Measured, velocity: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Wanted accelerations (batch, parts, 3), see :meth:`agents.control.law.Steering.wanted`.
+
+        Args:
+            velocity: (batch, parts, 2) m/s, set.
+            turn: (batch, parts) rad that are left.
+            wanted: (batch, parts, 3) by the law for parts on their way.
+        """
+        way = velocity / self.approach
+        off = way - self.coast[:, None] * measured.velocity
+        off_turn = turn - self.coast * measured.spin
+        distance, skew = np.sqrt((off**2).sum(axis=-1)), np.abs(off_turn)
+        near = (way**2).sum(axis=-1) < REACH**2
+        near &= (distance < self.near) & (skew < self.near_turn)
+        rests = near & (distance < self.band) & (skew < self.turn_band)
+        pulse = np.concatenate([self.gain[:, None] * off, (self.turn_gain * off_turn)[..., None]], axis=-1)
+        return np.where(rests[..., None], 0.0, np.where(near[..., None], pulse, wanted))
+
+
+def keep_on(measured: Measured, velocity: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """What the law wants, for elements that can do as little as they are told."""
+    return wanted

@@ -1,0 +1,199 @@
+"""From settings to jobs: everything that can fail for bad input is built before anything runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+import vibgym  # noqa: F401 - registers the environments
+from agents.evaluation.entries import HardwareEntry, PolicyEntry, laid_over, with_sensor
+from agents.evaluation.results import Trial
+from agents.evaluation.settings import EvaluationSettings
+from agents.policy import Policy
+from agents.registry import CONTROLLERS, make_policy
+from agents.task_info import TaskInfo
+from vibgym import checks
+from vibgym.envs.viewer import scenery_of
+from vibgym.files import output_directory, output_files
+from vibgym.rendering import Scenery
+
+FILES = ("results.csv", "episodes.csv", "results.json", "report.html")
+"""Of an evaluation, beside a film that is asked for."""
+
+
+@dataclass(frozen=True)
+class Gif:
+    """Wish for a film of one policy on one task as a GIF file, on the first hardware that it runs on if none is named."""
+
+    task: str
+    policy: str
+    path: Path
+    hardware: str | None = None
+
+
+@dataclass(frozen=True)
+class Job:
+    """One policy's episodes on one task, in environments with some arguments."""
+
+    info: TaskInfo
+    seeds: list[int]
+    environment: dict[str, Any]  # keyword arguments other than action and observation
+    content: Any  # from which another process makes the policy, see make_policy
+    policy: Policy
+
+    @property
+    def size(self) -> tuple[bool, int]:
+        """Jobs in the order of this are done soon.
+
+        Tasks for one part come first, while the cost of several is measured: so hardly a kernel is compiled twice. Then those
+        that take longest, lest one is left over in the end.
+        """
+        parts = len(self.info.parts)
+        return parts > 1, -len(self.seeds) * parts * (self.info.step_limit or 1)
+
+    @property
+    def plain(self) -> bool:
+        """Whether the policy is made from plain data, as well in another process; objects stay here, whatever they remember."""
+        return isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A checked evaluation: environments and policies exist, the output directory can be written to."""
+
+    settings: EvaluationSettings
+    tasks: dict[str, TaskInfo]
+    scenery: dict[str, Scenery]  # what pictures of each task show
+    jobs: dict[Trial, Job]
+    study: dict[tuple[str, str], Job]  # (case, policy) of the study of effects, case after case
+    film: tuple[Trial, Path] | None  # that is asked for as a file
+
+
+def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
+    """Build all that can fail for bad input, before anything runs.
+
+    Raises:
+        ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
+    """
+    entries, machines = settings.entries(), settings.machines()
+    tasks: dict[str, TaskInfo] = {}
+    scenery: dict[str, Scenery] = {}
+    jobs: dict[Trial, Job] = {}
+    for task in settings.tasks:
+        with _Field("evaluation.environment"):
+            env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings.environment)
+        tasks[task], scenery[task] = TaskInfo.of(env, task), scenery_of(env.unwrapped)  # type: ignore[arg-type]
+        env.close()
+        serving = [each for each in entries if each.tasks is not None or serves(each.content, tasks[task])]
+        for machine in machines:
+            jobs |= _jobs(settings, tasks[task], machine, [each for each in serving if machine.runs(each, task)])
+        if not any(trial.task == task for trial in jobs):
+            raise checks.refuse("evaluation.policies", [entry.name for entry in entries], f"one that serves {task}")
+    for entry in entries:
+        if not any(trial.policy == entry.name for trial in jobs):
+            raise checks.refuse("evaluation.policies", entry.name, f"policies that serve one of {', '.join(tasks)}")
+    for machine in machines:
+        if not any(trial.hardware == machine.name for trial in jobs):
+            allowed = "hardware that a policy runs on"
+            raise checks.refuse(f"evaluation.hardware.{machine.name}", list(machine.tasks), allowed)
+    study = _study(settings)
+    film = None if gif is None else (_filmed(gif, jobs), gif.path)
+    directory = output_directory(Path(settings.output), "evaluation.output")
+    output_files((directory / name for name in FILES), "evaluation.output")
+    if gif is not None and gif.path.resolve() in [(directory / name).resolve() for name in FILES]:
+        raise checks.refuse("--gif PATH", str(gif.path), "a name that no other file of the report has")
+    return Evaluation(settings, tasks, scenery, jobs, study, film)
+
+
+def _jobs(
+    settings: EvaluationSettings, plain: TaskInfo, machine: HardwareEntry, entries: list[PolicyEntry]
+) -> dict[Trial, Job]:
+    """Those of one task on one machine."""
+    task, jobs = plain.name, {}
+    environment = laid_over(settings.environment, machine.arguments)
+    info = plain
+    if machine.arguments and entries:
+        info = _told(task, environment, f"evaluation.hardware.{machine.name}")
+    seeds = settings.seed_list(task, machine.episodes)
+    place = task if settings.hardware is None else f"{task}, {machine.name}"
+    for entry in entries:
+        with _Field(f"evaluation.policies ({entry.name} on {place})"):
+            policy = make_policy(entry.content, info, seeds[0])
+        jobs[Trial(task, machine.name, entry.name)] = Job(info, seeds, environment, entry.content, policy)
+    return jobs
+
+
+def _study(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
+    """Jobs of the study of effects."""
+    asked, jobs = settings.effects, {}
+    if asked is None:
+        return jobs
+    contents = settings.named_policies()
+    seeds = settings.seed_list(asked.task, asked.episodes)
+    for case, arguments in asked.arguments().items():
+        environment = laid_over(settings.environment, arguments)
+        plain = _told(asked.task, environment, f"evaluation.effects.cases.{case}")
+        for column in asked.columns(list(contents)):
+            own, info, field = environment, plain, f"evaluation.effects.policies ({column.name} in {case})"
+            if column.sensor:
+                own = with_sensor(environment, column.sensor)
+                info = _told(asked.task, own, field)
+            content = contents[column.policy]
+            with _Field(field):
+                policy = make_policy(content, info, seeds[0])
+            jobs[case, column.name] = Job(info, seeds, own, content, policy)
+    return jobs
+
+
+def _told(task: str, environment: dict[str, Any], field: str) -> TaskInfo:
+    """What is public of an environment with these arguments; errors begin with the field that they come from."""
+    with _Field(field):
+        env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **environment)
+    info = TaskInfo.of(env, task)
+    env.close()
+    return info
+
+
+def _filmed(gif: Gif, jobs: dict[Trial, Job]) -> Trial:
+    """The trial whose film is asked for, checked."""
+    checks.choice("--gif TASK", gif.task, tuple({trial.task: None for trial in jobs}))
+    some = [trial for trial in jobs if trial.task == gif.task]
+    if gif.hardware is not None:
+        checks.choice("--gif-hardware", gif.hardware, tuple({trial.hardware: None for trial in some}))
+        some = [trial for trial in some if trial.hardware == gif.hardware]
+    checks.choice("--gif POLICY", gif.policy, tuple({trial.policy: None for trial in some}))
+    output_files([gif.path], "--gif PATH")
+    return next(trial for trial in some if trial.policy == gif.policy)
+
+
+def serves(content: Any, info: TaskInfo) -> bool:
+    """Whether a policy that names no tasks is meant for this one.
+
+    A controller is where it can be made with its own defaults. All others are: where they do not fit, making them says so.
+    """
+    kind = content.get("kind") if isinstance(content, Mapping) else content
+    if not isinstance(kind, str) or kind not in CONTROLLERS or kind == "trained":
+        return True
+    try:
+        make_policy(kind, info)
+    except ValueError:
+        return False
+    return True
+
+
+class _Field:
+    """Puts the name of a field before the message of a ValueError."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, ValueError):
+            raise ValueError(f"{self.name}: {error}") from None

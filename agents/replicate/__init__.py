@@ -1,0 +1,1 @@
+"""Figures of the thesis, repeated: ``python -m agents replicate``."""

@@ -1,0 +1,300 @@
+"""Prototype actuators: every effect against its definition, faults, draws from ranges, and what bad settings say."""
+
+import copy
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same
+from vibgym import Surface
+from vibgym.actuators import PrototypeActuators, actuators_from, nominal
+from vibgym.physics.core.drive import all_phasors, polar_drive
+
+SURFACE = Surface(rows=3, columns=4)
+W2 = SURFACE.angular_frequency**2
+PLAIN = {"dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
+
+
+def made(worlds=1, periods=1, **settings):
+    """Actuators with an episode begun."""
+    own = PrototypeActuators(SURFACE, worlds, periods, **{**PLAIN, **settings})
+    own.prepare(command(worlds, 0.0))
+    own.reset(np.arange(worlds), np.full((worlds, own.draws), 0.5))
+    return own
+
+
+def command(worlds, amplitude, phase=0.0):
+    shape = (worlds, SURFACE.rows, SURFACE.columns)
+    return polar_drive(np.broadcast_to(amplitude, shape).copy(), np.broadcast_to(phase, shape).copy(), math.sqrt(W2))
+
+
+def done(own, asked):
+    """(stretches, worlds, rows, columns) amplitudes (m) and phases in a step, and how long each lasts."""
+    amplitudes, phases, lengths = [], [], []
+    for drive, periods in own.apply(asked):
+        phasors = np.empty((own.worlds, SURFACE.rows, SURFACE.columns, 2))
+        all_phasors(drive, phasors)
+        amplitudes.append(np.hypot(phasors[..., 0], phasors[..., 1]) / W2)
+        phases.append(np.arctan2(phasors[..., 1], phasors[..., 0]))
+        lengths.append(periods)
+    return np.array(amplitudes), np.array(phases), lengths
+
+
+ASKED = np.linspace(0.0, 0.39e-3, 12).reshape(3, 4)
+
+
+def test_without_any_effect_they_do_as_they_are_told():
+    amplitude, phase, _ = done(made(), command(1, ASKED, 1.0))
+    assert amplitude[0, 0] == pytest.approx(ASKED, abs=1e-15) and phase[0, 0, ASKED > 0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("form, below", [
+    ("hard", lambda a, d: 0.0 * a), ("soft", lambda a, d: a**2 / d), ("cubic", lambda a, d: a**3 / d**2),
+])  # fmt: skip
+def test_dead_zone(form, below):
+    amplitude, _, _ = done(made(dead_zone=1e-4, dead_zone_form=form), command(1, ASKED))
+    assert amplitude[0, 0] == pytest.approx(np.where(ASKED < 1e-4, below(ASKED, 1e-4), ASKED), abs=1e-15)
+
+
+@pytest.mark.parametrize("phase", np.linspace(0.0, 6.0, 7))
+def test_an_amplitude_of_exactly_the_dead_zone_is_realised(phase):
+    amplitude, _, _ = done(made(dead_zone=1e-4), command(1, np.float32(1e-4), phase))
+    assert np.abs(amplitude - 1e-4).max() < 1e-10
+
+
+def test_limit_and_resolution():
+    amplitude, _, _ = done(made(limit=0.25e-3, resolution=1e-5), command(1, ASKED))
+    assert amplitude[0, 0] == pytest.approx(np.minimum(np.round(ASKED / 1e-5) * 1e-5, 0.25e-3), abs=1e-15)
+
+
+def test_spread_is_normal_and_the_elements_own():
+    own = made(worlds=60, gain_spread=0.05, phase_spread=0.1)
+    uniform = np.random.default_rng(1).random((60, own.draws))
+    uniform[1] = uniform[0]
+    own.reset(np.arange(60), uniform)
+    amplitude, phase, _ = done(own, command(60, 2e-4, 0.5))
+    gain, turn = amplitude[0] / 2e-4, phase[0] - 0.5
+    n = gain.size
+    assert abs(gain.mean() - 1.0) < 4 * 0.05 / math.sqrt(n) and abs(turn.mean()) < 4 * 0.1 / math.sqrt(n)
+    assert abs(gain.std() / 0.05 - 1.0) < 4 / math.sqrt(2 * n) and abs(turn.std() / 0.1 - 1.0) < 4 / math.sqrt(2 * n)
+    assert len(np.unique(gain[0])) == 12
+    assert (gain[0] == gain[1]).all()  # the same draws of the world's generator
+    again, _, _ = done(own, command(60, 1e-4, 0.5))
+    assert again[0] == pytest.approx(0.5 * amplitude[0])  # a gain stays for the episode
+
+
+def test_what_a_gain_lifts_beyond_the_surface_s_largest_amplitude_is_cut():
+    amplitude, _, _ = done(made(worlds=50, gain_spread=0.3), command(50, SURFACE.max_amplitude))
+    assert amplitude.max() == pytest.approx(SURFACE.max_amplitude) and (amplitude > 0.999 * SURFACE.max_amplitude).any()
+
+
+def test_faults_one_by_one():
+    own = made(dead=[[0, 1]], stuck=[[2, 3, 1e-4, 0.7]])
+    amplitude, phase, _ = done(own, command(1, 2e-4, 0.1))
+    expected = np.full((3, 4), 2e-4)
+    expected[0, 1], expected[2, 3] = 0.0, 1e-4
+    assert amplitude[0, 0] == pytest.approx(expected, abs=1e-15) and phase[0, 0, 2, 3] == pytest.approx(0.7)
+    assert done(own, command(1, 0.0))[0][0, 0, 2, 3] == pytest.approx(1e-4)  # whatever is asked
+
+
+def test_shares_of_faults():
+    own = PrototypeActuators(SURFACE, 500, 1, **{**PLAIN, "dead": 0.2, "stuck": 0.1})
+    own.prepare(command(500, 0.0))
+    own.reset(np.arange(500), np.random.default_rng(0).random((500, own.draws)))
+    amplitude, _, _ = done(own, command(500, 2e-4))
+    n = amplitude.size
+    dead, sound = (amplitude == 0.0).sum() / n, (np.abs(amplitude - 2e-4) < 1e-15).sum() / n
+    assert abs(dead - 0.2) < 4 * math.sqrt(0.2 * 0.8 / n) and abs(sound - 0.7) < 4 * math.sqrt(0.7 * 0.3 / n)
+
+
+@pytest.mark.parametrize("periods, latency", [(1, 0), (1, 1), (1, 3), (4, 1), (4, 4), (4, 6), (3, 7)])
+def test_commands_take_effect_after_the_latency(periods, latency):
+    own = made(periods=periods, latency=latency)
+    seen = []
+    for step in range(6):
+        amplitude, _, lengths = done(own, command(1, 1e-5 * (step + 1)))
+        assert sum(lengths) == periods
+        seen += [each for each, length in zip(amplitude[:, 0, 0, 0], lengths) for _ in range(length)]
+    expected = [1e-5 * ((k - latency) // periods + 1) if k >= latency else 0.0 for k in range(6 * periods)]
+    assert seen == pytest.approx(expected, abs=1e-18)
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+def test_latencies_that_differ_from_world_to_world(periods):
+    many = PrototypeActuators(SURFACE, 4, periods, **PLAIN)
+    many.vary({"latency": [0, 5]})
+    many.prepare(command(4, 0.0))
+    uniform = np.array([0.1, 0.99, 0.4, 0.6])[:, None].repeat(many.draws, axis=1)
+    many.reset(np.arange(4), uniform)
+    latencies = many.drawn()["latency"]
+    assert latencies.tolist() == [0, 5, 2, 3]
+    one = [made(periods=periods, latency=int(each)) for each in latencies]
+    for step in range(5):
+        asked = 1e-5 * (step + 1)
+        amplitude, _, lengths = done(many, command(4, asked))
+        together = np.repeat(amplitude[:, :, 0, 0], lengths, axis=0)
+        for world, own in enumerate(one):
+            amplitude, _, lengths = done(own, command(1, asked))
+            assert together[:, world] == pytest.approx(np.repeat(amplitude[:, 0, 0, 0], lengths), abs=1e-18)
+
+
+def test_bandwidth_is_a_lag_of_first_order():
+    """Means over periods of the step response 1 - exp(-2 pi B t)."""
+    own = made(periods=2, bandwidth=3.0)
+    amplitude = np.concatenate([done(own, command(1, 2e-4))[0][:, 0, 1, 1] for _ in range(4)])
+    rate = 2 * math.pi * 3.0 * SURFACE.period
+    k = np.arange(8)
+    expected = 1.0 - np.exp(-rate * k) * (1.0 - math.exp(-rate)) / rate
+    assert amplitude == pytest.approx(2e-4 * expected, rel=1e-12)
+
+
+def test_a_machine_with_a_seed_is_the_same_in_all_worlds_and_episodes():
+    env = gym.make_vec("vibgym/Align-v0", num_envs=3, actuators={"kind": "prototype", "seed": 4}).unwrapped
+    env.reset(seed=0)
+    first = env.core.actuators.elements
+    env.reset(seed=9)
+    assert (env.core.actuators.elements == first).all() and (first[0] == first[1]).all()
+    other = gym.make_vec("vibgym/Align-v0", num_envs=3, actuators={"kind": "prototype", "seed": 5}).unwrapped
+    other.reset(seed=0)
+    assert (other.core.actuators.elements != first).any()
+
+
+def test_the_data_sheet_says_what_is_known_beforehand_and_no_more():
+    own = made(dead_zone=5e-5, dead_zone_form="soft", limit=2e-4, latency=3, gain_spread=0.1, dead=0.1, resolution=1e-6)
+    sheet = own.data_sheet
+    assert (sheet.dead_zone, sheet.dead_zone_form, sheet.limit) == (5e-5, "soft", 2e-4)
+    assert (sheet.latency, sheet.resolution, sheet.bandwidth) == (3, 1e-6, None)
+    model = nominal(own)
+    model.prepare(command(1, 0.0))
+    model.reset(np.arange(1), np.zeros((1, 0)))
+    amplitude, _, _ = done(model, command(1, ASKED))
+    expected = np.minimum(np.where(ASKED < 5e-5, ASKED**2 / 5e-5, ASKED), 2e-4)
+    assert amplitude[0, 0] == pytest.approx(expected, abs=1e-6)
+
+
+SETTINGS = {"kind": "prototype", "latency": 2, "dead": 0.05, "stuck": 0.05}
+RANGES = {"dead_zone": [5e-5, 1.5e-4], "latency": [0, 3], "gain_spread": [0.0, 0.1], "friction": [0.9, 1.1]}
+
+
+@pytest.mark.parametrize("action", ["element", "phasor", "patch", "field"])
+@pytest.mark.parametrize("more", [{}, {"bandwidth": 5.0}])
+def test_alone_in_a_batch_and_restored_bit_for_bit(action, more):
+    settings = {"actuators": {**SETTINGS, **more}, "randomize": RANGES, "action": action, "max_episode_steps": 7}
+    many = gym.make_vec("vibgym/Align-v0", num_envs=3, autoreset_mode="SameStep", **settings)
+    random = np.random.default_rng(3)
+    actions = random.uniform(-1, 1, (15, *many.action_space.shape)).astype(np.float32)
+    seen = [many.reset(seed=7)[0]] + [many.step(each)[0] for each in actions[:9]]
+    state = copy.deepcopy(many.unwrapped.get_state())
+    drawn = many.step(actions[9])[-1]["drawn"]
+    assert (drawn["latency"] == np.round(drawn["latency"])).all() and len(np.unique(drawn["dead_zone"])) == 3
+    rest = [many.step(each) for each in actions[10:]]
+    many.unwrapped.set_state(state)
+    many.step(actions[9])
+    assert_same([many.step(each) for each in actions[10:]], rest)
+    for world in (0, 2):
+        one = gym.make("vibgym/Align-v0", **settings)
+        alone = [one.reset(seed=7 + world)[0]]
+        for each in actions[:9]:
+            observation, _, terminated, truncated, _ = one.step(each[world])
+            alone.append(one.reset()[0] if terminated or truncated else observation)
+        assert_same(alone, [each[world] for each in seen])
+
+
+@pytest.mark.parametrize("model", ["planar", "averaged", "auto"])
+def test_a_world_does_not_feel_the_latencies_of_others(model):
+    """Where a step of several periods is cut matters to the averaged model: all worlds are cut alike."""
+    settings = {"model": model, "action": "field", "periods_per_step": 4, "actuators": "prototype"}
+    settings["randomize"] = {"latency": [0, 6]}
+    many = gym.make_vec("vibgym/Align-v0", num_envs=4, **settings)
+    singles = [gym.make("vibgym/Align-v0", **settings) for _ in range(4)]
+    many.reset(seed=3)
+    drawn = [env.reset(seed=3 + k)[1]["drawn"]["latency"] for k, env in enumerate(singles)]
+    assert len({each % 4 for each in drawn}) > 1
+    actions = np.random.default_rng(0).uniform(-1, 1, (5, *many.action_space.shape)).astype(np.float32)
+    for each in actions:
+        together = many.step(each)[0]
+        assert_same([env.step(own)[0] for env, own in zip(singles, each)], list(together))
+
+
+@pytest.mark.parametrize("action", ["patch", "field"])
+def test_commands_on_record_of_parts_that_are_gone_can_be_restored(action):
+    """They are aimed at nowhere, which is a number too."""
+    settings = {"action": action, "actuators": "prototype", "randomize": {"parts": [2, 4]}}
+    env, other = (gym.make("vibgym/Sort-v0", **settings).unwrapped for _ in range(2))
+    env.reset(seed=1)
+    actions = np.random.default_rng(0).uniform(-1, 1, (6, *env.action_space.shape)).astype(np.float32)
+    for each in actions[:3]:
+        env.step(each)
+    other.set_state(env.get_state())
+    assert_same([other.step(each) for each in actions[3:]], [env.step(each) for each in actions[3:]])
+
+
+BAD = [
+    (
+        {"dead_zone": 3e-4, "limit": 2e-4},
+        r"actuators\.dead_zone: got 'a dead zone of 0.0003 m'; allowed: less than the limit",
+    ),
+    ({"dead_zone": -1e-4}, r"actuators\.dead_zone: got -0.0001"),
+    ({"dead_zone_form": "round"}, r"actuators\.dead_zone_form: got 'round'; allowed: 'hard', 'soft', 'cubic'"),
+    ({"limit": 1e-3}, r"actuators\.limit: got 0.001"),
+    ({"latency": 1.5}, r"actuators\.latency: got 1.5"),
+    ({"gain_spread": math.nan}, r"actuators\.gain_spread: got nan"),
+    ({"bandwidth": 0.0}, r"actuators\.bandwidth: got 0.0"),
+    ({"dead": [[0, 99]]}, r"actuators\.dead: got \[\[0, 99\]\]; allowed: different elements"),
+    ({"dead": [[0, 1], [0, 1]]}, r"actuators\.dead: got"),
+    ({"dead": [[0, 1]], "stuck": [[0, 1, 1e-4, 0.0]]}, r"actuators\.stuck: got .*not dead as well"),
+    ({"dead": 0.7, "stuck": 0.6}, r"actuators\.stuck: got 0.6; allowed: at most 0.3"),
+    ({"dead": "all"}, r"actuators\.dead: got 'all'"),
+    ({"seed": -1}, r"actuators\.seed: got -1"),
+    ({"hum": 1}, r"actuators: got \"the setting 'hum'\"; allowed: dead_zone, "),
+]
+
+
+@pytest.mark.parametrize("settings, message", BAD)
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        actuators_from({"kind": "prototype", **settings}, SURFACE, 2, 1)
+
+
+@pytest.mark.parametrize("ranges, message", [
+    ({"dead_zone": [2e-4, 1e-4]}, r"randomize\['dead_zone'\]\[1\]: got 0.0001; allowed: a finite number >= 0.0002"),
+    ({"latency": [0, 1.5]}, r"randomize\['latency'\]\[1\]: got 1.5; allowed: a whole number"),
+    ({"limit": [5e-5, 2e-4]}, r"randomize\['limit'\]: got 'a dead zone of 0.0001 m'"),
+    ({"dead": [0.0, 1.5]}, r"randomize\['dead'\]\[1\]: got 1.5"),
+    ({"dead": 0.5}, r"randomize\['dead'\]: got 0.5; allowed: \[low, high\]"),
+    ({"hum": [0, 1]}, r"randomize: got \"the key 'hum'\"; allowed: keys among friction, mass, tilt, dead_zone, "),
+])  # fmt: skip
+def test_bad_ranges_are_refused(ranges, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        gym.make("vibgym/Align-v0", actuators="prototype", randomize=ranges)
+
+
+def test_units_in_keys():
+    settings = {"kind": "prototype", "dead_zone_mm": 0.05, "phase_spread_deg": 2.0}
+    assert actuators_from(settings, SURFACE, 1, 1).data_sheet.dead_zone == pytest.approx(5e-5)
+
+
+def test_numbers_and_arrays_of_numpy_are_numbers_in_every_unit():
+    plain = {"dead_zone_mm": 0.125, "latency": 2, "dead": [[0, 1]]}
+    arrays = {"dead_zone_mm": np.float32(0.125), "latency": np.int64(2), "dead": np.array([[0, 1]])}
+    ranges = {"phase_spread_deg": [1.0, 5.0], "latency": [0, 3]}
+    envs = []
+    for settings, drawn in ((plain, ranges), (arrays, {name: np.array(each) for name, each in ranges.items()})):
+        actuators = {"kind": "prototype", **settings}
+        envs.append(gym.make("vibgym/Align-v0", actuators=actuators, randomize=drawn))
+    assert_same(*(env.reset(seed=4) for env in envs))
+    envs[0].unwrapped.set_state(envs[1].unwrapped.get_state())  # the same environment
+
+
+def test_more_latency_than_memory_holds_is_refused(monkeypatch):
+    """A world's command of a step takes 2 kB, a reading of its part 50 bytes."""
+    settings = {"num_envs": 100, "action": "phasor", "autoreset_mode": "Disabled"}
+    monkeypatch.setattr("vibgym.checks.memory", lambda: 2**24)
+    gym.make_vec("vibgym/Align-v0", **settings, actuators="prototype")
+    for actuators in ({"kind": "prototype", "latency": 200}, {"kind": "prototype", "latency": 83}):
+        with pytest.raises(
+            ValueError, match=r"^actuators\.latency: got \d+; allowed: a whole number <= 81: each takes"
+        ):
+            gym.make_vec("vibgym/Align-v0", **settings, actuators=actuators)

@@ -1,0 +1,249 @@
+"""Allocation through a dead zone: what elements may do, how near it comes to the best, and what it does on the simulator."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.control.allocation import Allocator
+from agents.control.dead_zone import INVERSES, MARGIN, DeadZoneAllocator, SoftAllocator, allocator_for
+from agents.control.projections import SPREAD
+from tests.agents.control.test_control_pieces import cut
+from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of
+from vibgym import Part, Simulator
+from vibgym.actuators import ACTUATORS
+
+LEAST = 0.25
+THERE = np.ones((1, 1), dtype=bool)
+
+
+def allocator(*parts, least=LEAST, most=1.0):
+    return DeadZoneAllocator(SURFACE, parts, "solve", least=least, most=most)
+
+
+def error(parts, pose, push, wanted):
+    """Of one world: what the parts miss (parts, 3), and the expected error that the allocation shall make small."""
+    made, spread = np.zeros((len(parts), 3)), 0.0
+    push = push.reshape(-1, 2)
+    for part, element, share, lever in zip(*cut(parts, pose), strict=True):
+        x, y = lever / math.sqrt(parts[part].gyration)
+        c, s = push[element]
+        made[part] += share * c, share * s, x * s - y * c
+        spread += SPREAD**2 * (share**2 + x * x + y * y) * (c * c + s * s)
+    missing = wanted - made
+    return missing, (missing**2).sum() + spread
+
+
+wishes = st.tuples(st.floats(0.0, 1.2), st.floats(-1.0, 1.0), st.floats(0.0, 2.0 * math.pi))
+
+
+def wish(size, turn, way):
+    """Wanted acceleration (3,) of a size."""
+    plain = math.sqrt(1.0 - turn * turn)
+    return size * np.array([plain * math.cos(way), plain * math.sin(way), turn])
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.floats(0.05, 0.75), st.floats(0.05, 0.15), st.floats(-4.0, 4.0), wishes, st.floats(0.0, 0.6), st.floats(0.6, 1.0)
+)
+def test_elements_rest_or_move_within_the_limits(x, y, heading, wanted, least, most):
+    wanted = wish(*wanted)
+    push = allocator(ALUMINIUM, least=least, most=most).pushes(np.array([[[x, y, heading]]]), THERE, wanted[None, None])
+    length = np.hypot(push[..., 0], push[..., 1])
+    moves = length > 0.0
+    assert (length[moves] >= least * (1.0 - 1e-12)).all() and length.max() <= most * (1.0 + 1e-12)
+    _, element, *_ = cut((ALUMINIUM,), [[x, y, heading]])
+    assert set(np.flatnonzero(moves.ravel())) <= set(element.tolist())
+    expected = error((ALUMINIUM,), [[x, y, heading]], push[0], wanted[None])[1]
+    assert expected <= (wanted**2).sum() * (1.0 + 1e-9)  # never worse than to do nothing
+
+
+def brute_force(parts, pose, wanted, lengths, turns=36):
+    """Least expected error over all phasors of a grid, amplitude times angle, on the elements under a part."""
+    angle = 2.0 * np.pi * np.arange(turns) / turns
+    choices = np.concatenate([[[0.0, 0.0]], *(r * np.column_stack([np.cos(angle), np.sin(angle)]) for r in lengths)])
+    _, element, share, lever = cut(parts, pose)
+    lever = lever / math.sqrt(parts[0].gyration)
+    total, spread = np.zeros((1, 3)), np.zeros(1)
+    for k in range(len(element)):
+        x, y = choices.T
+        effect = np.column_stack([share[k] * x, share[k] * y, lever[k, 0] * y - lever[k, 1] * x])
+        cost = SPREAD**2 * (share[k] ** 2 + (lever[k] ** 2).sum()) * (x * x + y * y)
+        total, spread = (total[:, None] + effect).reshape(-1, 3), (spread[:, None] + cost).ravel()
+    return (((wanted - total) ** 2).sum(axis=1) + spread).min()
+
+
+@pytest.mark.parametrize("size", [0.03, 0.1, 0.2, 0.4])
+def test_it_comes_near_the_best_of_all_on_few_elements(size):
+    """A block of 40 x 20 mm on two elements, off their middle: all pairs of phasors are tried."""
+    part = Part.rectangle(0.040, 0.020, friction=0.5)
+    found, best = [], []
+    for k in range(12):
+        pose = np.array([[0.130 + 0.0005 * k, 0.091, 0.0]])
+        wanted = wish(size, math.sin(3.0 * k), 2.0 * k)
+        push = allocator(part).pushes(pose[None], THERE, wanted[None, None])[0]
+        assert len(cut((part,), pose)[1]) == 2
+        found.append(error((part,), pose, push, wanted[None])[1])
+        best.append(brute_force((part,), pose, wanted, np.linspace(LEAST, 1.0, 7)))
+    found, best = np.sqrt(found), np.sqrt(best)
+    assert np.median(found / best) < 1.05 and (found < best + 0.02).all()
+
+
+def test_small_wishes_are_granted_where_the_phasors_of_least_norm_are_lost():
+    generator = np.random.default_rng(1)
+    pose = np.column_stack(
+        [generator.uniform(0.1, 0.7, 60), generator.uniform(0.06, 0.14, 60), generator.uniform(-3, 3, 60)]
+    )
+    there, aware, plain = np.ones((60, 1), dtype=bool), [], []
+    wanted = np.array([wish(0.1, *each) for each in generator.uniform([-1, 0], [1, 6], (60, 2))])
+    for maker, errors in ((allocator(ALUMINIUM), aware), (Allocator(SURFACE, [ALUMINIUM], "solve"), plain)):
+        push = maker.pushes(pose[:, None], there, wanted[:, None])
+        push[np.hypot(push[..., 0], push[..., 1]) < LEAST * (1.0 - 1e-9)] = 0.0  # what the dead zone takes
+        errors += [
+            np.linalg.norm(error((ALUMINIUM,), p[None], u, w)[0]) for p, u, w in zip(pose, push, wanted, strict=True)
+        ]
+    assert np.median(plain) == pytest.approx(0.1, rel=0.02) and np.median(aware) < 0.002 and max(aware) < 0.03
+
+
+def test_wishes_beyond_the_dead_zone_are_those_of_least_norm():
+    """Every element moves enough: the same phasors as without a dead zone, but for the exact shares."""
+    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.6, -0.3, 0.05]]])
+    aware, plain = allocator(ALUMINIUM), Allocator(SURFACE, [ALUMINIUM], "solve")
+    assert aware.pushes(pose, THERE, wanted) == pytest.approx(plain.pushes(pose, THERE, wanted), abs=0.02)
+
+
+# -- several parts and worlds ------------------------------------------------------------------------------------------
+
+CLOSE = np.array([[0.3, 0.117, 0.0], [0.352, 0.117, 0.0], [0.6, 0.09, 0.4]])  # the first two share elements
+
+
+def test_parts_that_share_elements_each_get_what_they_want():
+    parts = (STEEL, STEEL, ALUMINIUM)
+    missed = []
+    for k in range(20):
+        wanted = np.array([wish(0.15, math.sin(k + p), 2.0 * k + p) for p in range(3)])
+        push = allocator(*parts).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted[None])[0]
+        missed.append(np.abs(error(parts, CLOSE, push, wanted)[0]).max())
+    assert np.median(missed) < 0.02 and max(missed) < 0.08
+
+
+def test_others_far_away_change_nothing():
+    wanted = np.array([[0.1, 0.02, -0.03], [-0.05, 0.1, 0.04], [0.03, -0.08, 0.1]])
+    all_three = allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted[None])
+    alone = allocator(ALUMINIUM).pushes(CLOSE[None, 2:], THERE, wanted[None, 2:])
+    assert (all_three[0, :, 16:] == alone[0, :, 16:]).all() and (alone[0, :, :16] == 0.0).all()
+
+
+def test_parts_that_want_nothing_rest():
+    wanted = np.zeros((1, 3, 3))
+    wanted[0, 0] = 0.1, 0.0, 0.0
+    push = allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), wanted)
+    assert (push[0, :, 16:] == 0.0).all() and (push[0, :, :16] != 0.0).any()
+    assert (
+        allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], np.ones((1, 3), dtype=bool), 0.0 * wanted) == 0.0
+    ).all()
+    absent = np.array([[False, True, True]])
+    assert (allocator(STEEL, STEEL, ALUMINIUM).pushes(CLOSE[None], absent, wanted) == 0.0).all()
+
+
+def test_a_world_gets_the_same_bits_alone_and_in_any_batch():
+    generator = np.random.default_rng(2)
+    parts, worlds = (STEEL, ALUMINIUM, DISC), 40
+    pose = np.tile(CLOSE, (worlds, 1, 1)) + generator.normal(size=(worlds, 3, 3)) * [0.01, 0.01, 1.0]
+    there, wanted = generator.random((worlds, 3)) < 0.8, 0.1 * generator.normal(size=(worlds, 3, 3))
+    together = allocator(*parts).pushes(pose, there, wanted)
+    order = generator.permutation(worlds)
+    assert (allocator(*parts).pushes(pose[order], there[order], wanted[order]) == together[order]).all()
+    one = allocator(*parts)
+    for w in range(worlds):
+        assert (one.pushes(pose[w : w + 1], there[w : w + 1], wanted[w : w + 1]) == together[w : w + 1]).all()
+
+
+# -- on the simulator --------------------------------------------------------------------------------------------------
+
+
+def test_one_pulse_shifts_the_place_of_rest_as_wanted():
+    """The law behind :mod:`agents.control.settling` and the allocation together: a T / c, with the planar model, at rest."""
+    worlds, generator = 40, np.random.default_rng(3)
+    part, surface = ALUMINIUM, SURFACE
+    pose = np.column_stack(
+        [generator.uniform(0.1, 0.7, 40), generator.uniform(0.06, 0.14, 40), generator.uniform(-3, 3, 40)]
+    )
+    simulator = Simulator(surface, part, worlds=worlds)
+    simulator.reset(pose[:, None])
+    still = np.zeros((worlds, surface.rows, surface.columns))
+    simulator.advance(still, still, periods=60)
+    before = simulator.pose.copy()
+    shift = 0.002 * np.array([wish(1.0, *each) for each in generator.uniform([-1, 0], [1, 6], (worlds, 2))])
+    drag, full = part.friction * surface.gravity / (2.0 * surface.table_speed), 0.5 * part.friction * surface.full_scale
+    maker = allocator(part, least=1e-4 / surface.max_amplitude)
+    actions = maker.actions(before, np.ones((worlds, 1), dtype=bool), (drag * shift / surface.period / full)[:, None])
+    phasor = actions.reshape(worlds, surface.rows, surface.columns, 2).astype(float)
+    amplitude, phase = surface.max_amplitude * np.hypot(*phasor.T).T, np.arctan2(*phasor.T[::-1]).T
+    assert amplitude[amplitude > 0.0].min() > 0.999e-4
+    simulator.advance(amplitude, phase, periods=1)
+    simulator.advance(still, still, periods=60)
+    moved = (simulator.pose - before)[:, 0] * [1.0, 1.0, math.sqrt(part.gyration)]
+    missed = np.linalg.norm(moved - shift, axis=1)
+    assert np.median(missed) < 0.15e-3 and missed.max() < 0.5e-3  # m; the least norm's pulse would move nothing
+
+
+# -- what the data sheet says ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", INVERSES)
+def test_soft_dead_zones_are_made_up_for(form):
+    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.1, -0.3, 0.15]]])
+    commanded = SoftAllocator(SURFACE, [STEEL], "solve", width=LEAST, form=form).pushes(pose, THERE, wanted)
+    asked = Allocator(SURFACE, [STEEL], "solve").pushes(pose, THERE, wanted)
+    length = np.hypot(commanded[..., 0], commanded[..., 1])[..., None]
+    power = {"soft": 1, "cubic": 2}[form]
+    assert (0.0 < length[length > 0.0]).all() and length[length > 0.0].min() < LEAST < length.max()
+    realised = np.where(length < LEAST, (length / LEAST) ** power, 1.0) * commanded
+    assert realised == pytest.approx(asked, abs=1e-12)
+
+
+def test_the_allocator_follows_the_data_sheet():
+    info = info_of("Align", actuators={"kind": "prototype", "limit": 2.5e-4, "resolution": 1e-5})
+    found = allocator_for(info, "solve")
+    assert isinstance(found, DeadZoneAllocator)
+    assert found.limits.least == pytest.approx((1e-4 * (1.0 + MARGIN) + 0.5e-5) / SURFACE.max_amplitude)
+    assert found.limits.most == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
+    tight = dataclasses.replace(info, hardware=dataclasses.replace(info.hardware, dead_zone=2.49e-4))
+    assert allocator_for(tight, "solve").limits.least == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
+    assert type(allocator_for(info_of("Align"), "nearest")) is Allocator
+    for form in INVERSES:
+        soft = info_of("Align", actuators={"kind": "prototype", "dead_zone_form": form})
+        assert type(allocator_for(soft, "solve")) is SoftAllocator
+    assert "prototype" in ACTUATORS
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"rule": "nearest"}, "rule, with a dead zone,.*'solve'"),
+        ({"least": 0.9, "most": 0.5}, "least.*0.9.*0.5"),
+        ({"most": 0.0}, "most"),
+    ],
+)
+def test_bad_arguments_are_refused(change, message):
+    given = {"rule": "solve", "least": 0.2, **change}
+    with pytest.raises(ValueError, match=message):
+        DeadZoneAllocator(SURFACE, [STEEL], given.pop("rule"), **given)
+
+
+def test_shares_of_pairs_are_not_confused():
+    """The Gram matrix of a group counts an element under two parts for both: mirrored parts get mirrored phasors."""
+    parts, there = (STEEL, STEEL), np.ones((1, 2), dtype=bool)
+    pose = np.array([[[0.299, 0.117, 0.0], [0.351, 0.117, 0.0]]])
+    wanted = np.array([[[0.7, 0.0, 0.0], [0.7, 0.0, 0.0]]])
+    push = allocator(*parts, least=0.0).pushes(pose, there, wanted)
+    expected = Allocator(SURFACE, parts, "solve").pushes(pose, there, wanted)
+    for w, first in itertools.product(range(1), range(2)):
+        assert np.abs(error(parts, pose[w], push[w], wanted[w])[0][first]).max() < 0.04
+    assert push == pytest.approx(expected, abs=0.05)

@@ -1,0 +1,159 @@
+"""What is drawn anew for every episode: the ranges, what physics makes of it, who sees it, and the same bits for all."""
+
+import math
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from tests.envs.helpers import assert_same, batch, single, still
+from vibgym.envs.randomization import EFFECTS
+from vibgym.tasks import TASKS
+
+ALL = {"friction": [0.5, 1.5], "mass": [0.25, 4.0], "tilt": [0.01, 0.03]}
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("task, more", [("Align", {}), ("Sort", {"parts": [2, 6]})])
+def test_the_batch_is_gymnasiums_own_of_single_environments(task, more, mode):
+    """With ``info``, through resets of some worlds, and from each world's own generator."""
+    settings = {"action": "field", "max_episode_steps": 4, "randomize": {**ALL, **more}}
+    native = batch(task, 3, autoreset_mode=mode, **settings)
+    sync = SyncVectorEnv([lambda: single(task, **settings)] * 3, autoreset_mode=mode)
+    assert_same(native.reset(seed=5), sync.reset(seed=5), "reset")
+    random = np.random.default_rng(1)
+    seen = []
+    for step in range(14):
+        action = random.uniform(-1.5, 1.5, native.action_space.shape).astype(np.float32)
+        got, expected = native.step(action), sync.step(action)
+        assert_same(got, expected, f"step {step}")
+        seen.append(got[4]["drawn"]["tilt"].tobytes())
+        done = got[2] | got[3]
+        if mode is AutoresetMode.DISABLED and done.any():
+            mask = done & (np.arange(3) != step % 3) if done.sum() > 1 else done
+            while done.any():  # not all at once
+                pair = [env.reset(options={"reset_mask": mask.copy()}) for env in (native, sync)]
+                assert_same(*pair, f"reset after step {step}")
+                done &= ~mask
+                mask = done.copy()
+    assert len(set(seen)) >= 3
+
+
+def test_drawn_evenly_within_the_ranges_one_a_part_and_episode():
+    env = batch("Sort", 400, action="field", randomize=ALL, max_episode_steps=2, autoreset_mode="SameStep")
+    _, info = env.reset(seed=0)
+    for name, (low, high) in (("friction", (0.5, 1.5)), ("mass", (0.25, 4.0))):
+        values = info["drawn"][name]
+        assert values.shape == (400, 6) and values.min() >= low and values.max() <= high
+        share = np.sort((values.ravel() - low) / (high - low))
+        assert np.abs(share - np.linspace(0.0, 1.0, share.size)).max() < 1.6 / math.sqrt(share.size)  # Kolmogorov, 99 %
+        assert abs(np.corrcoef(values[:, 0], values[:, 1])[0, 1]) < 0.2
+    tilt = info["drawn"]["tilt"]
+    size, turn = np.hypot(*tilt.T), np.arctan2(tilt[:, 1], tilt[:, 0])
+    angle = np.sort((np.arcsin(size / 9.81) - 0.01) / 0.02)
+    for share in (angle, np.sort(turn / (2.0 * math.pi) + 0.5)):
+        assert np.abs(share - np.linspace(0.0, 1.0, 400)).max() < 1.6 / math.sqrt(400)
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    assert_same(env.step(action)[4]["drawn"], info["drawn"])  # all through the episode
+    last = env.step(action)[4]
+    assert_same(last["final_info"]["drawn"], info["drawn"])
+    assert not (last["drawn"]["friction"] == info["drawn"]["friction"]).any()  # and another one in the next
+
+
+@pytest.mark.parametrize("task", list(TASKS))
+def test_every_task_takes_it_and_the_simulator_gets_it(task):
+    env = single(task, randomize=ALL)
+    _, info = env.reset(seed=3)
+    simulator, parts = env.unwrapped.core.simulator, len(env.unwrapped.parts)
+    assert {name: values.shape for name, values in info["drawn"].items()} == {
+        "friction": (parts,), "mass": (parts,), "tilt": (2,),
+    }  # fmt: skip
+    for name, values in info["drawn"].items():
+        assert getattr(simulator, name)[0].tobytes() == values.tobytes()
+    info["drawn"]["friction"][:] = 7.0  # a copy
+    assert simulator.friction.max() < 2.0
+
+
+def test_observations_do_not_show_it():
+    """The start is the one that is drawn without, and so is what a policy sees of it."""
+    for observation in ("state", "image"):
+        plain, random = (single("Sort", observation=observation, randomize=each) for each in (None, ALL))
+        (seen, info), (other, drawn) = plain.reset(seed=8), random.reset(seed=8)
+        assert_same(seen, other)
+        assert "drawn" not in info and info.keys() | {"drawn"} == drawn.keys()
+
+
+def test_parts_start_sliding_in_place_whatever_their_friction():
+    """Each on its own circle: no period moves its mean."""
+    env = batch("Align", 20, action="phasor", randomize={"friction": [0.3, 3.0]})
+    env.reset(seed=1)
+    start = env.unwrapped.truth.pose
+    for _ in range(5):
+        env.step(still(env))
+    assert np.abs(env.unwrapped.truth.pose - start).max() < 1e-5
+    assert np.ptp(env.unwrapped.truth.velocity[:, 0, 0]) > 0.02
+
+
+def test_a_tilt_makes_parts_drift_downhill():
+    """With 2 b V / (mu g) in the end, to the first order of the average."""
+    env = batch("Align", 8, action="phasor", randomize={"tilt": [0.02, 0.02]}, max_episode_steps=300)
+    _, info = env.reset(seed=2, options={"pose": [0.416, 0.104, 0.0]})
+    for _ in range(12):
+        env.step(still(env))
+    moved = env.unwrapped.truth.pose[:, 0, :2] - [0.416, 0.104]
+    downhill = info["drawn"]["tilt"] / 9.81 / math.sin(0.02)
+    assert np.hypot(*downhill.T) == pytest.approx(1.0)
+    assert ((moved * downhill).sum(1) > 0.9 * np.hypot(*moved.T)).all() and (np.hypot(*moved.T) > 3e-3).all()
+
+
+def test_nothing_but_parts_is_nothing_drawn():
+    for randomize in (None, {}, {"parts": [2, 4]}):
+        core = single("Sort", randomize=randomize).unwrapped.core
+        assert core.randomization.draws == 0 and "drawn" not in core.details
+
+
+STEEL, LIGHT = "steel_block", {"shape": "disc", "radius": 0.02, "friction": 0.5, "mass": 1e-4}
+
+BAD = [
+    (
+        "Align",
+        {"randomize": {"gravity": [1, 2]}},
+        r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, tilt$",
+    ),
+    (
+        "Sort",
+        {"randomize": {1: [1, 2]}},
+        "randomize: got 1; allowed: keys that are strings",
+    ),
+    ("Align", {"randomize": [1, 2]}, "randomize: got .*None, or a mapping with keys among friction"),
+    ("Align", {"randomize": {"friction": 1.5}}, r"randomize\['friction'\]: got 1.5; allowed: .low, high. with 0.01"),
+    ("Align", {"randomize": {"friction": [1.5, 0.5]}}, r"randomize\['friction'\]\[1\]: got 0.5; allowed: .*>= 1.5"),
+    ("Align", {"randomize": {"friction": [0.0, 0.5]}}, r"randomize\['friction'\]\[0\]: got 0.0"),
+    ("Align", {"randomize": {"mass": [1, 101]}}, r"randomize\['mass'\]\[1\]: got 101"),
+    ("Align", {"randomize": {"mass": "12"}}, r"randomize\['mass'\]: got '12'"),
+    ("Align", {"randomize": {"mass": [1, True]}}, r"randomize\['mass'\]\[1\]: got True"),
+    ("Align", {"randomize": {"mass": [1, 2, 3]}}, r"randomize\['mass'\]: "),
+    ("Align", {"randomize": {"mass": [1, math.nan]}}, r"randomize\['mass'\]\[1\]: got nan"),
+    ("Align", {"randomize": {"tilt": 0.3}}, r"randomize\['tilt'\]: got 0.3; allowed: .*<= 0.2"),
+    ("Align", {"randomize": {"tilt": [0.1, 0.05]}}, r"randomize\['tilt'\]\[1\]: got 0.05"),
+    ("Align", {"randomize": {"tilt": "steep"}}, r"randomize\['tilt'\]: got 'steep'"),
+    ("Align", {"randomize": {"friction": [1, 6]}, "model": "averaged"}, r"randomize\['friction'\]: got .a factor 6 on"),
+    ("Sort", {"randomize": {"mass": [0.1, 1]}, "parts": [STEEL, LIGHT]}, r"randomize\['mass'\]: got .part 0 .*part 1 "),
+]
+
+
+@pytest.mark.parametrize("task, settings, message", BAD, ids=lambda each: str(each)[:50])
+def test_bad_settings_are_one_error_that_names_them(task, settings, message):
+    for make in (lambda: single(task, **settings), lambda: batch(task, 2, **settings)):
+        with pytest.raises(ValueError, match=f"^{message}") as error:
+            make()
+        assert "\n" not in str(error.value)
+
+
+def test_every_effect_takes_the_ends_of_its_range():
+    ends = {"friction": [0.5, 0.5], "mass": [2.0, 2.0], "tilt": 0.0}
+    assert ends.keys() == EFFECTS.keys()
+    _, info = single("Rotate", randomize=ends).reset(seed=0)
+    assert {name: values.tolist() for name, values in info["drawn"].items()} == {
+        "friction": [0.5], "mass": [2.0], "tilt": [0.0, 0.0],
+    }  # fmt: skip

@@ -1,0 +1,201 @@
+"""The pose sensor: statistics of its errors, gaps, rates, velocities, and the same bits alone, in a batch and restored."""
+
+import copy
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same
+
+
+def batch(worlds, sensor, task="Align", **settings):
+    settings = {"action": "patch", "autoreset_mode": "Disabled", **settings}
+    return gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, sensor=sensor, **settings).unwrapped
+
+
+def at_rest(env, steps):
+    """Errors (steps + 1, worlds, parts, 3) of measured poses, ages, and the poses, while no element moves."""
+    env.reset(seed=2)
+    still, errors, ages, poses = np.zeros(env.action_space.shape, dtype=np.float32), [], [], []
+    for k in range(steps + 1):
+        if k > 0:
+            env.core.step(still)
+        known = env.core.sensing.measurement
+        errors.append(known.pose - env.truth.pose)
+        ages.append(known.age.copy())
+        poses.append(known.pose.copy())
+    return np.array(errors), np.array(ages), np.array(poses)
+
+
+def test_noise_is_white_and_normal():
+    errors, _, _ = at_rest(batch(20, {"kind": "pose", "noise": [2e-4, 0.01]}, "Sort"), 60)
+    scaled = errors / [2e-4, 2e-4, 0.01]
+    n = scaled[..., 0].size
+    assert np.abs(scaled.mean(axis=(0, 1, 2))).max() < 4 / math.sqrt(n)
+    assert np.abs(scaled.std(axis=(0, 1, 2)) - 1.0).max() < 4 / math.sqrt(2 * n)
+    assert np.abs((scaled**4).mean(axis=(0, 1, 2)) - 3.0).max() < 4 * math.sqrt(96 / n)
+    for first, second in ((scaled[1:], scaled[:-1]), (scaled[:, 1:], scaled[:, :-1]), (scaled[:, :, 1:], scaled[:, :, :-1]),
+                          (scaled[..., :1], scaled[..., 1:2])):  # fmt: skip
+        assert abs((first * second).mean()) < 4 / math.sqrt(first.size)
+
+
+def test_bias_stays_for_an_episode_and_shifts_all_parts_alike():
+    env = batch(200, {"kind": "pose", "noise": 0.0, "bias": {"position_mm": 1.0, "heading_deg": 2.0}}, "Sort")
+    errors, _, _ = at_rest(env, 2)
+    assert errors[1:] == pytest.approx(np.broadcast_to(errors[:1], errors[1:].shape), abs=1e-12)
+    shift, turn = errors[0, :, :, :2], errors[0, :, :, 2]
+    assert shift == pytest.approx(np.broadcast_to(shift[:, :1], shift.shape), abs=1e-12)
+    assert abs(shift[:, 0].std() / 1e-3 - 1.0) < 4 / math.sqrt(2 * 400)
+    assert abs(turn.std() / math.radians(2.0) - 1.0) < 4 / math.sqrt(2 * 1200)
+    assert len(np.unique(turn[0].round(9))) == 6
+
+
+def test_without_noise_velocities_are_the_mean_velocities():
+    env = batch(3, {"kind": "pose", "noise": 0.0})
+    env.reset(seed=4)
+    random = np.random.default_rng(0)
+    for _ in range(5):
+        env.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        known = env.core.sensing.measurement
+        assert (known.pose == env.truth.pose).all()
+        assert known.mean_velocity == pytest.approx(env.truth.mean_velocity, abs=1e-12)
+
+
+def test_dropouts_keep_the_last_reading_and_count_its_age():
+    env = batch(40, {"kind": "pose", "noise": [1e-4, 0.0], "dropout": 0.3}, "Sort")
+    _, ages, poses = at_rest(env, 50)
+    assert (ages[0] == 0).all()  # the first look misses nothing
+    missed = ages[1:] > 0
+    assert abs(missed.mean() - 0.3) < 4 * math.sqrt(0.21 / missed.size)
+    assert (ages[1:] == np.where(missed, ages[:-1] + 1, 0)).all()
+    assert ((poses[1:] == poses[:-1]).all(axis=-1) == missed).all()
+    info = env.step(np.zeros(env.action_space.shape, dtype=np.float32))[-1]
+    assert (info["measured"]["age"] == env.core.sensing.measurement.age).all()
+
+
+def test_velocity_after_a_gap_is_the_mean_over_it():
+    env = batch(30, {"kind": "pose", "noise": 0.0, "dropout": 0.5})
+    env.reset(seed=4)
+    random, path, seen = np.random.default_rng(0), [env.truth.pose], np.zeros(30, dtype=int)
+    for k in range(1, 12):
+        env.core.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        path.append(env.truth.pose)
+        known = env.core.sensing.measurement
+        for world in np.flatnonzero(known.age[:, 0] == 0):
+            mean = (path[k][world] - path[seen[world]][world]) / ((k - seen[world]) * 0.04)
+            assert known.mean_velocity[world] == pytest.approx(mean, abs=1e-12)
+            seen[world] = k
+
+
+def test_a_slower_rate():
+    env = batch(2, {"kind": "pose", "rate": 25.0 / 3.0}, autoreset_mode="Disabled")
+    _, ages, _ = at_rest(env, 7)
+    assert ages[:, 0, 0].tolist() == [0, 1, 2, 0, 1, 2, 0, 1]
+    slow = batch(2, {"kind": "pose", "rate": 6.25}, periods_per_step=2)
+    assert at_rest(slow, 4)[1][:, 0, 0].tolist() == [0, 2, 0, 2, 0]
+
+
+def test_velocity_at_a_slower_rate_is_the_mean_since_the_look_before():
+    """What nobody looked at has no part in it."""
+    env = batch(2, {"kind": "pose", "noise": 0.0, "rate": 5.0})
+    env.reset(seed=1)
+    random, before = np.random.default_rng(0), env.truth.pose
+    for step in range(1, 16):
+        env.step(random.uniform(-1, 1, env.action_space.shape).astype(np.float32))
+        if step % 5 == 0:
+            mean, before = (env.truth.pose - before) / 0.2, env.truth.pose
+            assert env.core.sensing.measurement.mean_velocity == pytest.approx(mean, abs=1e-12)
+
+
+@pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
+@pytest.mark.parametrize("periods, delay", [(1, 0), (1, 3), (2, 3), (3, 3)])
+def test_age_counts_from_the_start_until_the_first_look_is_due(periods, delay, estimator):
+    """A reading of the start is as old as the episode, and no younger or more certain for being shown again."""
+    sensor = {"kind": "pose", "delay": delay, "estimator": estimator}
+    env = batch(2, sensor, "Sort", periods_per_step=periods)
+    _, info = env.reset(seed=0)
+    assert (info["measured"]["age"] == 0).all()
+    sigma, still = info["measured"]["sigma"], np.zeros(env.action_space.shape, dtype=np.float32)
+    for step in range(1, 6):
+        measured = env.step(still)[4]["measured"]
+        assert (measured["age"] == min(step * periods, delay)).all()
+        if step * periods <= delay and estimator != "none":
+            assert (measured["sigma"] >= sigma).all()
+
+
+@pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
+@pytest.mark.parametrize("task, periods", [("Align", 1), ("Sort", 1), ("Align", 3)])
+def test_alone_in_a_batch_and_restored_bit_for_bit(estimator, task, periods):
+    sensor = {
+        "kind": "pose",
+        "bias": 1e-4,
+        "dropout": 0.2,
+        "delay": 2,
+        "estimator": estimator,
+        "tell": ["sigma", "age"],
+    }
+    settings = {"sensor": sensor, "actuators": "prototype", "action": "patch", "periods_per_step": periods}
+    many = gym.make_vec(f"vibgym/{task}-v0", num_envs=3, autoreset_mode="SameStep", max_episode_steps=6, **settings)
+    random = np.random.default_rng(5)
+    actions = random.uniform(-1, 1, (14, *many.action_space.shape)).astype(np.float32)
+    seen, states = [many.reset(seed=7)[0]], []
+    for action in actions:
+        states.append(copy.deepcopy(many.unwrapped.get_state()))
+        seen.append(many.step(action)[0])
+    for begin in random.integers(0, len(actions), 3):  # restored at random instants
+        many.unwrapped.set_state(states[begin])
+        assert_same([many.step(action)[0] for action in actions[begin:]], seen[begin + 1 :])
+    for world in (0, 2):
+        one = gym.make(f"vibgym/{task}-v0", max_episode_steps=6, **settings)
+        alone = [one.reset(seed=7 + world)[0]]
+        for action in actions:
+            observation, _, terminated, truncated, _ = one.step(action[world])
+            alone.append(one.reset()[0] if terminated or truncated else observation)
+        assert_same(alone, [each[world] for each in seen])
+
+
+BAD = [
+    ({"noise": -1e-3}, r"sensor\.noise \(position\): got -0.001"),
+    ({"noise": [1e-4]}, r"sensor\.noise: got \[0.0001\]; allowed: \[position in m, heading in rad\]"),
+    ({"noise": [1e-4, math.inf]}, r"sensor\.noise \(heading\): got inf"),
+    ({"noise": {"colour": 1}}, r"sensor\.noise: got \{'colour': 1\}"),
+    ({"noise": "loud"}, r"sensor\.noise \(position\): got 'loud'"),
+    ({"bias": [1e-4, 9.0]}, r"sensor\.bias \(heading\): got 9.0"),
+    ({"dropout": 1.01}, r"sensor\.dropout: got 1.01"),
+    ({"dropout": -0.1}, r"sensor\.dropout: got -0.1"),
+    ({"rate": 20.0}, r"sensor\.rate: got 20.0; allowed: 25 Hz, the rate of steps, over a whole number"),
+    ({"rate": 50.0}, r"sensor\.rate: got 50.0"),
+    ({"delay": 250}, r"sensor\.delay: got '250 periods'; allowed: less than an episode, 250 periods"),
+    ({"estimator": "crystal ball"}, r"sensor\.estimator: got 'crystal ball'; allowed: 'none', 'kalman', 'model'"),
+    ({"estimator": {"kind": "model", "model": "tilting"}}, r"sensor\.estimator\.model: got 'tilting'"),
+    ({"estimator": {"kind": "model", "drift": -1.0}}, r"sensor\.estimator\.drift: got -1.0"),
+    (
+        {"estimator": {"kind": "none", "drift": 1.0}},
+        r"sensor\.estimator: got \"the setting 'drift'\"; allowed: no settings",
+    ),
+    ({"tell": "age"}, r"sensor\.tell: got 'age'; allowed: a list of different names among age, sigma"),
+    ({"tell": ["age", "age"]}, r"sensor\.tell: got"),
+    ({"flash": 1}, r"sensor: got \"the setting 'flash'\"; allowed: noise, bias, dropout, delay, rate, estimator, tell"),
+]
+
+
+@pytest.mark.parametrize("settings, message", BAD)
+def test_bad_settings_are_refused(settings, message):
+    for make in (gym.make, lambda *args, **more: gym.make_vec(*args, num_envs=2, **more)):
+        with pytest.raises(ValueError, match=f"^{message}"):
+            make("vibgym/Align-v0", sensor={"kind": "pose", **settings})
+
+
+def test_an_estimator_s_model_that_several_parts_cannot_have_is_named():
+    sensor = {"kind": "pose", "estimator": {"kind": "model", "model": "averaged"}}
+    with pytest.raises(ValueError, match=r"^sensor\.estimator\.model: got 'averaged'; allowed: 'planar' with several"):
+        gym.make("vibgym/Sort-v0", sensor=sensor)
+
+
+def test_a_latency_as_long_as_an_episode_is_refused():
+    with pytest.raises(ValueError, match=r"^randomize\['latency'\]: got '400 periods'; allowed: less than an episode"):
+        gym.make("vibgym/Align-v0", actuators="prototype", randomize={"latency": [0, 400]})
+    with pytest.raises(ValueError, match=r"^actuators\.latency: got '300 periods'; allowed: less than an episode"):
+        gym.make("vibgym/Align-v0", actuators={"kind": "prototype", "latency": 300})

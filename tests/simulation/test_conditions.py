@@ -1,0 +1,386 @@
+"""Conditions of single worlds: factors on friction and mass, and a tilted table; closed forms, and parts made so."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from vibgym import Part, Simulator, Surface
+from vibgym.accuracy.reference import integrate
+from vibgym.scene.parts import shipped_part
+
+G = 9.81
+STILL = Surface(horizontal_amplitude=0.0)
+PERIOD = STILL.period
+ONE = Surface(rows=1, columns=1, element_size=8.0)
+SURFACE = Surface()
+BLOCK = Part.rectangle(0.050, 0.035, friction=0.4, static_friction=0.5)
+
+
+def tilted(surface, part, tilt, velocity=None, pose=(0.3, 0.1, 0.0), **keywords):
+    simulator = Simulator(surface, part, **keywords)
+    simulator.reset(pose, velocity)
+    simulator.set_conditions(slice(None), tilt=tilt)
+    return simulator
+
+
+def fields(surface, worlds, seed):
+    random = np.random.default_rng(seed)
+    shape = (worlds, surface.rows, surface.columns)
+    return surface.max_amplitude * random.random(shape), random.uniform(-math.pi, math.pi, shape)
+
+
+# -- a still, tilted table ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slope", [-2.0, -0.3, 0.3, 2.0])
+def test_a_sliding_part_is_slowed_by_friction_less_the_tilt(slope):
+    """In a line: v = v_0 - (mu g - b) t, until it stops after v_0^2 / (2 (mu g - b)) and sticks."""
+    braking, start = 0.4 * G - slope, 0.5
+    simulator = tilted(STILL, BLOCK, [slope, 0.0], [start, 0.0, 0.0])
+    simulator.advance(0.0, 0.0, 1)
+    assert simulator.velocity[0, 0] == pytest.approx([start - braking * PERIOD, 0.0, 0.0], abs=1e-12)
+    way = start * PERIOD - 0.5 * braking * PERIOD**2
+    assert simulator.pose[0, 0] == pytest.approx([0.3 + way, 0.1, 0.0], abs=1e-12)
+    simulator.advance(0.0, 0.0, 10)
+    assert simulator.sticking.all() and (simulator.velocity == 0.0).all()
+    # The last stretch is taken by implicit steps.
+    assert simulator.pose[0, 0] == pytest.approx([0.3 + start**2 / (2.0 * braking), 0.1, 0.0], abs=2e-7)
+
+
+@pytest.mark.parametrize("direction", [0.0, 0.7, 2.5, -1.2])
+def test_static_friction_holds_up_to_its_coefficient(direction):
+    along = np.array([math.cos(direction), math.sin(direction)])
+    for share, held in ((0.9, True), (0.9999, True), (1.0001, False), (1.1, False)):
+        simulator = tilted(STILL, BLOCK, share * 0.5 * G * along)
+        simulator.advance(0.0, 0.0, 2)
+        assert simulator.sticking.all() == held
+        # Once it goes, sliding friction is all that is left.
+        way = 0.0 if held else 0.5 * (share * 0.5 - 0.4) * G * (2.0 * PERIOD) ** 2
+        assert simulator.pose[0, 0] == pytest.approx([0.3 + way * along[0], 0.1 + way * along[1], 0.0], abs=2e-6)
+
+
+def test_across_the_slope_a_sliding_part_turns_downhill():
+    """Where the tilt is mu g, friction takes from the speed what the tilt adds downhill: v + v_y is constant, and in the end
+    the part goes straight down with half the speed that it came with."""
+    simulator = tilted(STILL, BLOCK, [0.0, 0.4 * G], [0.2, 0.0, 0.0], pose=(0.2, 0.05, 0.0))
+    for _ in range(6):
+        simulator.advance(0.0, 0.0, 1)
+        x, y, _ = simulator.velocity[0, 0]
+        assert math.hypot(x, y) + y == pytest.approx(0.2, abs=2e-6)
+    assert y == pytest.approx(0.1, rel=0.01) and not simulator.fallen.any()
+
+
+def test_energy_on_a_tilted_table_never_grows():
+    """Kinetic energy less the work of the tilt, with contacts and walls."""
+    parts = [BLOCK, Part.disc(0.02, friction=0.1, restitution=0.9), Part.disc(0.015, friction=0.0, restitution=1.0)] * 2
+    worlds, random = 12, np.random.default_rng(3)
+    simulator = Simulator(STILL, parts, walls=["left", "right", "bottom", "top"], worlds=worlds)
+    x = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    pose = np.stack([x, np.full(6, 0.1), np.zeros(6)], axis=1)
+    simulator.reset(pose, random.normal(0.0, 1.0, (worlds, 6, 3)) * [0.5, 0.5, 5.0])
+    tilt, factor = random.normal(0.0, 1.5, (worlds, 2)), random.uniform(0.3, 3.0, (worlds, 6))
+    simulator.set_conditions(slice(None), friction=random.uniform(0.3, 3.0, (worlds, 6)), mass=factor, tilt=tilt)
+    mass, inertia = np.array([p.mass for p in parts]) * factor, np.array([p.gyration for p in parts])
+    energies = []
+    for _ in range(25):
+        place, v = simulator.pose, simulator.velocity
+        moving = 0.5 * mass * (v[..., 0] ** 2 + v[..., 1] ** 2 + inertia * v[..., 2] ** 2)
+        energies.append((moving - mass * (place[..., :2] * tilt[:, None]).sum(-1)).sum(1))
+        simulator.advance(0.0, 0.0, 1)
+    energy = np.array(energies)
+    # What undoes overlaps may lift a part by their depth.
+    lift = simulator.deepest_overlap * (mass * np.hypot(*tilt.T)[:, None]).sum(1)
+    assert (np.diff(energy, axis=0) <= lift + 1e-12).all() and simulator.statistics["contact"] > 50
+    assert simulator.deepest_overlap < 3e-4 and not simulator.fallen.any() and not simulator.diverged.any()
+
+
+# -- a moving, tilted table --------------------------------------------------------------------------------------------
+
+
+def test_a_part_sticks_while_friction_carries_table_and_tilt():
+    """a_h w^2 + b <= mu_0 g; on a level table, or turned by 90 degrees, it is the same."""
+    surface = Surface(horizontal_amplitude=0.3 * G / SURFACE.angular_frequency**2)
+    for slope, held in ((0.0, True), (0.19 * G, True), (0.21 * G, False)):
+        for along in ((1.0, 0.0), (0.0, -1.0)):
+            simulator = tilted(surface, BLOCK, slope * np.array(along), [0.0, surface.table_speed, 0.0])
+            simulator.advance(0.0, 0.0, 3)
+            moved = np.abs(simulator.pose[0, 0] - [0.3, 0.1, 0.0]).max()
+            assert (moved < 1e-12) == held
+
+
+def test_drift_down_a_slope():
+    """Averaged friction near rest is -(mu g / 2 V) v: the part drifts with 2 b V / (mu g), to the first order in eps."""
+    for friction, share in ((0.1, 0.002), (0.05, 0.0006)):  # eps = 0.015 and 0.007: of second order
+        part = Part.rectangle(0.05, 0.035, friction=friction)
+        slope = 0.02 * friction * G
+        simulator = tilted(ONE, part, [slope, 0.0], pose=(4.0, 4.0, 0.0))
+        simulator.advance(0.0, 0.0, 1500)
+        drift = complex(*simulator.mean_velocity[0, 0, :2])
+        assert abs(drift) == pytest.approx(2.0 * slope * ONE.table_speed / (friction * G), rel=share)
+
+
+@pytest.mark.parametrize(
+    "slope, share, frequency, switches", [(0.2, 1.0, 25.0, 0), (0.9, 1.0, 25.0, 0), (0.9, 0.4, 6.0, 7)]
+)
+def test_against_the_independent_reference(slope, share, frequency, switches):
+    """Sliding, and sticking and slipping, on random elements."""
+    tilt = slope * np.array([math.cos(2.0), math.sin(2.0)])
+    surface = Surface(rows=4, columns=8, frequency=frequency)
+    amplitude, phase = fields(surface, 1, 5)
+    amplitude *= share
+    start, velocity = [0.1, 0.05, 0.4], [0.0, surface.table_speed, 0.0]
+    known = integrate(
+        surface, BLOCK, start, velocity, amplitude[0], phase[0], 3, tilt=tilt, tolerance=1e-5, estimate=False
+    )
+    assert len(known.switches) == switches
+    ends = []
+    for each in (tilt, 0.0):
+        simulator = tilted(surface, BLOCK, each, velocity, start, steps=64, substeps=2, pieces=6)
+        simulator.advance(amplitude, phase, 3)
+        ends.append(np.abs(simulator.pose[0, 0] - known.pose[-1]).max())
+    assert ends[0] < 3e-5 and ends[1] > 30.0 * ends[0] and ends[1] > 1e-3
+
+
+def test_order_of_convergence_under_tilt():
+    """Runge-Kutta steps stay of fourth order: the tilt is part of every stage."""
+
+    def end(substeps):
+        simulator = tilted(ONE, BLOCK, [1.5, -2.0], [0.1, 0.05, 2.0], pose=(4, 4, 0), steps=4, substeps=substeps)
+        simulator.advance(ONE.max_amplitude, 1.0, 2)
+        return simulator.pose[0, 0]
+
+    exact = end(512)
+    errors = [np.abs(end(substeps) - exact).max() for substeps in (8, 16, 32)]
+    for coarse, fine in zip(errors, errors[1:]):
+        assert 12.0 < coarse / fine < 20.0
+
+
+def test_averaged_against_planar_under_tilt():
+    """The error stays what it is on a level table."""
+    part, worlds = shipped_part("aluminium_block"), 24
+    random = np.random.default_rng(0)
+    pose = random.uniform([0.2, 0.06, -3.0], [0.6, 0.15, 3.0], (worlds, 3))[:, None]
+    tilt = 0.3 * np.stack([np.cos(np.arange(worlds)), np.sin(np.arange(worlds))], axis=1)
+    friction = random.uniform(0.8, 1.2, (worlds, 1))
+    amplitude, phase = fields(SURFACE, worlds, 1)
+
+    def ends(model, conditions, **knobs):
+        simulator = Simulator(SURFACE, part, worlds=worlds, model=model, **knobs)
+        velocity = np.append(SURFACE.idle_velocity(part.friction), 0.0)
+        simulator.reset(pose, velocity)
+        simulator.set_conditions(np.arange(worlds), **conditions)
+        simulator.advance(0.5 * amplitude, phase, 10)
+        return simulator.pose[:, 0]
+
+    errors = []
+    for conditions in ({}, {"tilt": tilt, "friction": friction}):
+        errors.append(np.median(np.abs(ends("averaged", conditions) - ends("planar", conditions))[:, :2]))
+    moved = ends("planar", {"tilt": tilt, "friction": friction}) - ends("planar", {})
+    assert errors[1] < 1.5 * errors[0] and np.median(np.abs(moved[:, :2])) > 20.0 * errors[1]
+
+
+# -- factors against parts that are made so ----------------------------------------------------------------------------
+
+
+def same(one, other):
+    for name in ("pose", "velocity", "mean_velocity", "fallen", "sticking", "diverged"):
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+
+
+def copies(parts, worlds, friction, mass):
+    """Parts made with the first world's factors."""
+    return [
+        dataclasses.replace(
+            part,
+            friction=f * part.friction,
+            static_friction=f * part.static_friction,
+            mass=m * part.mass,
+        )
+        for part, f, m in zip(parts, friction, mass, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("model", ["planar", "averaged"])
+@pytest.mark.parametrize("factor", [0.3, 1.3, 2.1])
+def test_a_factor_on_friction_is_a_part_made_so(factor, model):
+    worlds = 9
+    amplitude, phase = fields(SURFACE, worlds, 2)
+    velocity = np.random.default_rng(4).normal(0.0, 1.0, (worlds, 1, 3)) * [0.1, 0.1, 3.0]
+    made = copies([BLOCK], worlds, [factor], [1.0])
+    one, other = (
+        Simulator(SURFACE, BLOCK, worlds=worlds, model=model),
+        Simulator(SURFACE, made, worlds=worlds, model=model),
+    )
+    for each in (one, other):
+        each.reset([0.3, 0.1, 0.5], velocity)
+    one.set_conditions(slice(None), friction=factor)
+    for each in (one, other):
+        each.advance(amplitude, phase, 5)
+    same(one, other)
+
+
+def test_sticking_and_slipping_too():
+    surface, worlds = Surface(frequency=8.0), 8
+    amplitude, phase = fields(surface, worlds, 2)
+    made = copies([BLOCK], worlds, [0.7], [1.0])
+    one, other = Simulator(surface, BLOCK, worlds=worlds), Simulator(surface, made, worlds=worlds)
+    for each in (one, other):
+        each.reset([0.3, 0.1, 0.5])
+    one.set_conditions(slice(None), friction=0.7)
+    for each in (one, other):
+        each.advance(0.5 * amplitude, phase, 4)
+    same(one, other)
+
+
+@pytest.mark.parametrize("friction, mass", [
+    ([1.0] * 4, [5.0, 0.2, 1.0, 40.0]), ([2.5, 0.4, 1.0, 3.0], [1.0] * 4), ([3.0, 0.1, 2.0, 0.7], [0.03, 7.0, 0.5, 11.0]),
+])  # fmt: skip
+def test_parts_in_touch_with_factors_are_parts_made_so(friction, mass):
+    """Impacts, the solver with its rounds, and the steps of the coupling."""
+    parts = [BLOCK, Part.disc(0.02, friction=0.5, restitution=0.8), shipped_part("steel_block"), BLOCK]
+    made, worlds = copies(parts, 1, friction, mass), 3
+    pose = [[0.20, 0.10, 0.3], [0.26, 0.10, 0.0], [0.32, 0.10, 1.0], [0.04, 0.05, 0.0]]
+    velocity = [[0.3, 0.0, 2.0], [-0.2, 0.0, 0.0], [-0.3, 0.05, -4.0], [-0.5, 0.0, 0.0]]
+    amplitude, phase = fields(SURFACE, worlds, 6)
+    one, other = (Simulator(SURFACE, each, walls=["left"], worlds=worlds) for each in (parts, made))
+    for each in (one, other):
+        each.reset(pose, velocity)
+    one.set_conditions(slice(None), friction=friction, mass=mass)
+    for each in (one, other):
+        each.advance(amplitude, phase, 8)
+    same(one, other)
+    assert one.statistics == other.statistics and one.statistics["contact_steps"] > 20
+
+
+def test_a_world_of_its_own_conditions_does_not_see_the_others():
+    """One at a time, in threads, or among others; and a world under usual conditions is one that knows of none."""
+    parts, worlds, random = [BLOCK, Part.disc(0.02, friction=0.5)], 40, np.random.default_rng(8)
+    pose, velocity = [[0.2, 0.1, 0.0], [0.25, 0.1, 0.0]], random.normal(0.0, 0.3, (worlds, 2, 3))
+    friction, mass = random.uniform(0.3, 3.0, (2, worlds, 2))
+    tilt = random.normal(0.0, 0.5, (worlds, 2))
+    usual = np.arange(worlds) % 4 == 0
+    friction[usual], mass[usual], tilt[usual] = 1.0, 1.0, 0.0
+    amplitude, phase = fields(SURFACE, worlds, 9)
+
+    def run(chosen, threads=1, conditions=True):
+        simulator = Simulator(SURFACE, parts, worlds=len(chosen), threads=threads)
+        simulator.reset(pose, velocity[chosen])
+        if conditions:
+            simulator.set_conditions(
+                np.arange(len(chosen)), friction=friction[chosen], mass=mass[chosen], tilt=tilt[chosen]
+            )
+        simulator.advance(amplitude[chosen], phase[chosen], 4)
+        return simulator.pose
+
+    everything = np.arange(worlds)
+    together = run(everything)
+    assert (run(everything, threads=2) == together).all()
+    assert (run(everything[::-1]) == together[::-1]).all()
+    assert all((run([world]) == together[world]).all() for world in (0, 1, 2, 17, 39))
+    assert (run(everything[usual], conditions=False) == together[usual]).all()
+    assert not (run(everything, conditions=False)[~usual] == together[~usual]).all(axis=(1, 2)).any()
+
+
+def test_a_tilt_carries_parts_into_a_wall():
+    """Without friction and from rest: nothing but the tilt says that it will touch. It rebounds with e times its speed."""
+    part = Part.disc(0.02, friction=0.0, restitution=0.5, contact_friction=0.0)
+    slope, gap, start = 3.0, 0.001, 0.021
+    simulator = Simulator(STILL, part, walls=["left"])
+    simulator.reset([start, 0.1, 0.0])
+    simulator.set_conditions(0, tilt=[-slope, 0.0])
+    simulator.advance(0.0, 0.0, 1)
+    meet = math.sqrt(2.0 * gap / slope)
+    left = PERIOD - meet
+    speed = 0.5 * slope * meet
+    assert 0.0 < left < 2.0 * speed / slope  # it is on its way back, or down again, at the end
+    assert simulator.pose[0, 0, 0] == pytest.approx(0.02 + speed * left - 0.5 * slope * left**2, abs=3e-5)
+    assert simulator.velocity[0, 0, 0] == pytest.approx(speed - slope * left, abs=3e-3)
+    assert simulator.deepest_overlap < 1e-4
+
+
+# -- the interface -----------------------------------------------------------------------------------------------------
+
+
+def test_conditions_are_read_back_kept_and_cleared():
+    parts = [BLOCK, BLOCK]
+    simulator = Simulator(SURFACE, parts, worlds=3)
+    simulator.reset([[0.2, 0.1, 0.0], [0.4, 0.1, 0.0]])
+    assert (simulator.friction == 1.0).all() and (simulator.mass == 1.0).all() and (simulator.tilt == 0.0).all()
+    simulator.set_conditions([True, False, True], friction=[0.5, 2.0], tilt=[[0.1, 0.2], [0.3, 0.0]])
+    simulator.set_conditions(1, mass=3.0)
+    assert simulator.friction.tolist() == [[0.5, 2.0], [1.0, 1.0], [0.5, 2.0]]
+    assert simulator.mass.tolist() == [[1.0, 1.0], [3.0, 3.0], [1.0, 1.0]]
+    assert simulator.tilt.tolist() == [[0.1, 0.2], [0.0, 0.0], [0.3, 0.0]]
+    simulator.advance(0.0, 0.0, 1)
+    state = simulator.get_state()
+    simulator.advance(0.0, 0.0, 3)
+    other = Simulator(SURFACE, parts, worlds=3)
+    other.set_state(state)
+    other.advance(0.0, 0.0, 3)
+    same(simulator, other)
+    assert (other.friction == simulator.friction).all() and (other.tilt == simulator.tilt).all()
+    simulator.reset([[0.2, 0.1, 0.0], [0.4, 0.1, 0.0]])
+    assert (simulator.friction == 1.0).all() and (simulator.mass == 1.0).all() and (simulator.tilt == 0.0).all()
+
+
+LIGHT = Part.disc(0.02, friction=0.5, mass=0.001, name="light")
+HEAVY = Part.disc(0.02, friction=0.5, mass=1.0, name="heavy")
+
+BAD = [
+    ({"friction": 0.0}, r"friction: got .*allowed: numbers in \[0.01, 100\]"),
+    ({"friction": 101.0}, "friction: "),
+    ({"mass": [1.0, -1.0]}, "mass: "),
+    ({"mass": [1.0, 2.0, 3.0]}, r"mass: got .*broadcast to \(2, 2\)"),
+    ({"mass": [0.3, 1.0]}, "mass: got .part 1 .'heavy'., 3.33e.03 times as heavy as part 0 .'light'."),
+    ({"friction": math.nan}, "friction: got .nan.*finite"),
+    ({"tilt": 8.0}, r"tilt: got \[8.0, 8.0\]; allowed: .*9.81"),
+    ({"tilt": [[0.0, 1.0, 2.0]]}, r"tilt: .*broadcast to \(2, 2\)"),
+    ({"tilt": "steep"}, "tilt: "),
+    ({"worlds": [2]}, "worlds: got .*allowed: a mask of shape .2,., or indices from 0 to 1"),
+    ({"worlds": [True]}, "worlds: "),
+    ({"worlds": [-1]}, "worlds: "),
+    ({"worlds": "all"}, "worlds: "),
+    ({"worlds": [0.5]}, "worlds: "),
+    ({"worlds": [[0], [0, 1]]}, "worlds: "),
+]
+
+
+@pytest.mark.parametrize("given, message", BAD, ids=str)
+def test_bad_conditions_are_one_error_and_change_nothing(given, message):
+    simulator = Simulator(SURFACE, [LIGHT, HEAVY], worlds=2)
+    before = simulator.get_state()
+    with pytest.raises(ValueError, match=f"^{message}") as error:
+        simulator.set_conditions(**{"worlds": slice(None), "friction": 0.5, "mass": 1.0, **given})
+    assert "\n" not in str(error.value)
+    after = simulator.get_state()
+    assert all(np.array_equal(after[name], values) for name, values in before.items())
+
+
+def test_damaged_conditions_of_a_state_are_refused():
+    simulator = Simulator(SURFACE, [LIGHT, HEAVY])
+    state = simulator.get_state()
+    for name, bad in (("friction", -1.0), ("mass", 0.0), ("tilt", 50.0), ("mass", np.array([[0.3, 1.0]]))):
+        with pytest.raises(ValueError, match=rf"^state\['{name}'\]: got "):
+            simulator.set_state({**state, name: bad + np.zeros_like(state[name])})
+    assert all(np.array_equal(values, state[name]) for name, values in simulator.get_state().items())
+
+
+def test_the_averaged_model_refuses_what_may_stick():
+    part = Part.rectangle(0.05, 0.035, friction=0.6)
+    simulator = Simulator(SURFACE, part, worlds=2, model="averaged")
+    simulator.set_conditions([0, 1], friction=[[1.0], [5.6]])  # a_h w^2 = 66.6 m/s^2, mu (g + a_v w^2) = 65.9
+    for given, name in (({"friction": 5.7}, "friction"), ({"friction": 5.6, "tilt": [0.6, 0.6]}, "friction")):
+        with pytest.raises(ValueError, match=rf"^{name}: got .a factor .*allowed: scenes that always slide"):
+            simulator.set_conditions(1, **given)
+    assert simulator.friction.tolist() == [[1.0], [5.6]]
+
+
+def test_friction_that_contacts_cannot_follow_is_refused():
+    slow = Surface(frequency=0.03, horizontal_amplitude=1e-4)
+    simulator = Simulator(slow, [BLOCK, BLOCK])
+    with pytest.raises(
+        ValueError, match="^friction: got .a friction of 40.; allowed: friction that contacts can follow"
+    ):
+        simulator.set_conditions(0, friction=100.0)

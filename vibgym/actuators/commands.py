@@ -1,0 +1,65 @@
+"""The last commands of all worlds on record, so that each world's elements may obey an earlier one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.core.drive import Drive
+
+
+class Commands:
+    """A ring of commands in which a row is one world's command of one step.
+
+    Args:
+        template: a command as they all are.
+        worlds: number of worlds.
+        room: steps that are remembered, the present one included.
+    """
+
+    def __init__(self, template: Drive, worlds: int, room: int) -> None:
+        self.worlds, self.room = worlds, room
+        self._mode = template.mode
+        given = template._asdict()
+        self._rows = {
+            name: np.zeros((room * worlds, *values.shape[1:]), dtype=values.dtype)
+            for name, values in given.items()
+            if isinstance(values, np.ndarray) and values.size
+        }
+        self._count = np.zeros(1, dtype=np.int64)  # steps in all
+        self._age = np.zeros(worlds, dtype=np.int64)  # commands of each world's episode
+        self._world = np.arange(worlds)
+
+    def forget(self, worlds: Any) -> None:
+        """Begin anew in ``worlds``."""
+        self._age[worlds] = 0
+
+    def write(self, command: Drive, hardware: int) -> Drive:
+        """Put a step's command on record.
+
+        Returns:
+            A drive whose rows are all that is on record, through the hardware pinned at an address.
+        """
+        if command.mode != self._mode:
+            raise checks.refuse("action", "commands of another form than before", "commands of one form")
+        slot = int(self._count[0] % self.room)
+        for name, rows in self._rows.items():
+            rows[slot * self.worlds : (slot + 1) * self.worlds] = getattr(command, name)
+        self._count += 1
+        self._age += 1
+        return command._replace(**self._rows, hardware=hardware)
+
+    def rows(self, steps: Any, source: np.ndarray) -> None:
+        """Which rows hold the commands of so many steps ago (a number or (worlds,)) into ``source``; -1: there was none."""
+        slot = (self._count[0] - 1 - steps) % self.room
+        source[...] = np.where(self._age > steps, slot * self.worlds + self._world, -1)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Live arrays for a snapshot."""
+        return {
+            **{f"command_{name}": rows for name, rows in self._rows.items()},
+            "count": self._count,
+            "age": self._age,
+        }

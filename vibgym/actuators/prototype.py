@@ -1,0 +1,306 @@
+"""Actuators as the thesis's prototype had them: a dead zone, a limit, latency, and no two elements alike.
+
+Known are that amplitudes below 0.1 mm were not realised (7.2, 7.3), that the limit lay near 0.25 mm (figs. 7.8 to 7.10), and
+one period of latency (eq. 5.81). What the thesis's text has lost (6.4.2: resolution, bandwidth, spread) and the form of the
+dead zone are assumptions: each is a setting.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.actuators.commands import Commands
+from vibgym.actuators.data_sheet import DataSheet
+from vibgym.actuators.stage import ActuatorStage
+from vibgym.physics.core.drive import Drive, cartesian_drive, follow_phasors
+from vibgym.physics.core.hardware import (
+    DEAD_ZONE,
+    FORMS,
+    HARDWARE,
+    LIMIT,
+    NUMBERS,
+    RESOLUTION,
+    Hardware,
+    draw_elements,
+)
+from vibgym.physics.core.noise import KEY_DRAWS, keys_from
+from vibgym.physics.core.reference import Pinned
+from vibgym.scene.surface import Surface
+
+MOST_LATENCY = 1000
+"""Periods: 40 s, longer than any episode."""
+
+MOST_SPREAD = 0.5
+
+
+class PrototypeActuators(ActuatorStage):
+    """Elements with a dead zone, a limit, latency, spread, and faults.
+
+    A commanded amplitude is rounded to the resolution and limited; the dead zone takes what is small; the element's own gain
+    and phase error follow; what still exceeds the surface's largest amplitude is cut.
+
+    Args:
+        surface, worlds, periods: see :class:`vibgym.actuators.stage.ActuatorStage`.
+        dead_zone: m, amplitude below which commands are not, or not wholly, realised.
+        dead_zone_form: of smaller amplitudes ``a``: ``"hard"``: nothing, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
+            a^3 / dead_zone^2.
+        limit: m, largest amplitude; None: the surface's. The prototype's was about 0.25 mm.
+        latency: periods between a command and its effect; elements rest until the first one takes effect. The data sheet
+            and estimators go by this number, also where ``randomize`` draws others.
+        gain_spread, phase_spread: standard deviations of the elements' gains (1) and phase errors (rad), normal.
+        bandwidth: Hz, at which elements follow (a lag of first order); None: at once. It costs a look at all elements.
+        resolution: m, of amplitudes; 0: continuous.
+        dead: elements that never move: the share of them, drawn at random, or a list of [row, column].
+        stuck: elements that keep an amplitude and phase of their own: the share, or a list of [row, column, amplitude, phase].
+        seed: of one machine, the same in all worlds and episodes; None: every episode has one of its own.
+
+    Raises:
+        ValueError: a bad setting.
+    """
+
+    VARIED = (
+        "dead_zone",
+        "limit",
+        "latency",
+        "gain_spread",
+        "phase_spread",
+        "bandwidth",
+        "resolution",
+        "dead",
+        "stuck",
+    )
+
+    def __init__(
+        self,
+        surface: Surface,
+        worlds: int,
+        periods: int,
+        *,
+        dead_zone: float = 1e-4,
+        dead_zone_form: str = "hard",
+        limit: float | None = None,
+        latency: int = 1,
+        gain_spread: float = 0.05,
+        phase_spread: float = math.radians(5.0),
+        bandwidth: float | None = None,
+        resolution: float = 0.0,
+        dead: float | Sequence[Sequence[int]] = 0.0,
+        stuck: float | Sequence[Sequence[float]] = 0.0,
+        seed: int | None = None,
+    ) -> None:
+        super().__init__(surface, worlds, periods)
+        assert surface.max_amplitude is not None
+        self.most = most = surface.max_amplitude
+        self.form = checks.choice("actuators.dead_zone_form", dead_zone_form, FORMS)
+        self.latency = checks.count("actuators.latency", latency, least=0, most=MOST_LATENCY)
+        limit = most if limit is None else checks.number("actuators.limit", limit, above=0.0, most=most)
+        fixed_dead, fixed_stuck = _places("dead", dead, surface, 2), _places("stuck", stuck, surface, 4)
+        if set(fixed_dead[:, :2].astype(int) @ [10**6, 1]) & set(fixed_stuck[:, :2].astype(int) @ [10**6, 1]):
+            raise checks.refuse("actuators.stuck", stuck, "elements that are not dead as well")
+        self._faults = (fixed_dead, fixed_stuck)
+        self._numbers = {
+            "dead_zone": checks.number("actuators.dead_zone", dead_zone, least=0.0, most=most),
+            "limit": limit,
+            "latency": float(self.latency),
+            "gain_spread": checks.number("actuators.gain_spread", gain_spread, least=0.0, most=MOST_SPREAD),
+            "phase_spread": checks.number("actuators.phase_spread", phase_spread, least=0.0, most=math.pi),
+            "bandwidth": math.inf
+            if bandwidth is None
+            else checks.number("actuators.bandwidth", bandwidth, above=0.0, most=1e6),
+            "resolution": checks.number("actuators.resolution", resolution, least=0.0, most=most),
+            "dead": 0.0 if len(fixed_dead) else checks.number("actuators.dead", _share(dead), least=0.0, most=1.0),
+            "stuck": 0.0 if len(fixed_stuck) else checks.number("actuators.stuck", _share(stuck), least=0.0, most=1.0),
+        }
+        _check_dead_zone("actuators.dead_zone", self._numbers["dead_zone"], limit)
+        _check_shares("actuators.stuck", self._numbers["stuck"], self._numbers["dead"])
+        self.seed = None if seed is None else checks.count("actuators.seed", seed, least=0, most=2**63 - 1)
+        self._ranges: dict[str, tuple[float, float]] = {}
+        self._own = {name: np.full(worlds, value) for name, value in self._numbers.items()}
+        self._make()
+
+    def vary(self, ranges: Mapping[str, Any]) -> None:
+        most, inside = self.most, {}
+        bounds: dict[str, tuple[float, float]] = {
+            "dead_zone": (0.0, most), "limit": (1e-9, most), "latency": (0, MOST_LATENCY), "gain_spread": (0.0, MOST_SPREAD),
+            "phase_spread": (0.0, math.pi), "bandwidth": (1e-6, 1e6), "resolution": (0.0, most), "dead": (0.0, 1.0),
+            "stuck": (0.0, 1.0),
+        }  # fmt: skip
+        for name, value in ranges.items():
+            where = f"randomize[{name!r}]"
+            low, high = checks.interval(where, value, *bounds[name])
+            if name == "latency":
+                for k, each in enumerate((low, high)):
+                    checks.count(f"{where}[{k}]", int(each) if each == int(each) else each, least=0)
+            inside[name] = (low, high)
+        ends = {name: inside.get(name, (value, value)) for name, value in self._numbers.items()}
+        name = "dead_zone" if "dead_zone" in inside else "limit"
+        _check_dead_zone(f"randomize[{name!r}]", ends["dead_zone"][1], ends["limit"][0])
+        name = "stuck" if "stuck" in inside else "dead"
+        _check_shares(f"randomize[{name!r}]", ends["stuck"][1], ends["dead"][1])
+        self._ranges = inside
+        self._make()
+
+    def _make(self) -> None:
+        """Everything that depends on settings and ranges."""
+        surface, worlds = self.surface, self.worlds
+        least, most = map(int, self._ranges.get("latency", (self.latency, self.latency)))
+        self.most_latency, self._room = most, -(-most // self.periods) + 1
+        # Instants of a step at which some world may begin to obey another command. All worlds stop there, whatever they have
+        # drawn: the averaged model gives other bits where a step is cut, and a world's must not depend on the others.
+        self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
+        self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
+        keyed = self.seed is None
+        self.draws = (KEY_DRAWS if keyed else 0) + len(self._ranges)
+        self._fixed_key = None if keyed else np.random.SeedSequence(self.seed).generate_state(2).astype(np.int64)
+        shape = (worlds, surface.rows, surface.columns)
+        self._hardware = Pinned(
+            HARDWARE,
+            Hardware(
+                source=np.full(worlds, -1),
+                element=np.zeros((*shape, 4)),
+                number=np.zeros((worlds, len(NUMBERS))),
+                form=FORMS.index(self.form),
+                top=surface.full_scale,
+            ),
+        )
+        self._reached = np.zeros((*shape, 2) if self._lagging else (0, 0, 0, 2))
+        self._mean = np.zeros((2, *shape)) if self._lagging else np.zeros((2, 0, 0, 0))
+        self._keep = np.zeros((worlds, 2))
+        self._everyone = np.arange(worlds)
+        self._commands: Commands | None = None
+
+    def prepare(self, command: Drive) -> None:
+        step = sum(each.nbytes for each in command if isinstance(each, np.ndarray))
+        checks.fitting("actuators.latency", self.most_latency, step / self.periods)
+        self._commands = Commands(command, self.worlds, self._room)
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        own = dict(self._numbers)
+        if "dead_zone" in self._ranges:  # what is sure to move, and what no element fails to reach
+            own["dead_zone"] = self._ranges["dead_zone"][1]
+        if "limit" in self._ranges:
+            own["limit"] = self._ranges["limit"][0]
+        bandwidth = own["bandwidth"] if math.isfinite(own["bandwidth"]) else None
+        return DataSheet(own["limit"], own["dead_zone"], self.form, self.latency, own["resolution"], bandwidth)
+
+    def nominal(self) -> PrototypeActuators:
+        sheet = self.data_sheet
+        return PrototypeActuators(
+            self.surface, self.worlds, self.periods, dead_zone=sheet.dead_zone, dead_zone_form=sheet.dead_zone_form,
+            limit=sheet.limit, latency=0, gain_spread=0.0, phase_spread=0.0, bandwidth=sheet.bandwidth,
+            resolution=sheet.resolution, seed=0,
+        )  # fmt: skip
+
+    def drawn(self) -> dict[str, np.ndarray]:
+        return {name: self._own[name] for name in self._ranges}
+
+    @property
+    def elements(self) -> np.ndarray:
+        """(worlds, rows, columns, 4) what every element does: its gain as a complex number (1 is as commanded, 0 obeys no
+        command), and the phasor, as a share of full scale, that it does besides. A copy."""
+        elements = self._hardware.record.element.copy()
+        elements[..., 2:] /= max(self.surface.full_scale, 1e-300)
+        return elements
+
+    def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        assert self._commands is not None
+        self._commands.forget(worlds)
+        self._hardware.record.source[worlds] = -1
+        self._reached[worlds if self._lagging else slice(0)] = 0.0
+        if len(worlds):
+            self._draw(worlds, uniform)
+
+    def _draw(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        """Draw elements and settings of new episodes."""
+        keys = (
+            keys_from(uniform[:, :KEY_DRAWS]) if self._fixed_key is None else np.tile(self._fixed_key, (len(worlds), 1))
+        )
+        own = self._own
+        for k, (name, (low, high)) in enumerate(self._ranges.items()):
+            share = uniform[:, self.draws - len(self._ranges) + k]
+            own[name][worlds] = (
+                low + np.floor(share * (high - low + 1)) if name == "latency" else low + share * (high - low)
+            )
+        scale, record = self.surface.angular_frequency**2, self._hardware.record
+        for column, name in ((DEAD_ZONE, "dead_zone"), (LIMIT, "limit"), (RESOLUTION, "resolution")):
+            record.number[worlds, column] = own[name][worlds] * scale
+        spread = np.column_stack([own["gain_spread"][worlds], own["phase_spread"][worlds]])
+        faulty = np.column_stack([own["dead"][worlds], own["stuck"][worlds]])
+        draw_elements(self._hardware.address, worlds, keys, spread, faulty)
+        for fault in self._faults:
+            for row, column, *motion in fault.tolist():
+                c, s = (
+                    (scale * motion[0] * math.cos(motion[1]), scale * motion[0] * math.sin(motion[1]))
+                    if motion
+                    else (0, 0)
+                )
+                record.element[worlds, int(row), int(column)] = [0.0, 0.0, c, s]
+        if self._lagging:
+            rate = 2.0 * math.pi * own["bandwidth"][worlds] * self.surface.period
+            self._keep[worlds, 0], self._keep[worlds, 1] = np.exp(-rate), -np.expm1(-rate) / rate
+
+    def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
+        assert self._commands is not None
+        source = self._hardware.record.source
+        if self._room == 1 and not self._lagging:  # nothing is late: the command itself will do
+            source[...] = self._everyone
+            yield command._replace(hardware=self._hardware.address), self.periods
+            return
+        drive = self._commands.write(command, self._hardware.address)
+        latency = self._own["latency"].astype(np.int64) if "latency" in self._ranges else self.latency
+        for begin, end in zip(self._edges, self._edges[1:]):
+            self._commands.rows(-((begin - latency) // self.periods), source)
+            if not self._lagging:
+                yield drive, end - begin
+                continue
+            for _ in range(end - begin):
+                follow_phasors(drive, self._keep, self._reached, *self._mean)
+                yield cartesian_drive(*self._mean), 1
+
+    def live(self) -> dict[str, np.ndarray]:
+        assert self._commands is not None
+        record = self._hardware.record
+        drawn = {"element": record.element, "number": record.number, "keep": self._keep}
+        own = {f"own_{name}": self._own[name] for name in self._ranges}
+        return {**self._commands.state(), **drawn, **own, "reached": self._reached}
+
+
+def _share(value: Any) -> Any:
+    """A share; an empty list is none."""
+    return 0.0 if checks.listed(value) and not len(value) else value
+
+
+def _places(name: str, value: Any, surface: Surface, width: int) -> np.ndarray:
+    """Faults (n, width) that are given one by one: row, column, and for stuck elements amplitude (m) and phase (rad)."""
+    if not checks.listed(value) or not len(value):
+        return np.zeros((0, width))
+    where = f"actuators.{name}"
+    faults = np.array(checks.array(where, value, (len(value), width)))
+    rows, columns = faults[:, 0], faults[:, 1]
+    whole = (faults[:, :2] == np.floor(faults[:, :2])).all()
+    inside = (
+        (rows >= 0).all() and (rows < surface.rows).all() and (columns >= 0).all() and (columns < surface.columns).all()
+    )
+    twice = len(np.unique(faults[:, :2], axis=0)) < len(faults)
+    if not whole or not inside or twice:
+        allowed = f"different elements: rows 0 to {surface.rows - 1}, columns 0 to {surface.columns - 1}"
+        raise checks.refuse(where, value, allowed)
+    if width == 4:
+        checks.array(f"{where} (amplitude)", faults[:, 2], (len(faults),), least=0.0, most=surface.max_amplitude)  # type: ignore[arg-type]
+    return faults
+
+
+def _check_dead_zone(where: str, dead_zone: float, limit: float) -> None:
+    if dead_zone > 0.0 and dead_zone >= limit:
+        raise checks.refuse(where, f"a dead zone of {dead_zone:g} m", f"less than the limit, {limit:g} m")
+
+
+def _check_shares(where: str, stuck: float, dead: float) -> None:
+    if stuck + dead > 1.0:
+        raise checks.refuse(where, stuck, f"at most {1.0 - dead:g} beside a share of {dead:g} dead elements")

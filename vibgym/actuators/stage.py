@@ -1,0 +1,97 @@
+"""The actuators' stage of a step: what an environment asks of them, whatever they are made of."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from vibgym.actuators.data_sheet import DataSheet
+from vibgym.physics.core.drive import Drive
+from vibgym.scene.surface import Surface
+from vibgym.snapshots import copied, restored
+
+
+class ActuatorStage(ABC):
+    """From a step's command to the drives that act; batched.
+
+    Args:
+        surface: the table.
+        worlds: number of worlds.
+        periods: oscillation periods of a step.
+
+    Attributes:
+        latency: periods between a command and its effect, as the data sheet has it.
+        most_latency: largest that an episode may draw.
+    """
+
+    latency: int = 0
+    most_latency: int = 0
+
+    draws: int = 0
+    """Uniform numbers that they need at the start of each episode, in :meth:`reset`."""
+
+    VARIED: ClassVar[tuple[str, ...]] = ()
+    """Settings that ``randomize=`` may give a range, see :meth:`vary`."""
+
+    def __init__(self, surface: Surface, worlds: int, periods: int) -> None:
+        self.surface, self.worlds, self.periods = surface, worlds, periods
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """What policies may know of them beforehand."""
+        assert self.surface.max_amplitude is not None
+        return DataSheet(self.surface.max_amplitude, latency=self.latency)
+
+    def nominal(self) -> ActuatorStage | None:
+        """Actuators as the data sheet has them, without latency, for a model of the machine; None: ideal ones."""
+        return None
+
+    def prepare(self, command: Drive) -> None:  # noqa: B027 - most need no such thing
+        """See what commands will look like, once, before the first of them."""
+
+    def vary(self, ranges: Mapping[str, Any]) -> None:
+        """Draw settings for each episode from ranges: name among :attr:`VARIED` -> (least, largest).
+
+        Raises:
+            ValueError: a bad range; no others than these names are asked for.
+        """
+        assert not ranges
+
+    def drawn(self) -> dict[str, np.ndarray]:
+        """What has been drawn for the episodes, by name: live arrays (worlds, ...)."""
+        return {}
+
+    @abstractmethod
+    def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        """Start afresh in ``worlds`` (index array), all elements at rest.
+
+        Args:
+            uniform: (len(worlds), draws) in [0, 1).
+        """
+
+    @abstractmethod
+    def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
+        """What the elements do in the step that begins with this command: drives, and for how many periods each.
+
+        They are good one after the other: one that has been handed out ends the one before.
+        """
+
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
+        return {}
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit."""
+        return copied(self.live())
+
+    def check_state(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
+        return restored("state['actuators']", self.live(), state)
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from a checked state."""
+        for name, values in self.live().items():
+            values[...] = state[name]

@@ -1,0 +1,124 @@
+"""``randomize=``: what is drawn anew for every episode, besides its start.
+
+Each name stands in one table, :data:`EFFECTS`, with how many uniform numbers it takes and what becomes of them. Draws come from
+the world's own generator at its reset. ``info["drawn"]`` says what was drawn; observations do not show it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.config import to_si
+from vibgym.scene.surface import Surface
+from vibgym.simulation.conditions import LEAST_FACTOR, MOST_FACTOR
+
+STEEPEST = 0.2
+"""rad, of a table's tilt: the load, which is left as it is, would be 2 % smaller."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Something that may be drawn for every episode.
+
+    Attributes:
+        range: the lowest and highest value from a setting; raises ValueError. Takes the setting's name for errors, and it.
+        draws: how many uniform numbers it takes, by the number of parts.
+        values: what they become: from the range, ``uniform`` (n, draws), and the surface.
+    """
+
+    range: Callable[[str, Any], tuple[float, float]]
+    draws: Callable[[int], int]
+    values: Callable[[tuple[float, float], np.ndarray, Surface], np.ndarray]
+
+
+def factor_range(name: str, value: Any) -> tuple[float, float]:
+    """A range of factors."""
+    return checks.interval(name, value, LEAST_FACTOR, MOST_FACTOR)
+
+
+def angle_range(name: str, value: Any) -> tuple[float, float]:
+    """A range of angles from the horizontal, rad; of a single number, from 0 on."""
+    if checks.listed(value):
+        return checks.interval(name, value, 0.0, STEEPEST)
+    return 0.0, checks.number(name, value, least=0.0, most=STEEPEST)
+
+
+def within(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
+    """Numbers in the range, evenly."""
+    return bounds[0] + (bounds[1] - bounds[0]) * uniform
+
+
+def tilts(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
+    """(n, 2) m/s^2, downhill on tables whose angle is evenly in the range, in any direction."""
+    size = surface.gravity * np.sin(within(bounds, uniform[:, 0], surface))
+    turn = 2.0 * math.pi * uniform[:, 1]
+    return size[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def one_a_part(parts: int) -> int:
+    """Draws of what every part has of its own."""
+    return parts
+
+
+EFFECTS: dict[str, Effect] = {
+    "friction": Effect(factor_range, one_a_part, within),
+    "mass": Effect(factor_range, one_a_part, within),
+    "tilt": Effect(angle_range, lambda parts: 2, tilts),
+}
+"""By the name in ``randomize=``, which :meth:`vibgym.Simulator.set_conditions` has for them, too."""
+
+
+class Randomization:
+    """What an environment draws for every episode.
+
+    Args:
+        setting: the keyword argument: None, or a mapping from names to ranges.
+        of_task, of_actuators: names that the task, and the actuators, draw for themselves.
+        surface: the table.
+        parts: number of parts in a world.
+
+    Attributes:
+        task, actuators: their shares of the mapping.
+        ranges: lowest and highest value of every effect, in the order of :data:`EFFECTS`.
+        draws: uniform numbers that an episode takes.
+
+    Raises:
+        ValueError: an unknown name, or a bad range.
+    """
+
+    def __init__(
+        self, setting: Any, of_task: Sequence[str], of_actuators: Sequence[str], surface: Surface, parts: int
+    ) -> None:
+        known = (*EFFECTS, *of_actuators, *of_task)
+        setting = {} if setting is None else setting
+        if not isinstance(setting, Mapping):
+            raise checks.refuse("randomize", setting, f"None, or a mapping with keys among {', '.join(known)}")
+        setting = to_si(setting, "randomize")
+        for name in setting:
+            if name not in known:
+                raise checks.refuse("randomize", f"the key {name!r}", f"keys among {', '.join(known)}")
+        self.task = {name: setting[name] for name in of_task if name in setting}
+        self.actuators = {name: setting[name] for name in of_actuators if name in setting}
+        self.ranges = {
+            name: effect.range(f"randomize[{name!r}]", setting[name])
+            for name, effect in EFFECTS.items()
+            if name in setting
+        }
+        self._surface = surface
+        self._draws = {name: EFFECTS[name].draws(parts) for name in self.ranges}
+        self.draws = sum(self._draws.values())
+
+    def values(self, uniform: np.ndarray) -> dict[str, np.ndarray]:
+        """What is drawn for n worlds, by name, from ``uniform`` (n, draws) in [0, 1)."""
+        found, at = {}, 0
+        for name, bounds in self.ranges.items():
+            own = uniform[:, at : at + self._draws[name]]
+            found[name] = EFFECTS[name].values(bounds, own, self._surface)
+            at += self._draws[name]
+        return found

@@ -1,0 +1,211 @@
+"""Finding objects in the image: fixed threshold, area of interest, coarse grid, runs, moments from runs (thesis section 5.1).
+
+An object is a set of dark pixels that are connected along lines and columns. Some pixel of each is met on a coarse grid; from
+there its runs are followed from line to line. Moments are sums over runs, not pixels (the delta method, eqs. 5.13 to 5.18).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics.core.jit import borrowing, jit
+
+
+class Interest(NamedTuple):
+    """The area of interest and how it is searched."""
+
+    first: np.ndarray  # (lines,) first column that counts, of each line; past ``last`` where none does
+    last: np.ndarray  # (lines,) last column that counts
+    threshold: float  # grey level below which a pixel belongs to a part
+    lines: int  # from line to line of the coarse grid
+    columns: int  # and from column to column
+    least: int  # pixels of an object: fewer are noise
+
+
+class Found(NamedTuple):
+    """Objects of one image; what is beyond the counts is left over from earlier ones."""
+
+    count: np.ndarray  # (2,) int64, objects and runs
+    run: np.ndarray  # (most runs, 4) int64: line, first column, column after the last, object
+    first: np.ndarray  # (most objects + 1,) int64 of each object's runs
+    moment: np.ndarray  # (most objects, 6) float64: M00, M10, M01, M20, M11, M02 of columns and lines
+    box: np.ndarray  # (most objects, 4) int64: first line, line after the last, first column, column after the last
+    clipped: (
+        np.ndarray
+    )  # (most objects,) bool: reaches the border of the area of interest, where a part is seen in part
+    label: np.ndarray  # (lines, columns) int16: 1 + object, 0 elsewhere; cleared by :func:`clear`
+
+
+def new_found(shape: tuple[int, int], objects: int) -> Found:
+    """Room for the objects of an image of ``shape``; objects and runs beyond that are not looked at."""
+    runs = shape[0] * 8 + objects * 64
+    return Found(
+        np.zeros(2, dtype=np.int64),
+        np.zeros((runs, 4), dtype=np.int64),
+        np.zeros(objects + 1, dtype=np.int64),
+        np.zeros((objects, 6)),
+        np.zeros((objects, 4), dtype=np.int64),
+        np.zeros(objects, dtype=np.bool_),
+        np.zeros(shape, dtype=np.int16),
+    )
+
+
+@borrowing
+def _add_run(grey, interest, line, column, number, count, found):
+    """Follow the run of dark pixels through one that is, and note it; returns the new number of runs."""
+    start, end = column, column + 1
+    while start > interest.first[line] and grey[line, start - 1] < interest.threshold:
+        start -= 1
+    while end <= interest.last[line] and grey[line, end] < interest.threshold:
+        end += 1
+    for each in range(start, end):
+        found.label[line, each] = number + 1
+    run = found.run[count]
+    run[0], run[1], run[2], run[3] = line, start, end, number
+    return count + 1
+
+
+@borrowing
+def _follow(grey, interest, number, first, found):
+    """Note all runs of an object whose first run is known; returns the number of runs in all, or -1 without room."""
+    at, count = first, first + 1
+    while at < count:
+        line, start, end = found.run[at, 0], found.run[at, 1], found.run[at, 2]
+        for step in range(-1, 2, 2):
+            near = line + step
+            if 0 <= near < grey.shape[0]:
+                for column in range(max(start, interest.first[near]), min(end, interest.last[near] + 1)):
+                    if found.label[near, column] == 0 and grey[near, column] < interest.threshold:
+                        if count == found.run.shape[0]:
+                            return -1
+                        count = _add_run(grey, interest, near, column, number, count, found)
+        at += 1
+    return count
+
+
+@borrowing
+def run_moments(line, start, length, moment):
+    """Add what a run of pixels adds to the moments (thesis eqs. 5.13 to 5.18).
+
+    Args:
+        line, start, length: whole numbers: line, first column and number of pixels (delta).
+        moment: (6,) M00, M10, M01, M20, M11, M02.
+    """
+    d = float(length)
+    m10 = start * d + 0.5 * (d * d - d)
+    moment[0] += d
+    moment[1] += m10
+    moment[2] += line * d
+    moment[3] += start * start * d + start * (d * d - d) + (d * d * d / 3.0 - d * d / 2.0 + d / 6.0)
+    moment[4] += line * m10
+    moment[5] += line * line * d
+
+
+@borrowing
+def _describe(interest, number, first, last, found):
+    """Moments, box and clipping of an object from its runs; moments are about the first pixel of its first run."""
+    moment, box = found.moment[number], found.box[number]
+    moment[:] = 0.0
+    line0, column0 = found.run[first, 0], found.run[first, 1]
+    box[0], box[1], box[2], box[3] = line0, line0 + 1, column0, column0 + 1
+    clipped = False
+    for k in range(first, last):
+        line, start, end = found.run[k, 0], found.run[k, 1], found.run[k, 2]
+        run_moments(line - line0, start - column0, end - start, moment)
+        box[0], box[1] = min(box[0], line), max(box[1], line + 1)
+        box[2], box[3] = min(box[2], start), max(box[3], end)
+        clipped = clipped or start == interest.first[line] or end == interest.last[line] + 1
+        for near in range(line - 1, line + 2, 2):
+            if near < 0 or near >= interest.first.shape[0]:
+                clipped = True
+            elif start < interest.first[near] or end > interest.last[near] + 1:
+                clipped = True
+    found.clipped[number] = clipped
+    shift_moments(moment, column0, line0)
+
+
+@borrowing
+def shift_moments(moment, column, line):
+    """Moments about another origin: those of what has moved by (column, line)."""
+    m00, m10, m01 = moment[0], moment[1], moment[2]
+    moment[3] += column * (2.0 * m10 + column * m00)
+    moment[4] += column * m01 + line * m10 + column * line * m00
+    moment[5] += line * (2.0 * m01 + line * m00)
+    moment[1] += column * m00
+    moment[2] += line * m00
+
+
+@borrowing
+def clear(found):
+    """Forget the labels of the last image."""
+    for k in range(found.count[1]):
+        for column in range(found.run[k, 1], found.run[k, 2]):
+            found.label[found.run[k, 0], column] = 0
+
+
+@borrowing
+def find(grey, interest, found):
+    """Find all objects in the area of interest; the labels of ``found`` are clear.
+
+    Args:
+        grey: (lines, columns) uint8.
+    """
+    objects, runs = 0, 0
+    for line in range(interest.lines // 2, grey.shape[0], interest.lines):
+        for column in range(interest.first[line], interest.last[line] + 1, interest.columns):
+            if grey[line, column] >= interest.threshold or found.label[line, column] != 0:
+                continue
+            if objects == found.moment.shape[0] or runs == found.run.shape[0]:
+                found.count[0], found.count[1] = objects, runs
+                return
+            first = runs
+            _add_run(grey, interest, line, column, objects, runs, found)
+            runs = _follow(grey, interest, objects, first, found)
+            if runs < 0:  # no room: what is left is not one of the parts
+                found.count[0], found.count[1] = objects, found.run.shape[0]
+                return
+            _describe(interest, objects, first, runs, found)
+            if found.moment[objects, 0] >= interest.least:
+                found.first[objects], found.first[objects + 1] = first, runs
+                objects += 1
+            else:
+                for k in range(first, runs):
+                    for each in range(found.run[k, 1], found.run[k, 2]):
+                        found.label[found.run[k, 0], each] = 0
+                runs = first
+    found.count[0], found.count[1] = objects, runs
+
+
+@jit
+def find_objects(grey: np.ndarray, interest: Interest, found: Found) -> None:
+    """:func:`find`, and clear the labels of the image before."""
+    clear(found)
+    find(grey, interest, found)
+
+
+def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """First and last column, each (lines,), whose centres lie within a convex polygon ``places`` (n, 2), px."""
+    first, last = np.full(shape[0], 0, dtype=np.int64), np.full(shape[0], -1, dtype=np.int64)
+    following = np.roll(places, -1, axis=0)
+    for line in range(shape[0]):
+        crossing = (places[:, 1] <= line) != (following[:, 1] <= line)
+        if crossing.any():
+            here, there = places[crossing], following[crossing]
+            column = here[:, 0] + (line - here[:, 1]) / (there[:, 1] - here[:, 1]) * (there[:, 0] - here[:, 0])
+            first[line] = max(int(np.ceil(column.min())), 0)
+            last[line] = min(int(np.floor(column.max())), shape[1] - 1)
+    return first, last
+
+
+def boundary(found: Found, number: int) -> np.ndarray:
+    """Pixels (n, 2) of an object, line and column, that have a neighbour which is not of it; for pictures."""
+    runs = found.run[found.first[number] : found.first[number + 1]]
+    top, left = runs[:, 0].min() - 1, runs[:, 1].min() - 1
+    inside = np.zeros((runs[:, 0].max() - top + 2, runs[:, 2].max() - left + 1), dtype=bool)
+    for line, start, end, _ in runs:
+        inside[line - top, start - left : end - left] = True
+    core = inside[1:-1, 1:-1] & inside[:-2, 1:-1] & inside[2:, 1:-1] & inside[1:-1, :-2] & inside[1:-1, 2:]
+    edge = inside[1:-1, 1:-1] & ~core
+    return np.argwhere(edge) + (top + 1, left + 1)

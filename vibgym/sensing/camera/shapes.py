@@ -1,0 +1,120 @@
+"""What is known beforehand of how parts look: area, spread, elongation, and in which moment their heading shows."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.scene.parts import Part, kinds_of
+
+MOST_ORDER = 12
+"""Of the moment in which a heading shows."""
+
+LEAST_SHARE = 0.05
+"""Of the sum of absolute values that a moment must have to tell the heading."""
+
+
+class Traits(NamedTuple):
+    """Of every kind of parts, as they are measured."""
+
+    kind: np.ndarray  # (parts,)
+    area: np.ndarray  # (kinds,) m^2
+    spread: np.ndarray  # (kinds,) m^2, of the area about its centroid: sum of the two principal moments over the area
+    elongation: np.ndarray  # (kinds,) difference of the principal moments over their sum
+    order: np.ndarray  # (kinds,) of the complex moment in which the heading shows; 0: in none
+    phase: np.ndarray  # (kinds,) rad, angle of that moment at heading 0
+    strength: np.ndarray  # (kinds,) m^order, its size over the area
+    height: np.ndarray  # (kinds,) m, of the top
+    radius: np.ndarray  # (kinds,) m
+    edge: np.ndarray  # (kinds,) m, length of the outline
+
+
+def outline_moment(outline: np.ndarray, order: int) -> complex:
+    """Integral of (x + i y)^order over a polygon: 1 / 2i times that of conj(z) z^order along its border (Green)."""
+    z = outline[:, 0] + 1j * outline[:, 1]
+    step = np.roll(z, -1) - z
+    nodes, weights = np.polynomial.legendre.leggauss(order // 2 + 2)  # exact for these polynomials
+    t = 0.5 * (nodes + 1.0)
+    along = z[:, None] + step[:, None] * t
+    return complex((0.5 * weights * np.conj(along) * along**order * step[:, None]).sum() / 2j)
+
+
+def size_moment(outline: np.ndarray, order: int) -> float:
+    """Integral of |x + i y|^order over a polygon that holds its origin, or nearly."""
+    x, y = outline[:, 0], outline[:, 1]
+    nodes, weights = np.polynomial.legendre.leggauss(order + 4)
+    t = 0.5 * (nodes + 1.0)
+    x1, y1 = np.roll(x, -1), np.roll(y, -1)
+    u, v = x[:, None] + (x1 - x)[:, None] * t, y[:, None] + (y1 - y)[:, None] * t
+    cross = (x * y1 - x1 * y)[:, None]
+    return abs(float((0.5 * weights * cross * np.hypot(u, v) ** order).sum() / (order + 2)))
+
+
+def heading_order(part: Part) -> tuple[int, complex]:
+    """Order of the first moment that tells the heading clearly, and it at heading 0, m^order; order 0 if none does."""
+    if part.symmetry == 0:
+        return 0, 0.0
+    for order in range(2, MOST_ORDER + 1):
+        if order % part.symmetry == 0:
+            moment = outline_moment(part.outline, order)
+            if abs(moment) > LEAST_SHARE * size_moment(part.outline, order):
+                return order, moment / part.area
+    return 0, 0.0
+
+
+def traits_of(parts: Sequence[Part]) -> Traits:
+    """What the parts of a world look like."""
+    kinds, kind = kinds_of(parts)
+    headings = [heading_order(part) for part in kinds]
+    turned = np.array([abs(outline_moment(part.outline, 2)) for part in kinds])
+    spread = np.array([part.gyration for part in kinds])
+    area = np.array([part.area for part in kinds])
+    return Traits(
+        kind=kind,
+        area=area,
+        spread=spread,
+        elongation=np.array([0.0 if part.symmetry == 0 else 1.0 for part in kinds]) * turned / (area * spread),
+        order=np.array([order for order, _ in headings]),
+        phase=np.array([cmath.phase(moment) for _, moment in headings]),
+        strength=np.array([abs(moment) for _, moment in headings]),
+        height=np.array([part.height for part in kinds]),
+        radius=np.array([part.radius for part in kinds]),
+        edge=np.array([np.hypot(*(np.roll(part.outline, -1, axis=0) - part.outline).T).sum() for part in kinds]),
+    )
+
+
+def room_inside(part: Part) -> float:
+    """Radius of the largest circle within a part, m, to 2 %: a grid that is fine enough meets it wherever it lies."""
+    outline = part.outline
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    centre, span, best = 0.5 * (low + high), 0.5 * (high - low), 0.0
+    for _ in range(6):  # a grid, and finer ones around the best of it
+        offsets = np.linspace(-1.0, 1.0, 25)
+        points = (centre + np.stack(np.meshgrid(*(offsets[:, None] * span).T), axis=-1)).reshape(-1, 2)
+        depth = _depth(points, outline)
+        best = max(best, float(depth.max()))
+        centre, span = points[int(depth.argmax())], span / 4.0
+    return best
+
+
+def _depth(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
+    """Distance of points (n, 2) to the outline, negative outside."""
+    ends = np.roll(outline, -1, axis=0)
+    edge = ends - outline
+    relative = points[:, None] - outline
+    t = np.clip((relative * edge).sum(-1) / (edge**2).sum(-1), 0.0, 1.0)
+    away = np.linalg.norm(relative - t[..., None] * edge, axis=-1).min(axis=1)
+    y = points[:, 1, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = outline[:, 0] + (y - outline[:, 1]) * edge[:, 0] / edge[:, 1]
+    crosses = ((outline[:, 1] <= y) != (ends[:, 1] <= y)) & (crossing > points[:, 0, None])
+    return np.where(crosses.sum(axis=1) % 2 == 1, away, -away)
+
+
+def headings_apart(order: int) -> float:
+    """rad between headings that look the same in a moment of this order."""
+    return 2.0 * math.pi / order if order else 0.0

@@ -1,0 +1,342 @@
+"""A Kalman filter about a predictor that runs ahead of the readings.
+
+A reading tells of an instant that has passed (``delay``), and a command acts later (``latency``): what a controller needs to
+know is where the parts will be when its command takes effect. The predictor is always at that instant, ``lead = delay +
+latency`` periods after the one that the reading of this step tells of. So every command is simulated once, whatever the lead.
+
+What the reading differs from what was predicted for its instant corrects that prediction, and, carried on by the linear
+motion of a part near rest, everything predicted since:
+
+    p' = v,   v' = -c v + d,   d' = 0          c = mu g / (2 a_h w)
+
+``p`` stands for x, y or heading, each by itself, ``d`` for an acceleration that the model does not know (a tilted table, a
+wrong friction coefficient). The process noise of ``v'`` is a floor, and a share of the acceleration that acts: parked parts
+average their readings, driven ones trust them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.reference import Layout, Pinned
+from vibgym.sensing.base import Sensor
+from vibgym.sensing.estimation.predictors import Predictor, damping_of
+from vibgym.sensing.measurement import Reading, new_measurement
+
+LEAST_SIGMA = 1e-7
+"""m, and rad: of readings that claim to be exact, lest nothing else counts."""
+
+START_SPEED = 1e-3  # m/s, standard deviation of the velocity of a part that has been put down
+SURPRISE = 5.0
+"""Standard deviations by which a reading may differ before the estimate is taken for wrong: after a collision, or a swap."""
+
+PP, PV, PD, VV, VD, DD = range(6)  # of a covariance of p, v, d
+
+
+class Filter(NamedTuple):
+    """All that the kernels need, pinned in memory."""
+
+    pose: np.ndarray  # (worlds, parts, 3) of the predictor
+    velocity: np.ndarray  # (worlds, parts, 3) likewise, at its instant
+    mean_velocity: np.ndarray  # (worlds, parts, 3) likewise, over the last period
+    fallen: np.ndarray  # (worlds, parts) bool, likewise
+    diverged: np.ndarray  # (worlds,) bool, likewise
+    kept: (
+        np.ndarray
+    )  # (steps, worlds, parts, 3) poses predicted for the instants of readings to come, the next one first
+    before: np.ndarray  # (worlds, parts, 3) mean velocity of the predictor a step ago
+    activity: np.ndarray  # (steps, worlds, parts) m/s^2, acceleration that acted in the steps of ``kept``
+    disturbance: np.ndarray  # (worlds, parts, 3) d
+    covariance: np.ndarray  # (worlds, parts, 3, 6) at the instant of the last reading
+    age: np.ndarray  # (worlds, parts) periods
+    sigma: np.ndarray  # (worlds, parts, 3) of the predictor's pose
+    gone: np.ndarray  # (worlds, parts) bool
+    scratch: np.ndarray  # (6,)
+    damping: np.ndarray  # (parts,) c
+    arm: np.ndarray  # (parts,) m, radius of gyration
+    variance: np.ndarray  # (parts, 3) of readings
+    idle: np.ndarray  # (parts, 2) m/s, velocity of an idle part at the start of a period
+    step: float  # s
+    lead: float  # s
+    floor: float  # m/s^2
+    model_error: float
+    unknown: float  # m/s^2
+    drift: float  # m/s^2 per square root of a second
+
+
+FILTER: Layout[Filter] = Layout("FILTER", __name__)
+filter_at = FILTER.at
+
+
+@borrowing
+def motion(damping, time):
+    """Ways that a unit of velocity and one of acceleration make in a time, and the velocity that is left of the first."""
+    left = math.exp(-damping * time)
+    way = (1.0 - left) / damping if damping * time > 1e-9 else time
+    fall = (time - way) / damping if damping * time > 1e-4 else 0.5 * time * time
+    return way, fall, left
+
+
+@borrowing
+def spread(covariance, way, fall, left, noise, drift, result):
+    """Carry a covariance on into ``result``, which may be the same: ``F P F' + G G' noise``, and the drift of ``d``."""
+    pp, pv, pd = covariance[PP], covariance[PV], covariance[PD]
+    vv, vd, dd = covariance[VV], covariance[VD], covariance[DD]
+    result[PP] = pp + 2.0 * way * pv + 2.0 * fall * pd + way * way * vv + 2.0 * way * fall * vd + fall * fall * dd
+    result[PV] = left * pv + way * pd + way * (left * vv + way * vd) + fall * (left * vd + way * dd)
+    result[PD] = pd + way * vd + fall * dd
+    result[VV] = left * left * vv + 2.0 * left * way * vd + way * way * dd
+    result[VD] = left * vd + way * dd
+    result[DD] = dd + drift
+    result[PP] = max(result[PP] + fall * fall * noise, 0.0)
+    result[PV] += fall * way * noise
+    result[VV] += way * way * noise
+
+
+@borrowing
+def noise_of(all_of, step, w, p):
+    """Variance of the acceleration that the predictor did not know in one of the steps of ``kept``, m^2/s^4."""
+    acting = all_of.model_error * all_of.activity[step, w, p]
+    return all_of.floor * all_of.floor + acting * acting
+
+
+@borrowing
+def observe(covariance, innovation, variance):
+    """Take a reading in; returns the corrections of p, v and d."""
+    total = covariance[PP] + variance
+    if innovation * innovation > SURPRISE * SURPRISE * total:
+        # The model was wrong by more than it thought: believe the reading, and be open about the velocity.
+        covariance[PP] += innovation * innovation
+        covariance[VV] += innovation * innovation * 100.0
+        total = covariance[PP] + variance
+    kp, kv, kd = covariance[PP] / total, covariance[PV] / total, covariance[PD] / total
+    left = variance / total  # of the position's: 1 - kp, but never below zero, whatever is rounded
+    covariance[VV] = max(covariance[VV] - kv * covariance[PV], 0.0)
+    covariance[VD] = covariance[VD] - kv * covariance[PD]
+    covariance[DD] = max(covariance[DD] - kd * covariance[PD], 0.0)
+    covariance[PP], covariance[PV], covariance[PD] = left * covariance[PP], left * covariance[PV], left * covariance[PD]
+    return kp * innovation, kv * innovation, kd * innovation
+
+
+@borrowing
+def note_activity(address):
+    """After the predictor's step: the acceleration that acted in it, by friction and by elements, from the mean velocities."""
+    all_of = filter_at(address)
+    before, now = all_of.before, all_of.mean_velocity
+    last = all_of.activity.shape[0] - 1
+    for w in range(now.shape[0]):
+        for p in range(now.shape[1]):
+            total = 0.0
+            for k in range(3):
+                scale = all_of.arm[p] if k == 2 else 1.0
+                drag = all_of.damping[p] * now[w, p, k]
+                acting = (now[w, p, k] - before[w, p, k]) / all_of.step + drag
+                total += scale * scale * (acting * acting + drag * drag)  # friction is not known for sure, either
+                before[w, p, k] = now[w, p, k]
+            all_of.activity[last, w, p] = math.sqrt(total)
+
+
+@borrowing
+def carry_disturbance(all_of, w, p):
+    """What the unknown acceleration adds to the predictor's step, which does not know of it."""
+    way, fall, _ = motion(all_of.damping[p], all_of.step)
+    last = all_of.kept.shape[0] - 1
+    for k in range(3):
+        push = all_of.disturbance[w, p, k]
+        all_of.pose[w, p, k] += fall * push
+        all_of.kept[last, w, p, k] += fall * push
+        all_of.velocity[w, p, k] += way * push
+        all_of.mean_velocity[w, p, k] += way * push
+
+
+@borrowing
+def replace_part(all_of, w, p, pose):
+    """Put a part of the predictor down where it was read, at rest."""
+    for k in range(3):
+        all_of.pose[w, p, k], all_of.velocity[w, p, k], all_of.mean_velocity[w, p, k] = pose[k], 0.0, 0.0
+        all_of.disturbance[w, p, k] = 0.0
+        for step in range(all_of.kept.shape[0]):
+            all_of.kept[step, w, p, k] = pose[k]
+        start_covariance(all_of, w, p, k)
+    all_of.velocity[w, p, 0], all_of.velocity[w, p, 1] = all_of.idle[p, 0], all_of.idle[p, 1]
+    all_of.fallen[w, p] = False
+
+
+@borrowing
+def start_covariance(all_of, w, p, k):
+    """Of a part that has just been read for the first time."""
+    scale = all_of.arm[p] if k == 2 else 1.0
+    covariance = all_of.covariance[w, p, k]
+    for each in range(6):
+        covariance[each] = 0.0
+    covariance[PP] = all_of.variance[p, k]
+    covariance[VV] = (START_SPEED / scale) ** 2
+    covariance[DD] = (all_of.unknown / scale) ** 2
+
+
+@borrowing
+def begin_filter(worlds, pose, gone, address):
+    """Start afresh in ``worlds``, whose parts the predictor has put down at ``pose``."""
+    all_of = filter_at(address)
+    for w in worlds:
+        for p in range(pose.shape[1]):
+            for k in range(3):
+                all_of.before[w, p, k], all_of.disturbance[w, p, k] = 0.0, 0.0
+                for step in range(all_of.kept.shape[0]):
+                    all_of.kept[step, w, p, k] = pose[w, p, k]
+                start_covariance(all_of, w, p, k)
+                all_of.sigma[w, p, k] = math.sqrt(all_of.variance[p, k])
+            for step in range(all_of.activity.shape[0]):
+                all_of.activity[step, w, p] = 0.0
+            all_of.age[w, p], all_of.gone[w, p] = 0, gone[w, p]
+
+
+@borrowing
+def filter_readings(reading, delay, periods, address):
+    """Take in readings of all worlds: correct what was predicted for their instant, and all that was predicted since."""
+    all_of = filter_at(address)
+    scratch, steps, step = all_of.scratch, all_of.kept.shape[0], all_of.step
+    for w in range(all_of.pose.shape[0]):
+        for p in range(all_of.pose.shape[1]):
+            seen, gone = reading.seen[w, p], reading.gone[w, p]
+            all_of.age[w, p] += periods
+            if seen:
+                all_of.age[w, p], all_of.gone[w, p] = delay, gone
+            lost = all_of.fallen[w, p] or all_of.diverged[w]
+            if seen and lost and not gone:
+                replace_part(all_of, w, p, reading.pose[w, p])
+                lost = False
+            if not lost:
+                carry_disturbance(all_of, w, p)
+            way, fall, left = motion(all_of.damping[p], step)
+            on_way, on_fall, on_left = motion(all_of.damping[p], all_of.lead)
+            rest_way, rest_fall, rest_left = motion(all_of.damping[p], all_of.lead - (steps - 1) * step)
+            for k in range(3):
+                scale = all_of.arm[p] if k == 2 else 1.0
+                covariance = all_of.covariance[w, p, k]
+                drift = all_of.drift * all_of.drift * step / (scale * scale)
+                if all_of.age[w, p] > delay or seen:  # else it is that of the start, since when nothing has happened
+                    spread(covariance, way, fall, left, noise_of(all_of, 0, w, p) / (scale * scale), drift, covariance)
+                if seen and not gone and not lost:
+                    innovation = reading.pose[w, p, k] - all_of.kept[0, w, p, k]
+                    dp, dv, dd = observe(covariance, innovation, all_of.variance[p, k])
+                    all_of.disturbance[w, p, k] += dd
+                    for later in range(1, steps):
+                        a, b, _ = motion(all_of.damping[p], later * step)
+                        all_of.kept[later, w, p, k] += dp + a * dv + b * dd
+                    all_of.pose[w, p, k] += dp + on_way * dv + on_fall * dd
+                    all_of.velocity[w, p, k] += on_left * dv + on_way * dd
+                    all_of.mean_velocity[w, p, k] += on_left * dv + on_way * dd
+                    all_of.before[w, p, k] += on_left * dv + on_way * dd
+                for each in range(6):
+                    scratch[each] = covariance[each]
+                for later in range(1, steps):
+                    noise = noise_of(all_of, later, w, p) / (scale * scale)
+                    spread(scratch, way, fall, left, noise, 0.0, scratch)
+                noise = noise_of(all_of, steps - 1, w, p) / (scale * scale)
+                spread(scratch, rest_way, rest_fall, rest_left, noise, 0.0, scratch)
+                all_of.sigma[w, p, k] = math.sqrt(max(scratch[PP], 0.0))
+        if all_of.diverged[w]:
+            all_of.diverged[w] = False
+
+
+class FilterEstimator:
+    """A predictor that readings correct; see the module.
+
+    The measurement is the state at which the next command begins to act: ``latency`` periods ahead of now.
+
+    Args:
+        sensor: whose readings come.
+        predictor: carries the estimate on.
+        latency: periods between a command and its effect.
+        floor: m/s^2, standard deviation of the acceleration that the predictor does not know, at rest.
+        model_error: likewise, as a share of the acceleration that acts.
+        unknown: m/s^2, likewise, of an acceleration that stays for the episode.
+        drift: m/s^2 per square root of a second, at which that may change.
+        sigma: what readings' standard deviations are multiplied by.
+
+    Attributes:
+        measurement: the predictor's state, live.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        predictor: Predictor,
+        latency: int,
+        *,
+        floor: float,
+        model_error: float,
+        unknown: float,
+        drift: float,
+        sigma: float = 1.0,
+    ) -> None:
+        unknown = checks.number("sensor.estimator.unknown", unknown, least=0.0, most=1e3)
+        drift = checks.number("sensor.estimator.drift", drift, least=0.0, most=1e3)
+        sigma = checks.number("sensor.estimator.sigma", sigma, above=0.0, most=1e3)
+        worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
+        lead = sensor.delay + latency
+        self._sensor, self._predictor = sensor, predictor
+        self._instant = periods - lead % periods
+        steps, state = lead // periods + 1, predictor.state
+        measured = new_measurement(worlds, parts)
+        self.measurement = measured._replace(pose=state.pose, mean_velocity=state.mean_velocity)
+        period = sensor.surface.period
+        self._filter = Pinned(
+            FILTER,
+            Filter(
+                pose=state.pose,
+                velocity=state.velocity,
+                mean_velocity=state.mean_velocity,
+                fallen=state.fallen,
+                diverged=state.diverged,
+                kept=np.zeros((steps, worlds, parts, 3)),
+                before=np.zeros((worlds, parts, 3)),
+                activity=np.zeros((steps, worlds, parts)),
+                disturbance=np.zeros((worlds, parts, 3)),
+                covariance=np.zeros((worlds, parts, 3, 6)),
+                age=measured.age,
+                sigma=measured.sigma,
+                gone=measured.gone,
+                scratch=np.zeros(6),
+                damping=damping_of(sensor),
+                arm=np.sqrt([part.gyration for part in sensor.parts]),
+                variance=(sigma * np.maximum(sensor.sigma, LEAST_SIGMA)) ** 2,
+                idle=np.array([sensor.surface.idle_velocity(part.friction) for part in sensor.parts]),
+                step=periods * period,
+                lead=lead * period,
+                floor=floor,
+                model_error=model_error,
+                unknown=unknown,
+                drift=drift,
+            ),
+        )
+
+    def prepare(self, command: Drive) -> None:
+        self._predictor.prepare(command)
+
+    def reset(self, worlds: np.ndarray, reading: Reading) -> None:
+        self._predictor.place(worlds, reading.pose[worlds], reading.gone[worlds])
+        if len(worlds):
+            begin_filter(worlds, reading.pose, reading.gone, self._filter.address)
+
+    def follow(self, command: Drive) -> None:
+        record = self._filter.record
+        if len(record.kept) > 1:
+            record.kept[:-1] = record.kept[1:]
+            record.activity[:-1] = record.activity[1:]
+        self._predictor.run(command, self._instant, record.kept[-1])
+        note_activity(self._filter.address)
+
+    def update(self, reading: Reading) -> None:
+        filter_readings(reading, self._sensor.delay, self._sensor.periods, self._filter.address)
+
+    def live(self) -> dict[str, np.ndarray]:
+        own = ("kept", "before", "activity", "disturbance", "covariance", "age", "sigma", "gone")
+        return {**{name: getattr(self._filter.record, name) for name in own}, **self._predictor.live()}

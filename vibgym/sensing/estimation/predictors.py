@@ -1,0 +1,141 @@
+"""What carries an estimate on through a step: the simulator under the commands, or friction alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import State, new_state
+from vibgym.sensing.base import Sensor
+from vibgym.simulation.simulator import Simulator
+
+
+class Plant(Protocol):
+    """Actuators as a model of the machine has them; those of :mod:`vibgym.actuators` are such."""
+
+    draws: int
+    """Uniform numbers that they need at an episode's start; a model has the middle of each."""
+
+    def prepare(self, command: Drive) -> None:
+        """See what commands will look like."""
+
+    def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        """Start afresh in ``worlds``."""
+
+    def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
+        """What the elements do in a step: drives, and for how many periods each."""
+        ...
+
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
+        ...
+
+
+class Predictor(Protocol):
+    """Carries the estimates of all worlds on."""
+
+    state: State
+
+    def prepare(self, command: Drive) -> None:
+        """See what commands will look like."""
+
+    def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
+        """Put parts down at rest in ``worlds``."""
+
+    def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
+        """Carry on by one step; what the poses are after ``instant`` periods goes into ``kept`` (worlds, parts, 3)."""
+
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
+        ...
+
+
+class ModelPredictor:
+    """The simulator with nominal parts, under what nominal actuators make of the commands.
+
+    Args:
+        sensor: with surface, parts and worlds.
+        plant: nominal actuators.
+        walls: of the table.
+        model: of the simulator.
+    """
+
+    def __init__(self, sensor: Sensor, plant: Plant, walls: Sequence[str], model: str) -> None:
+        self.simulator = Simulator(sensor.surface, sensor.parts, walls=walls, worlds=sensor.worlds, model=model)
+        self.state, self._plant, self._periods = self.simulator.state, plant, sensor.periods
+        velocity = [np.append(sensor.surface.idle_velocity(part.friction), 0.0) for part in sensor.parts]
+        self._idle = np.array(velocity)
+
+    def prepare(self, command: Drive) -> None:
+        self._plant.prepare(command)
+
+    def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
+        self._plant.reset(worlds, np.full((len(worlds), self._plant.draws), 0.5))
+        self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, self._idle), 0.0, fallen)
+
+    def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
+        elapsed = 0
+        for drive, periods in self._plant.apply(command):
+            end = elapsed + periods
+            if elapsed < instant < end:
+                self.simulator.run(drive, instant - elapsed)
+                kept[...] = self.state.pose
+                self.simulator.run(drive, end - instant)
+            else:
+                self.simulator.run(drive, periods)
+                if end == instant:
+                    kept[...] = self.state.pose
+            elapsed = end
+
+    def live(self) -> dict[str, np.ndarray]:
+        plant = {f"plant_{name}": values for name, values in self._plant.live().items()}
+        return {**self.state._asdict(), **plant}
+
+
+@borrowing
+def glide(state, damping, time):
+    """Parts that friction alone slows down: ``v' = -c v``."""
+    for w in range(state.pose.shape[0]):
+        for p in range(state.pose.shape[1]):
+            if state.fallen[w, p]:
+                continue
+            left = math.exp(-damping[p] * time)
+            way = (1.0 - left) / damping[p] if damping[p] > 0.0 else time
+            for k in range(3):
+                state.pose[w, p, k] += way * state.mean_velocity[w, p, k]
+                state.mean_velocity[w, p, k] *= left
+
+
+class FreePredictor:
+    """Friction alone: what it does not know is for the filter's process noise."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.state = new_state(sensor.worlds, len(sensor.parts))
+        self._damping = damping_of(sensor)
+        self._period, self._periods = sensor.surface.period, sensor.periods
+
+    def prepare(self, command: Drive) -> None:
+        """Nothing to do: it knows of no commands."""
+
+    def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
+        self.state.pose[worlds], self.state.mean_velocity[worlds], self.state.fallen[worlds] = pose, 0.0, fallen
+
+    def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
+        glide(self.state, self._damping, instant * self._period)
+        kept[...] = self.state.pose
+        if instant < self._periods:
+            glide(self.state, self._damping, (self._periods - instant) * self._period)
+
+    def live(self) -> dict[str, np.ndarray]:
+        return {"pose": self.state.pose, "mean_velocity": self.state.mean_velocity, "fallen": self.state.fallen}
+
+
+def damping_of(sensor: Sensor) -> np.ndarray:
+    """(parts,) 1/s, rate ``mu g / (2 a_h w)`` at which friction slows a part near rest (thesis eq. 5.60 at small speed)."""
+    friction = np.array([part.friction for part in sensor.parts])
+    return 0.5 * friction * sensor.surface.gravity / max(sensor.surface.table_speed, 1e-3)

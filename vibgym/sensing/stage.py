@@ -1,0 +1,142 @@
+"""The sensing stage of an environment: a sensor, and an estimator that makes a measurement of its readings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import State
+from vibgym.sensing.base import Sensor
+from vibgym.sensing.measurement import Measurement, Reading
+from vibgym.snapshots import copied, restored
+
+
+class Estimator(Protocol):
+    """Turns readings into what is known now; batched."""
+
+    measurement: Measurement
+
+    def prepare(self, command: Drive) -> None:
+        """See what commands will look like, once, before the first of them."""
+
+    def reset(self, worlds: np.ndarray, reading: Reading) -> None:
+        """Start afresh in ``worlds`` (index array) from what was read of them at the start."""
+
+    def follow(self, command: Drive) -> None:
+        """Take note of a step's command, before it acts."""
+
+    def update(self, reading: Reading) -> None:
+        """Take in the reading that has come due at the step's end."""
+
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
+        ...
+
+
+class Sensing:
+    """A sensor and an estimator.
+
+    Attributes:
+        exact: whether the measurement is always the truth of this instant.
+        instant: periods after a step's start at which :meth:`look` is due.
+        measurement: what is known now.
+        draws: uniform numbers that an episode's start needs.
+        tell: what a state observation tells of the measurement besides: ``"age"``, ``"sigma"``.
+    """
+
+    exact = False
+
+    def __init__(self, sensor: Sensor, estimator: Estimator, tell: tuple[str, ...] = ()) -> None:
+        self.sensor, self.estimator, self.tell = sensor, estimator, tell
+        self.instant, self.draws = sensor.instant, sensor.draws
+
+    @property
+    def measurement(self) -> Measurement:
+        """What is known now."""
+        return self.estimator.measurement
+
+    def facts(self) -> dict[str, np.ndarray]:
+        """What ``info`` says of the measurement, by name: live arrays (worlds, ...)."""
+        known = self.estimator.measurement
+        return {"age": known.age, "sigma": known.sigma, **self.sensor.facts()}
+
+    def prepare(self, command: Drive) -> None:
+        """See what commands will look like, once, before the first of them."""
+        self.estimator.prepare(command)
+
+    def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
+        """Start afresh in ``worlds``, see :meth:`Sensor.reset`."""
+        self.sensor.reset(worlds, state, uniform)
+        self.estimator.reset(worlds, self.sensor.due)
+
+    def follow(self, command: Drive) -> None:
+        """Take note of a step's command, before it acts."""
+        self.estimator.follow(command)
+
+    def look(self, state: State) -> None:
+        """Take in the true state of this instant."""
+        self.sensor.look(state)
+
+    def update(self) -> None:
+        """Bring the measurement up to date at a step's end."""
+        self.estimator.update(self.sensor.due)
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit."""
+        return copied(self._live())
+
+    def check_state(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
+        return restored("state['sensor']", self._live(), state)
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from a checked state."""
+        for name, values in self._live().items():
+            values[...] = state[name]
+
+    def _live(self) -> dict[str, np.ndarray]:
+        own = {f"estimator_{name}": values for name, values in self.estimator.live().items()}
+        return {**self.sensor.live(), **own}
+
+
+class ExactSensing(Sensing):
+    """An exact sensor by itself: the measurement is the live true state, and nothing is copied or kept."""
+
+    exact = True
+
+    def __init__(self, sensor: Sensor, tell: tuple[str, ...] = ()) -> None:
+        self.sensor, self.tell = sensor, tell
+        self.instant, self.draws = sensor.instant, 0
+        shape = (sensor.worlds, len(sensor.parts))
+        self._none = np.zeros(shape, dtype=np.int64), np.zeros((*shape, 3))
+        self._truth: Measurement | None = None
+
+    @property
+    def measurement(self) -> Measurement:
+        """The true state."""
+        assert self._truth is not None  # an episode has begun
+        return self._truth
+
+    def facts(self) -> dict[str, np.ndarray]:
+        return {}
+
+    def prepare(self, command: Drive) -> None:
+        """Nothing to do."""
+
+    def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
+        self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none)
+
+    def follow(self, command: Drive) -> None:
+        """Nothing to do."""
+
+    def look(self, state: State) -> None:
+        """Nothing to do: the state is live."""
+
+    def update(self) -> None:
+        """Nothing to do."""
+
+    def _live(self) -> dict[str, np.ndarray]:
+        return {}
