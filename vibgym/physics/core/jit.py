@@ -49,7 +49,7 @@ OPTIONS: Any = {"nopython": True, "error_model": "numpy", "fastmath": FAST_MATH,
 
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
 
-FIRST_STEP = "10 to 25 s"
+FIRST_STEP = "10 to 40 s"
 """What the kernels of an environment take to compile (benchmarks/cold_start.py)."""
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.physics.core.jit import borrowing, jit
-from vibgym.sensing.camera.objects import Found
+from vibgym.sensing.camera.objects import Found, shift_moments
 
 
 class Grey(NamedTuple):
@@ -114,12 +114,7 @@ def share_moments(share, top, left, moment):
         moment[3] += s2
         moment[4] += y * s1
         moment[5] += y * y * s0
-    m00, m10, m01 = moment[0], moment[1], moment[2]
-    moment[3] += middle_c * (2.0 * m10 + middle_c * m00)
-    moment[4] += middle_c * m01 + middle_l * m10 + middle_c * middle_l * m00
-    moment[5] += middle_l * (2.0 * m01 + middle_l * m00)
-    moment[1] += middle_c * m00
-    moment[2] += middle_l * m00
+    shift_moments(moment, middle_c, middle_l)
 
 
 @borrowing
