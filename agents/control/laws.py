@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from agents.control.local_law import LocalLaw
+from agents.control.pose_law import PoseLaw
 from vibgym.registry import Registry
 
-LAWS: Registry[Any] = Registry("law", {"local": LocalLaw})
+LAWS: Registry[Any] = Registry("law", {"local": LocalLaw, "pose": PoseLaw})
 """``LAWS.register(name, cls)`` adds one of your own, made as ``cls(info, **settings)``; see :mod:`agents.control.law`."""

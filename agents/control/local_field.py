@@ -35,9 +35,11 @@ class LocalFieldPolicy(Steering):
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Phasors from the measured poses and mean velocities; the state is the law's memory."""
-        measured = self.expected(observation)
-        memory, _ = recall(state, episode_start, self.law.initial(len(measured.centre)), len(measured.centre))
+        """Phasors from the measured poses and mean velocities; the state is :class:`agents.control.steering.Memory`."""
+        measured = Measured.of(observation, self.info)
+        batch = len(measured.centre)
+        memory, _ = recall(state, episode_start, self.begin(batch), batch)
+        measured = self.expected(measured, memory)
         return self.steer(measured, self.targets(measured) - measured.centre, memory)
 
     def targets(self, measured: Measured) -> np.ndarray:

@@ -18,7 +18,7 @@ import numpy as np
 
 from agents.control.measured import Measured
 from agents.control.plant import plant_of
-from agents.control.settling import Settling, keep_on
+from agents.control.settling import Settling, bands, keep_on
 from agents.task_info import TaskInfo
 from vibgym import checks
 
@@ -36,7 +36,7 @@ class LocalLaw:
         ValueError: a bad argument.
     """
 
-    def __init__(self, info: TaskInfo, *, response: float = 0.06, braking: float = 0.6, approach: float = 7.0) -> None:
+    def __init__(self, info: TaskInfo, *, response: float = 0.04, braking: float = 0.5, approach: float = 9.0) -> None:
         self.plant = plant = plant_of(info)
         self.braking = checks.number("braking", braking, above=0.0, most=1.0)
         ahead = 0.5 * (info.step_time - info.surface.period)
@@ -47,7 +47,7 @@ class LocalLaw:
         self.response = np.maximum(checks.number("response", response, above=0.0), held)
         self.settle, self.slack = keep_on, 0.0
         if info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard":
-            settling = Settling(info, plant.drag, self.approach, ahead)
+            settling = Settling(info, plant.drag, *bands(info))
             self.settle, self.slack = settling, settling.slack
 
     def initial(self, batch: int) -> tuple[()]:

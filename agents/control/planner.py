@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.measured import recall
+from agents.control import steering
+from agents.control.measured import Measured, recall
 from agents.control.motion_choice import STAY, Preferences, Scene, choose_motions
 from agents.control.plant import plant_of
 from agents.control.steering import Steering
@@ -36,7 +37,7 @@ class Memory(NamedTuple):
     target: np.ndarray  # (batch, parts, 2) m
     motion: np.ndarray  # (batch, parts) int64, of agents.control.motion_choice
     waited: np.ndarray  # (batch, parts) s
-    law: Any  # the law's own
+    steering: steering.Memory
 
 
 class PlannerPolicy(Steering):
@@ -102,15 +103,17 @@ class PlannerPolicy(Steering):
     def initial(self, batch: int) -> Memory:
         """Memory at the very start, before anything has been seen."""
         shape = (batch, len(self.info.parts))
-        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), self.law.initial(batch))
+        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), self.begin(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Phasors from the measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured, period = self.expected(observation), self.info.step_time
+        measured, period = Measured.of(observation, self.info), self.info.step_time
+        batch = len(measured.centre)
+        (target, motion, waited, steered), new = recall(state, episode_start, self.initial(batch), batch)
+        measured = self.expected(measured, steered)
         centre, present = np.ascontiguousarray(measured.centre), measured.present
-        (target, motion, waited, law), new = recall(state, episode_start, self.initial(len(centre)), len(centre))
         if self.info.has_goal:
             target = centre + measured.way
         else:
@@ -132,5 +135,5 @@ class PlannerPolicy(Steering):
         )
         velocity = np.empty_like(centre)
         choose_motions(self.preferences, self.hulls, scene, self.faithful, motion, velocity)
-        action, law = self.steer(measured, self.law.lead * velocity, law)
-        return action, Memory(target, motion, waited, law)
+        action, steered = self.steer(measured, self.law.lead * velocity, steered)
+        return action, Memory(target, motion, waited, steered)

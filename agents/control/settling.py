@@ -29,24 +29,30 @@ LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
 """m and rad, the same where a task asks for no pose, but for zones or distances."""
 
 
+def bands(info: TaskInfo) -> tuple[float, float]:
+    """Bands (m, rad) that do for a task."""
+    if not info.has_goal:
+        return LOOSE_BAND, LOOSE_TURN
+    return BAND * info.position_tolerance, BAND * info.heading_tolerance
+
+
 class Settling:
     """Replaces what the law wants of parts near their targets.
 
     Args:
         info: task and step time.
         drag: (parts,) 1/s, c above.
-        approach: 1/s, set velocity over the distance to the target near it.
-        ahead: s, by which measured places have been moved on.
+        band, turn_band: m and rad, within which places of rest are left as they are.
 
     Attributes:
         slack: m, by how much corners of parts at rest may be off.
     """
 
-    def __init__(self, info: TaskInfo, drag: np.ndarray, approach: float, ahead: float) -> None:
+    def __init__(self, info: TaskInfo, drag: np.ndarray, band: float, turn_band: float) -> None:
         self.drag, self.step = drag, info.step_time
+        ahead = 0.5 * (info.step_time - info.surface.period)
         self.coast = 1.0 / np.maximum(drag, 1e-9) - ahead  # s
-        self.band = BAND * info.position_tolerance if info.has_goal else LOOSE_BAND
-        self.turn_band = BAND * info.heading_tolerance if info.has_goal else LOOSE_TURN
+        self.band, self.turn_band = band, turn_band
         self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
         self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
 

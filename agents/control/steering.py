@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,13 @@ from vibgym.allocation.frictional import FrictionalInverse
 
 TURN_ROOM = 0.010
 """m, distance to the nearest other part below which a part turns more slowly."""
+
+
+class Memory(NamedTuple):
+    """What steering hands on from step to step."""
+
+    acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts were given in the last step
+    law: Any  # the law's own
 
 
 class Steering:
@@ -45,13 +52,23 @@ class Steering:
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
-    def expected(self, observation: Any) -> Measured:
-        """What an observation says, with the parts moved on by :attr:`ahead`.
+    def begin(self, batch: int) -> Memory:
+        """Memory at the start of an episode."""
+        return Memory(np.zeros((batch, len(self.info.parts), 3)), self.law.initial(batch))
 
-        Raises:
-            ValueError: an observation of another shape.
+    def expected(self, measured: Measured, memory: Memory) -> Measured:
+        """Where the parts are in the middle of what a step lasts longer than a period, and how fast at its start.
+
+        A mean velocity over a period is half a period old: a part that brakes is slower by now. What it was given is known.
+
+        Args:
+            measured: what an observation says.
+            memory: of :meth:`begin`, or what :meth:`steer` made of it.
         """
-        measured = Measured.of(observation, self.info)
+        gained = 0.5 * self.info.surface.period * memory.acceleration
+        measured = replace(
+            measured, velocity=measured.velocity + gained[..., :2], spin=measured.spin + gained[..., 2]
+        )
         if self.ahead == 0.0:
             return measured
         moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin
@@ -63,21 +80,17 @@ class Steering:
             turn=measured.turn - turned if self.info.has_heading else measured.turn,
         )
 
-    def steer(self, measured: Measured, way: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
-        """The action that takes the parts the ways (batch, parts, 2) that are left, and their headings to where they shall be.
-
-        Args:
-            memory: the law's.
-        """
+    def steer(self, measured: Measured, way: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """The action that takes the parts the ways (batch, parts, 2) that are left, and their headings to where they shall be."""
         room = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
-        wanted, memory = self.law.wanted(measured, way, room * self._turn(measured), memory)
+        wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
         push, acceleration, _ = self.process.push(velocity, np.where(moves, wanted, 0.0))
         if not moves.all():
             push = np.where(moves, push, 0.0)
             acceleration, _ = self.process.acceleration(velocity, push)
-        memory = self.law.applied(measured, acceleration, memory)
+        memory = Memory(acceleration, self.law.applied(measured, acceleration, law))
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
         action = self.allocator.actions(pose, measured.present, push)
         return (action[0] if measured.single else action), memory

@@ -18,13 +18,13 @@ import numpy as np
 from vibgym.allocation.cut import cut_parts
 from vibgym.physics.core.jit import borrowing
 
-DAMPING = 0.03
+DAMPING = 0.003
 """Share of the mean square by which conflicting wishes are softened."""
 
-STARTS, ROUNDS = 16, 8
+STARTS, ROUNDS = 64, 16
 """Starts, the least-norm phasors first, and projections from each."""
 
-SPREAD = 0.1
+SPREAD = 0.13
 """Expected error of an element's push over its size: 5 % of gain and 5 degrees of phase."""
 
 
