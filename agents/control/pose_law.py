@@ -7,6 +7,7 @@ target, on elements with a hard dead zone, :mod:`agents.control.settling` fires 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -16,18 +17,24 @@ from agents.control.plant import plant_of
 from agents.control.settling import LOOSE_BAND, LOOSE_TURN, Settling, keep_on
 from agents.control.stopping import StoppingCurve
 from agents.task_info import TaskInfo
-from vibgym import checks
 from vibgym.allocation.frictional import FrictionalInverse
-
-import math
 
 BAND, TURN_BAND = 0.25e-3, math.radians(0.3)
 
 
 class PoseLaw:
     def __init__(
-        self, info: TaskInfo, *, braking: float = 0.9, turn_braking: float = 0.7, approach: float = 12.0,
-        response: float = 1.0, band: float = BAND, turn_band: float = TURN_BAND, spread: float = 1.0,
+        self,
+        info: TaskInfo,
+        *,
+        braking: float = 0.9,
+        turn_braking: float = 0.7,
+        approach: float = 28.0,
+        turn_approach: float = 22.0,
+        response: float = 1.0,
+        band: float = BAND,
+        turn_band: float = TURN_BAND,
+        spread: float = 1.0,
     ) -> None:
         plant = plant_of(info)
         self.plant, self.step = plant, info.step_time
@@ -37,7 +44,7 @@ class PoseLaw:
         self.curve = StoppingCurve(process, np.full(parts, braking), top, False)
         turn_top = np.full(parts, 12.0)
         self.turn_curve = StoppingCurve(process, np.full(parts, turn_braking), turn_top, True)
-        self.approach, self.lead = approach, 1.0 / approach
+        self.approach, self.turn_approach, self.lead = approach, turn_approach, 1.0 / approach
         self.response = response * info.step_time
         self.spread = spread
         self.settle, self.slack = keep_on, 0.0
@@ -53,23 +60,25 @@ class PoseLaw:
         distance = np.sqrt((way**2).sum(axis=-1))
         toward = way / np.maximum(distance, 1e-12)[..., None]
         closing = (measured.velocity * toward).sum(axis=-1)
-        speed = self.along(self.curve, distance, closing)
+        speed = self.along(self.curve, self.approach, distance, closing)
         velocity = speed[..., None] * toward
         left = np.abs(turn)
-        rate = self.along(self.turn_curve, left, measured.spin * np.sign(turn))
+        rate = self.along(self.turn_curve, self.turn_approach, left, measured.spin * np.sign(turn))
         # No faster than it has to: what turns a part does not move it.
         if self.spread:
             time = self.curve.time_for(distance) - 0.1
             rate = np.where(time > 0.15, np.minimum(rate, self.spread * left / np.maximum(time, 0.15)), rate)
-        change = np.concatenate([velocity - measured.velocity, (np.sign(turn) * rate - measured.spin)[..., None]], axis=-1)
+        change = np.concatenate(
+            [velocity - measured.velocity, (np.sign(turn) * rate - measured.spin)[..., None]], axis=-1
+        )
         return self.settle(measured, way, turn, change / self.response), memory
 
-    def along(self, curve, left, now):
+    def along(self, curve, approach, left, now):
         """Speed at the end of the step that lies on the curve: ``v' = curve(left - T (v + v') / 2)``."""
-        speed = np.minimum(curve.at(left), self.approach * left)
+        speed = np.minimum(curve.at(left), approach * left)
         for _ in range(4):
             ahead = np.maximum(left - 0.5 * self.step * (now + speed), 0.0)
-            new = np.minimum(curve.at(ahead), self.approach * ahead)
+            new = np.minimum(curve.at(ahead), approach * ahead)
             speed = 0.5 * (speed + new)
         return speed
 

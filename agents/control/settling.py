@@ -70,7 +70,8 @@ class Settling:
         near = (way**2).sum(axis=-1) < REACH**2
         near &= (distance < self.near) & (skew < self.near_turn)
         rests = near & (distance < self.band) & (skew < self.turn_band)
-        pulse = self.drag[:, None] * (off / self.step - velocity)
+        # The push drag * off / step, less what friction takes on average.
+        pulse = self.drag[:, None] * (off / self.step - velocity) / (1.0 + 0.5 * self.drag[:, None] * self.step)
         return np.where(rests[..., None], np.nan, np.where(near[..., None], pulse, wanted))
 
 

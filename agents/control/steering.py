@@ -66,9 +66,7 @@ class Steering:
             memory: of :meth:`begin`, or what :meth:`steer` made of it.
         """
         gained = 0.5 * self.info.surface.period * memory.acceleration
-        measured = replace(
-            measured, velocity=measured.velocity + gained[..., :2], spin=measured.spin + gained[..., 2]
-        )
+        measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=measured.spin + gained[..., 2])
         if self.ahead == 0.0:
             return measured
         moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin
@@ -81,12 +79,12 @@ class Steering:
         )
 
     def steer(self, measured: Measured, way: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        """The action that takes the parts the ways (batch, parts, 2) that are left, and their headings to where they shall be."""
+        """The action that takes the parts the ways (batch, parts, 2) that are left, and turns them to where they shall be."""
         room = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
         wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, acceleration, _ = self.process.push(velocity, np.where(moves, wanted, 0.0))
+        push, acceleration, _ = self.process.push_for(velocity, np.where(moves, wanted, 0.0), self.info.step_time)
         if not moves.all():
             push = np.where(moves, push, 0.0)
             acceleration, _ = self.process.acceleration(velocity, push)

@@ -252,6 +252,15 @@ class FrictionalInverse:
         invert(self._numbers, velocity, wanted, new_scratch(), *result)
         return result
 
+    def push_for(self, velocity: np.ndarray, wanted: np.ndarray, time: float) -> Inverse:
+        """The same for parts that move with ``velocity`` (batch, parts, 3) at the start of the ``time`` (s) that the push lasts.
+
+        Friction and push depend on the mean velocity of that time, which the push changes: it is found with what the parts get
+        at the velocity of the start.
+        """
+        first = self.push(velocity, wanted).acceleration
+        return self.push(velocity + 0.5 * time * first, wanted)
+
     def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The other way round: mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
         velocity, push = _rows(velocity), _rows(push)

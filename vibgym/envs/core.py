@@ -86,7 +86,7 @@ class Core:
         ValueError: a bad setting.
     """
 
-    STATE = ("environment", "simulator", "episode", "actuators", "sensor", "began")
+    STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
     """Keys of a snapshot."""
 
     def __init__(self, options: Options, worlds: int) -> None:
@@ -117,6 +117,7 @@ class Core:
         self.task.features = (*self.task.features, *self.sensing.tell)
         self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.observation.watch(self.sensing.sensor)
+        self._commanded = self.action.install(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
@@ -145,10 +146,10 @@ class Core:
         self.facts, self.details = self._shown()
 
     def _shown(self) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
-        """Facts, and groups of what ``info`` says besides (what was drawn, what is measured): live arrays (worlds, ...)."""
+        """Facts, and groups of what ``info`` says besides (drawn, measured, commanded): live arrays (worlds, ...)."""
         state = self.simulator.state
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        groups = {"drawn": drawn, "measured": self.sensing.facts()}
+        groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
         return self.task.facts(state.diverged, self.episode), {name: each for name, each in groups.items() if each}
 
     @property
@@ -181,6 +182,8 @@ class Core:
         self.scoring.begin(worlds, start)
         if self.observation.goal_reward:
             self.terms[worlds] = 0.0
+        for remembered in self.action.live().values():
+            remembered[worlds] = 0
         self.actuators.reset(worlds, uniform[:, own:driven])
         self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
         self._look()
@@ -265,6 +268,7 @@ class Core:
             "environment": self.identity,
             "simulator": self.simulator.get_state(),
             "episode": copied(self._progress()),
+            "action": copied(self.action.live()),
             "actuators": self.actuators.get_state(),
             "sensor": self.sensing.get_state(),
             "began": self.began,
@@ -281,11 +285,14 @@ class Core:
             raise checks.refuse("state['environment']", *_difference(state["environment"], self.identity))
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
+        action = restored("state['action']", self.action.live(), state["action"])
         actuators = self.actuators.check_state(state["actuators"])
         sensor = self.sensing.check_state(state["sensor"])
         self.simulator.set_state(state["simulator"])  # checks before it changes anything, and is the last that can fail
         for name, values in self._progress().items():
             values[...] = episode[name]
+        for name, values in self.action.live().items():
+            values[...] = action[name]
         self.actuators.set_state(actuators)
         self.sensing.set_state(sensor)
         if began:

@@ -39,6 +39,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     | ``"phasor"`` | (rows, columns, 2) | amplitude x (cos, sin) phase of every element, in the unit disc |
     | ``"patch"`` | (parts, k, k, 2) | phasors of the k x k elements around each part (k = 4 for the shipped blocks) |
     | ``"field"`` | (parts, 6) | strengths of uniform x, y, squeeze x, y, radial and tangential field around each part |
+    | ``"wrench"`` | (parts, 3) | wanted acceleration of each part, x, y and angular, see :class:`vibgym.envs.actions.Wrench` |
 
     ## Observation space
     ``"state"`` (default): float32 in [-1, 1], a block of numbers for each slot; part p has block p. :attr:`observation_layout`
@@ -77,7 +78,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     ## Several parts
     Sort: every part's centre inside the zone of its kind (parts with the same name), and slower than 20 mm/s on average over
     the last period. Singulate: every distance between parts above sqrt(2) x element size. With ``"patch"`` and ``"field"`` an
-    element that several parts claim obeys the one whose centre is nearest to its own.
+    element that several parts claim obeys the one whose centre is nearest to its own; ``"wrench"`` serves them together.
 
     | reward term | meaning | bound |
     |---|---|---|
@@ -97,7 +98,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
     where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where ``randomize`` draws any, ``drawn``: the
     factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the acceleration x, y (m/s^2) of what lies on
-    the tilted table. Observations do not show them.
+    the tilted table. Observations do not show them. With ``action="wrench"``, ``commanded`` says which parts' wishes the
+    elements do not serve, and why (``unserved``, (parts,), an index of :data:`vibgym.envs.actions.REASONS`).
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"``, ``"Singulate"``, or one that you have registered.

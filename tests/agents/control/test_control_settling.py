@@ -53,7 +53,7 @@ def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
     way, turn = np.array([0.0012, -0.0008]), 0.03
     pulse = wanted(policy, seen(policy, way, turn, velocity, spin))
     assert not np.isnan(pulse).any()
-    pulse = pulse + drag * np.array([*velocity, spin])  # what elements give makes up for friction too
+    pulse = pulse + drag * (np.array([*velocity, spin]) + 0.5 * length * pulse)  # elements make up for friction's mean too
     for start, rate, goal in ((np.array(velocity), pulse[:2], way), (spin, pulse[2], turn)):
         fade = math.exp(-drag * length)
         after = start * fade + rate / drag * (1.0 - fade)
