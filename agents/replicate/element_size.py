@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, kind_colour, new_figure, png, style
-from agents.replicate.figure import Comparison, Figure, Picture, Table, of_number
+from agents.replicate.figure import Comparison, Figure, Picture, Table
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
@@ -18,7 +18,7 @@ PITCH = 0.052
 
 GRID = 4  # points of the grid along each side
 PERIODS = 150
-PLACES = 200
+PLACES = 100
 ALIGNED = 2e-3  # m
 SIZES = tuple(PITCH / each for each in (5, 4, 3, 2.5, 2, 1.75, 1.5, 1.25, 1))
 
@@ -70,16 +70,22 @@ def draw() -> Figure:
     rows = tuple(
         (
             f"{1e3 * size:.1f} mm",
-            *(f"{100.0 * shares[name, size]:.1f} % ({1e3 * float(np.median(results[name, size][0])):.2f} mm)" for name in parts),
+            *(
+                f"{100.0 * shares[name, size]:.1f} % ({1e3 * float(np.median(results[name, size][0])):.2f} mm)"
+                for name in parts
+            ),
         )
         for size in SIZES
     )
     return Figure(
         title="Fig. 6.2: the largest elements that align parts on a grid",
-        shows="The thesis draws the largest size of the elements with which fields alone, without a sensor, align parts on a "
-        "rectangular grid. Its drawing and its formula are lost; the prototype's elements measure 26 mm.",
+        shows="The thesis draws the largest size of the elements with which fields alone, without a sensor, align "
+        "parts on a rectangular grid. Its drawing and its formula are lost; the prototype's elements measure 26 mm.",
         comparisons=(
-            of_number("Size of an element, for blocks of 50 mm on a grid of 52 mm", 26.0, 1e3 * largest, "mm", 1),
+            Comparison(
+                "Size of an element, for blocks of 50 mm on a grid of 52 mm", "26 mm (the prototype)",
+                f"{1e3 * largest:.1f} mm", "none, but the pitch is our assumption",
+            ),
             Comparison(
                 "Largest element over the pitch of the grid", "lost", f"{largest / PITCH:.2f}",
                 "the formula is lost; half the pitch fits the prototype's size",
@@ -89,19 +95,21 @@ def draw() -> Figure:
                 ", ".join(f"{100.0 * shares[name, 0.5 * PITCH]:.0f} % ({name})" for name in parts), "agrees",
             ),
         ),
-        differs="A point of the grid attracts parts where four elements that push towards it meet, so that each point needs two by "
-        "two elements of its own: an element is at most half the pitch. The simulation bears that out, and for the "
-        "prototype's blocks it gives the prototype's size; whether the thesis argued so is not known.",
+        differs="A point of the grid attracts parts where four elements that push towards it meet, so that each "
+        "point needs two by two elements of its own: an element is at most half the pitch. The simulation bears "
+        "that out, and for the prototype's blocks it gives the prototype's size; whether the thesis argued so is "
+        "not known.",
         assumed=(
             "The pitch: 52 mm, at which blocks of 50 mm stand side by side.",
-            "Ideal elements at the lift-off amplitude, each pushing towards the nearest point of the grid; phases are not "
-            "corrected for friction.",
+            "Ideal elements at the lift-off amplitude, each pushing towards the nearest point of the grid; phases "
+            "are not corrected for friction.",
         ),
         pictures=(
             Picture(
                 png(figure),
-                f"Left: share aligned after {PERIODS * Surface().period:.0f} s, by size; line: half the pitch. Right: where aluminium "
-                f"blocks rest on elements of 26 mm, {PLACES} random starts; crosses: the grid.",
+                f"Left: share aligned after {PERIODS * Surface().period:.0f} s, by size; line: half the pitch. "
+                f"Right: where aluminium blocks rest on elements of 26 mm, {PLACES} random starts; crosses: the "
+                "grid.",
             ),
         ),
         tables=(

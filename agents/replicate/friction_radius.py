@@ -51,9 +51,7 @@ def draw() -> Figure:
     style(panels[0], ylabel="radius of motion, mm")
     misfit = max(largest_misfit(block, FREQUENCIES) for one in (measured, shown) for block in one.blocks)
     given = {"steel_block": 0.64, "aluminium_block": 0.58}
-    gaps = [
-        float(np.abs(block.up - block.down).max()) for block in measured.blocks
-    ]
+    gaps = [float(np.abs(block.up - block.down).max()) for block in measured.blocks]
     rows = tuple(
         (PART[block.name], f"{block.fitted:.4f}", f"{block.standard_error:.4f}", f"{block.window[0]:.3f} Hz",
          f"{block.window[1]:.3f} Hz")
@@ -61,9 +59,9 @@ def draw() -> Figure:
     )  # fmt: skip
     return Figure(
         title="Figs. 7.1 and 7.2: the radius of motion tells sticking from sliding",
-        shows="With the elements at rest a part that sticks circles with the table's 2.7 mm, one that slides with mu g / w^2 (eqs. "
-        "3.30 and 3.37), less the faster the table is. The thesis measures steel and aluminium blocks, upwards and downwards in "
-        "frequency, and fits the coefficient of friction.",
+        shows="With the elements at rest a part that sticks circles with the table's 2.7 mm, one that slides with "
+        "mu g / w^2 (eqs. 3.30 and 3.37), less the faster the table is. The thesis measures steel and aluminium "
+        "blocks, upwards and downwards in frequency, and fits the coefficient of friction.",
         comparisons=(
             *(
                 of_number(f"Friction fitted, {PART[block.name]}", given[block.name], block.fitted, digits=3)
@@ -75,27 +73,29 @@ def draw() -> Figure:
             ),
             Comparison(
                 "Between upward and downward sweep", "none was seen", f"at most {1e3 * max(gaps):.3f} mm",
-                f"none with mu_0 = {STATIC_RATIO} mu and steps of {FREQUENCIES[1] - FREQUENCIES[0]:.1f} Hz; with {SHOWN_RATIO} "
-                "the window shows",
+                f"none with mu_0 = {STATIC_RATIO} mu and steps of {FREQUENCIES[1] - FREQUENCIES[0]:.1f} Hz; with "
+                f"{SHOWN_RATIO} the window shows",
             ),
             Comparison(
                 "Sharpness of the transition", "sharper for aluminium", "equally sharp for both",
                 "the model has a single coefficient under the whole part; what blurred the steel block's is not in it",
             ),
         ),
-        differs="The simulated radii are the closed forms. The fit gets back the coefficients that the simulation was given, which "
-        "are the thesis's own: it shows that the method works, not that friction was 0.64 and 0.58. That steel's transition is "
-        "less sharp is not reproduced.",
+        differs="The simulated radii are the closed forms. The fit gets back the coefficients that the simulation "
+        "was given, which are the thesis's own: it shows that the method works, not that friction was 0.64 and "
+        "0.58. That steel's transition is less sharp is not reproduced.",
         assumed=(
-            f"The ratio of static to sliding friction is not known: {STATIC_RATIO} in the measurement, which steps of 0.2 Hz do not "
-            f"resolve, and {SHOWN_RATIO} in the first plot.",
-            f"A measured radius has a standard deviation of {1e3 * measured.noise:.2f} mm; the measured points are lost.",
+            f"The ratio of static to sliding friction is not known: {STATIC_RATIO} in the measurement, which steps "
+            f"of 0.2 Hz do not resolve, and {SHOWN_RATIO} in the first plot.",
+            f"A measured radius has a standard deviation of {1e3 * measured.noise:.2f} mm; the measured points are "
+            "lost.",
         ),
         pictures=(
             Picture(
                 png(figure),
-                "Left (fig. 7.1): expected course for steel, dashed while it sticks; triangles: simulated sweeps up and down. Middle "
-                "and right (fig. 7.2): downward sweeps with noise, dotted for friction 0.5 to 0.8, line: best fit.",
+                "Left (fig. 7.1): expected course for steel, dashed while it sticks; triangles: simulated sweeps "
+                "up and down. Middle and right (fig. 7.2): downward sweeps with noise, dotted for friction 0.5 to "
+                "0.8, line: best fit.",
             ),
         ),
         tables=(

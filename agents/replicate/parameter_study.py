@@ -107,9 +107,10 @@ def draw() -> Figure:
     heaviest = math.sqrt(MOST_ACCELERATION / own[0]) / (2.0 * math.pi)
     return Figure(
         title="Fig. 6.1: which amplitudes and frequencies a machine may have",
-        shows="The thesis shades, over horizontal amplitude (1 um to 1 m) and rate (10 to 10 000 rad/s), where each need of the "
-        "machine is met: permanent sliding at full vertical amplitude, a sufficient speed, a centripetal acceleration below "
-        "100 g, and room at the interfaces; what is left holds the prototype's 2.7 mm and 25 Hz.",
+        shows="The thesis shades, over horizontal amplitude (1 um to 1 m) and rate (10 to 10 000 rad/s), where "
+        "each need of the machine is met: permanent sliding at full vertical amplitude, a sufficient speed, a "
+        "centripetal acceleration below 100 g, and room at the interfaces; what is left holds the prototype's 2.7 "
+        "mm and 25 Hz.",
         comparisons=(
             of_range("Prototype: a_h w^2 over 2 mu g (a)", 1.0, None, slide, digits=2),
             of_range("Prototype: centripetal acceleration (c)", None, 100.0, own[0] * own[1] ** 2 / GRAVITY, "g", 1),
@@ -122,16 +123,19 @@ def draw() -> Figure:
             ),
             Comparison(
                 "Frequencies allowed at 2.7 mm", "lost", f"{low:.1f} to {high:.1f} Hz",
-                f"sliding bounds it from below; from above the 0.1 mm of the elements, the 100 g only at {heaviest:.1f} Hz",
+                "sliding bounds it from below; from above the 0.1 mm of the elements, the 100 g only at "
+                f"{heaviest:.1f} Hz",
             ),
         ),
-        differs="Conditions (a) and (c) are the thesis's, and the prototype meets them 5.7 times and with 6.8 g of 100. The shapes of "
-        "(b) and (d) follow from what its summary names, but their numbers are ours; (e) is ours. So (f) can only be compared in "
-        "that the prototype lies within.",
+        differs=f"Conditions (a) and (c) are the thesis's; the prototype meets (a) {slide:.1f} times over and (c) "
+        f"with {own[0] * own[1] ** 2 / GRAVITY:.1f} g of 100. The shapes of (b) and (d) follow from what its "
+        "summary names, but their numbers are ours; (e) is ours. So (f) can only be compared in that the prototype "
+        "lies within.",
         assumed=(
-            "The panels (b), (d) and (e) are lost. Section 6.5 names a sufficiently large velocity and interface problems: 0.1 m/s "
-            "and 5 mm stand for these.",
-            "Panel (e) asks that the lift-off amplitude be at least the 0.1 mm below which the prototype's elements did not move.",
+            "The panels (b), (d) and (e) are lost. Section 6.5 names a sufficiently large velocity and interface "
+            "problems: 0.1 m/s and 5 mm stand for these.",
+            "Panel (e) asks that the lift-off amplitude be at least the 0.1 mm below which the prototype's "
+            "elements did not move.",
         ),
         pictures=(
             Picture(png(figure), "Grey: the condition is met. Dot: the prototype. Both axes are logarithmic, as the thesis's."),

@@ -86,9 +86,7 @@ def _period(
     return now, total / steps
 
 
-def _step(
-    k: int, steps: int, now: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray
-) -> np.ndarray:
+def _step(k: int, steps: int, now: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray) -> np.ndarray:
     h = 2.0 * math.pi / steps
     first = _slope(k * h, now, ratio, share, phase)
     second = _slope((k + 0.5) * h, now + 0.5 * h * first, ratio, share, phase)
@@ -97,9 +95,7 @@ def _step(
     return now + h / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 
-def _slope(
-    angle: float, now: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray
-) -> np.ndarray:
+def _slope(angle: float, now: np.ndarray, ratio: np.ndarray, share: np.ndarray, phase: np.ndarray) -> np.ndarray:
     slip_x, slip_y = -math.sin(angle) - now[:, 0], math.cos(angle) - now[:, 1]
     pull = ratio * (1.0 - share * np.cos(angle + phase)) / np.hypot(slip_x, slip_y)
     return np.column_stack([pull * slip_x, pull * slip_y])

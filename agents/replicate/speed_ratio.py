@@ -66,8 +66,8 @@ def draw() -> Figure:
     fastest, slowest = float(np.nanmax(values)), float(largest_ratio([LIMIT])[0])
     return Figure(
         title="Section 3.5.4, eq. 3.41: the largest speed is 0.70 to 0.72 of the table's",
-        shows="The thesis draws the ratio of the largest mean speed to the table's speed over amplitude and frequency: above 0.7 "
-        "for most pairs, between 0.6 and 0.7 where either is very small, and never above 0.72.",
+        shows="The thesis draws the ratio of the largest mean speed to the table's speed over amplitude and "
+        "frequency: above 0.7 for most pairs, between 0.6 and 0.7 where either is very small, and never above 0.72.",
         comparisons=(
             of_number("Largest ratio", 0.72, fastest, digits=3),
             of_range("Smallest ratio, at the limit of permanent sliding", 0.6, 0.7, slowest),
@@ -76,17 +76,19 @@ def draw() -> Figure:
             ),
             of_range("Ratio on the prototype, 2.7 mm and 25 Hz", 0.70, 0.72, float(_at(2.7e-3, 25.0)), digits=4),
         ),
-        differs="Ours agrees with every number of the text: the ratio tends to "
-        f"{fastest:.4f} as friction becomes small against the table's acceleration, and to {slowest:.3f} at the limit of permanent sliding. The simulator is within {100.0 * off:.3f} % of the "
-        "equation's solution. The ratio depends on one number only, mu g / (a_h w^2), which the thesis does not say.",
+        differs=f"Ours agrees with every number of the text: the ratio tends to {fastest:.4f} as friction becomes "
+        f"small against the table's acceleration, and to {slowest:.3f} at the limit of permanent sliding. The "
+        f"simulator is within {100.0 * off:.3f} % of the equation's solution. The ratio depends on one number only, "
+        "mu g / (a_h w^2), which the thesis does not say.",
         assumed=(
-            "The axis of the amplitude is lost: 0 to 10 mm, as in fig. 3.9. The friction coefficient is lost: 0.6, the value of "
-            "fig. 3.9.",
+            "The axis of the amplitude is lost: 0 to 10 mm, as in fig. 3.9. The friction coefficient is lost: 0.6, "
+            "the value of fig. 3.9.",
         ),
         pictures=(
             Picture(
                 png(figure),
-                "Solution of eq. 3.27 at the lift-off amplitude. Lower left, white: parts may stick. Line: 0.70. Ring: the prototype.",
+                "Solution of eq. 3.27 at the lift-off amplitude. Lower left, white: parts may stick. Line: 0.70. "
+                "Ring: the prototype.",
             ),
         ),
         tables=(

@@ -40,7 +40,10 @@ class Sweep:
 
 SWEEPS = {
     "horizontal_amplitude": Sweep(
-        "horizontal amplitude, mm", 1e-3, np.linspace(0.48, 10.0, POINTS), np.array([0.1, 0.3, 0.48, 1, 2.7, 5, 7.5, 10])
+        "horizontal amplitude, mm",
+        1e-3,
+        np.linspace(0.48, 10.0, POINTS),
+        np.array([0.1, 0.3, 0.48, 1, 2.7, 5, 7.5, 10]),
     ),
     "frequency": Sweep(
         "frequency, Hz", 1.0, np.linspace(10.6, 150.0, POINTS), np.array([5, 8, 10.6, 25, 50, 75, 100, 150])
@@ -119,9 +122,9 @@ def draw() -> Figure:
     )
     return Figure(
         title="Fig. 3.9: steady mean velocity over each oscillation parameter",
-        shows="From the reference set of 2.7 mm, 25 Hz, 0.4 mm and 270 deg with friction 0.6 the thesis alters one parameter at a "
-        "time. Horizontal amplitude and frequency change magnitude and direction, the vertical amplitude the magnitude only, "
-        "the phase the direction only.",
+        shows="From the reference set of 2.7 mm, 25 Hz, 0.4 mm and 270 deg with friction 0.6 the thesis alters one "
+        "parameter at a time. Horizontal amplitude and frequency change magnitude and direction, the vertical "
+        "amplitude the magnitude only, the phase the direction only.",
         comparisons=(
             of_number("Magnitude at the reference set (read from the axis)", 0.3, float(magnitude[0]), "m/s"),
             Comparison("Direction there", "lost", f"{direction[0]:.2f} deg from +x", "the curve is lost"),
@@ -144,14 +147,15 @@ def draw() -> Figure:
         f"{turned['amplitude']:.1f} deg over its whole range. Where parts always slide, the simulator is within "
         f"{100.0 * off:.2f} % of the equation.",
         assumed=(
-            "Of the thesis's curves only axes are left. Over amplitude and frequency the vertical amplitude stays at lift-off, "
-            "g / w^2: 0.4 mm would throw parts up above 25 Hz.",
-            "The line begins where a part always slides (0.477 mm, 10.51 Hz). Below, eq. 3.27 does not hold; the simulator's "
-            "crosses there have sticking in them.",
+            "Of the thesis's curves only axes are left. Over amplitude and frequency the vertical amplitude stays "
+            "at lift-off, g / w^2: 0.4 mm would throw parts up above 25 Hz.",
+            "The line begins where a part always slides (0.477 mm, 10.51 Hz). Below, eq. 3.27 does not hold; the "
+            "simulator's crosses there have sticking in them.",
         ),
         pictures=(
             Picture(
-                png(figure), "Line: eq. 3.27. Crosses: the simulator's planar model. Ring: the reference set. Rows: speed, direction."
+                png(figure), "Line: eq. 3.27. Crosses: the simulator's planar model. Ring: the reference set. "
+                "Rows: speed, direction."
             ),
         ),
         tables=(

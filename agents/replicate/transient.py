@@ -73,7 +73,9 @@ def draw() -> Figure:
         axes = figure.add_subplot(3, 1, k + 1)
         axes.plot(one.time, one.speed, color=INK, linewidth=0.8)
         axes.plot(one.mean_time, one.mean_speed, color=FAILURE, linewidth=1.4, linestyle="--")
-        axes.plot([0.8], [np.hypot(*one.steady)], "o", color=SUCCESS, markersize=5, markerfacecolor="none", clip_on=False)
+        axes.plot(
+            [0.8], [np.hypot(*one.steady)], "o", color=SUCCESS, markersize=5, markerfacecolor="none", clip_on=False
+        )
         style(axes, ylabel="speed, m/s", **({"xlabel": "time, s"} if k == 2 else {}))
         axes.set(xlim=(0.0, 0.8), ylim=(0.0, 0.42))
         axes.annotate(f"friction {friction}", (0.78, 0.04), ha="right", fontsize=7.5, color=MUTED)
@@ -84,8 +86,9 @@ def draw() -> Figure:
     off = max(float(np.hypot(*(a - b.steady)) / np.hypot(*b.steady)) for a, b in zip(simulated, courses, strict=True))
     return Figure(
         title="Fig. 3.8: from rest to the steady velocity",
-        shows="The thesis solves eq. 3.27 for friction 0.3, 0.6 and 0.9: the mean speed in the steady state does not depend on "
-        "friction; more friction shortens the transient and lets the velocity swing further about its mean.",
+        shows="The thesis solves eq. 3.27 for friction 0.3, 0.6 and 0.9: the mean speed in the steady state does "
+        "not depend on friction; more friction shortens the transient and lets the velocity swing further about "
+        "its mean.",
         comparisons=(
             of_number("Steady mean speed, friction 0.6 (read from the axis)", 0.3, float(speeds[1]), "m/s"),
             Comparison(
@@ -104,12 +107,14 @@ def draw() -> Figure:
                 "it does depend on friction, by 10 deg between 0.3 and 0.9",
             ),
         ),
-        differs=f"Speeds agree with what can be read, and all three statements hold; that friction does not change the speed is "
-        f"right to {spread:.1f} %. It does change the direction. The simulator is within {100.0 * off:.3f} % of the equation.",
+        differs="Speeds agree with what can be read, and all three statements hold; that friction does not change "
+        f"the speed is right to {spread:.1f} %. It does change the direction. The simulator is within "
+        f"{100.0 * off:.3f} % of the equation.",
         assumed=("Start at rest, at the instant where the table moves along +y; amplitude and phase as in fig. 3.9.",),
         pictures=(
             Picture(
-                png(figure), "Solid: speed. Dashed: speed of the mean velocity over a period. Ring: in the steady state."
+                png(figure), "Solid: speed. Dashed: speed of the mean velocity over a period. Ring: in the steady "
+                "state."
             ),
         ),
         tables=(
