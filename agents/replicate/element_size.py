@@ -95,10 +95,10 @@ def draw() -> Figure:
                 ", ".join(f"{100.0 * shares[name, 0.5 * PITCH]:.0f} % ({name})" for name in parts), "agrees",
             ),
         ),
-        differs="A point of the grid attracts parts where four elements that push towards it meet, so that each "
-        "point needs two by two elements of its own: an element is at most half the pitch. The simulation bears "
-        "that out, and for the prototype's blocks it gives the prototype's size; whether the thesis argued so is "
-        "not known.",
+        differs="A point of the grid attracts parts where elements that push towards it meet, so that each point "
+        "needs at least two by two elements of its own: an element is at most half the pitch. The simulation bears "
+        "that out, and for the prototype's blocks it gives the prototype's size; smaller elements align all parts "
+        "if an even number of them makes up the pitch. Whether the thesis argued so is not known.",
         assumed=(
             "The pitch: 52 mm, at which blocks of 50 mm stand side by side.",
             "Ideal elements at the lift-off amplitude, each pushing towards the nearest point of the grid; phases "
