@@ -10,7 +10,7 @@ from scipy.special import ellipe, ellipk
 
 from agents.replicate import parameter_study, speed_ratio, steady_velocity
 from agents.replicate.sliding import steady, velocity
-from agents.replicate.transient import FRICTION, course
+from agents.replicate.transient import FRICTION, courses
 from vibgym import Surface
 
 LIFT_OFF = 1.5 * math.pi
@@ -81,14 +81,14 @@ def test_the_largest_speed_ratio():
 
 def test_the_transient():
     """Fig. 3.8, and the time that the averaged equation takes for it, to half a period."""
-    surface, courses = Surface(), [course(each) for each in FRICTION]
-    rises = [each.rise for each in courses]
+    surface, found = Surface(), courses()
+    rises = [each.rise for each in found]
     assert rises == sorted(rises, reverse=True)
-    assert [each.ripple for each in courses] == sorted(each.ripple for each in courses)
+    assert [each.ripple for each in found] == sorted(each.ripple for each in found)
     limit = brentq(averaged, 0.3, 0.99)
     grid = np.linspace(1e-4, 0.95 * limit, 4001)
     way = np.trapezoid(1.0 / np.array([averaged(each) for each in grid]), grid)
-    for friction, one in zip(FRICTION, courses, strict=True):
+    for friction, one in zip(FRICTION, found, strict=True):
         assert one.rise == pytest.approx(way * surface.table_speed / (friction * surface.gravity), abs=0.02)
         assert np.hypot(*one.steady) == pytest.approx(0.304, abs=0.001)
         assert one.mean_speed[-1] == pytest.approx(np.hypot(*one.steady), rel=0.02)
