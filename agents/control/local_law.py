@@ -22,6 +22,9 @@ from agents.control.settling import Settling, bands, keep_on
 from agents.task_info import TaskInfo
 from vibgym import checks
 
+APPROACH, CROWD_APPROACH = 9.0, 7.0
+"""1/s, near goal poses, and near places among others, passed at a distance for longer by parts that slow down early."""
+
 
 class LocalLaw:
     """Velocities along square roots of the distance; see the module.
@@ -30,18 +33,22 @@ class LocalLaw:
         info: task, scene and step time.
         response: s, time in which the velocity follows its set value; longer where steps are.
         braking: share of the available acceleration that the stopping law counts on.
-        approach: 1/s, rate at which the remaining error shrinks near the target; less where steps are long.
+        approach: 1/s, rate at which the remaining error shrinks near the target; less where steps are long. None: what suits
+            the task.
 
     Raises:
         ValueError: a bad argument.
     """
 
-    def __init__(self, info: TaskInfo, *, response: float = 0.04, braking: float = 0.5, approach: float = 9.0) -> None:
+    def __init__(
+        self, info: TaskInfo, *, response: float = 0.04, braking: float = 0.5, approach: float | None = None
+    ) -> None:
         self.plant = plant = plant_of(info)
         self.braking = checks.number("braking", braking, above=0.0, most=1.0)
         ahead = 0.5 * (info.step_time - info.surface.period)
-        self.approach = checks.number("approach", approach, above=0.0)
-        self.approach /= 1.0 + self.approach * ahead
+        usual = APPROACH if info.has_goal else CROWD_APPROACH
+        self.approach = checks.number("approach", usual if approach is None else approach, above=0.0)
+        self.approach /= 1.0 + 2.5 * self.approach * ahead
         self.lead = 1.0 / self.approach
         held = -np.expm1(-plant.drag * info.step_time) / np.maximum(plant.drag, 1e-9)  # s, see above
         self.response = np.maximum(checks.number("response", response, above=0.0), held)

@@ -49,7 +49,7 @@ class Settling:
     """
 
     def __init__(self, info: TaskInfo, drag: np.ndarray, band: float, turn_band: float) -> None:
-        self.drag, self.step = drag, info.step_time
+        self.drag, self.step, self.period = drag, info.step_time, info.surface.period
         ahead = 0.5 * (info.step_time - info.surface.period)
         self.coast = 1.0 / np.maximum(drag, 1e-9) - ahead  # s
         self.band, self.turn_band = band, turn_band
@@ -71,7 +71,7 @@ class Settling:
         near &= (distance < self.near) & (skew < self.near_turn)
         rests = near & (distance < self.band) & (skew < self.turn_band)
         # The push drag * off / step, less what friction takes on average.
-        pulse = self.drag[:, None] * (off / self.step - velocity) / (1.0 + 0.5 * self.drag[:, None] * self.step)
+        pulse = self.drag[:, None] * (off / self.step - velocity) / (1.0 + 0.5 * self.drag[:, None] * self.period)
         return np.where(rests[..., None], np.nan, np.where(near[..., None], pulse, wanted))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.control.laws import LAWS
 from agents.control.measured import Measured, wrap
+from agents.control.plant import plant_of
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.allocation import Allocator
@@ -50,6 +51,8 @@ class Steering:
         self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.process = FrictionalInverse(info.surface, info.parts, limit=info.hardware.limit)
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
+        # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
+        self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
     def begin(self, batch: int) -> Memory:
@@ -65,7 +68,7 @@ class Steering:
             measured: what an observation says.
             memory: of :meth:`begin`, or what :meth:`steer` made of it.
         """
-        gained = 0.5 * self.info.surface.period * memory.acceleration
+        gained = self.gaining[:, None] * memory.acceleration
         measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=measured.spin + gained[..., 2])
         if self.ahead == 0.0:
             return measured
@@ -84,10 +87,11 @@ class Steering:
         wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, acceleration, _ = self.process.push_for(velocity, np.where(moves, wanted, 0.0), self.info.step_time)
+        push, acceleration, _ = self.process.push_for(velocity, np.where(moves, wanted, 0.0), self.info.surface.period)
         if not moves.all():
             push = np.where(moves, push, 0.0)
-            acceleration, _ = self.process.acceleration(velocity, push)
+            coasting, _ = self.process.acceleration(velocity, push)
+            acceleration = np.where(moves, acceleration, coasting)
         memory = Memory(acceleration, self.law.applied(measured, acceleration, law))
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
         action = self.allocator.actions(pose, measured.present, push)

@@ -253,7 +253,7 @@ class FrictionalInverse:
         return result
 
     def push_for(self, velocity: np.ndarray, wanted: np.ndarray, time: float) -> Inverse:
-        """The same for parts that move with ``velocity`` (batch, parts, 3) at the start of the ``time`` (s) that the push lasts.
+        """The same for parts that move with ``velocity`` (batch, parts, 3) at the start of the ``time`` (s) that it lasts.
 
         Friction and push depend on the mean velocity of that time, which the push changes: it is found with what the parts get
         at the velocity of the start.

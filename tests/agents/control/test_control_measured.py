@@ -114,4 +114,4 @@ def test_controllers_start_from_their_initial_memory(name, task):
     without, state = policy.predict(seen)
     given, again = policy.predict(seen, initial, np.ones(3, dtype=bool))
     assert type(state) is type(again) is type(initial)
-    assert (without == given).all() and all(np.array_equal(a, b) for a, b in zip(state, again, strict=True))
+    assert (without == given).all() and repr(state) == repr(again)
