@@ -8,8 +8,8 @@ over the table's speed ``V``, a push ``(p, q)`` in m/s^2 and ``k = mu / (w V)``
     a_1 / mu = -g d + Q p + k q (A0 g + A1 p)
     a_2 / mu = P q + k (B00 g^2 + B01 g p + B11 p^2 + B22 q^2)
 
-The first order are the thesis's eqs. 5.60 and 5.61, the second what :func:`vibgym.physics.averaged.averages.second_order` says of
-a push that is the same everywhere under the part. That takes care of what the push loses with speed, of the drag, and of the
+The first order are the thesis's eqs. 5.60 and 5.61, the second what :mod:`vibgym.physics.averaged.averages` says of a push that
+is the same everywhere under the part. That takes care of what the push loses with speed, of the drag, and of the
 angle by which pushes run ahead of their first-order direction.
 
 Spin has a channel of its own, to first order and for a part as good as round: ``P`` and ``Q`` count half each, and the drag on
