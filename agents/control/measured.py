@@ -86,26 +86,29 @@ def started(state: Any, episode_start: Any, batch: int) -> np.ndarray:
     return np.broadcast_to(np.asarray(episode_start, dtype=bool), (batch,))
 
 
-def recall(state: Any, episode_start: Any, initial: Memory) -> tuple[Memory, np.ndarray]:
+def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple[Memory, np.ndarray]:
     """A controller's memory at the beginning of a step, a copy of its own, and (batch,) whose episode has just begun.
 
     Args:
         state: what the controller returned last; None at the very start.
         episode_start: (batch,) bool, see :meth:`agents.policy.Policy.predict`.
-        initial: what the controller's ``initial(batch)`` gives: arrays (batch, ...).
+        initial: memory at an episode's start: a NamedTuple of arrays (batch, ...) and of such NamedTuples.
+        batch: number of worlds.
 
     Raises:
         ValueError: a memory of another controller or batch.
     """
-    batch = len(initial[0])
     new = started(state, episode_start, batch)
-    if state is None:
-        return initial, new
-    if type(state) is not type(initial) or len(state[0]) != batch:
-        got = (
-            f"{type(state).__name__} of {len(state[0])}" if isinstance(state, tuple) and state else type(state).__name__
-        )
-        raise checks.refuse("state", got, f"None, or what predict() returned for {batch}: {type(initial).__name__}")
-    make: Any = type(initial)
-    kept = (np.where(new.reshape(-1, *[1] * (a.ndim - 1)), a, b) for a, b in zip(initial, state, strict=True))
-    return make(*kept), new
+    return (initial if state is None else _kept(state, initial, new)), new
+
+
+def _kept(state: Any, initial: Any, new: np.ndarray) -> Any:
+    """A copy of a memory, fresh where an episode has just begun."""
+    if isinstance(initial, np.ndarray) and isinstance(state, np.ndarray) and state.shape == initial.shape:
+        return np.where(new.reshape(-1, *[1] * (initial.ndim - 1)), initial, state)
+    if isinstance(initial, tuple) and type(state) is type(initial):
+        kept = [_kept(a, b, new) for a, b in zip(state, initial, strict=True)]
+        return type(initial)(*kept) if kept else initial
+    got = f"an array of shape {state.shape}" if isinstance(state, np.ndarray) else type(state).__name__
+    allowed = f"None, or what predict() returned for {len(new)}: {type(initial).__name__}"
+    raise checks.refuse("state", got, allowed)

@@ -61,7 +61,7 @@ class OpenLoopPolicy:
     ) -> tuple[np.ndarray, Any]:
         """Field of the goal latched at the episode's start; the state is a :class:`Plan`."""
         info, measured = self.info, Measured.of(observation, self.info)
-        plan, new = recall(state, episode_start, self.initial(len(measured.centre)))
+        plan, new = recall(state, episode_start, self.initial(len(measured.centre)), len(measured.centre))
         plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
         plan.goal[new, 2] = (measured.heading + measured.turn)[new, 0]
         plan.turn[new] = measured.turn[new, 0]

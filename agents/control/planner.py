@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.law import Steering
 from agents.control.measured import recall
 from agents.control.motion_choice import STAY, Preferences, Scene, choose_motions
+from agents.control.plant import plant_of
+from agents.control.steering import Steering
 from agents.control.targets import Targets, swap
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -25,6 +26,7 @@ from vibgym.scene.hulls import hulls_of
 ARRIVED = 0.020  # m from the target
 SLOW = 0.050  # m/s
 CALMING = 0.5  # s of waiting that are forgotten in a second of motion
+BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
 SWAP_GAIN = 0.010  # m, lest two parts swap targets to and fro
 
 
@@ -34,6 +36,7 @@ class Memory(NamedTuple):
     target: np.ndarray  # (batch, parts, 2) m
     motion: np.ndarray  # (batch, parts) int64, of agents.control.motion_choice
     waited: np.ndarray  # (batch, parts) s
+    law: Any  # the law's own
 
 
 class PlannerPolicy(Steering):
@@ -51,7 +54,7 @@ class PlannerPolicy(Steering):
         faithful: s, what another motion must be better than the last one.
         edge: m, distance of centres from the surface's border.
         inset: m, distance of targets from the other borders of their zones.
-        **law: ``rule``, ``response``, ``braking``, ``approach`` of :class:`Steering`.
+        **law: ``law`` of :class:`Steering`, and that law's settings.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.
@@ -73,7 +76,7 @@ class PlannerPolicy(Steering):
     ) -> None:
         super().__init__(info, **law)
         info.check_places("planner")
-        surface = info.surface
+        surface, plant = info.surface, plant_of(info)
         self.calm = checks.number("calm", calm, above=0.0)
         self.faithful = checks.number("faithful", faithful, least=0.0)
         edge = min(checks.number("edge", edge, above=0.0), 0.5 * surface.width, 0.5 * surface.height)
@@ -85,10 +88,10 @@ class PlannerPolicy(Steering):
             width=surface.width,
             height=surface.height,
             edge=edge,
-            top_speed=self.top_speed,
-            acceleration=0.8 * (self.strength * self.push.min()),
-            braking=self.braking * (self.strength * self.push.min()),
-            approach=self.approach,
+            top_speed=plant.top_speed,
+            acceleration=0.8 * plant.push.min(),
+            braking=BRAKING * plant.push.min(),
+            approach=1.0 / self.law.lead,
             spacing=self.targets.spacing,
             safe=checks.number("safe", safe, above=0.0),
             soft=checks.number("soft", soft, least=0.0),
@@ -99,7 +102,7 @@ class PlannerPolicy(Steering):
     def initial(self, batch: int) -> Memory:
         """Memory at the very start, before anything has been seen."""
         shape = (batch, len(self.info.parts))
-        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape))
+        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), self.law.initial(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -107,7 +110,7 @@ class PlannerPolicy(Steering):
         """Phasors from the measured poses and mean velocities; the state is a :class:`Memory`."""
         measured, period = self.expected(observation), self.info.step_time
         centre, present = np.ascontiguousarray(measured.centre), measured.present
-        (target, motion, waited), new = recall(state, episode_start, self.initial(len(centre)))
+        (target, motion, waited, law), new = recall(state, episode_start, self.initial(len(centre)), len(centre))
         if self.info.has_goal:
             target = centre + measured.way
         else:
@@ -129,4 +132,5 @@ class PlannerPolicy(Steering):
         )
         velocity = np.empty_like(centre)
         choose_motions(self.preferences, self.hulls, scene, self.faithful, motion, velocity)
-        return self.steer(measured, velocity), Memory(target, motion, waited)
+        action, law = self.steer(measured, self.law.lead * velocity, law)
+        return action, Memory(target, motion, waited, law)

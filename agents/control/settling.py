@@ -35,7 +35,6 @@ class Settling:
     Args:
         info: task and step time.
         drag: (parts,) 1/s, c above.
-        push, turn_push: (parts,) m/s^2 and rad/s^2 of a push of strength 1.
         approach: 1/s, set velocity over the distance to the target near it.
         ahead: s, by which measured places have been moved on.
 
@@ -43,35 +42,32 @@ class Settling:
         slack: m, by how much corners of parts at rest may be off.
     """
 
-    def __init__(
-        self, info: TaskInfo, drag: np.ndarray, push: np.ndarray, turn_push: np.ndarray, approach: float, ahead: float
-    ) -> None:
-        self.approach, self.coast = approach, 1.0 / np.maximum(drag, 1e-9) - ahead  # s
-        self.gain, self.turn_gain = drag / (push * info.step_time), drag / (turn_push * info.step_time)
+    def __init__(self, info: TaskInfo, drag: np.ndarray, approach: float, ahead: float) -> None:
+        self.drag, self.step = drag, info.step_time
+        self.coast = 1.0 / np.maximum(drag, 1e-9) - ahead  # s
         self.band = BAND * info.position_tolerance if info.has_goal else LOOSE_BAND
         self.turn_band = BAND * info.heading_tolerance if info.has_goal else LOOSE_TURN
         self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
         self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
 
-    def __call__(self, measured: Measured, velocity: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        """Wanted accelerations (batch, parts, 3), see :meth:`agents.control.law.Steering.wanted`.
+    def __call__(self, measured: Measured, way: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Wanted accelerations (batch, parts, 3), see :meth:`agents.control.law.Law.wanted`.
 
         Args:
-            velocity: (batch, parts, 2) m/s, set.
+            way: (batch, parts, 2) m that are left.
             turn: (batch, parts) rad that are left.
             wanted: (batch, parts, 3) by the law for parts on their way.
         """
-        way = velocity / self.approach
-        off = way - self.coast[:, None] * measured.velocity
-        off_turn = turn - self.coast * measured.spin
-        distance, skew = np.sqrt((off**2).sum(axis=-1)), np.abs(off_turn)
+        velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
+        off = np.concatenate([way, turn[..., None]], axis=-1) - self.coast[:, None] * velocity
+        distance, skew = np.sqrt((off[..., :2] ** 2).sum(axis=-1)), np.abs(off[..., 2])
         near = (way**2).sum(axis=-1) < REACH**2
         near &= (distance < self.near) & (skew < self.near_turn)
         rests = near & (distance < self.band) & (skew < self.turn_band)
-        pulse = np.concatenate([self.gain[:, None] * off, (self.turn_gain * off_turn)[..., None]], axis=-1)
-        return np.where(rests[..., None], 0.0, np.where(near[..., None], pulse, wanted))
+        pulse = self.drag[:, None] * (off / self.step - velocity)
+        return np.where(rests[..., None], np.nan, np.where(near[..., None], pulse, wanted))
 
 
-def keep_on(measured: Measured, velocity: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def keep_on(measured: Measured, way: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """What the law wants, for elements that can do as little as they are told."""
     return wanted

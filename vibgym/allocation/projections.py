@@ -15,9 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.control.allocation import DAMPING
-from agents.control.pieces import cut_parts
+from vibgym.allocation.cut import cut_parts
 from vibgym.physics.core.jit import borrowing
+
+DAMPING = 0.03
+"""Share of the mean square by which conflicting wishes are softened."""
 
 STARTS, ROUNDS = 16, 8
 """Starts, the least-norm phasors first, and projections from each."""
@@ -44,7 +46,7 @@ class Work(NamedTuple):
     at: np.ndarray  # (parts,) int64: where a part stands in its group
     row: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
     on: np.ndarray  # (room,) int64: ... where its element stands ...
-    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration
+    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element
     inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
     wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
     missing: np.ndarray  # (3 parts,) ... what they do not get ...
@@ -120,8 +122,12 @@ def invert(matrix, n):
 
 
 @borrowing
-def gather(pieces, count, own, wanted, work):
-    """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three."""
+def gather(pieces, count, own, wanted, gain, work):
+    """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
+
+    Part p's field is a uniform push and one that turns. Of all pushes with the wanted effect those that are found have
+    the least mean square over the covered area, so that a part alone gets the same push from all its elements.
+    """
     group, slot, inverse = work.group, work.slot, work.inverse
     parts, elements, n = 0, 0, 0
     for p in range(group.shape[0]):
@@ -140,7 +146,9 @@ def gather(pieces, count, own, wanted, work):
             elements += 1
         work.covered[slot[e]] += pieces.share[i]
         work.row[n], work.on[n] = 3 * work.at[p], slot[e]
-        work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = pieces.share[i], pieces.lever[i, 0], pieces.lever[i, 1]
+        work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = (
+            gain[e] * pieces.share[i], gain[e] * pieces.lever[i, 0], gain[e] * pieces.lever[i, 1]
+        )  # fmt: skip
         n += 1
     for i in range(3 * parts):
         for j in range(3 * parts):
@@ -198,26 +206,31 @@ def add_missing(work, parts, n):
 
 @borrowing
 def project(limits, elements, wish, done):
-    """The nearest that elements can do: rest, or an amplitude within the limits; returns whether the dead zone took any."""
-    taken = False
+    """The nearest that elements can do: rest, or an amplitude within the limits.
+
+    Returns:
+        Whether any was too large, and whether the dead zone took any.
+    """
+    cut, taken = False, False
     for j in range(elements):
         x, y = wish[j, 0], wish[j, 1]
         length = math.sqrt(x * x + y * y)
         scale = 1.0
         if length > limits.most:
             scale = limits.most / length
+            cut = True
         elif length < limits.least:
             scale = limits.least / length if length > 0.5 * limits.least else 0.0
             taken = taken or length > 0.0
         done[j, 0], done[j, 1] = scale * x, scale * y
-    return taken
+    return cut, taken
 
 
 @borrowing
-def serve_group(limits, pieces, count, own, wanted, work):
+def serve_group(limits, pieces, count, own, wanted, gain, work):
     """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
-    parts, elements, n = gather(pieces, count, own, wanted, work)
-    wish, done, best, least = work.wish, work.done, work.best, math.inf
+    parts, elements, n = gather(pieces, count, own, wanted, gain, work)
+    wish, done, best, least, hollow = work.wish, work.done, work.best, math.inf, False
     for start in range(limits.start.shape[0]):
         for j in range(elements):
             done[j, 0], done[j, 1] = 0.0, 0.0
@@ -226,26 +239,30 @@ def serve_group(limits, pieces, count, own, wanted, work):
         miss(work, parts, n, wish)
         add_missing(work, parts, n)
         for turn in range(ROUNDS):
-            taken = project(limits, elements, wish, done)
+            cut, taken = project(limits, elements, wish, done)
+            hollow = hollow or taken
             expected = miss(work, parts, n, done)
             if expected < least:
                 least = expected
                 for j in range(elements):
                     best[j, 0], best[j, 1] = done[j, 0], done[j, 1]
-            if start == 0 and turn == 0 and not taken:
+            if start == 0 and turn == 0 and not cut and not taken:
                 return elements  # those of least norm will do
             add_missing(work, parts, n)
+        if not hollow:
+            return elements  # what they can do is convex: every start leads to the same
     return elements
 
 
 @borrowing
-def serve(outlines, limits, pose, present, wanted, pieces, work, push):
-    """Pushes of all elements of all worlds, see :meth:`agents.control.dead_zone.DeadZoneAllocator.pushes`.
+def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
+    """Pushes of all elements of all worlds, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
-        outlines: of :func:`agents.control.pieces.outlines_of`.
+        outlines: of :func:`vibgym.allocation.cut.outlines_of`.
         limits: of the elements.
         pose, wanted: (worlds, parts, 3).  present: (worlds, parts) bool.
+        gain: (worlds, elements) what elements make of their phasors.
         pieces, work: scratch.
         push: (worlds, rows, columns, 2), overwritten.
     """
@@ -262,7 +279,7 @@ def serve(outlines, limits, pose, present, wanted, pieces, work, push):
                     moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
             if not moves:
                 continue
-            elements = serve_group(limits, pieces, count, own, wanted[w], work)
+            elements = serve_group(limits, pieces, count, own, wanted[w], gain[w], work)
             for j in range(elements):
                 row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
                 push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]

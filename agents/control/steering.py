@@ -1,0 +1,93 @@
+"""From what parts want to what the elements do: the part of every controller that comes after its law."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from agents.control.laws import LAWS
+from agents.control.measured import Measured, wrap
+from agents.task_info import TaskInfo
+from vibgym import checks
+from vibgym.allocation import Allocator
+from vibgym.allocation.frictional import FrictionalInverse
+
+TURN_ROOM = 0.010
+"""m, distance to the nearest other part below which a part turns more slowly."""
+
+
+class Steering:
+    """Base of the policies that steer parts by a law, by ``"phasor"`` actions.
+
+    Args:
+        info: task, scene and step time.
+        law: among :data:`agents.control.laws.LAWS`.
+        **settings: the law's own.
+
+    Attributes:
+        ahead: s, half of what a step lasts longer than a period.
+        slack: m, by how much corners of parts that have arrived may be off.
+
+    Raises:
+        ValueError: a bad argument, or parts that can stick to the surface, where averages over a period do not hold.
+    """
+
+    action, observation = "phasor", "state"
+
+    def __init__(self, info: TaskInfo, *, law: str = "local", **settings: Any) -> None:
+        self.info = info
+        self.law = checks.called("law", LAWS.choose("law", law), (info,), settings)
+        self.slack = self.law.slack
+        self.allocator = Allocator(info.surface, info.parts, info.hardware)
+        self.process = FrictionalInverse(info.surface, info.parts, self.allocator.most)
+        self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
+        self.symmetry = np.array([part.symmetry for part in info.parts])
+
+    def expected(self, observation: Any) -> Measured:
+        """What an observation says, with the parts moved on by :attr:`ahead`.
+
+        Raises:
+            ValueError: an observation of another shape.
+        """
+        measured = Measured.of(observation, self.info)
+        if self.ahead == 0.0:
+            return measured
+        moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin
+        return replace(
+            measured,
+            centre=measured.centre + moved,
+            heading=measured.heading + turned,
+            way=measured.way - moved if self.info.has_goal else measured.way,
+            turn=measured.turn - turned if self.info.has_heading else measured.turn,
+        )
+
+    def steer(self, measured: Measured, way: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+        """The action that takes the parts the ways (batch, parts, 2) that are left, and their headings to where they shall be.
+
+        Args:
+            memory: the law's.
+        """
+        room = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
+        wanted, memory = self.law.wanted(measured, way, room * self._turn(measured), memory)
+        moves = ~np.isnan(wanted[..., :1])
+        velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
+        push, acceleration = self.process(velocity, np.where(moves, wanted, 0.0))
+        if not moves.all():
+            push = np.where(moves, push, 0.0)
+            acceleration = np.where(moves, acceleration, self.process.coasting(velocity))
+        memory = self.law.applied(measured, acceleration, memory)
+        pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
+        push = np.where(measured.present[..., None], push, 0.0)
+        action = self.allocator.actions(pose, measured.present, push)
+        return (action[0] if measured.single else action), memory
+
+    def _turn(self, measured: Measured) -> np.ndarray:
+        """Turn that is left, (batch, parts) rad. Where headings do not count, several parts are turned straight (heading 0,
+        modulo their symmetry), so that they take little of the table's width."""
+        if self.info.has_heading:
+            return measured.turn
+        if len(self.info.parts) == 1:
+            return np.zeros_like(measured.heading)
+        return -wrap(measured.heading, self.symmetry)
