@@ -1,39 +1,264 @@
-"""Temporary first-order inverse (to be replaced)."""
+"""The frictional process and its inverse: which push of the elements gives a part the mean acceleration that I want?
+
+The thesis's "oscillation parameter calculation" (section 5.2.2, figs. 5.16 and 5.18): put before the real plant it leaves a
+double integrator to the controller. Here it is of second order in ``eps = mu g / (a_h w^2)``. Friction is the same in all
+directions, so in the frame of the mean velocity (first axis along it) all depends on its length alone: with ``s`` that length
+over the table's speed ``V``, a push ``(p, q)`` in m/s^2 and ``k = mu / (w V)``
+
+    a_1 / mu = -g d + Q p + k q (A0 g + A1 p)
+    a_2 / mu = P q + k (B00 g^2 + B01 g p + B11 p^2 + B22 q^2)
+
+The first order are the thesis's eqs. 5.60 and 5.61, the second what :mod:`vibgym.physics.averaged.averages` says of a push that
+is the same everywhere under the part. That takes care of what the push loses with speed, of the drag, and of the
+angle by which pushes run ahead of their first-order direction.
+
+Spin has a channel of its own, to first order and for a part as good as round: ``P`` and ``Q`` count half each, and the drag on
+spin is the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 
-from vibgym.fields import lead_angle
+from vibgym import checks
+from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
+from vibgym.physics.core.jit import borrowing
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, mean_coefficients, slips
+from vibgym.simulation.schemes import check_sliding
 
-DRAG_GROWTH = 0.8
+NEWTON = 8
+"""Most iterations; three or four do where the averaged model holds."""
+
+CLOSE = 1e-10
+"""Error of a solution, over ``g``."""
+
+GUESS = 2.0
+"""Pushes are first looked for within so many limits (to first order), where Newton's method is sure to find them."""
+
+
+class Pushed(NamedTuple):
+    """What the elements shall do, and what the parts will get of it."""
+
+    push: np.ndarray  # (batch, parts, 3) over full amplitude: x, y, and the push that turns; see FrictionalInverse
+    acceleration: np.ndarray  # (batch, parts, 3) m/s^2, m/s^2, rad/s^2: mean acceleration under this push
+
+
+class Numbers(NamedTuple):
+    """Of surface and parts, for the kernels."""
+
+    table: np.ndarray  # (2, nodes, 11), see coefficients()
+    friction: np.ndarray  # (parts,)
+    gyration: np.ndarray  # (parts,) radii, m
+    second: np.ndarray  # (parts,) k = mu / (w V), s^2/m
+    gravity: float
+    speed: float  # V, m/s
+    full: float  # a_v w^2 at the surface's largest amplitude, m/s^2
+    limit: float  # largest push, m/s^2
+
+
+@lru_cache(maxsize=1)
+def coefficients() -> np.ndarray:
+    """``d, P, Q, A0, A1, B00, B01, B11, B22, <1 / |n|>, <cos(theta) / |n|>`` over slip, (2, nodes, 11).
+
+    Nodes as in :mod:`vibgym.simulation.averages_tables`: parts slower and parts faster than the table.
+    """
+    s = slips(COUPLING_STEP, COUPLING_NODES)
+    ratio, difference, total = np.moveaxis(mean_coefficients(s), -1, 0)
+    d, p = ratio * s, 0.5 * (total - difference * s * s)
+    inverse_slip = (total - s * d) / (1.0 - s * s)
+    # c[j, a, k] as in coupling_coefficients(): of which the shapes' products survive that have a uniform push.
+    c = np.moveaxis(averages().coupling.reshape(*s.shape, 3, 3, 3), (2, 3, 4), (0, 1, 2))
+    second = [
+        c[0, 0, 0] + c[1, 0, 2] + c[0, 2, 0] + c[1, 2, 1],
+        c[0, 1, 0] + c[1, 1, 2] + c[0, 2, 1] + c[1, 2, 2],
+        c[1, 0, 0] + c[2, 0, 1],
+        c[1, 0, 1] + c[2, 0, 2] + c[1, 1, 0] + c[2, 1, 1],
+        c[1, 1, 1] + c[2, 1, 2],
+        c[1, 2, 0] + c[2, 2, 2],
+    ]
+    table = [d, p, total - p, *(-each for each in second), inverse_slip, s * inverse_slip - d]
+    return np.ascontiguousarray(np.stack(table, axis=-1))
+
+
+@borrowing
+def force(c, gravity, second, p, q):
+    """Mean acceleration over ``mu`` along and across the velocity under a push (p, q), all m/s^2."""
+    along = -gravity * c[0] + c[2] * p + second * q * (c[3] * gravity + c[4] * p)
+    across = c[1] * q + second * (c[5] * gravity * gravity + c[6] * gravity * p + c[7] * p * p + c[8] * q * q)
+    return along, across
+
+
+@borrowing
+def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q):
+    """The push (p, q) whose force is (along, across), from a first guess.
+
+    With a ``limit`` > 0, the push of that length whose force lies between (idle, idle_across) and (along, across): one
+    more unknown, the share of the way, and one more equation.
+    """
+    change, change_across = along - idle, across - idle_across
+    share = 1.0
+    if limit > 0.0:
+        length = math.sqrt(p * p + q * q)
+        share = limit / length
+        p, q = share * p, share * q
+    for _ in range(NEWTON):
+        now, now_across = force(c, gravity, second, p, q)
+        left, left_across = idle + share * change - now, idle_across + share * change_across - now_across
+        over = 0.5 * (limit * limit - p * p - q * q) if limit > 0.0 else 0.0
+        if abs(left) + abs(left_across) < CLOSE * gravity and abs(over) < CLOSE * limit * gravity + 1e-300:
+            break
+        xx, xy = c[2] + second * q * c[4], second * (c[3] * gravity + c[4] * p)
+        yx, yy = second * (c[6] * gravity + 2.0 * c[7] * p), c[1] + 2.0 * second * c[8] * q
+        determinant = xx * yy - xy * yx
+        if abs(determinant) < 1e-3 * c[1] * c[2]:
+            break
+        inverse = 1.0 / determinant
+        step_p, step_q = inverse * (left * yy - left_across * xy), inverse * (left_across * xx - left * yx)
+        if limit > 0.0:
+            per_p, per_q = inverse * (change * yy - change_across * xy), inverse * (change_across * xx - change * yx)
+            slope = p * per_p + q * per_q
+            if slope <= 0.0:  # far beyond where the averaged model holds
+                break
+            more = (over - p * step_p - q * step_q) / slope
+            share, step_p, step_q = share + more, step_p + more * per_p, step_q + more * per_q
+        p, q = p + step_p, q + step_q
+    return p, q
+
+
+@borrowing
+def respond(numbers, k, c, spin, p, q, turn):
+    """Mean accelerations along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (m/s^2)."""
+    mu = numbers.friction[k]
+    along, across = force(c, numbers.gravity, numbers.second[k], p, q)
+    drag = 0.5 * mu / numbers.speed * (numbers.gravity * c[9] + c[10] * p)
+    return mu * along, mu * across, 0.5 * mu * (c[1] + c[2]) * turn / numbers.gyration[k] - drag * spin
+
+
+@borrowing
+def forward(numbers, velocity, push, scratch, acceleration):
+    """Mean accelerations (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude, overwritten."""
+    c, full = scratch.values, numbers.full
+    for i in range(velocity.shape[0]):
+        for k in range(velocity.shape[1]):
+            length, cosine, sine = direction(velocity[i, k, 0], velocity[i, k, 1])
+            interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+            x, y, turn = full * push[i, k, 0], full * push[i, k, 1], full * push[i, k, 2]
+            p, q = cosine * x + sine * y, cosine * y - sine * x
+            along, across, angular = respond(numbers, k, c, velocity[i, k, 2], p, q, turn)
+            acceleration[i, k, 0] = cosine * along - sine * across
+            acceleration[i, k, 1] = sine * along + cosine * across
+            acceleration[i, k, 2] = angular
+
+
+@borrowing
+def invert(numbers, velocity, wanted, scratch, push, acceleration):
+    """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten."""
+    c, limit, gravity, full = scratch.values, numbers.limit, numbers.gravity, numbers.full
+    for i in range(velocity.shape[0]):
+        for k in range(velocity.shape[1]):
+            mu, second = numbers.friction[k], numbers.second[k]
+            length, cosine, sine = direction(velocity[i, k, 0], velocity[i, k, 1])
+            interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+            x, y = wanted[i, k, 0] / mu, wanted[i, k, 1] / mu
+            along, across = cosine * x + sine * y, cosine * y - sine * x
+            idle, idle_across = force(c, gravity, second, 0.0, 0.0)
+            p, q = (along - idle) / c[2], (across - idle_across) / c[1]
+            if p * p + q * q < GUESS * GUESS * limit * limit:
+                p, q = newton(c, gravity, second, 0.0, along, across, idle, idle_across, p, q)
+            if p * p + q * q > limit * limit:
+                p, q = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q)
+                shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # of what Newton's method leaves, rounding or more
+                p, q = p * shorter, q * shorter
+            spin, turning = velocity[i, k, 2], 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
+            along, across, angular = respond(numbers, k, c, spin, p, q, 0.0)
+            turn = min(max((wanted[i, k, 2] - angular) / turning, -limit), limit)
+            push[i, k, 0] = (cosine * p - sine * q) / full
+            push[i, k, 1] = (sine * p + cosine * q) / full
+            push[i, k, 2] = turn / full
+            acceleration[i, k, 0] = cosine * along - sine * across
+            acceleration[i, k, 1] = sine * along + cosine * across
+            acceleration[i, k, 2] = angular + turning * turn
 
 
 class FrictionalInverse:
-    def __init__(self, surface, parts, most):
-        friction = np.array([part.friction for part in parts])
-        self.push = 0.5 * friction * surface.full_scale
-        self.drag = 0.5 * friction * surface.gravity / max(surface.table_speed, 1e-3)
-        self.arm = np.sqrt([part.gyration for part in parts])
-        self.most, self.speed = most, max(surface.table_speed, 1e-3)
-        self.lead = np.array([lead_angle(surface, part.friction) for part in parts])
+    """From wanted mean accelerations to pushes, for parts that always slide: ``process(velocity, wanted)``.
 
-    def _drag(self, velocity):
-        slip = (velocity[..., :2] ** 2).sum(axis=-1, keepdims=True) / self.speed**2
-        growth = np.concatenate([np.repeat(1 + DRAG_GROWTH * slip, 2, -1), np.ones_like(slip)], axis=-1)
-        return self.drag[:, None] * growth * velocity
+    A push counts as the allocators take it, over what full amplitude does: x and y in the first-order direction of the
+    elements' push at rest (phasor ``(C, S) = -full_scale (y, x)``), the third the moment of the elements' pushes about the
+    centre of mass over the radius of gyration. No lead angle is to be taken off afterwards: the second order has done that.
 
-    def __call__(self, velocity, wanted):
-        scale = np.stack([1 / self.push, 1 / self.push, self.arm / self.push], -1)
-        drag = self._drag(velocity)
-        push = (wanted + drag) * scale
-        force = np.sqrt((push[..., :2] ** 2).sum(-1, keepdims=True)) / self.most
-        push[..., :2] /= np.maximum(force, 1.0)
-        push[..., 2] = np.clip(push[..., 2], -self.most, self.most)
-        acceleration = push / scale - drag
-        c, s = np.cos(self.lead), np.sin(self.lead)
-        x, y = push[..., 0], push[..., 1]
-        return np.stack([x * c + y * s, y * c - x * s, push[..., 2]], -1), acceleration
+    What is beyond the limit is cut down as in :func:`vibgym.allocation.phasors_for`: the change against elements at rest keeps
+    its direction and is scaled until the push is as long as the limit. The push that turns is limited by itself.
 
-    def coasting(self, velocity):
-        return -self._drag(velocity)
+    Args:
+        surface, parts: the scene.
+        most: largest amplitude of the elements, over the surface's.
+
+    Raises:
+        ValueError: a pair that can stick, a part without friction, or elements that cannot move.
+    """
+
+    def __init__(self, surface: Surface, parts: Sequence[Part], most: float = 1.0) -> None:
+        checks.instance("surface", surface, Surface)
+        for part in parts:
+            checks.instance("parts", part, Part)
+            check_sliding(surface, part.static_friction, argument="parts", value=part.name)
+            checks.number(f"friction of part {part.name!r}", part.friction, above=0.0)
+        checks.number("surface.max_amplitude", surface.max_amplitude, above=0.0)
+        self.surface, self.parts = surface, tuple(parts)
+        self.most = checks.number("most", most, above=0.0, most=1.0)
+        friction = np.array([part.friction for part in self.parts])
+        self._numbers = Numbers(
+            coefficients(),
+            friction,
+            np.sqrt([part.gyration for part in self.parts]),
+            friction / (surface.angular_frequency * surface.table_speed),
+            surface.gravity,
+            surface.table_speed,
+            surface.full_scale,
+            self.most * surface.full_scale,
+        )
+
+    def __call__(self, velocity: np.ndarray, wanted: np.ndarray) -> Pushed:
+        """Pushes that give the parts what they want, as far as the limit lets them, and what they then get.
+
+        Args:
+            velocity: (batch, parts, 3) mean velocities, m/s and rad/s; not those of one instant.
+            wanted: (batch, parts, 3) mean accelerations, m/s^2 and rad/s^2, friction included: what the part shall get.
+        """
+        velocity, wanted = _plain(velocity), _plain(wanted)
+        result = Pushed(np.empty_like(wanted), np.empty_like(wanted))
+        invert(self._numbers, velocity, wanted, new_scratch(), *result)
+        return result
+
+    def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """The other way round: mean accelerations (batch, parts, 3) under pushes (batch, parts, 3)."""
+        velocity, push = _plain(velocity), _plain(push)
+        result = np.empty_like(velocity)
+        forward(self._numbers, velocity, push, new_scratch(), result)
+        return result
+
+    def coasting(self, velocity: np.ndarray) -> np.ndarray:
+        """Mean accelerations (batch, parts, 3) on elements at rest."""
+        return self.acceleration(velocity, np.zeros_like(velocity))
+
+    def holds(self, velocity: np.ndarray) -> np.ndarray:
+        """Where the averaged model may be relied on, (batch, parts) bool: no push makes slip pass through zero.
+
+        See :func:`vibgym.physics.averaged.averages.slip_margin`. Parts as fast as the table are not what elements can make of
+        them, but what a sensor may say.
+        """
+        numbers = self._numbers
+        slip = np.sqrt((velocity[..., :2] ** 2).sum(axis=-1)) / numbers.speed
+        return np.abs(slip - 1.0) > numbers.second * (numbers.gravity + numbers.limit)
+
+
+def _plain(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, dtype=np.float64)
