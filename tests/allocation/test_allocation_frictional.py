@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vibgym import Part, Simulator, Surface
 from vibgym.allocation import mean_acceleration, mean_state, phasors_for
-from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.allocation.frictional import FrictionalInverse, coefficients
 from vibgym.scene.parts import shipped_part
 
 STEEL, ALUMINIUM = shipped_part("steel_block"), shipped_part("aluminium_block")
@@ -123,6 +123,15 @@ def test_spin_is_braked_and_pushed_as_the_model_says():
     assert said == pytest.approx(judged, rel=0.01)
     back = inverse(velocity[:, None], inverse.acceleration(velocity[:, None], push[:, None])).push[:, 0]
     assert back == pytest.approx(push, abs=1e-9)
+
+
+def test_coefficients_at_rest_are_isotropic():
+    """Nothing wanted, nothing done; and a push is turned by the same angle wherever it points."""
+    _, p, q, a0, a1, b00, b01, b11, b22, inverse_slip, _ = coefficients()[0, 1]  # slip 0.05, where none is set by hand
+    assert [p, q, a0, -b01, inverse_slip] == pytest.approx([0.5, 0.5, a0, a0, 1.0], abs=2e-3)
+    assert np.abs([a1, b11, b22]).max() < 0.05 * abs(a0) and 0.0 < abs(b00) < 0.1 * abs(a0)
+    none = np.zeros((2, 1, 3))
+    assert not FrictionalInverse(SURFACE, [STEEL])(none, none).push.any()
 
 
 def test_every_row_and_part_by_itself_to_the_bit():
