@@ -99,16 +99,26 @@ def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple
         ValueError: a memory of another controller or batch.
     """
     new = started(state, episode_start, batch)
-    return (initial if state is None else _kept(state, initial, new)), new
+    if state is None:
+        return initial, new
+    if not _alike(state, initial):
+        got = type(state).__name__
+        if isinstance(state, tuple) and state and isinstance(state[0], np.ndarray):
+            got += f" of {len(state[0])}"
+        raise checks.refuse("state", got, f"None, or what predict() returned for {batch}: {type(initial).__name__}")
+    return _kept(state, initial, new), new
+
+
+def _alike(state: Any, initial: Any) -> bool:
+    """Whether two memories are of the same controller and batch."""
+    if isinstance(initial, np.ndarray):
+        return isinstance(state, np.ndarray) and state.shape == initial.shape
+    return type(state) is type(initial) and all(map(_alike, state, initial))
 
 
 def _kept(state: Any, initial: Any, new: np.ndarray) -> Any:
     """A copy of a memory, fresh where an episode has just begun."""
-    if isinstance(initial, np.ndarray) and isinstance(state, np.ndarray) and state.shape == initial.shape:
+    if isinstance(initial, np.ndarray):
         return np.where(new.reshape(-1, *[1] * (initial.ndim - 1)), initial, state)
-    if isinstance(initial, tuple) and type(state) is type(initial):
-        kept = [_kept(a, b, new) for a, b in zip(state, initial, strict=True)]
-        return type(initial)(*kept) if kept else initial
-    got = f"an array of shape {state.shape}" if isinstance(state, np.ndarray) else type(state).__name__
-    allowed = f"None, or what predict() returned for {len(new)}: {type(initial).__name__}"
-    raise checks.refuse("state", got, allowed)
+    kept = [_kept(a, b, new) for a, b in zip(state, initial, strict=True)]
+    return type(initial)(*kept) if kept else initial

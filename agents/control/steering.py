@@ -38,10 +38,10 @@ class Steering:
 
     def __init__(self, info: TaskInfo, *, law: str = "local", **settings: Any) -> None:
         self.info = info
-        self.law = checks.called("law", LAWS.choose("law", law), (info,), settings)
+        self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
         self.slack = self.law.slack
         self.allocator = Allocator(info.surface, info.parts, info.hardware)
-        self.process = FrictionalInverse(info.surface, info.parts, self.allocator.most)
+        self.process = FrictionalInverse(info.surface, info.parts, limit=info.hardware.limit)
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
@@ -73,13 +73,12 @@ class Steering:
         wanted, memory = self.law.wanted(measured, way, room * self._turn(measured), memory)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, acceleration = self.process(velocity, np.where(moves, wanted, 0.0))
+        push, acceleration, _ = self.process.push(velocity, np.where(moves, wanted, 0.0))
         if not moves.all():
             push = np.where(moves, push, 0.0)
-            acceleration = np.where(moves, acceleration, self.process.coasting(velocity))
+            acceleration, _ = self.process.acceleration(velocity, push)
         memory = self.law.applied(measured, acceleration, memory)
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
-        push = np.where(measured.present[..., None], push, 0.0)
         action = self.allocator.actions(pose, measured.present, push)
         return (action[0] if measured.single else action), memory
 

@@ -189,7 +189,7 @@ def test_one_pulse_shifts_the_place_of_rest_as_wanted():
     drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
     maker = allocator(part, least=1e-4 / surface.max_amplitude)
     wanted = (drag * shift / surface.period)[:, None] / [1.0, 1.0, math.sqrt(part.gyration)]
-    push, _ = FrictionalInverse(surface, [part], 1.0)(np.zeros((worlds, 1, 3)), wanted)
+    push = FrictionalInverse(surface, part).push(np.zeros((worlds, 1, 3)), wanted).push
     actions = maker.actions(before, np.ones((worlds, 1), dtype=bool), push)
     phasor = actions.reshape(worlds, surface.rows, surface.columns, 2).astype(float)
     amplitude, phase = surface.max_amplitude * np.hypot(*phasor.T).T, np.arctan2(*phasor.T[::-1]).T

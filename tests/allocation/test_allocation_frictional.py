@@ -7,14 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part, Simulator, Surface
 from vibgym.allocation import mean_acceleration, mean_state, phasors_for
 from vibgym.allocation.frictional import FrictionalInverse, coefficients
-from vibgym.scene.parts import shipped_part
 
-STEEL, ALUMINIUM = shipped_part("steel_block"), shipped_part("aluminium_block")
-DISC = Part.disc(0.020, friction=0.6)
-SURFACE = Surface()
 ONE = Surface(rows=1, columns=1, element_size=8.0)
 G, TOP = SURFACE.gravity, SURFACE.table_speed
 
@@ -39,30 +36,31 @@ def test_what_it_says_is_what_the_averaged_model_says(surface, pose, part):
     """On one element and under a uniform field on several, slower than the table and, far from it, faster."""
     velocity, wanted = draws(300, 1.0)
     velocity = velocity[abs(np.hypot(*velocity.T[:2]) / TOP - 1.0) > 0.02]  # the tables end at 0.99
-    found = FrictionalInverse(surface, [part])(velocity[:, None], wanted[: len(velocity), None])
+    found = FrictionalInverse(surface, part).push(velocity[:, None], wanted[: len(velocity), None])
     judged = mean_acceleration(surface, part, pose, velocity, *motion(found.push[:, 0], surface))
     assert np.abs(found.acceleration[:, 0, :2] - judged[:, :2]).max() < 1e-5 * G
-    again = FrictionalInverse(surface, [part]).acceleration(velocity[:, None], found.push)
-    assert np.abs(again - found.acceleration).max() < 1e-12
+    again, holds = FrictionalInverse(surface, part).acceleration(velocity[:, None], found.push)
+    assert np.abs(again - found.acceleration).max() < 1e-12 and (holds == found.holds).all()
 
 
 @settings(max_examples=40)
 @given(
     speed=st.floats(0.0, 0.33), heading=st.floats(-4, 4), ax=st.floats(-2, 2), ay=st.floats(-2, 2),
-    friction=st.floats(0.05, 0.9), most=st.floats(0.1, 1.0),
+    friction=st.floats(0.05, 0.9), limit=st.floats(0.05e-3, 0.45e-3),
 )  # fmt: skip
-def test_a_part_gets_what_it_wants_or_the_limit(speed, heading, ax, ay, friction, most):
+def test_a_part_gets_what_it_wants_or_the_limit(speed, heading, ax, ay, friction, limit):
     part = Part.rectangle(0.05, 0.035, friction=friction)
-    inverse = FrictionalInverse(SURFACE, [part], most)
+    inverse = FrictionalInverse(SURFACE, part, limit=limit)
     velocity = np.array([[[speed * math.cos(heading), speed * math.sin(heading), 0.0]]])
     wanted = np.array([[[ax, ay, 0.0]]])
-    found = inverse(velocity, wanted)
-    length = np.hypot(*found.push[0, 0, :2])
+    found = inverse.push(velocity, wanted)
+    length = np.hypot(*found.push[0, 0, :2]) * SURFACE.max_amplitude
+    most = min(limit, SURFACE.max_amplitude)
     assert length <= most * (1.0 + 1e-12)
     left = np.abs(found.acceleration - wanted).max()
     assert left < 1e-8 or length == pytest.approx(most, rel=1e-9)
     # What is beyond the limit: the change against elements at rest keeps its direction.
-    idle = inverse.coasting(velocity)
+    idle, _ = inverse.acceleration(velocity, np.zeros((1, 1, 3)))
     asked, got = (wanted - idle)[0, 0, :2], (found.acceleration - idle)[0, 0, :2]
     assert abs(asked[0] * got[1] - asked[1] * got[0]) < 1e-7 * (1.0 + asked @ asked)
     assert -1e-9 <= asked @ got <= asked @ asked + 1e-7
@@ -70,7 +68,7 @@ def test_a_part_gets_what_it_wants_or_the_limit(speed, heading, ax, ay, friction
 
 def test_the_general_inverse_finds_the_same():
     velocity, wanted = draws(200, 0.3, seed=1)
-    found = FrictionalInverse(ONE, [ALUMINIUM])(velocity[:, None], wanted[:, None])
+    found = FrictionalInverse(ONE, ALUMINIUM).push(velocity[:, None], wanted[:, None])
     other = phasors_for(ONE, ALUMINIUM, [4.0, 4.0, 0.3], velocity, wanted)
     amplitude, phase = (each[:, 0, 0] for each in motion(found.push[:, 0]))
     good = other.reachable
@@ -90,7 +88,7 @@ def test_the_planar_model_does_what_was_wanted(friction):
     period, eps = SURFACE.period, friction * G / (SURFACE.horizontal_amplitude * SURFACE.angular_frequency**2)
     velocity, wanted = draws(60, 0.25, seed=2)
     wanted *= 0.3 * friction / 4.0 * G
-    found = FrictionalInverse(SURFACE, [part])(velocity[:, None], wanted[:, None])
+    found = FrictionalInverse(SURFACE, part).push(velocity[:, None], wanted[:, None])
     given = found.acceleration[:, 0]
     amplitude, phase = motion(found.push[:, 0])
     start = velocity - 0.5 * period * given
@@ -110,7 +108,7 @@ def test_the_planar_model_does_what_was_wanted(friction):
 def test_spin_is_braked_and_pushed_as_the_model_says():
     """A disc in a field that turns it and pushes it along: both channels at once, on small elements, slow spin."""
     fine, spin = Surface(rows=160, columns=160, element_size=0.001), 0.05
-    inverse = FrictionalInverse(fine, [DISC])
+    inverse = FrictionalInverse(fine, DISC)
     velocity = np.array([[0.0, 0.0, spin], [0.2, 0.0, spin], [0.12, -0.2, spin], [-0.1, 0.1, 0.0]])
     push = np.array([[0.0, 0.0, 0.4], [0.3, 0.1, 0.2], [0.1, -0.3, 0.0], [0.0, 0.0, -0.3]])
     x, y = (each - 0.080 for each in fine.element_centres())
@@ -119,9 +117,9 @@ def test_spin_is_braked_and_pushed_as_the_model_says():
     field = [each / np.maximum(np.hypot(*field), 1.0) for each in field]  # only away from the disc
     amplitude, phase = np.hypot(*field) * fine.max_amplitude, np.arctan2(-field[0], -field[1])
     judged = mean_acceleration(fine, DISC, [0.080, 0.080, 0.0], velocity, amplitude, phase, order=1)[:, 2]
-    said = inverse.acceleration(velocity[:, None], push[:, None])[:, 0, 2]
+    said = inverse.acceleration(velocity[:, None], push[:, None])[0][:, 0, 2]
     assert said == pytest.approx(judged, rel=0.01)
-    back = inverse(velocity[:, None], inverse.acceleration(velocity[:, None], push[:, None])).push[:, 0]
+    back = inverse.push(velocity[:, None], inverse.acceleration(velocity[:, None], push[:, None])[0]).push[:, 0]
     assert back == pytest.approx(push, abs=1e-9)
 
 
@@ -131,35 +129,39 @@ def test_coefficients_at_rest_are_isotropic():
     assert [p, q, a0, -b01, inverse_slip] == pytest.approx([0.5, 0.5, a0, a0, 1.0], abs=2e-3)
     assert np.abs([a1, b11, b22]).max() < 0.05 * abs(a0) and 0.0 < abs(b00) < 0.1 * abs(a0)
     none = np.zeros((2, 1, 3))
-    assert not FrictionalInverse(SURFACE, [STEEL])(none, none).push.any()
+    assert not FrictionalInverse(SURFACE, STEEL).push(none, none).push.any()
 
 
 def test_every_row_and_part_by_itself_to_the_bit():
     rng = np.random.default_rng(3)
     velocity, wanted = rng.uniform(-0.3, 0.3, (2, 50, 3, 3)) * [[[1.0]]] * np.array([1.0, 12.0])[:, None, None, None]
-    whole = FrictionalInverse(SURFACE, [ALUMINIUM, STEEL, DISC], 0.6)(velocity, wanted)
+    whole = FrictionalInverse(SURFACE, [ALUMINIUM, STEEL, DISC], limit=2.5e-4).push(velocity, wanted)
     for k, part in enumerate((ALUMINIUM, STEEL, DISC)):
-        alone = FrictionalInverse(SURFACE, [part], 0.6)
+        alone = FrictionalInverse(SURFACE, part, limit=2.5e-4)
         for i in (0, 17, 49):
-            row = alone(velocity[i : i + 1, k : k + 1], wanted[i : i + 1, k : k + 1])
+            row = alone.push(velocity[i : i + 1, k : k + 1], wanted[i : i + 1, k : k + 1])
             assert all((a[0, 0] == b[i, k]).all() for a, b in zip(row, whole, strict=True))
 
 
 def test_it_says_where_slip_may_pass_through_zero():
     velocity = np.zeros((3, 1, 3))
     velocity[:, 0, 0] = [0.30, TOP, 0.8]
-    assert FrictionalInverse(SURFACE, [ALUMINIUM]).holds(velocity)[:, 0].tolist() == [True, False, True]
+    assert FrictionalInverse(SURFACE, ALUMINIUM).push(velocity, 0.0 * velocity).holds[:, 0].tolist() == [
+        True,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize(
     "arguments, told",
     [
         ({"surface": Surface(horizontal_amplitude=3e-4)}, "parts: .*always slide"),
-        ({"parts": [Part.rectangle(0.05, 0.035, friction=0.0)]}, "friction of part "),
-        ({"most": 0.0}, "most: got 0.0; allowed: a finite number > 0"),
+        ({"parts": Part.rectangle(0.05, 0.035, friction=0.0)}, "friction of part "),
+        ({"limit": 0.0}, "limit: got 0.0; allowed: a finite number > 0"),
         ({"surface": Surface(max_amplitude=0.0)}, "surface.max_amplitude: got 0.0"),
     ],
 )
 def test_scenes_that_it_does_not_cover_are_refused(arguments, told):
     with pytest.raises(ValueError, match=f"^{told}"):
-        FrictionalInverse(**{"surface": SURFACE, "parts": [ALUMINIUM], **arguments})
+        FrictionalInverse(**{"surface": SURFACE, "parts": ALUMINIUM, **arguments})

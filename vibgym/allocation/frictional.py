@@ -43,11 +43,12 @@ GUESS = 2.0
 """Pushes are first looked for within so many limits (to first order), where Newton's method is sure to find them."""
 
 
-class Pushed(NamedTuple):
+class Inverse(NamedTuple):
     """What the elements shall do, and what the parts will get of it."""
 
     push: np.ndarray  # (batch, parts, 3) over full amplitude: x, y, and the push that turns; see FrictionalInverse
     acceleration: np.ndarray  # (batch, parts, 3) m/s^2, m/s^2, rad/s^2: mean acceleration under this push
+    holds: np.ndarray  # (batch, parts) bool: slip stays clear of zero, so the averaged model may be relied on
 
 
 class Numbers(NamedTuple):
@@ -145,7 +146,13 @@ def respond(numbers, k, c, spin, p, q, turn):
 
 
 @borrowing
-def forward(numbers, velocity, push, scratch, acceleration):
+def clear_of_sticking(numbers, k, length, p, q):
+    """Whether the wobble cannot carry slip through zero, see :func:`vibgym.physics.averaged.averages.slip_margin`."""
+    return abs(length / numbers.speed - 1.0) > numbers.second[k] * (numbers.gravity + math.sqrt(p * p + q * q))
+
+
+@borrowing
+def forward(numbers, velocity, push, scratch, acceleration, holds):
     """Mean accelerations (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude, overwritten."""
     c, full = scratch.values, numbers.full
     for i in range(velocity.shape[0]):
@@ -158,10 +165,11 @@ def forward(numbers, velocity, push, scratch, acceleration):
             acceleration[i, k, 0] = cosine * along - sine * across
             acceleration[i, k, 1] = sine * along + cosine * across
             acceleration[i, k, 2] = angular
+            holds[i, k] = clear_of_sticking(numbers, k, length, p, q)
 
 
 @borrowing
-def invert(numbers, velocity, wanted, scratch, push, acceleration):
+def invert(numbers, velocity, wanted, scratch, push, acceleration, holds):
     """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten."""
     c, limit, gravity, full = scratch.values, numbers.limit, numbers.gravity, numbers.full
     for i in range(velocity.shape[0]):
@@ -188,10 +196,11 @@ def invert(numbers, velocity, wanted, scratch, push, acceleration):
             acceleration[i, k, 0] = cosine * along - sine * across
             acceleration[i, k, 1] = sine * along + cosine * across
             acceleration[i, k, 2] = angular + turning * turn
+            holds[i, k] = clear_of_sticking(numbers, k, length, p, q)
 
 
 class FrictionalInverse:
-    """From wanted mean accelerations to pushes, for parts that always slide: ``process(velocity, wanted)``.
+    """From wanted mean accelerations to pushes, for parts that always slide.
 
     A push counts as the allocators take it, over what full amplitude does: x and y in the first-order direction of the
     elements' push at rest (phasor ``(C, S) = -full_scale (y, x)``), the third the moment of the elements' pushes about the
@@ -202,21 +211,26 @@ class FrictionalInverse:
 
     Args:
         surface, parts: the scene.
-        most: largest amplitude of the elements, over the surface's.
+        limit: m, largest amplitude of the elements; None: the surface's. It is never more than that.
 
     Raises:
         ValueError: a pair that can stick, a part without friction, or elements that cannot move.
     """
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], most: float = 1.0) -> None:
+    def __init__(self, surface: Surface, parts: Part | Sequence[Part], *, limit: float | None = None) -> None:
         checks.instance("surface", surface, Surface)
-        for part in parts:
+        self.surface, self.parts = surface, (parts,) if isinstance(parts, Part) else tuple(parts)
+        largest = surface.max_amplitude
+        assert largest is not None
+        for part in self.parts:
             checks.instance("parts", part, Part)
             check_sliding(surface, part.static_friction, argument="parts", value=part.name)
             checks.number(f"friction of part {part.name!r}", part.friction, above=0.0)
-        checks.number("surface.max_amplitude", surface.max_amplitude, above=0.0)
-        self.surface, self.parts = surface, tuple(parts)
-        self.most = checks.number("most", most, above=0.0, most=1.0)
+        if limit is not None:
+            limit = checks.number("limit", limit, above=0.0)
+        elif largest == 0.0:
+            raise checks.refuse("surface.max_amplitude", largest, "> 0: elements at rest push nothing")
+        self.limit = largest if limit is None else min(limit, largest)
         friction = np.array([part.friction for part in self.parts])
         self._numbers = Numbers(
             coefficients(),
@@ -226,42 +240,28 @@ class FrictionalInverse:
             surface.gravity,
             surface.table_speed,
             surface.full_scale,
-            self.most * surface.full_scale,
+            self.limit * surface.angular_frequency**2,
         )
 
-    def __call__(self, velocity: np.ndarray, wanted: np.ndarray) -> Pushed:
-        """Pushes that give the parts what they want, as far as the limit lets them, and what they then get.
+    def push(self, velocity: np.ndarray, wanted: np.ndarray) -> Inverse:
+        """Pushes that give the parts what they want, as far as the limit lets them.
 
         Args:
             velocity: (batch, parts, 3) mean velocities, m/s and rad/s; not those of one instant.
             wanted: (batch, parts, 3) mean accelerations, m/s^2 and rad/s^2, friction included: what the part shall get.
         """
-        velocity, wanted = _plain(velocity), _plain(wanted)
-        result = Pushed(np.empty_like(wanted), np.empty_like(wanted))
+        velocity, wanted = _rows(velocity), _rows(wanted)
+        result = Inverse(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
         invert(self._numbers, velocity, wanted, new_scratch(), *result)
         return result
 
-    def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> np.ndarray:
-        """The other way round: mean accelerations (batch, parts, 3) under pushes (batch, parts, 3)."""
-        velocity, push = _plain(velocity), _plain(push)
-        result = np.empty_like(velocity)
-        forward(self._numbers, velocity, push, new_scratch(), result)
-        return result
-
-    def coasting(self, velocity: np.ndarray) -> np.ndarray:
-        """Mean accelerations (batch, parts, 3) on elements at rest."""
-        return self.acceleration(velocity, np.zeros_like(velocity))
-
-    def holds(self, velocity: np.ndarray) -> np.ndarray:
-        """Where the averaged model may be relied on, (batch, parts) bool: no push makes slip pass through zero.
-
-        See :func:`vibgym.physics.averaged.averages.slip_margin`. Parts as fast as the table are not what elements can make of
-        them, but what a sensor may say.
-        """
-        numbers = self._numbers
-        slip = np.sqrt((velocity[..., :2] ** 2).sum(axis=-1)) / numbers.speed
-        return np.abs(slip - 1.0) > numbers.second * (numbers.gravity + numbers.limit)
+    def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The other way round: mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
+        velocity, push = _rows(velocity), _rows(push)
+        acceleration, holds = np.empty_like(velocity), np.empty(velocity.shape[:2], dtype=bool)
+        forward(self._numbers, velocity, push, new_scratch(), acceleration, holds)
+        return acceleration, holds
 
 
-def _plain(values: np.ndarray) -> np.ndarray:
+def _rows(values: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(values, dtype=np.float64)

@@ -174,7 +174,10 @@ def simulate(policy, blocks, seconds, targets=None):
     velocity, state, least = np.zeros_like(place), None, np.inf
     target = place
     asked = []
-    policy.steer = lambda seen, velocity: asked.append(velocity[0])  # what it wants, not how elements do it
+    policy.steer = lambda seen, way, law: (
+        asked.append(way[0] / policy.law.lead),
+        law,
+    )  # what it wants, not how elements do it
     parts = policy.info.parts
     for _ in range(round(seconds / 0.04)):
         seen = np.zeros((6, 20))
@@ -214,7 +217,7 @@ def test_memory_is_left_alone_and_begins_anew():
     policy, env = planner(), batch("Sort", 3, action="phasor")
     seen, _ = env.reset(seed=0)
     _, state = policy.predict(seen)
-    copies = [array.copy() for array in state]
+    copies = [np.copy(each) for each in state]
     other, _ = env.reset(seed=50)
     _, after = policy.predict(other, state, np.array([True, False, False]))
     assert all((array == copy).all() for array, copy in zip(state, copies, strict=True))

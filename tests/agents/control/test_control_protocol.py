@@ -86,4 +86,4 @@ def test_local_field_has_no_memory():
     seen = observations("Rotate", steps=2)
     first, state = policy.predict(seen[0])
     policy.predict(seen[1], state)
-    assert state is None and (policy.predict(seen[0], None, np.zeros(6, dtype=bool))[0] == first).all()
+    assert state == () and (policy.predict(seen[0], None, np.zeros(6, dtype=bool))[0] == first).all()
