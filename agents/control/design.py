@@ -84,16 +84,19 @@ def riccati(a: np.ndarray, b: np.ndarray, state: Sequence[float], control: float
     return (b.T @ linalg.solve_continuous_are(a, b, q, np.array([[s]])) / s)[0]
 
 
-def sampled_riccati(f: np.ndarray, g: np.ndarray, state: Sequence[float], control: float) -> np.ndarray:
+def sampled_riccati(
+    f: np.ndarray, g: np.ndarray, state: Sequence[float], control: float, name: str = "state_weights"
+) -> np.ndarray:
     """Gains (n,) of the feedback ``u_k = -gains x_k`` that makes the sum of ``x' Q x + S u^2`` least; see :func:`riccati`.
 
     Args:
         f, g: (n, n) and (n, 1) of ``x_k+1 = F x_k + G u_k``, see :func:`sampled`.
+        name: of the argument ``state``, for errors.
 
     Raises:
         ValueError: weights that are not positive.
     """
-    q, s = np.diag(weights("state_weights", state, len(f))), checks.number("control_weight", control, above=0.0)
+    q, s = np.diag(weights(name, state, len(f))), checks.number("control_weight", control, above=0.0)
     p = linalg.solve_discrete_are(f, g, q, np.array([[s]]))
     return np.linalg.solve(s + g.T @ p @ g, g.T @ p @ f)[0]
 

@@ -19,7 +19,7 @@ from agents.control.measured import Measured
 from agents.control.plant import plant_of
 from agents.task_info import TaskInfo
 
-WEIGHTS = (20000.0, 30.0)
+WEIGHTS = (30000.0, 1.0)
 """1/s^4 and 1/s^2, of position and velocity squared beside accelerations squared."""
 
 
@@ -53,8 +53,10 @@ class LqrLaw:
         self.gains = np.empty((len(info.parts), 2, 2))
         for part, drag in enumerate(self.drag):
             plant = sampled(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
-            for k, chosen in enumerate((state_weights, heading_weights)):
-                self.gains[part, k] = sampled_riccati(*plant, chosen, control_weight)
+            for k, (name, chosen) in enumerate(
+                (("state_weights", state_weights), ("heading_weights", heading_weights))
+            ):
+                self.gains[part, k] = sampled_riccati(*plant, chosen, control_weight, name)
         # Net of friction, as laws count: what brakes by itself is not to be made up for.
         self._rate = self.gains[:, :, 1] + self.drag[:, None]
         self.lead = float((self._rate[:, 0] / self.gains[:, 0, 0]).max())

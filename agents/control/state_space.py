@@ -19,7 +19,7 @@ class StateFeedback:
 
     Args:
         poles: of the closed loop in continuous time, rad/s, by Ackermann's formula; None: the thesis's.
-        state_weights: instead of poles, of position and velocity squared in the cost, the diagonal of Q (Riccati, eqs. 5.86 to 5.88).
+        state_weights: instead of poles, of position and velocity squared in the cost, Q (Riccati, eqs. 5.86 to 5.88).
         control_weight: of the acceleration squared, S.
 
     Attributes:
