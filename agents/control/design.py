@@ -33,7 +33,7 @@ def polynomial(name: str, poles: Any, count: int) -> np.ndarray:
         given = [complex(*each) if checks.listed(each) else complex(each) for each in poles]
     except (TypeError, ValueError, OverflowError):
         raise checks.refuse(name, poles, allowed) from None
-    roots = np.array(given)
+    roots = np.array(given, dtype=np.complex128)
     if len(roots) != count or not np.isfinite(roots).all() or not (roots.real < 0.0).all():
         raise checks.refuse(name, poles, allowed)
     coefficients = np.atleast_1d(np.poly(roots))
