@@ -61,8 +61,8 @@ def draw() -> Figure:
     found = int(scene.found.count[0])
     return Figure(
         title="Figs. 5.5 to 5.9: from the image to poses",
-        shows="Eleven parts through the chain of the thesis's section 5.1: a fixed threshold within the area of interest, "
-        "runs, boundaries, centroids and principal axes, and the way to the surface by a template.",
+        shows="Eleven parts through the chain of the thesis's section 5.1: a fixed threshold within the area of "
+        "interest, runs, boundaries, centroids and principal axes, and the way to the surface by a template.",
         comparisons=(
             Comparison(
                 "Parts found", "11 of 11", f"{found} of {len(true)}", "none" if found == 11 else f"{found - 11:+d}"

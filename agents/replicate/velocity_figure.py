@@ -39,9 +39,9 @@ def draw() -> Figure:
     below = IN_TABLE.index(0.08)
     return Figure(
         title="Fig. 7.3: velocity in a uniform field against amplitude",
-        shows="On the prototype a part went as fast as the model says where the amplitude was above 0.1 mm, and slower or not "
-        "at all below, for such amplitudes were not realised. The measured points themselves are lost; 0.3 m/s is read "
-        "from the axis, and the largest velocity is that of the thesis's summary.",
+        shows="On the prototype a part went as fast as the model says where the amplitude was above 0.1 mm, and "
+        "slower or not at all below, for such amplitudes were not realised. The measured points themselves are "
+        "lost; 0.3 m/s is read from the axis, and the largest velocity is that of the thesis's summary.",
         comparisons=(
             of_number("Velocity near 0.39 mm", 0.3, float(speeds[0][-1]), "m/s"),
             of_number("Largest velocity of the prototype, against ours at 0.39 mm", 0.35, float(speeds[0][-1]), "m/s"),
@@ -52,12 +52,14 @@ def draw() -> Figure:
                 "all three forms fall short of the model; which one the prototype had is not known",
             ),
         ),
-        differs="At large amplitudes ours agrees with what can be read from the axis. The prototype's top speed of 0.35 m/s is "
-        "above anything that the model gives below lift-off (0.305 m/s). Below 0.1 mm only the trend can be compared.",
+        differs="At large amplitudes ours agrees with what can be read from the axis. The prototype's top speed of "
+        "0.35 m/s is above anything that the model gives below lift-off (0.305 m/s). Below 0.1 mm only the trend "
+        "can be compared.",
         assumed=(
-            "The part is the aluminium block with its sliding friction of 0.58; the thesis's text does not say which it was.",
-            "What amplitudes below 0.1 mm became is not known: all three forms of dead zone that the actuators here can have "
-            "are shown.",
+            "The part is the aluminium block with its sliding friction of 0.58; the thesis's text does not say "
+            "which it was.",
+            "What amplitudes below 0.1 mm became is not known: all three forms of dead zone that the actuators "
+            "here can have are shown.",
         ),
         pictures=(
             Picture(png(figure), "Mean velocity once it is steady, from the planar model behind the actuators."),
