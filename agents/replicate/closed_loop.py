@@ -4,8 +4,8 @@
                         ^                                |
                         +-- observer <- acceleration after saturation
 
-The real plant is the planar simulator behind actuators, and before it the inverse of the frictional process with its saturation;
-the reduced plant is a double integrator. All elements push alike, as in the thesis, so that the heading is left to itself.
+The real plant is the planar simulator behind actuators, and before it the inverse of the frictional process with its
+saturation; the reduced plant is a double integrator. All elements push alike, so that the heading is left to itself.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class RealPlant:
         ideal = {"dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
         self.actuators = PrototypeActuators(surface, worlds, 1, limit=limit, **{**ideal, **actuators})
         self.generator = np.random.default_rng(seed)
-        self.simulator = Simulator(surface, part, worlds=worlds)
+        self.simulator = Simulator(surface, part, worlds=worlds, threads=1)
         self.simulator.reset([*START, 0.0], [*surface.idle_velocity(part.friction), 0.0])
         self._shape = (worlds, surface.rows, surface.columns)
         none = np.zeros(self._shape)

@@ -66,11 +66,12 @@ def draw() -> Figure:
                 "what the derivative asks for in the first period is not within the axis",
             ),
         ),
-        differs=f"The reduced plant overshoots by {over['reduced']:.1f} %, as it must. Saturation winds the integral up, so that "
-        f"the real plant overshoots by {over['real']:.0f} % with amplitudes up to 0.25 mm and by {over['lift-off']:.0f} % up to "
-        "lift-off; the velocity axis of fig. 5.20 fits the former only. The discrete form overshoots by "
-        f"{over['reduced, discrete']:.0f} % on the reduced plant, within its axis. One axis of fig. 5.21 ends at 0.6 m: if it is "
-        f"the real plant's, the thesis overshot by two thirds or more, ours by {over['real, discrete']:.0f} %.",
+        differs=f"The reduced plant overshoots by {over['reduced']:.1f} %, as it must. Saturation winds the integral up, so "
+        f"that the real plant overshoots by {over['real']:.0f} % with amplitudes up to 0.25 mm and by "
+        f"{over['lift-off']:.0f} % up to lift-off; the velocity axis of fig. 5.20 fits the former only. The discrete form "
+        f"overshoots by {over['reduced, discrete']:.0f} % on the reduced plant, within its axis. One axis of fig. 5.21 ends "
+        "at 0.6 m: if it is the real plant's, the thesis overshot by two thirds or more, ours by "
+        f"{over['real, discrete']:.0f} %.",
         assumed=(
             "The step is 0.3 m: the set position on the axes of figs. 5.19 and 5.24. The part is the aluminium block.",
             "The thesis gives no number for the limit in these simulations; 0.25 mm is taken from figs. 7.8 to 7.10.",

@@ -33,8 +33,8 @@ def draw() -> Figure:
     until = f"until {limited[-1] + 0.04:.2f} s" if len(limited) else "never"
     return Figure(
         title="Figs. 5.24 and 5.25: state space controller, reduced and real plant",
-        shows="The same step with state feedback R = [4, 4], both poles at -2 rad/s, and the same observer. Without an integral "
-        "nothing winds up: the axes of both plants end at the set position, 0.3 m.",
+        shows="The same step with state feedback R = [4, 4], both poles at -2 rad/s, and the same observer. Without an "
+        "integral nothing winds up: the axes of both plants end at the set position, 0.3 m.",
         comparisons=(
             of_number("Overshoot of the reduced plant", 0.0, max(over["reduced"], 0.0), "%", 2),
             of_number("Overshoot of the real plant, by the axis of fig. 5.24", 0.0, max(over["real"], 0.0), "%", 2),
