@@ -162,8 +162,8 @@ class RealPlant:
         assert surface.max_amplitude is not None
         x, y = (found.push[:, :, k, None] for k in range(2))
         amplitude = np.minimum(np.hypot(x, y), 1.0) * surface.max_amplitude
-        shares = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
-        for drive, periods in self.actuators.apply(polar_drive(*shares, surface.angular_frequency)):
+        told, phase = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
+        for drive, periods in self.actuators.apply(polar_drive(told, phase, surface.angular_frequency)):
             self.simulator.run(drive, periods)
         self._mean = self.simulator.mean_velocity
         return found.acceleration, amplitude[:, 0, 0]

@@ -66,6 +66,7 @@ def draw() -> Figure:
     far_over = 100.0 * float(np.median(far.overshoot(0.3)))
     left = {key: 1e3 * float(np.median(run.residual(STEP, LAST))) for key, run in runs.items()}
     believed = np.sqrt((stuck.estimate[stuck.time > SECONDS - LAST] ** 2).mean(axis=0))
+    parted = float(np.median(stuck.time[np.argmax(stuck.amplitude < DEAD_ZONE, axis=0)]))  # it begins above
     rows, narrow = [], {}
     for form in FORMS:
         for width in WIDTHS:
@@ -99,6 +100,7 @@ def draw() -> Figure:
                 of_range(f"State space: residual, {form} dead zone of 0.1 mm", 5.9, 26.8, left["state space", form], "mm", 1)
                 for form in FORMS
             ),
+            of_number("State space: the amplitude has fallen below 0.1 mm, and courses part, after", 1.2, parted, "s", 2),
             Comparison("State space: which dead zone leaves 5.9 mm (fig. 7.9)", "5.9 mm", fits[5.9], "by variation, see table"),
             Comparison("State space: which one leaves 26.8 mm (fig. 7.10)", "26.8 mm", fits[26.8], "by variation, see table"),
             Comparison(
