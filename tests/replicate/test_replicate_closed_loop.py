@@ -78,7 +78,7 @@ def test_state_space_does_not_overshoot():
 
 
 def test_it_is_the_top_speed_that_winds_up():
-    """The reduced plant hardly overshoots more with the acceleration that 0.25 mm gives at rest, but with a much smaller one."""
+    """With the acceleration that 0.25 mm gives at rest the reduced plant hardly overshoots more."""
     over = [
         float(step_response(PidController(T, late=False), ReducedPlant(T, limit), 0.3, 8.0, None).overshoot(0.3)[0])
         for limit in (np.inf, ACCELERATION, 0.5)
