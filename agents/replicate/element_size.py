@@ -24,7 +24,7 @@ SIZES = tuple(PITCH / each for each in (5, 4, 3, 2.5, 2, 1.75, 1.5, 1.25, 1))
 
 
 def aligned(
-    part: Part, element_size: float, pitch: float = PITCH, places: int = PLACES, seed: int = 62
+    part: Part, element_size: float, pitch: float = PITCH, places: int = 100, seed: int = 62
 ) -> tuple[np.ndarray, np.ndarray]:
     """Distances (places,) m of parts from the nearest point of the grid in the end, and their poses (places, 3).
 
@@ -53,7 +53,7 @@ def aligned(
 def draw() -> Figure:
     """Share of the parts that are aligned, by the elements' size, and where they come to rest."""
     parts = {"steel": shipped_part("steel_block"), "aluminium": shipped_part("aluminium_block")}
-    results = {(name, size): aligned(part, size) for name, part in parts.items() for size in SIZES}
+    results = {(name, size): aligned(part, size, places=PLACES) for name, part in parts.items() for size in SIZES}
     shares = {key: float((distance < ALIGNED).mean()) for key, (distance, _) in results.items()}
     figure = new_figure(7.6, 3.2)
     left, right = figure.subplots(1, 2)
@@ -95,10 +95,10 @@ def draw() -> Figure:
                 ", ".join(f"{100.0 * shares[name, 0.5 * PITCH]:.0f} % ({name})" for name in parts), "agrees",
             ),
         ),
-        differs="A point of the grid attracts parts where four elements that push towards it meet, so that each "
-        "point needs two by two elements of its own: an element is at most half the pitch. The simulation bears "
-        "that out, and for the prototype's blocks it gives the prototype's size; whether the thesis argued so is "
-        "not known.",
+        differs="A point of the grid attracts parts where elements that push towards it meet, so that each point "
+        "needs at least two by two elements of its own: an element is at most half the pitch. The simulation bears "
+        "that out, and for the prototype's blocks it gives the prototype's size; smaller elements align all parts "
+        "if an even number of them makes up the pitch. Whether the thesis argued so is not known.",
         assumed=(
             "The pitch: 52 mm, at which blocks of 50 mm stand side by side.",
             "Ideal elements at the lift-off amplitude, each pushing towards the nearest point of the grid; phases "

@@ -61,12 +61,13 @@ def steady(ratio: Any, share: Any, phase: Any, steps: int = STEPS) -> np.ndarray
     # To first order in the ratio, the steady velocity at full amplitude; steps are cut, so that none leaves the disc.
     start = 0.7 * share[:, None] * np.column_stack([-np.sin(phase), -np.cos(phase)])
     nearby = np.array([[0.0, 0.0], [1e-6, 0.0], [0.0, 1e-6]])[:, None]
-    numbers = [np.tile(each, 3) for each in (ratio, share, phase)]
+    ratios, shares, phases = (np.tile(each, 3) for each in (ratio, share, phase))
     for _ in range(MOST_NEWTON):
-        images = _period((start + nearby).reshape(-1, 2), *numbers, steps)[0].reshape(3, -1, 2)
+        ends, means = _period((start + nearby).reshape(-1, 2), ratios, shares, phases, steps)
+        images = ends.reshape(3, -1, 2)
         change = images[0] - start
         if (np.abs(change) <= TOLERANCE * ratio[:, None] + 1e-14).all():
-            return _period(start, ratio, share, phase, steps)[1]
+            return means[: len(ratio)]
         slope = np.stack([(image - images[0]) / 1e-6 for image in images[1:]], axis=-1) - np.eye(2)
         move = np.linalg.solve(slope, -change[..., None])[..., 0]
         start = start + move * np.minimum(1.0, 0.3 / np.maximum(np.hypot(*move.T), 1e-300))[:, None]

@@ -79,7 +79,7 @@ def draw() -> Figure:
         differs=f"Ours agrees with every number of the text: the ratio tends to {fastest:.4f} as friction becomes "
         f"small against the table's acceleration, and to {slowest:.3f} at the limit of permanent sliding. The "
         f"simulator is within {100.0 * off:.3f} % of the equation's solution. The ratio depends on one number only, "
-        "mu g / (a_h w^2), which the thesis does not say.",
+        "mu g / (a_h w^2), which the text that is left does not say.",
         assumed=(
             "The axis of the amplitude is lost: 0 to 10 mm, as in fig. 3.9. The friction coefficient is lost: 0.6, "
             "the value of fig. 3.9.",

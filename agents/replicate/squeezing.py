@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibgym import Part, Simulator, Surface
-from vibgym.actuators import ActuatorStage, IdealActuators, PrototypeActuators
+from vibgym.actuators import ACTUATORS
 from vibgym.fields import squeeze
 from vibgym.physics.core.drive import polar_drive
 
@@ -22,7 +22,7 @@ REACH = 0.013
 """m: every element pushes in full, for the nearest centres are half an element from the line."""
 
 SECONDS = 10.0
-TRANSIENT = 2.0  # s
+TRANSIENT, LAST = 2.0, 1.5  # s, at the beginning and at the end
 RESTING = math.radians(10.0)
 STABLE = math.radians(22.5)
 
@@ -59,15 +59,17 @@ class Squeezed:
 
     @property
     def resting(self) -> float:
-        """Share of the parts whose heading changes by less than 10 deg during the last second and a half of the time."""
-        heading = self.pose[self.time >= self.time[-1] - 1.5, :, 2]
-        return float((np.ptp(heading, axis=0) < RESTING).mean())
+        """Share of the parts whose heading changes by less than 10 deg during the last 1.5 s."""
+        return float(self._rests().mean())
 
     @property
     def stable(self) -> float:
         """Share of the parts that also end within 22.5 deg of the common heading."""
-        heading = self.pose[self.time >= self.time[-1] - 1.5, :, 2]
-        return float(((np.ptp(heading, axis=0) < RESTING) & (np.abs(self.turned[-1]) < STABLE)).mean())
+        return float((self._rests() & (np.abs(self.turned[-1]) < STABLE)).mean())
+
+    def _rests(self) -> np.ndarray:
+        heading = self.pose[self.time >= self.time[-1] - LAST, :, 2]
+        return np.ptp(heading, axis=0) < RESTING
 
 
 def squeezed(
@@ -83,12 +85,15 @@ def squeezed(
         strength: of the field; 1 is the lift-off amplitude.
         seconds: to simulate.
         seed: of starts and machines.
+
+    Raises:
+        ValueError: unknown hardware.
     """
     surface = Surface()
     shape = (worlds, surface.rows, surface.columns)
     amplitude, phase = squeeze(START, LINE, 0.0, strength, REACH).drive(surface)
     command = polar_drive(np.broadcast_to(amplitude, shape), np.broadcast_to(phase, shape), surface.angular_frequency)
-    stage: ActuatorStage = {"ideal": IdealActuators, "prototype": PrototypeActuators}[hardware](surface, worlds, 1)
+    stage = ACTUATORS.choose("hardware", hardware)(surface, worlds, 1)
     random = np.random.default_rng(seed)
     stage.prepare(command)
     pose = np.zeros((worlds, 1, 3))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -58,8 +58,9 @@ SWEEPS = {
 
 def _settings(parameter: str, value: float) -> tuple[Surface, float, float]:
     """Surface, vertical amplitude and phase of the reference set with one parameter altered, SI."""
-    motion = {parameter: value} if parameter in ("horizontal_amplitude", "frequency") else {}
-    surface = Surface(**motion)
+    surface = Surface()
+    if parameter in ("horizontal_amplitude", "frequency"):
+        surface = replace(surface, max_amplitude=None, **{parameter: value})
     amplitude = value if parameter == "amplitude" else surface.lift_off_amplitude
     return surface, amplitude, value if parameter == "phase" else PHASE
 
@@ -116,9 +117,9 @@ def draw() -> Figure:
     follow = np.polyfit(SWEEPS["phase"].line, np.unwrap(_polar(lines["phase"])[1], period=360.0), 1)[0]
     off = max(_difference(name, dots[name]) for name in SWEEPS)
     table = tuple(
-        (f"{value:g}", *(f"{_polar(dots[name])[row][k]:.{4 if row == 0 else 2}f}" for row in (0, 1)), SWEEPS[name].name)
-        for name in SWEEPS
-        for k, value in enumerate(SWEEPS[name].dots)
+        (sweep.name, f"{value:g}", f"{speed:.4f}", f"{angle:.2f}")
+        for name, sweep in SWEEPS.items()
+        for value, speed, angle in zip(sweep.dots, *_polar(dots[name]), strict=True)
     )
     return Figure(
         title="Fig. 3.9: steady mean velocity over each oscillation parameter",
@@ -159,7 +160,7 @@ def draw() -> Figure:
             ),
         ),
         tables=(
-            Table("The simulator's crosses.", ("Value", "Speed, m/s", "Direction, deg", "Parameter"), table),
+            Table("The simulator's crosses.", ("Parameter", "Value", "Speed, m/s", "Direction, deg"), table),
         ),
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,37 +40,42 @@ class Course:
     ripple: float
 
 
-def course(friction: float, periods: int = PERIODS) -> Course:
-    """On the prototype's motion at the lift-off amplitude and a phase of 270 deg, by eq. 3.27."""
+def courses(frictions: Sequence[float] = FRICTION, periods: int = PERIODS) -> list[Course]:
+    """On the prototype's motion at the lift-off amplitude and a phase of 270 deg, by eq. 3.27, for each friction."""
     surface, phase = Surface(), 1.5 * math.pi
-    ratio = friction * surface.gravity / (surface.table_speed * surface.angular_frequency)
-    path = surface.table_speed * velocity(ratio, 1.0, phase, periods)[:, 0]
-    final = surface.table_speed * steady(ratio, 1.0, phase)[0]
+    ratio = np.asarray(frictions) * surface.gravity / (surface.table_speed * surface.angular_frequency)
+    path = velocity(ratio, 1.0, phase, periods)
+    final = surface.table_speed * steady(ratio, 1.0, phase)
+    late = surface.table_speed * velocity(ratio, 1.0, phase, 1, path[-1])
+    path = surface.table_speed * path
     step = surface.period / STEPS
-    sums = np.vstack([np.zeros(2), np.cumsum(0.5 * (path[1:] + path[:-1]), axis=0)])
-    mean = (sums[STEPS:] - sums[:-STEPS]) / STEPS
-    mean_time, mean_speed = (np.arange(len(mean)) + 0.5 * STEPS) * step, np.hypot(*mean.T)
-    late = velocity(ratio, 1.0, phase, 1, path[-1] / surface.table_speed)[:, 0] * surface.table_speed
-    return Course(
-        time=np.arange(len(path)) * step,
-        speed=np.hypot(*path.T),
-        mean_time=mean_time,
-        mean_speed=mean_speed,
-        steady=final,
-        rise=float(mean_time[np.argmax(mean_speed >= ARRIVED * np.hypot(*final))]),
-        ripple=float(np.hypot(*(late - late[:-1].mean(axis=0)).T).max()),
-    )
+    sums = np.concatenate([np.zeros_like(path[:1]), np.cumsum(0.5 * (path[1:] + path[:-1]), axis=0)])
+    speed, mean_speed = (np.hypot(*np.moveaxis(each, -1, 0)) for each in (path, (sums[STEPS:] - sums[:-STEPS]) / STEPS))
+    mean_time = (np.arange(len(mean_speed)) + 0.5 * STEPS) * step
+    ripple = np.hypot(*np.moveaxis(late - late[:-1].mean(axis=0), -1, 0)).max(axis=0)
+    return [
+        Course(
+            time=np.arange(len(path)) * step,
+            speed=speed[:, k],
+            mean_time=mean_time,
+            mean_speed=mean_speed[:, k],
+            steady=final[k],
+            rise=float(mean_time[np.argmax(mean_speed[:, k] >= ARRIVED * np.hypot(*final[k]))]),
+            ripple=float(ripple[k]),
+        )
+        for k in range(len(ratio))
+    ]
 
 
 def draw() -> Figure:
     """The three courses."""
-    courses = [course(each) for each in FRICTION]
+    found = courses()
     surface = Surface()
     simulated = [
         simulated_velocity(surface, each, [surface.lift_off_amplitude], [1.5 * math.pi])[0] for each in FRICTION
     ]
     figure = new_figure(6.2, 4.6)
-    for k, (friction, one) in enumerate(zip(FRICTION, courses, strict=True)):
+    for k, (friction, one) in enumerate(zip(FRICTION, found, strict=True)):
         axes = figure.add_subplot(3, 1, k + 1)
         axes.plot(one.time, one.speed, color=INK, linewidth=0.8)
         axes.plot(one.mean_time, one.mean_speed, color=FAILURE, linewidth=1.4, linestyle="--")
@@ -79,11 +85,11 @@ def draw() -> Figure:
         style(axes, ylabel="speed, m/s", **({"xlabel": "time, s"} if k == 2 else {}))
         axes.set(xlim=(0.0, 0.8), ylim=(0.0, 0.42))
         axes.annotate(f"friction {friction}", (0.78, 0.04), ha="right", fontsize=7.5, color=MUTED)
-    speeds = np.array([np.hypot(*one.steady) for one in courses])
+    speeds = np.array([np.hypot(*one.steady) for one in found])
     spread = 100.0 * (speeds.max() / speeds.min() - 1.0)
-    angles = [math.degrees(math.atan2(one.steady[1], one.steady[0])) for one in courses]
-    rises, ripples = [one.rise for one in courses], [one.ripple for one in courses]
-    off = max(float(np.hypot(*(a - b.steady)) / np.hypot(*b.steady)) for a, b in zip(simulated, courses, strict=True))
+    angles = [math.degrees(math.atan2(one.steady[1], one.steady[0])) for one in found]
+    rises, ripples = [one.rise for one in found], [one.ripple for one in found]
+    off = max(float(np.hypot(*(a - b.steady)) / np.hypot(*b.steady)) for a, b in zip(simulated, found, strict=True))
     return Figure(
         title="Fig. 3.8: from rest to the steady velocity",
         shows="The thesis solves eq. 3.27 for friction 0.3, 0.6 and 0.9: the mean speed in the steady state does "

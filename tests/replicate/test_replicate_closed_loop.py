@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from agents.control.observer import Observer
+from agents.replicate import control_cycle, pid_step, prototype_steps, state_space_step
 from agents.replicate.closed_loop import PidController, RealPlant, ReducedPlant, StateController, step_response
 from agents.replicate.control_cycle import cycle
 from agents.replicate.pid_step import ACCELERATION, STEP
@@ -111,3 +112,23 @@ def test_a_hard_dead_zone_holds_the_part_and_misleads_the_observer():
 def test_a_cycle_fits_into_a_period():
     times = cycle(2)
     assert min(times) > 0.0 and times.total < T
+
+
+@pytest.mark.parametrize("figure", [pid_step, state_space_step, prototype_steps, control_cycle])
+def test_what_the_figures_say(figure, monkeypatch):
+    """Each draws its pictures and says what was found; with few machines, widths and repeats."""
+    monkeypatch.setattr(prototype_steps, "MACHINES", 2)
+    monkeypatch.setattr(prototype_steps, "WIDTHS", (0.1e-3,))
+    monkeypatch.setattr(control_cycle, "REPEATS", 5)
+    monkeypatch.setattr(control_cycle, "OBJECTS", (1, 3))
+    drawn = figure.draw()
+    assert all(picture.png.startswith(b"\x89PNG") for picture in drawn.pictures)
+    said = {each.what: each.difference for each in drawn.comparisons}
+    assert figure is not pid_step or [each for each, off in said.items() if off.endswith((" above", " below"))] == [
+        "The same with the limit at lift-off, 0.40 mm", "Peak with the discrete form, real plant (fig. 5.21)"
+    ]  # fmt: skip
+    assert figure is not prototype_steps or (
+        said["State space: residual, soft dead zone of 0.1 mm"] == "within"
+        and said["State space: residual, cubic dead zone of 0.1 mm"] == "within"
+        and said["State space: residual, hard dead zone of 0.1 mm"].endswith("above")
+    )
