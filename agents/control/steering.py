@@ -49,7 +49,9 @@ class Steering:
         self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
         self.slack = self.law.slack
         self.allocator = Allocator(info.surface, info.parts, info.hardware)
-        self.process = FrictionalInverse(info.surface, info.parts, limit=info.hardware.limit)
+        self.process = FrictionalInverse(
+            info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
+        )
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
         # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
@@ -87,7 +89,7 @@ class Steering:
         wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, acceleration, _ = self.process.push_for(velocity, np.where(moves, wanted, 0.0), self.info.surface.period)
+        push, acceleration, _ = self.process.push(velocity, np.where(moves, wanted, 0.0))
         if not moves.all():
             push = np.where(moves, push, 0.0)
             coasting, _ = self.process.acceleration(velocity, push)

@@ -6,12 +6,16 @@ from collections.abc import Callable
 
 from agents.replicate import (
     camera_chain,
+    control_cycle,
     element_size,
     friction_radius,
     parameter_study,
+    pid_step,
+    prototype_steps,
     quantisation_figure,
     speed_ratio,
     squeeze_figure,
+    state_space_step,
     steady_velocity,
     transient,
     velocity_figure,
@@ -27,11 +31,15 @@ FIGURES: Registry[Callable[[], Figure]] = Registry(
         "speed_ratio": speed_ratio.draw,
         "camera_chain": camera_chain.draw,
         "centroid_error": quantisation_figure.draw,
+        "pid_step": pid_step.draw,
+        "state_space_step": state_space_step.draw,
         "parameter_study": parameter_study.draw,
         "element_size": element_size.draw,
         "friction_radius": friction_radius.draw,
         "velocity": velocity_figure.draw,
         "squeeze": squeeze_figure.draw,
+        "control_cycle": control_cycle.draw,
+        "prototype_steps": prototype_steps.draw,
     },
 )
 """One module for each, whose ``draw()`` makes it in seconds; add a line here, where it stands in the thesis."""

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part, Simulator, Surface
 from vibgym.allocation import mean_acceleration, mean_state, phasors_for
-from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.allocation.frictional import FrictionalInverse, coefficients
 
 ONE = Surface(rows=1, columns=1, element_size=8.0)
 G, TOP = SURFACE.gravity, SURFACE.table_speed
@@ -82,17 +82,19 @@ def test_the_general_inverse_finds_the_same():
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.58])
-def test_the_planar_model_does_what_was_wanted(friction):
-    """Mean acceleration over one period that is centred on the wanted velocity, on several elements, up to top speed."""
+@pytest.mark.parametrize("ahead", [0.0, 0.5])
+def test_the_planar_model_does_what_was_wanted(friction, ahead):
+    """Mean acceleration over one period, on several elements, up to top speed, some beyond the limit: the period is centred on
+    the velocity given, or with ``ahead`` begins with it."""
     part = Part.rectangle(0.050, 0.035, friction=friction)
     period, eps = SURFACE.period, friction * G / (SURFACE.horizontal_amplitude * SURFACE.angular_frequency**2)
     velocity, wanted = draws(60, 0.25, seed=2)
     wanted *= 0.3 * friction / 4.0 * G
-    found = FrictionalInverse(SURFACE, part).push(velocity[:, None], wanted[:, None])
+    found = FrictionalInverse(SURFACE, part, ahead=ahead * period).push(velocity[:, None], wanted[:, None])
     given = found.acceleration[:, 0]
     amplitude, phase = motion(found.push[:, 0])
-    start = velocity - 0.5 * period * given
-    pose = [0.4, 0.1, 0.2] - 0.5 * period * velocity + 0.125 * period**2 * given
+    start = velocity - (0.5 - ahead) * period * given
+    pose = [0.4, 0.1, 0.2] - 0.5 * period * start
     here, now = pose.copy(), start.copy()
     for _ in range(30):  # the state at the start of the period that has these means
         slow_pose, slow = mean_state(SURFACE, part, here, now, amplitude, phase)
@@ -123,6 +125,15 @@ def test_spin_is_braked_and_pushed_as_the_model_says():
     assert back == pytest.approx(push, abs=1e-9)
 
 
+def test_coefficients_at_rest_are_isotropic():
+    """Nothing wanted, nothing done; and a push is turned by the same angle wherever it points."""
+    _, p, q, a0, a1, b00, b01, b11, b22, inverse_slip, _ = coefficients()[0, 1]  # slip 0.05, where none is set by hand
+    assert [p, q, a0, -b01, inverse_slip] == pytest.approx([0.5, 0.5, a0, a0, 1.0], abs=2e-3)
+    assert np.abs([a1, b11, b22]).max() < 0.05 * abs(a0) and 0.0 < abs(b00) < 0.1 * abs(a0)
+    none = np.zeros((2, 1, 3))
+    assert not FrictionalInverse(SURFACE, STEEL).push(none, none).push.any()
+
+
 def test_every_row_and_part_by_itself_to_the_bit():
     rng = np.random.default_rng(3)
     velocity, wanted = rng.uniform(-0.3, 0.3, (2, 50, 3, 3)) * [[[1.0]]] * np.array([1.0, 12.0])[:, None, None, None]
@@ -132,6 +143,19 @@ def test_every_row_and_part_by_itself_to_the_bit():
         for i in (0, 17, 49):
             row = alone.push(velocity[i : i + 1, k : k + 1], wanted[i : i + 1, k : k + 1])
             assert all((a[0, 0] == b[i, k]).all() for a, b in zip(row, whole, strict=True))
+
+
+def test_ahead_is_consistent():
+    """Pushes and accelerations with ``ahead`` are those without it at the velocity ahead; both ways round."""
+    velocity, wanted = draws(100, 0.25, seed=5)
+    velocity, wanted = velocity[:, None], wanted[:, None] + [0.0, 0.0, 20.0]
+    now, later = FrictionalInverse(SURFACE, STEEL), FrictionalInverse(SURFACE, STEEL, ahead=0.02)
+    found = later.push(velocity, wanted)
+    at = velocity + 0.02 * found.acceleration
+    assert now.acceleration(at, found.push)[0] == pytest.approx(found.acceleration, abs=3e-3)
+    assert later.acceleration(velocity, found.push)[0] == pytest.approx(found.acceleration, abs=3e-3)
+    assert now.push(at, wanted).push == pytest.approx(found.push, abs=1e-3)
+    assert 20 < (np.abs(found.acceleration - wanted).max(axis=(1, 2)) < 1e-6).sum() < 90
 
 
 def test_it_says_where_slip_may_pass_through_zero():
@@ -150,6 +174,7 @@ def test_it_says_where_slip_may_pass_through_zero():
         ({"surface": Surface(horizontal_amplitude=3e-4)}, "parts: .*always slide"),
         ({"parts": Part.rectangle(0.05, 0.035, friction=0.0)}, "friction of part "),
         ({"limit": 0.0}, "limit: got 0.0; allowed: a finite number > 0"),
+        ({"ahead": 0.05}, "ahead: got 0.05; allowed: a finite number >= 0 and <= 0.04"),
         ({"surface": Surface(max_amplitude=0.0)}, "surface.max_amplitude: got 0.0"),
     ],
 )

@@ -39,6 +39,9 @@ NEWTON = 8
 CLOSE = 1e-10
 """Error of a solution, over ``g``."""
 
+ROUNDS, STILL = 8, 1e-4
+"""In which the velocity ahead is found, most, and its change over the table's speed after which it counts as found."""
+
 GUESS = 2.0
 """Pushes are first looked for within so many limits (to first order), where Newton's method is sure to find them."""
 
@@ -62,6 +65,7 @@ class Numbers(NamedTuple):
     speed: float  # V, m/s
     full: float  # a_v w^2 at the surface's largest amplitude, m/s^2
     limit: float  # largest push, m/s^2
+    ahead: float  # s, after which the velocity counts
 
 
 @lru_cache(maxsize=1)
@@ -85,7 +89,10 @@ def coefficients() -> np.ndarray:
         c[1, 2, 0] + c[2, 2, 2],
     ]
     table = [d, p, total - p, *(-each for each in second), inverse_slip, s * inverse_slip - d]
-    return np.ascontiguousarray(np.stack(table, axis=-1))
+    result = np.ascontiguousarray(np.stack(table, axis=-1))
+    # At rest no direction is marked, so these vanish; of what rounding leaves, elements would move where nothing is wanted.
+    result[0, 0, [0, 4, 5, 7, 8, 10]] = 0.0
+    return result
 
 
 @borrowing
@@ -149,51 +156,82 @@ def clear_of_sticking(numbers, k, length, p, q):
 
 
 @borrowing
-def forward(numbers, velocity, push, scratch, acceleration, holds):
-    """Mean accelerations (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude, overwritten."""
+def forward_part(numbers, k, velocity, push, scratch, acceleration):
+    """Mean acceleration (3,) of part ``k`` under a push (3,) over full amplitude, overwritten; returns whether it holds."""
     c, full = scratch.values, numbers.full
-    for i in range(velocity.shape[0]):
-        for k in range(velocity.shape[1]):
-            length, cosine, sine = direction(velocity[i, k, 0], velocity[i, k, 1])
-            interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
-            x, y, turn = full * push[i, k, 0], full * push[i, k, 1], full * push[i, k, 2]
-            p, q = cosine * x + sine * y, cosine * y - sine * x
-            along, across, angular = respond(numbers, k, c, velocity[i, k, 2], p, q, turn)
-            acceleration[i, k, 0] = cosine * along - sine * across
-            acceleration[i, k, 1] = sine * along + cosine * across
-            acceleration[i, k, 2] = angular
-            holds[i, k] = clear_of_sticking(numbers, k, length, p, q)
+    length, cosine, sine = direction(velocity[0], velocity[1])
+    interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+    x, y, turn = full * push[0], full * push[1], full * push[2]
+    p, q = cosine * x + sine * y, cosine * y - sine * x
+    along, across, angular = respond(numbers, k, c, velocity[2], p, q, turn)
+    acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
+    acceleration[2] = angular
+    return clear_of_sticking(numbers, k, length, p, q)
 
 
 @borrowing
-def invert(numbers, velocity, wanted, scratch, push, acceleration, holds):
-    """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten."""
+def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
+    """Push (3,) over full amplitude of part ``k`` for a wanted mean acceleration and what it does, see forward_part()."""
     c, limit, gravity, full = scratch.values, numbers.limit, numbers.gravity, numbers.full
+    mu, second = numbers.friction[k], numbers.second[k]
+    length, cosine, sine = direction(velocity[0], velocity[1])
+    interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+    x, y = wanted[0] / mu, wanted[1] / mu
+    along, across = cosine * x + sine * y, cosine * y - sine * x
+    idle, idle_across = force(c, gravity, second, 0.0, 0.0)
+    p, q = (along - idle) / c[2], (across - idle_across) / c[1]
+    if p * p + q * q < GUESS * GUESS * limit * limit:
+        p, q = newton(c, gravity, second, 0.0, along, across, idle, idle_across, p, q)
+    if p * p + q * q > limit * limit:
+        p, q = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q)
+        shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # of what Newton's method leaves, rounding or more
+        p, q = p * shorter, q * shorter
+    turning = 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
+    along, across, angular = respond(numbers, k, c, velocity[2], p, q, 0.0)
+    turn = min(max((wanted[2] - angular) / turning, -limit), limit)
+    push[0], push[1], push[2] = (cosine * p - sine * q) / full, (sine * p + cosine * q) / full, turn / full
+    acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
+    acceleration[2] = angular + turning * turn
+    return clear_of_sticking(numbers, k, length, p, q)
+
+
+@borrowing
+def look_ahead(numbers, velocity, acceleration, later):
+    """Velocity (3,) at which friction acts, into ``later`` (3,); returns by how much it has moved, over the table's speed."""
+    moved = 0.0
+    for j in range(3):
+        now = velocity[j] + numbers.ahead * acceleration[j]
+        moved += abs(now - later[j]) if j < 2 else 0.1 * abs(now - later[j])  # rad/s: of a lever of a decimetre
+        later[j] = now
+    return moved / numbers.speed
+
+
+@borrowing
+def forward(numbers, velocity, push, scratch, later, acceleration, holds):
+    """Mean accelerations (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude, overwritten."""
     for i in range(velocity.shape[0]):
         for k in range(velocity.shape[1]):
-            mu, second = numbers.friction[k], numbers.second[k]
-            length, cosine, sine = direction(velocity[i, k, 0], velocity[i, k, 1])
-            interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
-            x, y = wanted[i, k, 0] / mu, wanted[i, k, 1] / mu
-            along, across = cosine * x + sine * y, cosine * y - sine * x
-            idle, idle_across = force(c, gravity, second, 0.0, 0.0)
-            p, q = (along - idle) / c[2], (across - idle_across) / c[1]
-            if p * p + q * q < GUESS * GUESS * limit * limit:
-                p, q = newton(c, gravity, second, 0.0, along, across, idle, idle_across, p, q)
-            if p * p + q * q > limit * limit:
-                p, q = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q)
-                shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # of what Newton's method leaves, rounding or more
-                p, q = p * shorter, q * shorter
-            spin, turning = velocity[i, k, 2], 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
-            along, across, angular = respond(numbers, k, c, spin, p, q, 0.0)
-            turn = min(max((wanted[i, k, 2] - angular) / turning, -limit), limit)
-            push[i, k, 0] = (cosine * p - sine * q) / full
-            push[i, k, 1] = (sine * p + cosine * q) / full
-            push[i, k, 2] = turn / full
-            acceleration[i, k, 0] = cosine * along - sine * across
-            acceleration[i, k, 1] = sine * along + cosine * across
-            acceleration[i, k, 2] = angular + turning * turn
-            holds[i, k] = clear_of_sticking(numbers, k, length, p, q)
+            at, given = velocity[i, k], acceleration[i, k]
+            later[0], later[1], later[2] = at[0], at[1], at[2]
+            holds[i, k] = forward_part(numbers, k, at, push[i, k], scratch, given)
+            for _ in range(ROUNDS):
+                if look_ahead(numbers, at, given, later) < STILL:
+                    break
+                holds[i, k] = forward_part(numbers, k, later, push[i, k], scratch, given)
+
+
+@borrowing
+def invert(numbers, velocity, wanted, scratch, later, push, acceleration, holds):
+    """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten."""
+    for i in range(velocity.shape[0]):
+        for k in range(velocity.shape[1]):
+            at, given = velocity[i, k], acceleration[i, k]
+            later[0], later[1], later[2] = at[0], at[1], at[2]
+            holds[i, k] = invert_part(numbers, k, at, wanted[i, k], scratch, push[i, k], given)
+            for _ in range(ROUNDS):
+                if look_ahead(numbers, at, given, later) < STILL:
+                    break
+                holds[i, k] = invert_part(numbers, k, later, wanted[i, k], scratch, push[i, k], given)
 
 
 class FrictionalInverse:
@@ -209,12 +247,17 @@ class FrictionalInverse:
     Args:
         surface, parts: the scene.
         limit: m, largest amplitude of the elements; None: the surface's. It is never more than that.
+        ahead: s, at most a period. Friction is that of the velocity which the part will have so much later, for accelerations
+            change it meanwhile: with half a step, accelerations are means over the step. At 0 they are those at the velocity
+            given, of which half a period of friction takes an eighth on the prototype.
 
     Raises:
         ValueError: a pair that can stick, a part without friction, or elements that cannot move.
     """
 
-    def __init__(self, surface: Surface, parts: Part | Sequence[Part], *, limit: float | None = None) -> None:
+    def __init__(
+        self, surface: Surface, parts: Part | Sequence[Part], *, limit: float | None = None, ahead: float = 0.0
+    ) -> None:
         checks.instance("surface", surface, Surface)
         self.surface, self.parts = surface, (parts,) if isinstance(parts, Part) else tuple(parts)
         largest = surface.max_amplitude
@@ -238,6 +281,7 @@ class FrictionalInverse:
             surface.table_speed,
             surface.full_scale,
             self.limit * surface.angular_frequency**2,
+            checks.number("ahead", ahead, least=0.0, most=surface.period),
         )
 
     def push(self, velocity: np.ndarray, wanted: np.ndarray) -> Inverse:
@@ -249,23 +293,14 @@ class FrictionalInverse:
         """
         velocity, wanted = _rows(velocity), _rows(wanted)
         result = Inverse(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
-        invert(self._numbers, velocity, wanted, new_scratch(), *result)
+        invert(self._numbers, velocity, wanted, new_scratch(), np.empty(3), *result)
         return result
-
-    def push_for(self, velocity: np.ndarray, wanted: np.ndarray, time: float) -> Inverse:
-        """The same for parts that move with ``velocity`` (batch, parts, 3) at the start of the ``time`` (s) that it lasts.
-
-        Friction and push depend on the mean velocity of that time, which the push changes: it is found with what the parts get
-        at the velocity of the start.
-        """
-        first = self.push(velocity, wanted).acceleration
-        return self.push(velocity + 0.5 * time * first, wanted)
 
     def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The other way round: mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
         velocity, push = _rows(velocity), _rows(push)
         acceleration, holds = np.empty_like(velocity), np.empty(velocity.shape[:2], dtype=bool)
-        forward(self._numbers, velocity, push, new_scratch(), acceleration, holds)
+        forward(self._numbers, velocity, push, new_scratch(), np.empty(3), acceleration, holds)
         return acceleration, holds
 
 

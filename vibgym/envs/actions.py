@@ -204,7 +204,7 @@ class Wrench(Action):
 
     def install(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
         self._allocator = Allocator(self.surface, self.parts, sheet)
-        self._process = FrictionalInverse(self.surface, self.parts, limit=sheet.limit)
+        self._process = FrictionalInverse(self.surface, self.parts, limit=sheet.limit, ahead=0.5 * self.surface.period)
         self._unserved = np.zeros((worlds, len(self.parts)), dtype=np.int64)
         self._given = np.zeros((worlds, *self.shape))
         return {"unserved": self._unserved}
@@ -213,10 +213,10 @@ class Wrench(Action):
         return {"given": self._given, "unserved": self._unserved}
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        wanted, period = values.reshape(-1, *self.shape) * self.scale, self.surface.period
+        wanted = values.reshape(-1, *self.shape) * self.scale
         # A mean velocity is half a period old.
-        velocity = measurement.mean_velocity + 0.5 * period * self._given
-        push, given, holds = self._process.push_for(velocity, wanted, period)
+        velocity = measurement.mean_velocity + 0.5 * self.surface.period * self._given
+        push, given, holds = self._process.push(velocity, wanted)
         pose = measurement.pose
         x, y = pose[..., 0], pose[..., 1]
         beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.height)
