@@ -16,22 +16,22 @@ def _friction(load, speed, co, si, c, s, vx, vy):
 
 
 @jit
-def moves(friction, gravity, speed, period, steps, velocity, phasor, travelled, after):
-    """Way and velocity after a period, by the classic Runge-Kutta rule in ``steps``.
+def moves(friction, gravity, speed, period, cosine, sine, velocity, phasor, travelled, after):
+    """Way and velocity after a period, by the classic Runge-Kutta rule.
 
     Args:
+        cosine, sine: (2 steps + 1,) of wt at the start, the middle and the end of every step.
         velocity: (n, 2) m/s at the start of the period.
         phasor: (controls, 2) C and S of all elements, m/s^2.
         travelled, after: (n, controls, 2) overwritten: m, m/s.
     """
+    steps = cosine.shape[0] // 2
     h, load = period / steps, (friction, friction * gravity)
     for i in range(velocity.shape[0]):
         for j in range(phasor.shape[0]):
             c, s, vx, vy, x, y = phasor[j, 0], phasor[j, 1], velocity[i, 0], velocity[i, 1], 0.0, 0.0
-            for k in range(steps):
-                a, half = 2.0 * math.pi * k / steps, math.pi / steps
-                c0, s0, c1, s1 = math.cos(a), math.sin(a), math.cos(a + half), math.sin(a + half)
-                c2, s2 = math.cos(a + 2.0 * half), math.sin(a + 2.0 * half)
+            for k in range(0, 2 * steps, 2):
+                c0, s0, c1, s1, c2, s2 = cosine[k], sine[k], cosine[k + 1], sine[k + 1], cosine[k + 2], sine[k + 2]
                 ax, ay = _friction(load, speed, c0, s0, c, s, vx, vy)
                 bx, by = _friction(load, speed, c1, s1, c, s, vx + 0.5 * h * ax, vy + 0.5 * h * ay)
                 dx, dy = _friction(load, speed, c1, s1, c, s, vx + 0.5 * h * bx, vy + 0.5 * h * by)

@@ -17,10 +17,13 @@ from vibgym.scene.surface import Surface
 PERIODS = 40
 """Of the tables. By then every period adds the same."""
 
-WAY_MARGIN = 0.002
+WAY_MARGIN = 0.001
 """Added to what a period does to the velocity, as a share of ``mu g T / 2``; see docs/bound.md."""
 
-TURN_MARGIN = 0.010
+WOBBLE = 1.0
+"""Added to every way, in units of ``mu g / w^2``, and to every turn, in these over ``k``: what within a period goes to and fro."""
+
+TURN_MARGIN = 0.005
 """Added to what a period does to the spin, as a share of ``mu g T / (2 k)``; see docs/bound.md."""
 
 PRICE = 30.0
@@ -40,12 +43,39 @@ PLACES = 4  # of the centre of mass in its element, along each side
 TURN_STEPS = 12  # of a period, for turns
 POINTS = 10  # along the longer side of the part, at least
 
+_AIMS = np.array([[1.0, 1.0], [1.0, 0.3], [0.3, 1.0], [1.0, -0.3], [-0.3, 1.0]])
+WEIGHTS = np.concatenate([_AIMS, -_AIMS, _AIMS[:1], -_AIMS[:1], _AIMS[:1]])
+"""Of the angular acceleration at the start and the end of a period, that controls are to make large; see ``turning.aim``."""
+
+SHARES = np.concatenate([np.ones(2 * len(_AIMS)), [0.5, 0.5, 0.0]])
+"""Of the amplitude, for each of them."""
+
 
 class Hold(NamedTuple):
     """What it takes to stay at the goal: ``instants`` at which the part is looked at, ``stride`` periods apart."""
 
     instants: int
     stride: int
+
+
+class Values(NamedTuple):
+    """What can still be gained, over a grid of states.
+
+    Attributes:
+        value: (PERIODS + 1, n, m) with 0, 1, ... periods left; -``PRICE`` a unit that the end overshoots.
+        first, step: (2,) the state at the first node, and between two nodes; a first axis of headings closes on itself.
+        cyclic: whether it does.
+    """
+
+    value: np.ndarray
+    first: np.ndarray
+    step: np.ndarray
+    cyclic: bool
+
+    def at(self, periods: int, state: np.ndarray) -> np.ndarray:
+        """With so many periods left, for states (k, 2)."""
+        nodes = (np.asarray(state) - self.first) / self.step
+        return np.array([interpolated(self.value[periods], self.cyclic, *each) for each in nodes.tolist()])
 
 
 class Reach(NamedTuple):
@@ -75,6 +105,17 @@ class Reach(NamedTuple):
 
 def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
     """Of the centre of mass, m; ``amplitude`` m is the largest, ``tolerance`` m that of the goal."""
+    directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
+    found = [way_values(surface, friction, amplitude, tolerance, hold, each) for each in directions]
+    rest = np.zeros((1, 2))
+    most = np.max([[each.at(periods, rest) for periods in range(PERIODS + 1)] for each in found], axis=0)
+    return _reach(most.T + _wobble(surface, friction))
+
+
+def way_values(
+    surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold, direction: float
+) -> Values:
+    """Of ways in a direction (rad), by velocity along and across it beyond that of a part which slides in place, m/s."""
     table, period = surface.table_speed, surface.period
     full = amplitude * surface.angular_frequency**2
     along, across = np.linspace(*SPEEDS) * table, np.linspace(*SLIPS) * table
@@ -82,29 +123,32 @@ def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: fl
     phasors = full * np.concatenate([phases, *(share * phases[::4] for share in (0.75, 0.5, 0.25)), [0.0]])
     phasor = np.column_stack([phasors.real, phasors.imag])
     idle, kick = surface.idle_velocity(friction), WAY_MARGIN * friction * surface.gravity * period / 2.0
-    start = -along[0] / (along[1] - along[0]), -across[0] / (across[1] - across[0])
-    most = []
-    for direction in 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS):
-        e, f = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
-        velocity = idle + along[:, None, None] * e + across[None, :, None] * f
-        shape = (velocity.shape[0] * velocity.shape[1], len(phasor), 2)
-        travelled, after = np.empty(shape), np.empty(shape)
-        moves(friction, surface.gravity, table, period, STEPS, velocity.reshape(-1, 2), phasor, travelled, after)
-        nodes = (len(along), len(across), len(phasor))
-        speed = (after - idle).reshape(*nodes, 2)
-        reached = np.stack([(speed @ e - along[0]) / (along[1] - along[0]), (speed @ f - across[0]) / (across[1] - across[0])], -1)
-        gain = np.ascontiguousarray(travelled.reshape(*nodes, 2) @ e)
-        most.append(_most(Moves(gain, reached, False), kick * period, kick / (along[1] - along[0]), 0, tolerance, hold, [start]))
-    return _reach(np.max(most, axis=0))
+    axes = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
+    velocity = idle + along[:, None, None] * axes[0] + across[None, :, None] * axes[1]
+    nodes = (len(along), len(across), len(phasor))
+    travelled, after = np.empty((2, nodes[0] * nodes[1], nodes[2], 2))
+    at = math.pi / STEPS * np.arange(2 * STEPS + 1)
+    drive = friction, surface.gravity, table, period
+    moves(*drive, np.cos(at), np.sin(at), velocity.reshape(-1, 2), phasor, travelled, after)
+    first, step = np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
+    reached = (((after - idle) @ axes.T - first) / step).reshape(*nodes, 2)
+    gain = np.ascontiguousarray((travelled @ axes[0]).reshape(nodes))
+    value = _values(Moves(gain, reached, False), kick * period, [kick / step[0], 0.0], tolerance, hold)
+    return Values(value, first, step, False)
 
 
 def turn_reach(surface: Surface, part: Part, amplitude: float, tolerance: float, hold: Hold) -> tuple[Reach, Reach]:
     """Of the heading, rad: counter-clockwise, and clockwise; the other arguments as for :func:`way_reach`."""
     points = sample(part, surface.element_size)
     mirrored = points * [1.0, -1.0]
-    left = _turn_reach(surface, part, points, amplitude, tolerance, hold)
     same = np.allclose(_sorted(points), _sorted(mirrored))
-    return left, left if same else _turn_reach(surface, part, mirrored, amplitude, tolerance, hold)
+    reaches = []
+    for each in (points,) if same else (points, mirrored):
+        found = turn_values(surface, part, each, amplitude, tolerance, hold)
+        rest = np.column_stack([found.step[0] * np.arange(HEADINGS), np.zeros(HEADINGS)])
+        most = np.array([found.at(periods, rest) for periods in range(PERIODS + 1)]).T
+        reaches.append(_reach(most + _wobble(surface, part.friction) / math.sqrt(part.gyration)))
+    return reaches[0], reaches[-1]
 
 
 def sample(part: Part, element: float) -> np.ndarray:
@@ -126,12 +170,10 @@ def sample(part: Part, element: float) -> np.ndarray:
     return inside * math.sqrt(part.gyration / np.mean((inside**2).sum(axis=1)))
 
 
-def _turn_reach(
-    surface: Surface, part: Part, points: np.ndarray, amplitude: float, tolerance: float, hold: Hold
-) -> Reach:
-    radius, period = math.sqrt(part.gyration), surface.period
+def turner_for(surface: Surface, part: Part, points: np.ndarray, amplitude: float) -> Turner:
+    """The part, by points, on the table as the kernels take it."""
     reach = math.ceil(np.hypot(*points.T).max() / surface.element_size) + 1
-    turner = Turner(
+    return Turner(
         points=np.ascontiguousarray(points),
         lever=part.friction / part.gyration,
         gravity=surface.gravity,
@@ -140,45 +182,53 @@ def _turn_reach(
         idle=surface.idle_velocity(part.friction),
         element=surface.element_size,
         reach=reach,
-        period=period,
+        period=surface.period,
     )
-    cells = (2 * reach + 1) ** 2
-    scratch = Scratch(np.zeros(TURN_STEPS), np.zeros(TURN_STEPS), np.zeros(cells), np.zeros(cells))
+
+
+def scratch_for(turner: Turner) -> Scratch:
+    """Of its kernels."""
+    cells = (2 * turner.reach + 1) ** 2
+    return Scratch(np.zeros(TURN_STEPS), np.zeros(TURN_STEPS), np.zeros(cells), np.zeros(cells))
+
+
+def turn_values(
+    surface: Surface, part: Part, points: np.ndarray, amplitude: float, tolerance: float, hold: Hold
+) -> Values:
+    """Of turns counter-clockwise, by heading (rad, over a quarter turn) and spin (rad/s)."""
+    radius, period = math.sqrt(part.gyration), surface.period
+    turner = turner_for(surface, part, points, amplitude)
+    scratch = scratch_for(turner)
     place = np.arange(PLACES) / PLACES * surface.element_size
     offsets = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
     if part.symmetry and part.symmetry % 2 == 0:  # a half turn leaves the part the same, and mirrors the place
         twin = (-np.rint(offsets / surface.element_size * PLACES)).astype(int) % PLACES
         own = np.rint(offsets / surface.element_size * PLACES).astype(int)
         offsets = offsets[own @ [PLACES, 1] <= twin @ [PLACES, 1]]
-    some = np.array([[1.0, 1.0], [1.0, 0.3], [0.3, 1.0], [1.0, -0.3], [-0.3, 1.0]])
-    weights = np.concatenate([some, -some, some[:1], -some[:1], some[:1]])
-    shares = np.concatenate([np.ones(2 * len(some)), [0.5, 0.5, 0.0]])
     headings = np.arange(HEADINGS) * 0.5 * math.pi / HEADINGS
     spins = np.linspace(*SPINS) * surface.table_speed / radius
-    gain, after = np.empty((2, len(headings), len(spins), len(shares)))
-    turns(turner, scratch, offsets, weights, shares, headings, spins, gain, after)
-    ahead = (headings[:, None, None] + gain) / (0.5 * math.pi) * HEADINGS
-    step = spins[1] - spins[0]
-    reached = np.stack([ahead, (after - spins[0]) / step], axis=-1)
+    gain, after = np.empty((2, len(headings), len(spins), len(SHARES)))
+    turns(turner, scratch, offsets, WEIGHTS, SHARES, headings, spins, gain, after)
+    first, step = np.array([0.0, spins[0]]), np.array([headings[1], spins[1] - spins[0]])
+    reached = (np.stack([headings[:, None, None] + gain, after], axis=-1) - first) / step
     kick = TURN_MARGIN * part.friction * surface.gravity * period / (2.0 * radius)
-    starts = [(float(k), -spins[0] / step) for k in range(HEADINGS)]
-    return _reach(_most(Moves(gain, reached, True), kick * period, kick / step, 1, tolerance, hold, starts))
+    value = _values(Moves(gain, reached, True), kick * period, [0.0, kick / step[1]], tolerance, hold)
+    return Values(value, first, step, True)
 
 
-def _most(
-    found: Moves, more: float, faster: float, axis: int, tolerance: float, hold: Hold, starts: list[tuple[float, float]]
-) -> np.ndarray:
-    """Most that is gained from ``starts``, with margins: ``more`` gained and ``faster`` (nodes) on an axis, for either end."""
-    push = np.zeros(2)
-    push[axis] = faster
-    ahead = found._replace(gain=found.gain + more, reached=found.reached + push)
-    back = found._replace(gain=found.gain - more, reached=found.reached - push)
-    value = furthest(ahead, overshoots(back, hold.instants, hold.stride), 2.0 * tolerance, PRICE, PERIODS)
-    return np.array([[interpolated(each, found.cyclic, *start) for each in value] for start in starts])
+def _values(found: Moves, more: float, faster: list[float], tolerance: float, hold: Hold) -> np.ndarray:
+    """What can still be gained, with margins for either end: ``more`` gained and ``faster`` (nodes) in every period."""
+    ahead = found._replace(gain=found.gain + more, reached=found.reached + faster)
+    back = found._replace(gain=found.gain - more, reached=found.reached - faster)
+    return furthest(ahead, overshoots(back, hold.instants, hold.stride), 2.0 * tolerance, PRICE, PERIODS)
+
+
+def _wobble(surface: Surface, friction: float) -> float:
+    return WOBBLE * friction * surface.gravity / surface.angular_frequency**2
 
 
 def _reach(most: np.ndarray) -> Reach:
-    return Reach(most, float(np.diff(most[:, -10:], axis=1).max()))
+    return Reach(most, float((most[:, -1] - most[:, -11]).max()) / 10.0)
 
 
 def _sorted(points: np.ndarray) -> np.ndarray:
