@@ -1,8 +1,8 @@
 """Does any policy beat the lower bound on time to goal?  ``python -m benchmarks.bound [episodes]``, 10 000 if not said.
 
-As many episodes of every policy on Transport, Align and Rotate, on ideal and on prototype hardware, with seeds that no training and
-no report uses. Printed are the median of time over bound, the smallest, how many steps the fastest episode took above its bound,
-and how many beat it: the command fails if there is one. The bound itself is derived in docs/bound.md.
+As many episodes of every policy on Transport, Align and Rotate, on ideal and on prototype hardware, with seeds that no training
+and no report uses. Printed are the median of time over bound, the smallest, how many steps the fastest episode took above its
+bound, and how many beat it: the command fails if there is one. The bound itself is derived in docs/bound.md.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ def measure(task: str, hardware: str, content: str, episodes: int) -> int:
     beaten = int((steps < 0).sum())
     name = content if content.isidentifier() else "learned"
     print(
-        f"{task:<10} {hardware:<10} {name:<12} {len(steps):6d} of {episodes} succeed   time / bound: median {np.median(multiple):.3f}, "
-        f"least {multiple.min():.3f}   steps above it: median {np.median(steps):.0f}, least {steps.min():.0f}   beaten by {beaten}",
+        f"{task:<10} {hardware:<10} {name:<12} {len(steps):6d} of {episodes} succeed   time / bound: median "
+        f"{np.median(multiple):.3f}, least {multiple.min():.3f}   steps above it: median {np.median(steps):.0f}, "
+        f"least {steps.min():.0f}   beaten by {beaten}",
         flush=True,
     )
     return beaten

@@ -1,4 +1,4 @@
-"""What one oscillation period can do to the velocity of a part without spin, exactly: the thesis's eqs. 3.26 and 3.27 in time."""
+"""What one oscillation period does to the velocity of a part without spin: the thesis's eqs. 3.26 and 3.27, in time."""
 
 from __future__ import annotations
 

@@ -90,8 +90,8 @@ def overshoots(moves: Moves, instants: int, stride: int) -> np.ndarray:
 def furthest(moves: Moves, overshoot: np.ndarray, allowed: float, price: float, periods: int) -> np.ndarray:
     """Most that can be gained in 0, 1, ..., ``periods`` periods before the state can be kept within ``allowed``.
 
-    An end that is too fast is not forbidden but costs ``price`` for each unit by which its overshoot exceeds what is allowed. So
-    the result is never less than with the constraint, whatever the price.
+    An end that is too fast is not forbidden but costs ``price`` for each unit by which its overshoot exceeds what is allowed.
+    So the result is never less than with the constraint, whatever the price.
 
     Returns:
         (periods + 1, n, m) for every state to start from.

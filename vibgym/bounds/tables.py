@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -14,14 +14,15 @@ from vibgym.bounds.turning import Scratch, Turner, turns
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
-PERIODS = 40
+PERIODS = 24
 """Of the tables. By then every period adds the same."""
 
 WAY_MARGIN = 0.001
 """Added to what a period does to the velocity, as a share of ``mu g T / 2``; see docs/bound.md."""
 
 WOBBLE = 1.0
-"""Added to every way, in units of ``mu g / w^2``, and to every turn, in these over ``k``: what within a period goes to and fro."""
+"""Added to every way, in units of ``mu g / w^2``, and to every turn, in these over ``k``: the size of what goes to and fro
+within a period."""
 
 TURN_MARGIN = 0.005
 """Added to what a period does to the spin, as a share of ``mu g T / (2 k)``; see docs/bound.md."""
@@ -29,13 +30,13 @@ TURN_MARGIN = 0.005
 PRICE = 30.0
 """Of an end that is too fast, see :func:`vibgym.bounds.programme.furthest`."""
 
-DIRECTIONS = 4
-"""In which ways are looked at; the wobble within a period makes them differ by tenths of a millimetre."""
+DIRECTIONS = 8
+"""Of ways: what the first and the last period add depends on where the table moves just then, by up to a millimetre."""
 
 PHASES = 48
 STEPS = 24  # of a period, for ways
-SPEEDS = (-0.30, 0.95, 46)  # along the way, in units of the table's speed: least, most, nodes
-SLIPS = (-0.45, 0.45, 31)  # across it
+SPEEDS = (-0.25, 0.95, 41)  # along the way, in units of the table's speed: least, most, nodes
+SLIPS = (-0.40, 0.40, 21)  # across it
 
 HEADINGS = 12  # of a quarter turn, after which the elements look the same
 SPINS = (-0.40, 0.95, 28)  # in units of the table's speed over the radius of gyration
@@ -82,20 +83,22 @@ class Reach(NamedTuple):
     """Largest way or turn from rest at the instant at which the hold begins.
 
     Attributes:
-        most: (headings, PERIODS + 1) m or rad, after 0, 1, ... periods; headings over a quarter turn, one for ways.
+        most: (angles, PERIODS + 1) m or rad, after 0, 1, ... periods: of directions of the way, or of headings at the start.
+        circle: rad, over which these angles are spread.
         pace: of one more period.
     """
 
     most: np.ndarray
+    circle: float
     pace: float
 
-    def periods(self, heading: np.ndarray, way: np.ndarray) -> np.ndarray:
-        """Fewest periods, int64 of the shape of ``way``, for a way or turn that is left from a heading (rad).
+    def periods(self, angle: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Fewest periods, int64 of the shape of ``way``, for a way or turn that is left, with a direction or heading (rad).
 
-        The heading lies between two of the table; the one from which the part gets further counts.
+        The angle lies between two of the table; the one at which the part gets further counts.
         """
         most = np.maximum.accumulate(self.most, axis=1)
-        at = np.asarray(heading) / (0.5 * math.pi) * len(most)
+        at = np.asarray(angle) / self.circle * len(most)
         low = np.floor(at).astype(np.int64)
         table = np.maximum(most[low % len(most)], most[(low + 1) % len(most)])
         inside = (table < way[..., None]).sum(axis=-1)
@@ -108,21 +111,32 @@ def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: fl
     directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
     found = [way_values(surface, friction, amplitude, tolerance, hold, each) for each in directions]
     rest = np.zeros((1, 2))
-    most = np.max([[each.at(periods, rest) for periods in range(PERIODS + 1)] for each in found], axis=0)
-    return _reach(most.T + _wobble(surface, friction))
+    most = np.array([[each.at(periods, rest)[0] for periods in range(PERIODS + 1)] for each in found])
+    return _reach(most + _wobble(surface, friction), 2.0 * math.pi)
 
 
 def way_values(
     surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold, direction: float
 ) -> Values:
     """Of ways in a direction (rad), by velocity along and across it beyond that of a part which slides in place, m/s."""
+    along, across = np.linspace(*SPEEDS) * surface.table_speed, np.linspace(*SLIPS) * surface.table_speed
+    first, step = np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
+    kick = WAY_MARGIN * friction * surface.gravity * surface.period / 2.0
+    found = _way_moves(surface, friction, amplitude, direction)
+    value = _values(found, kick * surface.period, [kick / step[0], 0.0], tolerance, hold)
+    return Values(value, first, step, False)
+
+
+@functools.lru_cache(maxsize=64)
+def _way_moves(surface: Surface, friction: float, amplitude: float, direction: float) -> Moves:
+    """What a period does on the grid of :func:`way_values`."""
     table, period = surface.table_speed, surface.period
     full = amplitude * surface.angular_frequency**2
     along, across = np.linspace(*SPEEDS) * table, np.linspace(*SLIPS) * table
     phases = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)
     phasors = full * np.concatenate([phases, *(share * phases[::4] for share in (0.75, 0.5, 0.25)), [0.0]])
     phasor = np.column_stack([phasors.real, phasors.imag])
-    idle, kick = surface.idle_velocity(friction), WAY_MARGIN * friction * surface.gravity * period / 2.0
+    idle = surface.idle_velocity(friction)
     axes = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
     velocity = idle + along[:, None, None] * axes[0] + across[None, :, None] * axes[1]
     nodes = (len(along), len(across), len(phasor))
@@ -132,9 +146,7 @@ def way_values(
     moves(*drive, np.cos(at), np.sin(at), velocity.reshape(-1, 2), phasor, travelled, after)
     first, step = np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
     reached = (((after - idle) @ axes.T - first) / step).reshape(*nodes, 2)
-    gain = np.ascontiguousarray((travelled @ axes[0]).reshape(nodes))
-    value = _values(Moves(gain, reached, False), kick * period, [kick / step[0], 0.0], tolerance, hold)
-    return Values(value, first, step, False)
+    return Moves(np.ascontiguousarray((travelled @ axes[0]).reshape(nodes)), reached, False)
 
 
 def turn_reach(surface: Surface, part: Part, amplitude: float, tolerance: float, hold: Hold) -> tuple[Reach, Reach]:
@@ -147,7 +159,7 @@ def turn_reach(surface: Surface, part: Part, amplitude: float, tolerance: float,
         found = turn_values(surface, part, each, amplitude, tolerance, hold)
         rest = np.column_stack([found.step[0] * np.arange(HEADINGS), np.zeros(HEADINGS)])
         most = np.array([found.at(periods, rest) for periods in range(PERIODS + 1)]).T
-        reaches.append(_reach(most + _wobble(surface, part.friction) / math.sqrt(part.gyration)))
+        reaches.append(_reach(most + _wobble(surface, part.friction) / math.sqrt(part.gyration), 0.5 * math.pi))
     return reaches[0], reaches[-1]
 
 
@@ -170,18 +182,17 @@ def sample(part: Part, element: float) -> np.ndarray:
     return inside * math.sqrt(part.gyration / np.mean((inside**2).sum(axis=1)))
 
 
-def turner_for(surface: Surface, part: Part, points: np.ndarray, amplitude: float) -> Turner:
-    """The part, by points, on the table as the kernels take it."""
-    reach = math.ceil(np.hypot(*points.T).max() / surface.element_size) + 1
+def turner_for(surface: Surface, friction: float, gyration: float, amplitude: float, points: np.ndarray) -> Turner:
+    """A part, by its points, on the table as the kernels take it."""
     return Turner(
         points=np.ascontiguousarray(points),
-        lever=part.friction / part.gyration,
+        lever=friction / gyration,
         gravity=surface.gravity,
         most=amplitude * surface.angular_frequency**2,
         speed=surface.table_speed,
-        idle=surface.idle_velocity(part.friction),
+        idle=surface.idle_velocity(friction),
         element=surface.element_size,
-        reach=reach,
+        reach=math.ceil(np.hypot(*points.T).max() / surface.element_size) + 1,
         period=surface.period,
     )
 
@@ -196,24 +207,32 @@ def turn_values(
     surface: Surface, part: Part, points: np.ndarray, amplitude: float, tolerance: float, hold: Hold
 ) -> Values:
     """Of turns counter-clockwise, by heading (rad, over a quarter turn) and spin (rad/s)."""
-    radius, period = math.sqrt(part.gyration), surface.period
-    turner = turner_for(surface, part, points, amplitude)
-    scratch = scratch_for(turner)
-    place = np.arange(PLACES) / PLACES * surface.element_size
-    offsets = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
-    if part.symmetry and part.symmetry % 2 == 0:  # a half turn leaves the part the same, and mirrors the place
-        twin = (-np.rint(offsets / surface.element_size * PLACES)).astype(int) % PLACES
-        own = np.rint(offsets / surface.element_size * PLACES).astype(int)
-        offsets = offsets[own @ [PLACES, 1] <= twin @ [PLACES, 1]]
-    headings = np.arange(HEADINGS) * 0.5 * math.pi / HEADINGS
+    radius = math.sqrt(part.gyration)
+    even = part.symmetry > 0 and part.symmetry % 2 == 0
+    found = _turn_moves(surface, part.friction, part.gyration, amplitude, even, points.tobytes())
     spins = np.linspace(*SPINS) * surface.table_speed / radius
-    gain, after = np.empty((2, len(headings), len(spins), len(SHARES)))
-    turns(turner, scratch, offsets, WEIGHTS, SHARES, headings, spins, gain, after)
-    first, step = np.array([0.0, spins[0]]), np.array([headings[1], spins[1] - spins[0]])
-    reached = (np.stack([headings[:, None, None] + gain, after], axis=-1) - first) / step
-    kick = TURN_MARGIN * part.friction * surface.gravity * period / (2.0 * radius)
-    value = _values(Moves(gain, reached, True), kick * period, [0.0, kick / step[1]], tolerance, hold)
+    first, step = np.array([0.0, spins[0]]), np.array([0.5 * math.pi / HEADINGS, spins[1] - spins[0]])
+    kick = TURN_MARGIN * part.friction * surface.gravity * surface.period / (2.0 * radius)
+    value = _values(found, kick * surface.period, [0.0, kick / step[1]], tolerance, hold)
     return Values(value, first, step, True)
+
+
+@functools.lru_cache(maxsize=16)
+def _turn_moves(
+    surface: Surface, friction: float, gyration: float, amplitude: float, even: bool, points: bytes
+) -> Moves:
+    """What a period does on the grid of :func:`turn_values`; ``even``: a half turn leaves the part the same."""
+    turner = turner_for(surface, friction, gyration, amplitude, np.frombuffer(points).reshape(-1, 2))
+    place = np.stack(np.meshgrid(np.arange(PLACES), np.arange(PLACES)), axis=-1).reshape(-1, 2)
+    if even:  # and mirrors the place in its element
+        place = place[place @ [PLACES, 1] <= (-place % PLACES) @ [PLACES, 1]]
+    headings = np.arange(HEADINGS) * 0.5 * math.pi / HEADINGS
+    spins = np.linspace(*SPINS) * surface.table_speed / math.sqrt(gyration)
+    gain, after = np.empty((2, len(headings), len(spins), len(SHARES)))
+    offsets = place / PLACES * surface.element_size
+    turns(turner, scratch_for(turner), offsets, WEIGHTS, SHARES, headings, spins, gain, after)
+    first, step = np.array([0.0, spins[0]]), np.array([headings[1], spins[1] - spins[0]])
+    return Moves(gain, (np.stack([headings[:, None, None] + gain, after], axis=-1) - first) / step, True)
 
 
 def _values(found: Moves, more: float, faster: list[float], tolerance: float, hold: Hold) -> np.ndarray:
@@ -227,8 +246,8 @@ def _wobble(surface: Surface, friction: float) -> float:
     return WOBBLE * friction * surface.gravity / surface.angular_frequency**2
 
 
-def _reach(most: np.ndarray) -> Reach:
-    return Reach(most, float((most[:, -1] - most[:, -11]).max()) / 10.0)
+def _reach(most: np.ndarray, circle: float) -> Reach:
+    return Reach(most, circle, float((most[:, -1] - most[:, -11]).max()) / 10.0)
 
 
 def _sorted(points: np.ndarray) -> np.ndarray:

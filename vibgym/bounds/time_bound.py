@@ -20,9 +20,9 @@ MOST_LATENCY = 10_000
 class TimeBound:
     """Fewest steps, and least time, in which one part alone can succeed: from rest into tolerance, and held there.
 
-    It holds for every policy, on the planar model and a level table, where the elements do what they like within ``amplitude``. Way
-    and turn are bounded each for itself, and the longer one counts. Making one computes tables, which takes some seconds the first
-    time for a scene and its tolerances.
+    It holds for every policy, on the planar model and a level table, where the elements do what they like within
+    ``amplitude``. Way and turn are bounded each for itself, and the longer one counts. Making one computes tables, which takes
+    some seconds the first time for a scene and its tolerances.
 
     Args:
         surface: the table.
@@ -95,8 +95,8 @@ class TimeBound:
         start, goal = (np.atleast_2d(np.asarray(each, dtype=np.float64)) for each in (start, goal))
         shape = (max(len(start), len(goal)), 3)
         start, goal = checks.array("start", start, shape), checks.array("goal", goal, shape)
-        way = np.hypot(*(goal - start)[:, :2].T) - self.position_tolerance
-        periods = self._ways.periods(np.zeros(len(way)), way)
+        x, y = (goal - start)[:, :2].T
+        periods = self._ways.periods(np.arctan2(y, x), np.hypot(x, y) - self.position_tolerance)
         if self._turns is not None:
             periods = np.maximum(periods, self._turning(start[:, 2], goal[:, 2] - start[:, 2]))
         arrival = np.maximum(-(-(periods + np.where(periods > 0, self.latency, 0)) // self.stride), 1)

@@ -9,6 +9,7 @@ import numpy as np
 
 from vibgym.physics.core.jit import borrowing, jit
 
+
 class Turner(NamedTuple):
     """A part on a table, as the kernels of this file take it."""
 
