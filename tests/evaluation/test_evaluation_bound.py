@@ -50,7 +50,7 @@ def test_the_report_tells_multiples(found: evaluation.Results) -> None:
         ("Transport", {"model": "averaged"}),
         ("Transport", {"randomize": {"friction": [0.8, 1.2]}}),
         ("Transport", {"randomize": {"tilt": 0.01}}),
-        ("Transport", {"surface": Surface(horizontal_amplitude=5e-4)}),
+        ("Transport", {"surface": Surface(horizontal_amplitude=3e-4)}),
     ],
 )
 def test_where_no_bound_is_known(task: str, settings: dict) -> None:
