@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.evaluation.bound import least_times
 from agents.evaluation.touches import Touches
 from vibgym.envs.shared import SharedInterface, Truth
 
@@ -110,6 +111,7 @@ class Log(Ends):
             "straight": np.hypot(way[..., 0], way[..., 1]).sum(axis=1),
             "poses": np.full((worlds, limit + 1, parts, 3), np.nan, dtype=np.float32),
             "goals": truth.goal,
+            "bound": least_times(env),
             "series": np.full((len(SERIES), worlds, limit + 1), np.nan, dtype=np.float32),
             "collisions": np.full(worlds, np.nan if self.touches is None else 0.0),
         }

@@ -34,6 +34,7 @@ DEGREES = 180.0 / math.pi
 
 GOAL_COLUMNS = (
     ("Time to goal", "time", "times"),
+    ("Time / bound", "multiple", "multiples"),
     ("Position error", "position", "positions"),
     ("Heading error", "heading", "headings"),
     ("Fallen", "fallen", ""),
@@ -176,6 +177,8 @@ def _card(results: Results, row: Row) -> dict[str, Any]:
         "interval": f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f}",
         "time": quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
         "times": _range(row.time_to_goal_q25_s, row.time_to_goal_q75_s, 1.0),
+        "multiple": quantity(row.time_over_bound_median, 1.0, 2, ""),
+        "multiples": _range(row.time_over_bound_q25, row.time_over_bound_q75, 1.0),
         "position": quantity(row.position_error_median_m, 1e3, 2, "mm"),
         "positions": _range(row.position_error_q25_m, row.position_error_q75_m, 1e3),
         "heading": quantity(row.heading_error_median_rad, DEGREES, 2, "°"),

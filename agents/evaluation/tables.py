@@ -24,6 +24,8 @@ def episodes_of(trial: Trial, rollout: Rollout) -> list[dict[str, Any]]:
         "success": rollout.success.tolist(),
         "steps": rollout.steps.tolist(),
         "time_to_goal_s": rollout.time_to_goal.tolist(),
+        "bound_s": rollout.bound.tolist(),
+        "time_over_bound": rollout.time_over_bound.tolist(),
         "position_error_m": rollout.position_error.tolist(),
         "heading_error_rad": rollout.heading_error.tolist(),
         "fallen": rollout.fallen.tolist(),
@@ -121,6 +123,7 @@ _FALLEN = ("fallen", lambda row: str(row.fallen))
 
 ENDS: dict[bool, tuple[tuple[str, Callable[[Row], str]], ...]] = {
     True: (
+        ("time / bound", lambda row: quantity(row.time_over_bound_median, 1.0, 2, "")),
         ("position error", lambda row: quantity(row.position_error_median_m, 1e3, 2, "mm")),
         ("heading error", lambda row: quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg")),
         _FALLEN,
@@ -142,7 +145,7 @@ def quantity(value: float, factor: float, digits: int, unit: str) -> str:
     """
     if _missing(value):
         return "–"
-    text, space = number(factor * value, digits), "" if unit == "°" else " "
+    text, space = number(factor * value, digits), "" if unit in ("°", "") else " "
     if value > 0.0 and float(text) == 0.0:
         text = f"< {10.0**-digits:.{digits}f}"
     return f"{text}{space}{unit}"
