@@ -153,6 +153,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         start: str | None = None,
         zones: Mapping[str, Sequence[float]] | None = None,
         slots: int | None = None,
+        paths: Any = None,
         task_settings: Mapping[str, Any] | None = None,
         periods_per_step: int = 1,
         max_episode_periods: int | None = None,
@@ -164,7 +165,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             checks.choice("render_mode", render_mode, RENDER_MODES)
         known = Options(
             task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
-            task_settings, periods_per_step,
+            paths, task_settings, periods_per_step,
         )  # fmt: skip
         self.core = Core(known, 1)
         self.render_mode = render_mode
