@@ -14,7 +14,7 @@ from vibgym.config import parse
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.paths import route
-from vibgym.tasks.paths.reach import Reach
+from vibgym.tasks.paths.reach import EFFORT, RAMP, SHARE, Reach, bisected
 from vibgym.tasks.paths.shapes import PathSettings
 
 Name = Literal["circle", "square", "figure_eight"]
@@ -29,6 +29,12 @@ NUMBERS = 7
 """Uniform numbers for a path: shape, size, place in x and y, start, direction, heading."""
 
 PIECES = 9
+
+INSTANTS = 400
+"""At which the effort of a path is looked at."""
+
+AROUND = {"circle": 2.0 * math.pi, "square": 8.0, "figure_eight": 4.0 * math.pi}
+"""Length of a path over its radius (or half a side), at most."""
 
 
 class DrawnSettings(PathSettings):
@@ -56,33 +62,42 @@ class DrawnPaths:
         known = parse(DrawnSettings, settings, "paths")
         self.parts, self._shapes = tuple(parts), list(dict.fromkeys(known.shapes))
         reach = [Reach(surface, part) for part in parts]
-        fastest, hardest = min(each.fastest for each in reach), min(each.acceleration for each in reach)
-        speed = 0.5 * min(each.top_speed for each in reach) if known.speed is None else known.speed
-        rate = 0.25 * hardest if known.acceleration is None else known.acceleration
+        fastest, hardest = (min(getattr(each, name) for each in reach) for name in ("fastest", "acceleration"))
+        speed = SHARE[known.heading] * min(each.top_speed for each in reach) if known.speed is None else known.speed
+        rate = RAMP * hardest if known.acceleration is None else known.acceleration
         if speed > fastest:
             raise checks.refuse("paths.speed", speed, f"a number > 0 and <= {fastest:.4g} m/s for these parts")
-        if rate > 0.5 * hardest:  # the ramps may lie in a bend
-            raise checks.refuse("paths.acceleration", rate, f"a number > 0 and <= {0.5 * hardest:.4g} m/s^2 for these parts")
         along, window = known.heading == "along", 2.0 * max(part.radius for part in parts)
         self._corner = max(each.corner(speed, *([window] if along else [])) for each in reach)
         self._header = np.array([0.0, speed, rate, window, 0.0, float(along)])
         self._cells = self._cells_of(surface, apart, ROOM * self._corner)
-        low, high = self._radii(self._cells)
-        # The longest is the largest figure of eight, two circles; a square is shorter.
-        longest = route.routes(
-            np.zeros((1, 3)), np.full((1, 1), 4.0 * math.pi * high.max()), np.zeros((1, 1)), self._header[None]
-        )
-        self.lasts = float(route.duration(longest[0, 0]))
         self.draws = NUMBERS * len(self.parts)
         self.shape = (len(self.parts), PIECES + 2, 6)
+        most = bisected(0.0, rate, lambda each: self._effort(reach, each) <= EFFORT)
+        if known.acceleration is not None and most < rate * (1.0 - 1e-6):
+            raise checks.refuse("paths.acceleration", rate, f"a number > 0 and <= {most:.4g} m/s^2 for these parts and bends")
+        self._header[route.ACCELERATION] = most
+        longest = max(AROUND[name] * each.max() for name, each in zip(self._shapes, self._radii(self._cells)[1], strict=True))
+        self.lasts = float(route.duration(np.array([longest, *self._header[1:]])))
+
+    def _effort(self, reach: Sequence[Reach], rate: float) -> float:
+        """Largest effort of all paths with the smallest radii, which are the hardest, at this acceleration."""
+        number = np.zeros((len(self._shapes), len(self.parts), NUMBERS))
+        number[..., 0] = (np.arange(len(self._shapes))[:, None] + 0.5) / len(self._shapes)
+        paths = self.draw(number.reshape(len(self._shapes), -1))
+        paths[:, :, 0, route.ACCELERATION] = rate
+        efforts = []
+        for shape, part in np.ndindex(paths.shape[:2]):
+            times = np.linspace(0.0, route.duration(paths[shape, part, 0]), INSTANTS)
+            efforts.append(reach[part].most_effort(route.sample(paths[shape, part], times)))
+        return max(efforts)
 
     def _radii(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest radius (or half a side) in each cell (n, 4)."""
+        """Smallest and largest radius (or half a side) of each shape in each cell, (shapes, n) from cells (n, 4)."""
         size = cells[:, 2:] - cells[:, :2]
-        most = 0.5 * size.min(axis=1)
-        if "figure_eight" in self._shapes:
-            most = np.minimum(most, 0.25 * size.max(axis=1))
-        most = np.minimum(most, max(LARGEST, ROOM * self._corner))
+        short, long = 0.5 * size.min(axis=1), 0.5 * size.max(axis=1)
+        each = [np.minimum(short, 0.5 * long) if name == "figure_eight" else short for name in self._shapes]
+        most = np.minimum(each, max(LARGEST, ROOM * self._corner))
         return np.maximum(SMALLEST * most, np.minimum(most, ROOM * self._corner)), most
 
     def _cells_of(self, surface: Surface, apart: float, least: float) -> np.ndarray:
@@ -114,9 +129,9 @@ class DrawnPaths:
         """Routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
         n, parts = len(uniform), len(self.parts)
         number = uniform.reshape(n, parts, NUMBERS)
-        low, high = self._radii(self._cells)
-        radius = low + (high - low) * number[..., 1]
         choice = np.minimum((len(self._shapes) * number[..., 0]).astype(int), len(self._shapes) - 1)
+        low, high = (each[choice, np.arange(parts)] for each in self._radii(self._cells))
+        radius = low + (high - low) * number[..., 1]
         names = np.array(self._shapes)[choice]
         circle, square, eight = (names == name for name in ("circle", "square", "figure_eight"))
         # A figure of eight lies along the longer side of its cell.

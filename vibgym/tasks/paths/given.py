@@ -11,7 +11,7 @@ from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.paths import route
-from vibgym.tasks.paths.reach import EFFORT, Reach, bisected
+from vibgym.tasks.paths.reach import EFFORT, RAMP, SHARE, Reach, bisected
 from vibgym.tasks.paths.shapes import Shape, shape_from
 
 SPACING = 1e-3
@@ -60,8 +60,8 @@ class GivenPaths:
     def _route(self, name: str, value: Any, part: Part) -> np.ndarray:
         shape, reach = shape_from(value, name), Reach(self.surface, part)
         window = 2.0 * part.radius
-        speed = 0.5 * reach.top_speed if shape.speed is None else shape.speed
-        rate = 0.25 * reach.acceleration if shape.acceleration is None else shape.acceleration
+        speed = SHARE[shape.heading] * reach.top_speed if shape.speed is None else shape.speed
+        rate = RAMP * reach.acceleration if shape.acceleration is None else shape.acceleration
         whose = f"for {part.name!r} on this surface"
         if speed > reach.fastest:
             raise checks.refuse(f"{name}.speed", speed, f"a number > 0 and <= {reach.fastest:.4g} m/s {whose}")

@@ -29,8 +29,14 @@ SWIRL = 0.4
 """Share of mu A m k / 2, the torque under a swirl, that is counted on: elements have but one phase each. The allocator reaches 0.42 to
 0.85 of it under the aluminium block, 0.38 to 0.85 under a disc of 40 mm (400 poses)."""
 
+SHARE = {"kept": 1.0 / 2.0, "along": 1.0 / 3.0}
+"""Speed of paths over the part's top speed where none is given, by heading: turning takes its share of the amplitude."""
+
+RAMP = 0.25
+"""Acceleration at both ends over what the part can do from rest, where none is given."""
+
 _PHASES, _NODES = 2048, 1000
-_HALVINGS = 60
+_HALVINGS = 30
 
 
 @functools.cache
@@ -44,7 +50,9 @@ def means() -> np.ndarray:
 
 
 def bisected(low: float, high: float, holds: Callable[[float], bool]) -> float:
-    """The largest number between ``low`` and ``high`` for which ``holds``, where it holds for all smaller ones."""
+    """The largest number between ``low`` and ``high`` for which ``holds``, where it holds for all smaller ones; ``low`` if none."""
+    if holds(high):
+        return high
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) else (low, middle)
