@@ -297,7 +297,12 @@ class Core:
 
     def _progress(self) -> dict[str, np.ndarray]:
         """Live arrays of the episodes."""
-        return {**self.episode._asdict(), **self.relations._asdict(), **self.scoring.own_state(), "shown_terms": self.terms}
+        return {
+            **self.episode._asdict(),
+            **self.relations._asdict(),
+            **self.scoring.own_state(),
+            "shown_terms": self.terms,
+        }
 
 
 def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:

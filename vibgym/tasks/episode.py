@@ -92,7 +92,9 @@ class Episode(NamedTuple):
     """Progress of every world's episode, changed in place; what is one number a world stands together, see the properties."""
 
     goal: np.ndarray  # (worlds, parts, 3) m, m, rad; zeros where the task has zones or none
-    motion: np.ndarray  # (worlds, parts, MOTION): velocity of the goal (m/s, m/s, rad/s), and its pose 1, 2, ... PREVIEW
+    motion: (
+        np.ndarray
+    )  # (worlds, parts, MOTION): velocity of the goal (m/s, m/s, rad/s), and its pose 1, 2, ... PREVIEW
     # periods ahead minus the present one (m, m, rad); (worlds, parts, 0) for tasks whose goals stay
     present: np.ndarray  # (worlds, parts) bool, for the whole episode
     done: np.ndarray  # (worlds, parts) bool
@@ -382,7 +384,9 @@ def score_worlds(worlds, state, judged):
                 episode.terms[world, term] = 0.0
             continue
         sound = not (flag[world, DOWN] or true.diverged[world])
-        count[world, HELD] = count[world, HELD] + int(limit[PERIODS]) if sound and complete and not flag[world, BARRED] else 0
+        count[world, HELD] = (
+            count[world, HELD] + int(limit[PERIODS]) if sound and complete and not flag[world, BARRED] else 0
+        )
         flag[world, SUCCEEDED] = count[world, HELD] >= limit[HOLD]
         flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
         reward_world(all_of, within, world)

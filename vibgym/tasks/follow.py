@@ -19,41 +19,43 @@ from vibgym.tasks.pursuit import PursuitScoring
 
 
 class Follow(Task):
-    """The centre within 5 mm and the heading within 5 degrees of a goal that moves along a path, from its beginning to its end.
+    """The centre within 5 mm and the heading within 5 degrees of a goal that moves along a path, all the way to its end.
 
-    Each of the parts, one or several, has a path of its own, and starts where it begins. The goal (the reference) starts at rest,
-    speeds up, keeps its speed and slows down to rest at the end; after that it stays. Success is that no step has ended with a
-    part out of tolerance, and that ten periods have passed at the end. Headings count modulo the part's symmetry.
+    Each part, there may be several, has a path of its own and starts where it begins. The goal starts from rest, speeds up,
+    keeps its speed, and slows down to rest at the end, where it stays. Success is that every step has ended within these
+    tolerances, and that ten periods have passed at the end. Headings count modulo the part's symmetry.
 
-    ``paths`` is a list with a mapping for each part, or a mapping for paths that are drawn anew for each episode (default):
+    ``paths`` is a list with a mapping for each part, or a mapping for paths that are drawn for every episode (the default):
 
-    | ``shape`` | keys of their own |
+    | ``shape`` | its own keys |
     |---|---|
-    | ``"circle"`` | ``centre``, ``radius``; ``start``: where on it, rad; ``laps``, ``clockwise`` |
-    | ``"square"`` | ``centre``, ``side``; ``turn``: of its sides, rad; ``corner``, ``laps``, ``clockwise`` |
-    | ``"polyline"`` | ``points``; ``closed``, ``laps`` (closed ones), ``corner`` |
-    | ``"figure_eight"`` | ``centre``, ``radius`` of both circles; ``turn``: of their line of centres; ``laps``, ``clockwise`` |
-    | none: drawn | ``shapes``: a list of some of ``"circle"``, ``"square"``, ``"figure_eight"`` |
+    | ``"circle"`` | ``centre``, ``radius``; ``start``: the angle at which it begins; ``laps``, ``clockwise`` |
+    | ``"square"`` | ``centre``, ``side``; ``turn``: of its sides; ``corner``, ``laps``, ``clockwise`` |
+    | ``"polyline"`` | ``points``; ``corner``; ``closed``, and ``laps`` if it is |
+    | ``"figure_eight"`` | ``centre``, ``radius`` of both circles; ``turn``: of the line of centres; ``laps``, ``clockwise`` |
+    | none: drawn | ``shapes``: some of ``"circle"``, ``"square"``, ``"figure_eight"`` |
 
-    Lengths are in m, or in mm in keys with ``_mm``; angles in rad, or with ``_deg``. All have ``speed`` (m/s; default: half the
-    part's top speed, 0.15 m/s), ``acceleration`` (m/s^2, of the speed at both ends; default: a quarter of what the part can do)
-    and ``heading``: ``"kept"`` (default: the one that is drawn at the start) or ``"along"`` (the part turns with its path; its heading is
-    the mean direction of the path over the part's size, so that it can do so). Corners are rounded, with the
-    radius ``corner`` (m); by default with the smallest one at which the speed leaves as much of the elements' amplitude for
-    corrections as half a straight line does. The speed stays the same there.
+    Lengths are in m, or in mm in keys with ``_mm``; angles in rad, or in degrees with ``_deg``. All of them also have
 
-    Drawn paths keep parts 46.8 mm apart (an element's largest dimension and twice the tolerance); given ones have to keep
-    36.8 mm, an element's largest dimension, whatever the parts' headings.
+    - ``speed``, m/s: by default half of the part's top speed (0.15 m/s), a third where it turns with its path;
+    - ``acceleration``, m/s^2, at both ends: by default a quarter of what the part can do from rest, or what bends there allow;
+    - ``heading``: ``"kept"``, as at the start (default), or ``"along"``: the part turns with its path. Its heading is the mean
+      direction of the path over the part's size, since no part can turn at once where a line meets an arc.
+
+    Corners are rounded with the radius ``corner``, m, and the speed stays the same there. By default the radius is the
+    smallest with which a corner takes no more than half of the amplitude that a straight line leaves. Paths that are drawn
+    keep parts 46.8 mm apart, an element's largest dimension and twice the tolerance, whatever their headings; those that are
+    given have to keep the 36.8 mm.
 
     Args:
         surface: the table.
-        parts: the parts, one or several.
+        parts: the parts.
         paths: see above.
 
     Raises:
-        ValueError: a bad setting; a path that leaves the surface, or that is faster than its part can go, or bends or speeds up
-            more than it can (more than 90 % of the largest amplitude, see :class:`vibgym.tasks.paths.Reach`); parts that would
-            come too near; too little room for paths to be drawn.
+        ValueError: a bad setting; a path that leaves the surface, or is faster, or bends or speeds up more, than its part can
+            follow with 90 % of the largest amplitude (:class:`vibgym.tasks.paths.Reach`); parts that would come too
+            near; no room for paths to be drawn.
     """
 
     TERMS = {
@@ -66,7 +68,16 @@ class Follow(Task):
         "success": ("success", 5.0),
         "fallen": ("fallen", 5.0),
     }
-    FACTS = ("is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged")
+    FACTS = (
+        "is_success",
+        "position_error",
+        "heading_error",
+        "clearance",
+        "touching",
+        "parts_done",
+        "fallen",
+        "diverged",
+    )
     FEATURES = (
         "present", "element", "heading", "position", "way", "way_coarse", "way_fine", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin", "gap", "neighbour", "goal_velocity", "goal_spin", "way_ahead", "turn_ahead",

@@ -125,9 +125,7 @@ class PursuitScoring(Scoring):
         shape: of a world's paths, (parts, rows, 6).
     """
 
-    def __init__(
-        self, task: Scored, state: State, periods: int, period: float, shape: tuple[int, int, int]
-    ) -> None:
+    def __init__(self, task: Scored, state: State, periods: int, period: float, shape: tuple[int, int, int]) -> None:
         super().__init__(task, state, periods, MOTION)
         worlds, parts = state.pose.shape[:2]
         still = np.zeros(shape)

@@ -30,7 +30,7 @@ NUMBERS = 7
 
 PIECES = 9
 
-INSTANTS = 400
+INSTANTS = 1000
 """At which the effort of a path is looked at."""
 
 AROUND = {"circle": 2.0 * math.pi, "square": 8.0, "figure_eight": 4.0 * math.pi}
@@ -75,9 +75,13 @@ class DrawnPaths:
         self.shape = (len(self.parts), PIECES + 2, 6)
         most = bisected(0.0, rate, lambda each: self._effort(reach, each) <= EFFORT)
         if known.acceleration is not None and most < rate * (1.0 - 1e-6):
-            raise checks.refuse("paths.acceleration", rate, f"a number > 0 and <= {most:.4g} m/s^2 for these parts and bends")
+            raise checks.refuse(
+                "paths.acceleration", rate, f"a number > 0 and <= {most:.4g} m/s^2 for these parts and bends"
+            )
         self._header[route.ACCELERATION] = most
-        longest = max(AROUND[name] * each.max() for name, each in zip(self._shapes, self._radii(self._cells)[1], strict=True))
+        longest = max(
+            AROUND[name] * each.max() for name, each in zip(self._shapes, self._radii(self._cells)[1], strict=True)
+        )
         self.lasts = float(route.duration(np.array([longest, *self._header[1:]])))
 
     def _effort(self, reach: Sequence[Reach], rate: float) -> float:

@@ -42,7 +42,9 @@ class GivenPaths:
         if len(paths) != len(parts):
             raise checks.refuse("paths", f"{len(paths)} paths", f"one for each of {len(parts)} parts")
         self.surface, self.parts = surface, tuple(parts)
-        made = [self._route(f"paths[{k}]", value, part) for k, (value, part) in enumerate(zip(paths, parts, strict=True))]
+        made = [
+            self._route(f"paths[{k}]", value, part) for k, (value, part) in enumerate(zip(paths, parts, strict=True))
+        ]
         rows = max(len(each) for each in made)
         self._routes = np.stack([route.padded(each, rows) for each in made])
         self.shape = (len(parts), rows, 6)
@@ -66,7 +68,9 @@ class GivenPaths:
         if speed > reach.fastest:
             raise checks.refuse(f"{name}.speed", speed, f"a number > 0 and <= {reach.fastest:.4g} m/s {whose}")
         if rate > reach.acceleration:
-            raise checks.refuse(f"{name}.acceleration", rate, f"a number > 0 and <= {reach.acceleration:.4g} m/s^2 {whose}")
+            raise checks.refuse(
+                f"{name}.acceleration", rate, f"a number > 0 and <= {reach.acceleration:.4g} m/s^2 {whose}"
+            )
         along = shape.heading == "along"
         corner = getattr(shape, "corner", None) or reach.corner(speed, *([window] if along else []))
         header = [0.0, speed, rate, window, 0.0, float(along)]

@@ -1,12 +1,12 @@
 """What a part can do: how much of the elements' amplitude a motion asks for, to first order of the averaged model.
 
-With V = a_h w, the speed v = s V, the load's swing A = a_v w^2 and all elements under the part alike, the mean acceleration along
-and to the left of the velocity is
+With V = a_h w, the speed v = s V, A = a_v w^2, and all elements under the part alike, the mean acceleration along the velocity
+and to its left is
 
     mu (Q(s) p - g d(s)),   mu P(s) q,   p^2 + q^2 <= A^2,
 
-where d, P and Q are means over a period of the direction of slip (thesis eqs. 5.60, 5.61). So a motion has an *effort*: the share
-of the largest amplitude that it needs. It is 1 on a straight line at the top speed, 0.72 V.
+where d, P and Q are means over a period of the direction of slip (thesis eqs. 5.60, 5.61). So a motion has an *effort*, the
+share of the largest amplitude that it needs. It is 1 on a straight line at the top speed, 0.72 V.
 """
 
 from __future__ import annotations
@@ -26,14 +26,17 @@ EFFORT = 0.9
 """Largest effort of a path: the rest is left for corrections."""
 
 SWIRL = 0.4
-"""Share of mu A m k / 2, the torque under a swirl, that is counted on: elements have but one phase each. The allocator reaches 0.42 to
-0.85 of it under the aluminium block, 0.38 to 0.85 under a disc of 40 mm (400 poses)."""
+"""Share of mu A m k / 2, the torque under a swirl, that is counted on: elements have but one phase each. The averaged inverse
+(``vibgym.allocation``) finds 0.42 to 0.85 of it under the aluminium block, 0.38 to 0.85 under a disc of 40 mm, in 400 poses."""
 
 SHARE = {"kept": 1.0 / 2.0, "along": 1.0 / 3.0}
 """Speed of paths over the part's top speed where none is given, by heading: turning takes its share of the amplitude."""
 
 RAMP = 0.25
 """Acceleration at both ends over what the part can do from rest, where none is given."""
+
+STRAIGHT = 1e-6
+"""1/m, smallest curvature of a corner."""
 
 _PHASES, _NODES = 2048, 1000
 _HALVINGS = 30
@@ -50,7 +53,7 @@ def means() -> np.ndarray:
 
 
 def bisected(low: float, high: float, holds: Callable[[float], bool]) -> float:
-    """The largest number between ``low`` and ``high`` for which ``holds``, where it holds for all smaller ones; ``low`` if none."""
+    """The largest number from ``low`` to ``high`` that ``holds``, if all smaller ones do; ``low`` if none does."""
     if holds(high):
         return high
     for _ in range(_HALVINGS):
@@ -91,9 +94,7 @@ class Reach:
     def _steady(self, effort: float) -> float:
         return bisected(0.0, 0.999 * self.surface.table_speed, lambda speed: self.effort(speed) <= effort)
 
-    def effort(
-        self, speed: Any, along: Any = 0.0, across: Any = 0.0, turning: Any = 0.0, spin: Any = 0.0
-    ) -> Any:
+    def effort(self, speed: Any, along: Any = 0.0, across: Any = 0.0, turning: Any = 0.0, spin: Any = 0.0) -> Any:
         """Share of the largest amplitude that motions need; more than 1: out of reach. All broadcast against one another.
 
         Args:
@@ -118,7 +119,7 @@ class Reach:
             across = curvature * speed * speed
             return self.effort(speed, 0.0, across, turns * across / window, turns * curvature * speed) <= most
 
-        return 1.0 / bisected(0.0, self._push / (speed * speed), easy)
+        return 1.0 / max(bisected(0.0, self._push / (speed * speed), easy), STRAIGHT)
 
     def most_effort(self, motion: np.ndarray) -> float:
         """Largest effort of a motion (n, 9), see :data:`vibgym.tasks.paths.route.MOTION`."""

@@ -1,14 +1,14 @@
 """Routes: paths made of straight lines and arcs, run through with a trapezoidal profile of speed.
 
-A route is an array (rows, 6). Its first row is a header (:data:`HEADER`), the others are its pieces (:data:`PIECE`) in order, and
-the last ones are straight pieces of no length at the end, so that routes of all kinds have as many rows. Along the path, ``s``
-m from its beginning, the direction phi has slope kappa, the curvature: u m into a piece
+A route is an array (rows, 6). Its first row is a header (:data:`HEADER`), the others are its pieces (:data:`PIECE`) in order,
+and the last ones are straight pieces of no length at the end, so that routes of all kinds have as many rows. Along the path,
+``s`` m from its beginning, the direction phi has slope kappa, the curvature: u m into a piece
 
     position = (x, y) + u sinc(kappa u / 2) (cos, sin)(phi + kappa u / 2).
 
-The speed grows from rest with the header's acceleration, stays, and falls to rest in the same way at the end. Where a part shall
-turn with its path, its heading is the mean direction of the path over a window about its centre, so that heading and spin are
-continuous where a line meets an arc:
+The speed grows from rest with the header's acceleration, stays, and falls to rest in the same way at the end. Where a part
+shall turn with its path, its heading is the mean direction of the path over a window about its centre, so that heading and
+spin are continuous where a line meets an arc:
 
     heading(s) = (Phi(s + w / 2) - Phi(s - w / 2)) / w,   Phi = integral of phi over s,
 

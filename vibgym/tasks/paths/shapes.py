@@ -35,8 +35,8 @@ class PathSettings(Settings):
     """What all shapes have.
 
     Attributes:
-        speed: m/s between the ramps at both ends; by default half of the part's top speed.
-        acceleration: m/s^2, of the ramps; by default a quarter of what the part can do from rest.
+        speed: m/s between the ramps at both ends; by default a share of the part's top speed.
+        acceleration: m/s^2, of the ramps; by default a share of what the part can do from rest.
         heading: ``"kept"``: as at the start; ``"along"``: the part turns with the path.
     """
 
@@ -70,9 +70,9 @@ class CircleSettings(ClosedSettings):
 
 
 class EightSettings(ClosedSettings):
-    """Two circles that touch at ``centre``, m, where the path begins: ``radius``, m; ``turn``: rad, from x to the line of centres.
+    """Two circles that touch at ``centre``, m, where the path begins.
 
-    ``clockwise`` is the first of them.
+    ``radius``: m, of both; ``turn``: rad, from x to the line of centres. ``clockwise`` is the first of them.
     """
 
     shape: Literal["figure_eight"]
@@ -180,12 +180,16 @@ def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:
         sharp = int(np.abs(turn).argmax())
         got = f"a turn of {math.degrees(abs(turn[sharp])):.1f} deg at {points[sharp + 1].round(6).tolist()}"
         raise checks.refuse(name, got, f"at most {math.degrees(SHARPEST):g} deg")
-    taken = np.concatenate([[0.0], corner * np.tan(0.5 * np.abs(turn)), [0.0]])  # of edges, by the corners at their ends
+    taken = np.concatenate(
+        [[0.0], corner * np.tan(0.5 * np.abs(turn)), [0.0]]
+    )  # of edges, by the corners at their ends
     left = length - taken[:-1] - taken[1:]
     if left.min() < -1e-9:
         short = int(left.argmin())
         got = f"{1e3 * length[short]:.4g} mm between corners of radius {1e3 * corner:.4g} mm"
-        raise checks.refuse(name, got, f"at least {1e3 * (taken[short] + taken[short + 1]):.4g} mm there, or smaller corners")
+        raise checks.refuse(
+            name, got, f"at least {1e3 * (taken[short] + taken[short + 1]):.4g} mm there, or smaller corners"
+        )
     lengths, curvatures = [max(float(left[0]), 0.0)], [0.0]
     for bend, straight in zip(turn.tolist(), left[1:].tolist(), strict=True):
         if bend != 0.0:
