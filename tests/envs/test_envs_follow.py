@@ -18,12 +18,14 @@ from vibgym.allocation import phasors_for
 from vibgym.tasks.paths import route
 
 THREE = ["steel_block", "aluminium_block", "steel_block"]
+CIRCLE = {"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60}
 SHORT = [{"shape": "polyline", "points_mm": [[x, 80], [x, 95]]} for x in (100, 300)]
 CASES = [
     {"action": "field"},
     {"action": "patch", "parts": THREE},
     {"action": "field", "parts": THREE[:2], "paths": SHORT, "periods_per_step": 3},
-    {"action": "field", "sensor": {"kind": "pose", "estimator": "model"}, "actuators": "prototype", "paths": {"heading": "along"}},
+    {"action": "field", "sensor": {"kind": "pose", "estimator": "model"}, "actuators": "prototype",
+     "paths": {"heading": "along"}},
 ]  # fmt: skip
 
 
@@ -62,7 +64,7 @@ def test_checkers(settings):
 
 
 def test_its_arguments_are_json():
-    paths = [{"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60, "heading": "along"}]
+    paths = [{**CIRCLE, "heading": "along"}]
     spec = single("Follow", paths=paths).spec
     again = gym.make(gym.envs.registration.EnvSpec.from_json(spec.to_json()))
     assert again.unwrapped.core.identity == gym.make(spec).unwrapped.core.identity
@@ -124,7 +126,7 @@ def followed(worlds, seed=0, **settings):
 
 @pytest.mark.parametrize("settings", [
     {}, {"parts": THREE}, {"paths": {"heading": "along"}},
-    {"paths": [{"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60, "laps": 2}]},
+    {"paths": [{**CIRCLE, "laps": 2}]},
 ], ids=["drawn", "three", "along", "circle"])  # fmt: skip
 def test_paths_can_be_followed_by_the_observation_alone(settings):
     ends, gap = followed(4, **settings)
@@ -169,8 +171,8 @@ def test_starts_of_ones_own():
 
 
 @pytest.mark.parametrize("settings, message", [
-    ({"paths": [{"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60, "speed": 0.3}]}, r"paths\[0\].speed: got 0.3"),
-    ({"paths": [{"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60, "laps": 9}]}, "paths: got '22.* s'; allowed: at most 19.6 s"),
+    ({"paths": [{**CIRCLE, "speed": 0.3}]}, r"paths\[0\].speed: got 0.3"),
+    ({"paths": [{**CIRCLE, "laps": 9}]}, "paths: got '22.* s'; allowed: at most 19.6 s"),
     ({"paths": "circle"}, "paths: got 'circle'"), ({"walls": ["left"]}, "walls: "), ({"observation": "goal"}, "observation: "),
     ({"surface": {"horizontal_amplitude": 0.0}}, "parts: "), ({"parts": THREE * 4}, "parts: got '12 parts"),
 ])  # fmt: skip

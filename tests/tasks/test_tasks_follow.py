@@ -131,7 +131,7 @@ def test_goals_and_their_motion_are_those_of_the_paths():
             assert (judge.episode.goal[w, k] == motion[0, :3]).all()
             said = judge.episode.motion[w, k]
             assert said.shape == (MOTION,) and (said[:3] == motion[0, 3:6]).all()
-            assert said[3:].reshape(PREVIEW, 3) == pytest.approx(motion[1:, :3] - motion[0, :3], abs=1e-15)
+            assert said[3:].reshape(PREVIEW, 3) == pytest.approx(motion[1:, :3] - motion[0, :3], abs=1e-14)
         judge.score(judge.episode.goal)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,7 +91,7 @@ class Follow(Task):
     def __init__(self, surface: Surface, parts: Sequence[Part], *, paths: Any = None) -> None:
         super().__init__(surface, parts)
         apart = math.sqrt(2.0) * surface.element_size
-        if paths is None or isinstance(paths, dict):
+        if paths is None or isinstance(paths, Mapping):
             drawn = DrawnPaths(surface, parts, paths or {}, apart + 2.0 * self.position_tolerance)
             self.paths: DrawnPaths | GivenPaths = drawn
         elif checks.listed(paths):

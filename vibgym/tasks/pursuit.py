@@ -57,7 +57,7 @@ def place_goals(all_of, world):
         for axis in range(3):
             goal[axis], said[axis] = motion[axis], motion[3 + axis]
         for ahead in range(1, PREVIEW + 1):
-            route.motion_at(path, time + ahead * period, motion)
+            route.motion_at(path, (all_of.clock[world] + ahead) * period, motion)
             for axis in range(3):
                 said[3 * ahead + axis] = motion[axis] - goal[axis]
     episode.flag[world, BARRED] = waiting

@@ -136,7 +136,7 @@ def test_parts_may_be_as_near_as_an_elements_diagonal():
 
 BAD = {
     "no shape": (3, r"paths\[0\]: got 3; allowed: a mapping with 'shape'"),
-    "unknown shape": ({"shape": "star"}, r"paths\[0\].shape: got 'star'; allowed: 'circle', 'square', 'polyline', 'figure_eight'"),
+    "unknown shape": ({"shape": "star"}, r"paths\[0\].shape: got 'star'; allowed: 'circle', 'square', 'polyline'"),
     "unknown key": ({**CIRCLE, "colour": 1}, r"paths\[0\].colour: .*keys among"),
     "missing": ({"shape": "circle", "radius": 0.05}, r"paths\[0\].centre: got 'nothing'"),
     "not finite": ({**CIRCLE, "radius_mm": math.nan}, r"paths\[0\]"),
@@ -147,8 +147,7 @@ BAD = {
     "too bent": ({**CIRCLE, "radius_mm": 5}, r"paths\[0\].speed: got '0.1525 m/s'; allowed: at most 0.1\d* m/s"),
     "too hasty": ({**CIRCLE, "acceleration": 3}, r"paths\[0\].acceleration: got 3.0; allowed: a number > 0 and <= 2.56 m/s\^2"),
     "off the surface": ({**CIRCLE, "centre_mm": [60, 104]}, r"paths\[0\]: got 'a path through .*; allowed: centres at which"),
-    "too sharp": ({**LINE, "points": [[0.1, 0.1], [0.3, 0.1], [0.1, 0.1]]}, None),
-    "back": ({"shape": "polyline", "points_mm": [[100, 50], [300, 50], [100, 50]]}, r"paths\[0\].points: got 'a turn of 180.0 deg"),
+    "back": ({"shape": "polyline", "points_mm": [[100, 50], [300, 50], [100, 50]]}, r"paths\[0\].points: got 'a turn of 180"),
     "twice": ({"shape": "polyline", "points_mm": [[100, 50], [100, 50]]}, r"paths\[0\].points: got \[0.1, 0.05\]"),
     "one point": ({"shape": "polyline", "points_mm": [[100, 50]]}, r"paths\[0\].points: "),
     "no room for corners": ({**SQUARE, "side_mm": 30}, r"paths\[0\].side: got '30 mm between corners of radius 16.16 mm'"),
@@ -160,7 +159,7 @@ BAD = {
 
 @pytest.mark.parametrize("path, message", BAD.values(), ids=BAD)
 def test_bad_paths_are_refused_by_name(path, message):
-    with pytest.raises(ValueError, match=f"^{message or 'paths'}"):
+    with pytest.raises(ValueError, match=f"^{message}"):
         given_paths(path)
 
 

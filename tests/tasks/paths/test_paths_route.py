@@ -18,8 +18,11 @@ def made(start, lengths, curvatures, speed=0.15, acceleration=0.7, heading=0.0, 
     return route.routes(*(np.array([each], dtype=float) for each in rows))[0]
 
 
+EITHER = st.sampled_from([0.0, 1.0])
+
+
 @st.composite
-def paths(draw, along=st.sampled_from([0.0, 1.0])):
+def paths(draw, along=EITHER):
     count = draw(st.integers(1, 6))
     lengths = draw(st.lists(st.sampled_from([0.0, 0.02, 0.1]) | st.floats(0.01, 0.3), min_size=count, max_size=count))
     curvatures = draw(st.lists(st.sampled_from([0.0, 0.0, 40.0]) | st.floats(-60, 60), min_size=count, max_size=count))

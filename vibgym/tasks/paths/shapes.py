@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -149,7 +150,7 @@ def shape_from(value: Any, where: str) -> Shape:
     Raises:
         ValueError: an unknown shape, or a bad setting of it.
     """
-    if not isinstance(value, dict) or "shape" not in value:
+    if not isinstance(value, Mapping) or "shape" not in value:
         raise checks.refuse(where, value, f"a mapping with 'shape', one of {', '.join(map(repr, SHAPES))}")
     return parse(SHAPES[checks.choice(f"{where}.shape", value["shape"], tuple(SHAPES))], value, where)
 
