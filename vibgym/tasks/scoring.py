@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -31,9 +30,6 @@ class Scored(Protocol):
 
     hulls: Hulls
 
-    @property
-    def TERMS(self) -> Mapping[str, tuple[str, float]]: ...
-
     def rules(self, periods: int) -> Rules: ...
 
 
@@ -53,8 +49,9 @@ class Scoring:
 
     def __init__(self, task: Scored, state: State, periods: int, motion: int = 0) -> None:
         worlds, parts = state.pose.shape[:2]
-        self.relations, self.episode = new_relations(worlds, parts), new_episode(worlds, parts, len(task.TERMS), motion)
         self._task, self._rules, self._state = task, task.rules(periods), Pinned(STATE, state)
+        self.relations = new_relations(worlds, parts)
+        self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
         self._judged = self.judged(self.relations)
 
     def judged(self, relations: Relations) -> Pinned[Judged]:
