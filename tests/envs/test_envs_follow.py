@@ -196,12 +196,13 @@ def test_pictures_show_paths_and_moving_goals():
     pytest.importorskip("pygame")
     env = single("Follow", paths=SHORT[:1], action="field", render_mode="rgb_array")
     env.reset(seed=0)
-    first, lines = env.render(), env.unwrapped.core.scoring.lines(0)
+    first, lines = env.render(), env.unwrapped.paths()
     assert lines[0][0] == pytest.approx([0.1, 0.08]) and lines[0][-1] == pytest.approx([0.1, 0.095])
     for _ in range(5):
         env.step(np.zeros(env.action_space.shape, dtype=np.float32))
     assert (env.render() != first).any()
     assert env.unwrapped.caption().startswith("Follow   error ")
+    assert single("Align").unwrapped.paths() == []
 
 
 def test_damaged_paths_of_a_state_are_refused():

@@ -108,6 +108,10 @@ class SharedInterface:
         """(rows, columns, 2) what the elements of a world did last, as fractions of full scale; zeros before the first step."""
         return self.core.phasors(checks.count("world", world, least=0, most=self.core.worlds - 1))
 
+    def paths(self, world: int = 0) -> list[np.ndarray]:
+        """Lines (n, 2), m, along which the goals of a world's parts move, one for each part; none where goals stay."""
+        return self.core.scoring.lines(checks.count("world", world, least=0, most=self.core.worlds - 1))
+
     def caption(self, world: int = 0) -> str:
         """One line on how the task stands in a world, for pictures."""
         world = checks.count("world", world, least=0, most=self.core.worlds - 1)

@@ -56,7 +56,7 @@ class Viewer:
         trail = np.array(self.trails[world]).reshape(-1, *pose[:, :2].shape)
         present, goal = episode.present[world], episode.goal[world]
         caption = self.env.caption(world)
-        lines = core.scoring.lines(world)
+        lines = self.env.paths(world)
         view = self.scenery.view(pose, present, goal, core.phasors(world), trail, caption, lines)
         return self.painter.paint(view)
 
