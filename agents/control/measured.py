@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.layout import Layout
+from vibgym.tasks.episode import PREVIEW
 
 Memory = TypeVar("Memory", bound=tuple)
 
@@ -28,6 +29,10 @@ class Measured:
     spin: np.ndarray  # the same, rad/s
     gap: np.ndarray  # distance to the nearest other part, m, capped at about eight elements; infinite for one part
     single: bool  # whether one observation without batch axis was given
+    # Of goals that move: (batch, parts, 3) velocity, m/s, m/s, rad/s, and (batch, parts, PREVIEW, 3) pose 1, 2, ... periods
+    # ahead minus the present one, m, m, rad. Zeros that broadcast to these shapes where goals stay.
+    goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
+    goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
 
     @classmethod
     def of(cls, observation: Any, info: TaskInfo) -> Measured:
@@ -53,7 +58,22 @@ class Measured:
             spin=quantity("spin")[..., 0],
             gap=quantity("gap", none + math.inf)[..., 0],
             single=values.ndim == 1,
+            **moving_goals(rows, layout),
         )
+
+
+def moving_goals(rows: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
+    """Velocity and preview of the goals in observations (batch, size); nothing where goals stay."""
+    if "way_ahead" not in layout:
+        return {}
+    shape = (len(rows), len(layout.parts), PREVIEW)
+    way = layout.quantity(rows, "way_ahead").reshape(*shape, 2) - layout.quantity(rows, "way")[..., None, :]
+    turn = layout.quantity(rows, "turn_ahead") - layout.quantity(rows, "turn")
+    velocity = [layout.quantity(rows, name) for name in ("goal_velocity", "goal_spin")]
+    return {
+        "goal_velocity": np.concatenate(velocity, axis=-1),
+        "goal_ahead": np.concatenate([way, turn[..., None]], axis=-1),
+    }
 
 
 def check_state(observation: Any, layout: Layout) -> np.ndarray:

@@ -195,7 +195,8 @@ def test_bad_settings_of_a_batch(name, value):
 def test_unknown_tasks_are_refused():
     for make in (VibgymEnv, VibgymVectorEnv):
         with pytest.raises(
-            ValueError, match="^task: got 'Juggle'; allowed: 'Transport', 'Align', 'Rotate', 'Sort', 'Singulate'$"
+            ValueError,
+            match="^task: got 'Juggle'; allowed: 'Transport', 'Align', 'Rotate', 'Follow', 'Sort', 'Singulate'$",
         ):
             make("Juggle")
 

@@ -115,6 +115,30 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
              sensor="ideal", randomize=None, walls=["left"], start="scattered", zones=None, slots=40, task_settings=None,
              periods_per_step=1, max_episode_periods=10),
     ),
+    "make with paths": (
+        functools.partial(gym.make, "vibgym/Follow-v0"),
+        dict(paths=[{"shape": "circle", "centre": [0.4, 0.1], "radius": 0.05}]),
+    ),
+    "circle": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "circle", **settings}]),
+        dict(centre=[0.4, 0.1], radius=0.05, start=1.0, laps=2, clockwise=True, speed=0.1, acceleration=0.5, heading="along"),
+    ),
+    "square": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "square", **settings}]),
+        dict(centre=[0.4, 0.1], side=0.1, turn=0.1, corner=0.02, laps=2, clockwise=False, speed=0.1, heading="kept"),
+    ),
+    "polyline": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "polyline", **settings}]),
+        dict(points=[[0.2, 0.1], [0.4, 0.12], [0.5, 0.05]], closed=True, laps=1, corner=0.01, speed=0.05),
+    ),
+    "figure of eight": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "figure_eight", **settings}]),
+        dict(centre=[0.4, 0.1], radius=0.03, turn=0.1, laps=1, clockwise=True, speed=0.05, heading="kept"),
+    ),
+    "drawn paths": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=settings),
+        dict(shapes=["circle", "square"], speed=0.1, acceleration=0.5, heading="along"),
+    ),
     "make_vec": (
         functools.partial(gym.make_vec, "vibgym/Rotate-v0"),
         dict(num_envs=2, surface={"rows": 8}, parts=["steel_block"], model="averaged", action="patch", observation="goal",

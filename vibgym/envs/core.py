@@ -31,7 +31,6 @@ from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
-from vibgym.tasks.scoring import Scoring
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -59,6 +58,7 @@ class Options:
     start: Any
     zones: Any
     slots: Any
+    paths: Any
     task_settings: Any
     periods_per_step: int
 
@@ -126,7 +126,7 @@ class Core:
         self.idle = self._idle_velocity(np.ones(len(self.parts)))
         # Arrays of the state and of the scoring live as long as the core and are changed in place.
         state = self.simulator.state
-        self.scoring = Scoring(self.task, state, self.periods)
+        self.scoring = self.task.scoring(state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # A sensor that tells the truth needs no relations of its own.
         self._measured, self._by_measurement = self.relations, None
@@ -150,7 +150,8 @@ class Core:
         state = self.simulator.state
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
         groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
-        return self.task.facts(state.diverged, self.episode), {name: each for name, each in groups.items() if each}
+        facts = self.task.facts(state.diverged, self.episode) | self.scoring.facts()
+        return facts, {name: each for name, each in groups.items() if each}
 
     @property
     def draws(self) -> int:
@@ -303,7 +304,12 @@ class Core:
 
     def _progress(self) -> dict[str, np.ndarray]:
         """Live arrays of the episodes."""
-        return {**self.episode._asdict(), **self.relations._asdict(), "shown_terms": self.terms}
+        return {
+            **self.episode._asdict(),
+            **self.relations._asdict(),
+            **self.scoring.own_state(),
+            "shown_terms": self.terms,
+        }
 
 
 def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
@@ -321,7 +327,7 @@ def _task_settings(options: Options, cls: type[Task], randomize: Mapping[str, An
 
     ``randomize``: the task's share of it.
     """
-    settings = {name: getattr(options, name) for name in ("start", "zones", "slots")}
+    settings = {name: getattr(options, name) for name in ("start", "zones", "slots", "paths")}
     settings = {
         name: value for name, value in {**settings, "randomize": randomize or None}.items() if value is not None
     }

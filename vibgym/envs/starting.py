@@ -34,19 +34,17 @@ class Starting:
         """The start of ``worlds`` (index array) with these wishes.
 
         Raises:
-            ValueError: parts off the surface, or overlapping one another or a wall.
+            ValueError: parts off the surface, overlapping one another or a wall, or where the task does not begin.
         """
         present = None if self.present is None else self.present[worlds]
         start = task.start(uniform, present)
-        pose, there, goal = start
         if self.pose is not None:
-            pose = np.where(there[..., None], self.pose[worlds], pose)
-            goal = task.goal_from(start, pose)
+            there = start.present
+            pose = np.where(there[..., None], self.pose[worlds], start.pose)
             where = (simulator.hulls, simulator.surface, simulator.parts, simulator.walls, pose, ~there)
             overlaps.check("options['pose']", *where, overlaps.AT_REST)
-        if self.goal is not None:
-            goal = self.goal[worlds]
-        return Start(pose, there, goal)
+            start = task.put_down(start, pose)
+        return start if self.goal is None else start._replace(goal=self.goal[worlds])
 
 
 def starting_from(options: Mapping[str, Any], task: Task, worlds: int) -> Starting | None:
@@ -63,8 +61,9 @@ def starting_from(options: Mapping[str, Any], task: Task, worlds: int) -> Starti
     if "pose" in wishes:
         pose = _on_surface("options['pose']", wishes["pose"], shape, task)
     if "goal" in wishes:
-        if not task.has_goal:
-            raise checks.refuse("options['goal']", wishes["goal"], f"nothing for {task.name}, which has no goal poses")
+        if not task.has_goal or task.goal_moves:
+            why = "whose goals move" if task.goal_moves else "which has no goal poses"
+            raise checks.refuse("options['goal']", wishes["goal"], f"nothing for {task.name}, {why}")
         goal = _goals(wishes["goal"], shape, task)
     if "parts" in wishes:
         present = _present(wishes["parts"], shape[:2])
