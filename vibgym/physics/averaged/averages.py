@@ -277,8 +277,13 @@ def second_order(tables, moments, gravity, speed, gyration, vx, vy, scratch):
         Force x and y (m/s^3) and torque (m^2/s^3).
     """
     length, cosine, sine = direction(vx, vy)
-    coupling, turned = scratch.values, scratch.turned
     interpolate(tables.coupling, tables.coupling_scale, length / speed, scratch)
+    return coupled(scratch.values, moments, gravity, speed, gyration, cosine, sine, scratch.turned)
+
+
+@borrowing
+def coupled(coupling, moments, gravity, speed, gyration, cosine, sine, turned):
+    """:func:`second_order` with the coefficients (27,) at hand, for a mean velocity along ``(cosine, sine)``."""
     turn_moments(moments, gravity, cosine, sine, turned)
     q0, q1, q2 = turned[0, 0], turned[0, 1], turned[0, 2]
     inverse = 1.0 / gyration

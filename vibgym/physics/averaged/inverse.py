@@ -1,0 +1,326 @@
+"""Phasors of the elements under a part that give it a mean acceleration: the averaged model turned round, compiled.
+
+The mean acceleration is affine in the phasors to first order and quadratic to second. It is asked for at one instant, or as the
+mean over a period: the part then crosses a good part of an element, and its speed changes what friction does, by a way that is
+known beforehand, for it is the wanted acceleration that bends it. Two Gauss points on it integrate what lies between.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics.averaged.averages import coupled, direction, first_order, interpolate
+from vibgym.physics.averaged.contact import AveragedScheme, Workspace, cut_at, new_workspace
+from vibgym.physics.averaged.least_norm import least_norm
+from vibgym.physics.contact_area.outline import POINTS_PER_PIECE
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import Body, Table
+from vibgym.physics.core.reference import reference
+
+ITERATIONS = 30
+SCALINGS = 20
+PASSES = 4
+CLOSE = 1e-12  # error of the solution, over mu g
+REACHED = 1e-10
+LARGEST = 4.0
+"""Times mu g: no change that is larger can be had, and Broyden's method starts from the smaller one of the same direction."""
+
+
+class Room(NamedTuple):
+    """Working arrays for one part at a time."""
+
+    contact: Workspace
+    elements: np.ndarray  # (n) under the part, at one of the points of its way or another
+    shares: np.ndarray  # (points, 6, n) of 1, x, y, xx, xy, yy of the load
+    coupling: np.ndarray  # (points, 27)
+    heading: np.ndarray  # (points, 2) cosine and sine of the direction of the mean velocity
+    constant: np.ndarray  # (3) m/s^2, all accelerations in this file; angular ones times the radius of gyration
+    linear: np.ndarray  # (3, 2 n)
+    slope: np.ndarray  # (3, 2 n)
+    phasors: np.ndarray  # (2 n) C_1, ..., S_1, ...; m/s^2
+    step: np.ndarray  # (2 n)
+    vectors: np.ndarray  # (8, 3) idle, change, target, left, value, before, wrench, course
+    matrix: np.ndarray  # (2, 3, 3)
+
+
+class Inversion(NamedTuple):
+    """What is inverted; kernels hand it on by reference."""
+
+    table: Table
+    body: Body
+    scheme: AveragedScheme
+    times: np.ndarray  # (points) s, after the start of the period
+    weights: np.ndarray  # (points) sum 1
+    limit: float  # m/s^2, largest length of a phasor
+    room: Room
+
+
+def new_room(table: Table, body: Body, points: int) -> Room:
+    """Working arrays for parts like ``body``."""
+    contact = new_workspace(table, body)
+    # Under a part there are at most as many elements at each point as its table of cells has places.
+    n = min(table.rows * table.columns, points * len(contact.cut.under))
+    return Room(
+        contact=contact, elements=np.zeros(n, dtype=np.int64), shares=np.zeros((points, 6, n)),
+        coupling=np.zeros((points, 27)), heading=np.zeros((points, 2)), constant=np.zeros(3),
+        linear=np.zeros((3, 2 * n)), slope=np.zeros((3, 2 * n)), phasors=np.zeros(2 * n), step=np.zeros(2 * n),
+        vectors=np.zeros((8, 3)), matrix=np.zeros((2, 3, 3)),
+    )  # fmt: skip
+
+
+@borrowing
+def cut_on_way(task, pose, velocity, course, world, point):
+    """Cut the outline at a point of the way; returns number of contact points and mean velocity there.
+
+    Where the part would have no support it is taken where it starts.
+    """
+    t, contact = task.times[point], task.room.contact
+    half = 0.5 * t * t
+    vx, vy = velocity[world, 0] + t * course[0], velocity[world, 1] + t * course[1]
+    spin = velocity[world, 2] + t * course[2]
+    n = cut_at(
+        task.table, task.body,
+        pose[world, 0] + t * velocity[world, 0] + half * course[0],
+        pose[world, 1] + t * velocity[world, 1] + half * course[1],
+        pose[world, 2] + t * velocity[world, 2] + half * course[2],
+        spin, contact,
+    )  # fmt: skip
+    if n == 0:
+        n = cut_at(task.table, task.body, pose[world, 0], pose[world, 1], pose[world, 2], spin, contact)
+    return n, vx, vy, spin
+
+
+@borrowing
+def list_elements(points, under, n, elements, count):
+    """Add the elements under a part to the ``count`` that are listed; returns how many there are now."""
+    for piece in range(n // POINTS_PER_PIECE):
+        known = points[0, POINTS_PER_PIECE * piece] == 0.0  # padding
+        for k in range(count):
+            known = known or elements[k] == under[piece]
+        if not known:
+            elements[count] = under[piece]
+            count += 1
+    return count
+
+
+@borrowing
+def write_map(task, pose, velocity, course, world):
+    """Write down the mean acceleration along the way as a function of phasors; returns the number of elements, 0: no support."""
+    table, body, scheme, room = task.table, task.body, task.scheme, task.room
+    contact, elements, linear = room.contact, room.elements, room.linear
+    cut, tables = contact.cut, scheme.tables
+    points, under, phasor_c, phasor_s = cut.points, cut.under, cut.phasor_c, cut.phasor_s
+    count, arm = 0, math.sqrt(body.gyration)
+    for point in range(task.times.shape[0]):
+        n, _, _, _ = cut_on_way(task, pose, velocity, course, world, point)
+        if n == 0:
+            return 0
+        count = list_elements(points, under, n, elements, count)
+    for i in range(3):
+        room.constant[i] = 0.0
+        for k in range(2 * count):
+            linear[i, k] = 0.0
+    for point in range(task.times.shape[0]):
+        n, vx, vy, spin = cut_on_way(task, pose, velocity, course, world, point)
+        size = body.friction * task.weights[point]
+        shares = room.shares[point]
+        length, cosine, sine = direction(vx, vy)
+        interpolate(tables.coupling, tables.coupling_scale, length / table.speed, contact.scratch)
+        room.heading[point, 0], room.heading[point, 1] = cosine, sine
+        for k in range(27):
+            room.coupling[point, k] = contact.scratch.values[k]
+        for k in range(n):
+            phasor_c[k], phasor_s[k] = 0.0, 0.0
+        fx, fy, torque = first_order(
+            tables, points, phasor_c, phasor_s, n, table.gravity, table.speed, body.radius,
+            vx, vy, spin, contact.scratch,
+        )  # fmt: skip
+        room.constant[0] += size * fx
+        room.constant[1] += size * fy
+        room.constant[2] += size / arm * torque
+        for j in range(count):
+            for i in range(6):
+                shares[i, j] = 0.0
+            found = False
+            for k in range(n):
+                if under[k // POINTS_PER_PIECE] == elements[j]:
+                    found = True
+                    weight, x, y = points[0, k], points[1, k], points[2, k]
+                    shares[0, j] += weight
+                    shares[1, j] += weight * x
+                    shares[2, j] += weight * y
+                    shares[3, j] += weight * x * x
+                    shares[4, j] += weight * x * y
+                    shares[5, j] += weight * y * y
+            if not found:
+                continue
+            for side in range(2):
+                for k in range(n):
+                    own = 1.0 if under[k // POINTS_PER_PIECE] == elements[j] else 0.0
+                    phasor_c[k], phasor_s[k] = own * (1 - side), own * side
+                fx, fy, torque = first_order(
+                    tables, points, phasor_c, phasor_s, n, 0.0, table.speed, body.radius,
+                    vx, vy, spin, contact.scratch,
+                )  # fmt: skip
+                linear[0, count * side + j] += size * fx
+                linear[1, count * side + j] += size * fy
+                linear[2, count * side + j] += size / arm * torque
+    return count
+
+
+@borrowing
+def evaluate(task, count, value):
+    """Mean acceleration under ``room.phasors``, into ``value`` (3)."""
+    table, body, room = task.table, task.body, task.room
+    phasors, linear, moments = room.phasors, room.linear, room.contact.moments
+    for i in range(3):
+        total = room.constant[i]
+        for k in range(2 * count):
+            total += linear[i, k] * phasors[k]
+        value[i] = total
+    if task.scheme.order == 1:
+        return
+    small, arm = body.friction * body.friction * table.period / (2.0 * math.pi), math.sqrt(body.gyration)
+    for point in range(task.times.shape[0]):
+        shares = room.shares[point]
+        for i in range(6):
+            load, c, s = 0.0, 0.0, 0.0
+            for j in range(count):
+                load += shares[i, j]
+                c += shares[i, j] * phasors[j]
+                s += shares[i, j] * phasors[count + j]
+            moments[i, 0], moments[i, 1], moments[i, 2] = load, c, s
+        fx, fy, torque = coupled(
+            room.coupling[point], moments, table.gravity, table.speed, body.gyration,
+            room.heading[point, 0], room.heading[point, 1], room.contact.scratch.turned,
+        )  # fmt: skip
+        size = small * task.weights[point]
+        value[0] += size * fx
+        value[1] += size * fy
+        value[2] += size / arm * torque
+
+
+@borrowing
+def solve(task, count, target, close):
+    """Phasors that give ``target``, from those at hand, by Broyden's method; each step is the one of least norm.
+
+    The slope starts as that of first order, of which second order is a small change.
+    """
+    room = task.room
+    slope, phasors, step = room.slope, room.phasors, room.step
+    left, value, before = room.vectors[3], room.vectors[4], room.vectors[5]
+    for i in range(3):
+        for k in range(2 * count):
+            slope[i, k] = room.linear[i, k]
+    evaluate(task, count, value)
+    for _ in range(ITERATIONS):
+        for i in range(3):
+            left[i], before[i] = target[i] - value[i], value[i]
+        least_norm(slope, 2 * count, left, room.matrix[0], room.matrix[1], step)
+        square = 0.0
+        for k in range(2 * count):
+            phasors[k] += step[k]
+            square += step[k] * step[k]
+        evaluate(task, count, value)
+        moved = 0.0
+        for i in range(3):
+            expected = 0.0
+            for k in range(2 * count):
+                expected += slope[i, k] * step[k]
+            moved = max(moved, abs(expected))
+            more = value[i] - before[i] - expected
+            if square > 0.0:
+                for k in range(2 * count):
+                    slope[i, k] += more / square * step[k]
+        if moved <= close:
+            break
+
+
+@borrowing
+def largest(phasors, count):
+    """Length of the longest phasor."""
+    most = 0.0
+    for j in range(count):
+        most = max(most, math.sqrt(phasors[j] * phasors[j] + phasors[count + j] * phasors[count + j]))
+    return most
+
+
+@borrowing
+def invert(task, count, wrench):
+    """Phasors for a wrench (3), cut down to the limit along its difference from what friction does with elements at rest."""
+    room = task.room
+    idle, change, target, value = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[4]
+    size = task.body.friction * task.table.gravity
+    for k in range(2 * count):
+        room.phasors[k] = 0.0
+    evaluate(task, count, idle)
+    length = 0.0
+    for i in range(3):
+        change[i] = wrench[i] - idle[i]
+        length += change[i] * change[i]
+    # The farthest point of the outline can turn the part more than push it.
+    reach = LARGEST * size * (1.0 + task.body.radius / math.sqrt(task.body.gyration))
+    scale = min(1.0, reach / max(math.sqrt(length), 1e-300))
+    for _ in range(SCALINGS):
+        for i in range(3):
+            target[i] = idle[i] + scale * change[i]
+        for k in range(2 * count):
+            room.phasors[k] = 0.0
+        solve(task, count, target, CLOSE * size)
+        most = largest(room.phasors, count)
+        if most <= task.limit * (1.0 + 1e-6) or task.limit == 0.0:
+            break
+        scale *= task.limit / most
+    most = largest(room.phasors, count)
+    if most > task.limit:
+        for k in range(2 * count):
+            room.phasors[k] *= task.limit / most
+        evaluate(task, count, value)
+
+
+@borrowing
+def invert_worlds(start, stop, task, pose, velocity, course, wrench, c, s, achieved, reachable):
+    """Invert worlds ``start`` to ``stop``.
+
+    Args:
+        pose, velocity: (worlds, 3) mean ones at the start.
+        course: (worlds, 3) mean acceleration that bends the part's way; where the wrench cannot be had, what can be had does.
+        wrench: (worlds, 3) wanted.
+        c, s: (worlds, elements) zeros on entry, phasors, m/s^2. achieved: (worlds, 3), NaN without support.
+        reachable: (worlds,) whether that is what was wanted.
+    """
+    task = reference(task)
+    room = task.room
+    arm, size = math.sqrt(task.body.gyration), task.body.friction * task.table.gravity
+    most = LARGEST * size * (1.0 + task.body.radius / arm)
+    value, wanted, bent = room.vectors[4], room.vectors[6], room.vectors[7]
+    for world in range(start, stop):
+        wanted[0], wanted[1], wanted[2] = wrench[world, 0], wrench[world, 1], arm * wrench[world, 2]
+        length = math.sqrt(
+            course[world, 0] * course[world, 0]
+            + course[world, 1] * course[world, 1]
+            + arm * arm * course[world, 2] * course[world, 2]
+        )
+        for i in range(3):
+            bent[i] = course[world, i] * min(1.0, most / max(length, 1e-300))
+        count, reached = 0, False
+        for _ in range(PASSES):
+            count = write_map(task, pose, velocity, bent, world)
+            if count == 0:
+                break
+            invert(task, count, wanted)
+            error = max(abs(value[0] - wanted[0]), abs(value[1] - wanted[1]), abs(value[2] - wanted[2]))
+            reached = error <= REACHED * size
+            if reached or task.times[task.times.shape[0] - 1] == 0.0:
+                break
+            bent[0], bent[1], bent[2] = value[0], value[1], value[2] / arm
+        reachable[world] = reached
+        achieved[world, 0], achieved[world, 1], achieved[world, 2] = value[0], value[1], value[2] / arm
+        if count == 0:
+            achieved[world, 0] = math.nan
+        for j in range(count):
+            element = room.elements[j]
+            c[world, element], s[world, element] = room.phasors[j], room.phasors[count + j]
