@@ -139,22 +139,21 @@ class Inverse:
     def _invert(self, pose: np.ndarray, velocity: np.ndarray, course: np.ndarray, wrench: np.ndarray) -> Allocation:
         surface, worlds = self.surface, len(pose)
         elements = surface.rows * surface.columns
-        c, s = np.zeros((worlds, elements)), np.zeros((worlds, elements))
+        amplitude, phase = np.zeros((worlds, elements)), np.zeros((worlds, elements))
         achieved, reachable = np.empty((worlds, 3)), np.empty(worlds, dtype=bool)
+        found = amplitude, phase, achieved, reachable
 
         def work(start: int, stop: int) -> None:
             task = self._tasks.borrow()
             try:
-                invert_worlds(start, stop, task, pose, velocity, course, wrench, c, s, achieved, reachable)
+                invert_worlds(start, stop, task, pose, velocity, course, wrench, *found)
             finally:
                 self._tasks.give_back(task)
 
         workers.share(work, worlds, self._threads)
         _check_support(pose, np.isnan(achieved[:, 0]))
-        assert surface.max_amplitude is not None
         full = (worlds, surface.rows, surface.columns)
-        amplitude = np.minimum(np.hypot(c, s) / surface.angular_frequency**2, surface.max_amplitude)
-        return Allocation(amplitude.reshape(full), np.arctan2(s, c).reshape(full), achieved, reachable)
+        return Allocation(amplitude.reshape(full), phase.reshape(full), achieved, reachable)
 
 
 def _inversion(surface: Surface, part: Part, order: int, over: str) -> Inversion:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.averaged.averages import coupled, direction, first_order, interpolate
+from vibgym.physics.averaged.averages import coupled, direction, first_order_at, interpolate
 from vibgym.physics.averaged.contact import AveragedScheme, Workspace, cut_at, new_workspace
 from vibgym.physics.averaged.least_norm import least_norm
 from vibgym.physics.contact_area.outline import POINTS_PER_PIECE
@@ -112,8 +112,8 @@ def write_map(task, pose, velocity, course, world):
     table, body, scheme, room = task.table, task.body, task.scheme, task.room
     contact, elements, linear = room.contact, room.elements, room.linear
     cut, tables = contact.cut, scheme.tables
-    points, under, phasor_c, phasor_s = cut.points, cut.under, cut.phasor_c, cut.phasor_s
-    count, arm = 0, math.sqrt(body.gyration)
+    points, under = cut.points, cut.under
+    count, arm, inverse = 0, math.sqrt(body.gyration), 1.0 / table.speed
     for point in range(task.times.shape[0]):
         n, _, _, _ = cut_on_way(task, pose, velocity, course, world, point)
         if n == 0:
@@ -132,42 +132,38 @@ def write_map(task, pose, velocity, course, world):
         room.heading[point, 0], room.heading[point, 1] = cosine, sine
         for k in range(27):
             room.coupling[point, k] = contact.scratch.values[k]
-        for k in range(n):
-            phasor_c[k], phasor_s[k] = 0.0, 0.0
-        fx, fy, torque = first_order(
-            tables, points, phasor_c, phasor_s, n, table.gravity, table.speed, body.radius,
-            vx, vy, spin, contact.scratch,
-        )  # fmt: skip
-        room.constant[0] += size * fx
-        room.constant[1] += size * fy
-        room.constant[2] += size / arm * torque
         for j in range(count):
             for i in range(6):
                 shares[i, j] = 0.0
-            found = False
-            for k in range(n):
-                if under[k // POINTS_PER_PIECE] == elements[j]:
-                    found = True
-                    weight, x, y = points[0, k], points[1, k], points[2, k]
-                    shares[0, j] += weight
-                    shares[1, j] += weight * x
-                    shares[2, j] += weight * y
-                    shares[3, j] += weight * x * x
-                    shares[4, j] += weight * x * y
-                    shares[5, j] += weight * y * y
-            if not found:
+        for first in range(0, n, POINTS_PER_PIECE):
+            j, element = 0, under[first // POINTS_PER_PIECE]
+            while j < count and elements[j] != element:
+                j += 1
+            if j == count:  # padding
                 continue
-            for side in range(2):
-                for k in range(n):
-                    own = 1.0 if under[k // POINTS_PER_PIECE] == elements[j] else 0.0
-                    phasor_c[k], phasor_s[k] = own * (1 - side), own * side
-                fx, fy, torque = first_order(
-                    tables, points, phasor_c, phasor_s, n, 0.0, table.speed, body.radius,
-                    vx, vy, spin, contact.scratch,
-                )  # fmt: skip
-                linear[0, count * side + j] += size * fx
-                linear[1, count * side + j] += size * fy
-                linear[2, count * side + j] += size / arm * torque
+            for k in range(first, first + POINTS_PER_PIECE):
+                weight, x, y = points[0, k], points[1, k], points[2, k]
+                shares[0, j] += weight
+                shares[1, j] += weight * x
+                shares[2, j] += weight * y
+                shares[3, j] += weight * x * x
+                shares[4, j] += weight * x * y
+                shares[5, j] += weight * y * y
+                gx, gy, cx, cy, sx, sy = first_order_at(
+                    tables, inverse * (vx - spin * y), inverse * (vy + spin * x), contact.scratch
+                )
+                weight *= size
+                load = weight * table.gravity
+                x, y = x / arm, y / arm
+                room.constant[0] += load * gx
+                room.constant[1] += load * gy
+                room.constant[2] += load * (x * gy - y * gx)
+                linear[0, j] += weight * cx
+                linear[1, j] += weight * cy
+                linear[2, j] += weight * (x * cy - y * cx)
+                linear[0, count + j] += weight * sx
+                linear[1, count + j] += weight * sy
+                linear[2, count + j] += weight * (x * sy - y * sx)
     return count
 
 
@@ -282,20 +278,21 @@ def invert(task, count, wrench):
 
 
 @borrowing
-def invert_worlds(start, stop, task, pose, velocity, course, wrench, c, s, achieved, reachable):
+def invert_worlds(start, stop, task, pose, velocity, course, wrench, amplitude, phase, achieved, reachable):
     """Invert worlds ``start`` to ``stop``.
 
     Args:
         pose, velocity: (worlds, 3) mean ones at the start.
         course: (worlds, 3) mean acceleration that bends the part's way; where the wrench cannot be had, what can be had does.
         wrench: (worlds, 3) wanted.
-        c, s: (worlds, elements) zeros on entry, phasors, m/s^2. achieved: (worlds, 3), NaN without support.
+        amplitude, phase: (worlds, elements) zeros on entry; m and rad.
+        achieved: (worlds, 3), NaN without support.
         reachable: (worlds,) whether that is what was wanted.
     """
     task = reference(task)
     room = task.room
     arm, size = math.sqrt(task.body.gyration), task.body.friction * task.table.gravity
-    most = LARGEST * size * (1.0 + task.body.radius / arm)
+    most, frequency = LARGEST * size * (1.0 + task.body.radius / arm), 2.0 * math.pi / task.table.period
     value, wanted, bent = room.vectors[4], room.vectors[6], room.vectors[7]
     for world in range(start, stop):
         wanted[0], wanted[1], wanted[2] = wrench[world, 0], wrench[world, 1], arm * wrench[world, 2]
@@ -322,5 +319,7 @@ def invert_worlds(start, stop, task, pose, velocity, course, wrench, c, s, achie
         if count == 0:
             achieved[world, 0] = math.nan
         for j in range(count):
-            element = room.elements[j]
-            c[world, element], s[world, element] = room.phasors[j], room.phasors[count + j]
+            c, s = room.phasors[j], room.phasors[count + j]
+            length = min(math.sqrt(c * c + s * s), task.limit)
+            amplitude[world, room.elements[j]] = length / (frequency * frequency)
+            phase[world, room.elements[j]] = math.atan2(s, c)

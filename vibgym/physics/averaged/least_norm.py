@@ -9,8 +9,13 @@ from vibgym.physics.core.jit import borrowing
 WEAKEST = 1e-12
 """Directions that the unknowns move less than 1e-6 as strongly as the best one (squared) count as out of reach."""
 
+SOUND = 1e-6
+"""Pivots above this share of the largest diagonal leave elimination ten digits; Newton's method needs a few."""
+
 SWEEPS = 8
-"""Of Jacobi's method, which doubles the digits in each once it is near."""
+ROUNDING = 1e-18
+"""Jacobi's method, which doubles the digits in each sweep once it is near, ends where this is left over the largest eigenvalue:
+a millionth of what the weakest direction has."""
 
 
 @borrowing
@@ -35,6 +40,50 @@ def rotate(matrix, vectors, i, j):
 
 
 @borrowing
+def eliminate(matrix, wanted):
+    """Solution of ``matrix x = wanted`` by elimination, symmetric and positive; and whether nothing of it is nearly dependent."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    least = SOUND * max(a, matrix[1, 1], matrix[2, 2])
+    if not a > least:
+        return 0.0, 0.0, 0.0, False
+    p, q = b / a, c / a
+    d, e, f = matrix[1, 1] - p * b, matrix[1, 2] - p * c, matrix[2, 2] - q * c
+    if not d > least:
+        return 0.0, 0.0, 0.0, False
+    r = e / d
+    f -= r * e
+    if not f > least:
+        return 0.0, 0.0, 0.0, False
+    y = wanted[1] - p * wanted[0]
+    z = (wanted[2] - q * wanted[0] - r * y) / f
+    y = (y - e * z) / d
+    return (wanted[0] - b * y - c * z) / a, y, z, True
+
+
+@borrowing
+def resolve(matrix, vectors, wanted):
+    """The same in the sense of least squares, without the directions that are out of reach, by eigenvectors."""
+    for i in range(3):
+        for j in range(3):
+            vectors[i, j] = 1.0 if i == j else 0.0
+    for _ in range(SWEEPS):
+        left = abs(matrix[0, 1]) + abs(matrix[0, 2]) + abs(matrix[1, 2])
+        if left <= ROUNDING * max(matrix[0, 0], matrix[1, 1], matrix[2, 2]):
+            break
+        rotate(matrix, vectors, 0, 1)
+        rotate(matrix, vectors, 0, 2)
+        rotate(matrix, vectors, 1, 2)
+    weakest = WEAKEST * max(matrix[0, 0], matrix[1, 1], matrix[2, 2])
+    x, y, z = 0.0, 0.0, 0.0
+    for i in range(3):
+        if matrix[i, i] > weakest:
+            a, b, c = vectors[0, i], vectors[1, i], vectors[2, i]
+            share = (a * wanted[0] + b * wanted[1] + c * wanted[2]) / matrix[i, i]
+            x, y, z = x + share * a, y + share * b, z + share * c
+    return x, y, z
+
+
+@borrowing
 def least_norm(slope, n, wanted, matrix, vectors, step):
     """Shortest ``step`` whose ``slope step`` is nearest to ``wanted`` in the sense of least squares.
 
@@ -47,20 +96,8 @@ def least_norm(slope, n, wanted, matrix, vectors, step):
             for k in range(n):
                 total += slope[i, k] * slope[j, k]
             matrix[i, j], matrix[j, i] = total, total
-            vectors[i, j], vectors[j, i] = 0.0, 0.0
-        vectors[i, i] = 1.0
-    for _ in range(SWEEPS):
-        if matrix[0, 1] == 0.0 and matrix[0, 2] == 0.0 and matrix[1, 2] == 0.0:
-            break
-        rotate(matrix, vectors, 0, 1)
-        rotate(matrix, vectors, 0, 2)
-        rotate(matrix, vectors, 1, 2)
-    weakest = WEAKEST * max(matrix[0, 0], matrix[1, 1], matrix[2, 2])
-    x, y, z = 0.0, 0.0, 0.0
-    for i in range(3):
-        if matrix[i, i] > weakest:
-            a, b, c = vectors[0, i], vectors[1, i], vectors[2, i]
-            share = (a * wanted[0] + b * wanted[1] + c * wanted[2]) / matrix[i, i]
-            x, y, z = x + share * a, y + share * b, z + share * c
+    x, y, z, sound = eliminate(matrix, wanted)
+    if not sound:
+        x, y, z = resolve(matrix, vectors, wanted)
     for k in range(n):
         step[k] = x * slope[0, k] + y * slope[1, k] + z * slope[2, k]
