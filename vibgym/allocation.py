@@ -7,7 +7,7 @@ element, the phasors of least norm on several. To second order it is quadratic, 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.physics.averaged.contact import AveragedScheme, new_workspace
-from vibgym.physics.averaged.inverse import Inversion, invert_worlds, new_room
+from vibgym.physics.averaged.inverse import Inversion, correct_worlds, invert_worlds, new_kept, new_room
 from vibgym.physics.averaged.map import instant_states, mean_accelerations, mean_states
 from vibgym.physics.core.drive import Drive, polar_drive
 from vibgym.physics.core.records import STATE, new_state
@@ -111,13 +111,16 @@ class Inverse:
         self.surface, self.part = surface, part
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._tasks = workers.Pool(partial(_inversion, surface, part, order, over))
+        task = self._tasks.borrow()
+        self._elements = len(task.room.elements)
+        self._tasks.give_back(task)
         self._corrections = corrections
         self._planar = Periods(surface, part, self._threads) if corrections else None
 
     def phasors(self, pose: Any, velocity: Any, wrench: Any) -> Allocation:
         """Amplitude and phase of the elements under the part, and what they do.
 
-        With corrections, ``achieved`` is what the averaged model says, less what it was found to be wrong by.
+        With corrections, ``achieved`` is what the averaged model says, less what it was found to say too much.
 
         Args:
             pose, velocity, wrench: as for :func:`phasors_for`, at the start of the period.
@@ -126,34 +129,34 @@ class Inverse:
             ValueError: a bad argument, or a part without support.
         """
         pose, velocity, wrench = _aligned(pose=pose, velocity=velocity, wrench=wrench)
-        found = self._invert(pose, velocity, wrench, wrench)
-        wrong = np.zeros_like(wrench)
+        worlds, full = len(pose), (len(pose), self.surface.rows, self.surface.columns)
+        amplitude, phase = np.zeros((worlds, full[1] * full[2])), np.zeros((worlds, full[1] * full[2]))
+        achieved, reachable = np.empty((worlds, 3)), np.empty(worlds, dtype=bool)
+        kept, offset = new_kept(worlds, self._elements), np.zeros((worlds, 3))
+        found = kept, amplitude, phase, achieved, reachable
+        self._share(invert_worlds, worlds, pose, velocity, wrench, offset, *found)
+        _check_support(pose, np.isnan(achieved[:, 0]))
+        result = Allocation(amplitude.reshape(full), phase.reshape(full), achieved, reachable)
         for _ in range(self._corrections):
             assert self._planar is not None
-            wrong = found.achieved - self._planar.mean_acceleration(pose, velocity, found.amplitude, found.phase)
+            missing = achieved - self._planar.mean_acceleration(pose, velocity, result.amplitude, result.phase)
             # A part that falls within the period has no mean acceleration: then the averaged model has the last word.
-            wrong = np.where(np.isnan(wrong).any(axis=1, keepdims=True), 0.0, wrong)
-            found = self._invert(pose, velocity, wrench, wrench + wrong)
-        return found._replace(achieved=found.achieved - wrong)
+            missing[np.isnan(missing).any(axis=1)] = 0.0
+            offset += missing
+            self._share(correct_worlds, worlds, pose, velocity, wrench, offset, missing, *found)
+        return result
 
-    def _invert(self, pose: np.ndarray, velocity: np.ndarray, course: np.ndarray, wrench: np.ndarray) -> Allocation:
-        surface, worlds = self.surface, len(pose)
-        elements = surface.rows * surface.columns
-        amplitude, phase = np.zeros((worlds, elements)), np.zeros((worlds, elements))
-        achieved, reachable = np.empty((worlds, 3)), np.empty(worlds, dtype=bool)
-        found = amplitude, phase, achieved, reachable
+    def _share(self, kernel: Callable[..., None], worlds: int, *arrays: Any) -> None:
+        """Let threads share the worlds."""
 
         def work(start: int, stop: int) -> None:
             task = self._tasks.borrow()
             try:
-                invert_worlds(start, stop, task, pose, velocity, course, wrench, *found)
+                kernel(start, stop, task, *arrays)
             finally:
                 self._tasks.give_back(task)
 
         workers.share(work, worlds, self._threads)
-        _check_support(pose, np.isnan(achieved[:, 0]))
-        full = (worlds, surface.rows, surface.columns)
-        return Allocation(amplitude.reshape(full), phase.reshape(full), achieved, reachable)
 
 
 def _inversion(surface: Surface, part: Part, order: int, over: str) -> Inversion:

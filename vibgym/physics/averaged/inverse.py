@@ -15,6 +15,7 @@ import numpy as np
 from vibgym.physics.averaged.averages import coupled, direction, first_order_at, interpolate
 from vibgym.physics.averaged.contact import AveragedScheme, Workspace, cut_at, new_workspace
 from vibgym.physics.averaged.least_norm import least_norm
+from vibgym.physics.contact_area.cut import cells_across
 from vibgym.physics.contact_area.outline import POINTS_PER_PIECE
 from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import Body, Table
@@ -27,6 +28,10 @@ CLOSE = 1e-12  # error of the solution, over mu g
 REACHED = 1e-10
 LARGEST = 4.0
 """Times mu g: no change that is larger can be had, and Broyden's method starts from the smaller one of the same direction."""
+
+TRUSTED = 0.05
+"""Length of a correction over the limit up to which Broyden's slope is good enough: where the elements hardly move the part in
+some direction, it is not, and corrections are long."""
 
 
 class Room(NamedTuple):
@@ -58,11 +63,27 @@ class Inversion(NamedTuple):
     room: Room
 
 
+class Kept(NamedTuple):
+    """What has been found for every world, so that it can be corrected."""
+
+    count: np.ndarray  # (worlds,) elements
+    elements: np.ndarray  # (worlds, n)
+    phasors: np.ndarray  # (worlds, 2 n) m/s^2
+    slope: np.ndarray  # (worlds, 3, 2 n) of the mean acceleration in the phasors
+
+
+def new_kept(worlds: int, n: int) -> Kept:
+    """Room for parts on up to ``n`` elements."""
+    return Kept(
+        np.zeros(worlds, dtype=np.int64), np.empty((worlds, n), dtype=np.int64), np.empty((worlds, 2 * n)),
+        np.empty((worlds, 3, 2 * n)),
+    )  # fmt: skip
+
+
 def new_room(table: Table, body: Body, points: int) -> Room:
     """Working arrays for parts like ``body``."""
     contact = new_workspace(table, body)
-    # Under a part there are at most as many elements at each point as its table of cells has places.
-    n = min(table.rows * table.columns, points * len(contact.cut.under))
+    n = min(table.rows * table.columns, points * cells_across(table, body, 1) ** 2)
     return Room(
         contact=contact, elements=np.zeros(n, dtype=np.int64), shares=np.zeros((points, 6, n)),
         coupling=np.zeros((points, 27)), heading=np.zeros((points, 2)), constant=np.zeros(3),
@@ -278,48 +299,113 @@ def invert(task, count, wrench):
 
 
 @borrowing
-def invert_worlds(start, stop, task, pose, velocity, course, wrench, amplitude, phase, achieved, reachable):
+def invert_world(task, pose, velocity, wrench, offset, world):
+    """Invert a world for ``wrench + offset``; returns the number of elements, 0 without support, and whether that is reached.
+
+    Leaves the phasors in ``task.room``, and what they give in its row of ``vectors`` for values.
+    """
+    room, body = task.room, task.body
+    arm, size = math.sqrt(body.gyration), body.friction * task.table.gravity
+    most = LARGEST * size * (1.0 + body.radius / arm)
+    value, wanted, bent = room.vectors[4], room.vectors[6], room.vectors[7]
+    length = 0.0
+    for i in range(3):
+        unit = arm if i == 2 else 1.0
+        wanted[i], bent[i] = unit * (wrench[world, i] + offset[world, i]), unit * wrench[world, i]
+        length += bent[i] * bent[i]
+    scale = min(1.0, most / max(math.sqrt(length), 1e-300))
+    bent[0], bent[1], bent[2] = scale * bent[0], scale * bent[1], scale * bent[2] / arm
+    count, reached = 0, False
+    for _ in range(PASSES):
+        count = write_map(task, pose, velocity, bent, world)
+        if count == 0:
+            break
+        invert(task, count, wanted)
+        error = max(abs(value[0] - wanted[0]), abs(value[1] - wanted[1]), abs(value[2] - wanted[2]))
+        reached = error <= REACHED * size
+        if reached or task.times[task.times.shape[0] - 1] == 0.0:
+            break
+        # What cannot be had does not bend the way either.
+        for i in range(3):
+            bent[i] = value[i] / (arm if i == 2 else 1.0) - offset[world, i]
+    return count, reached
+
+
+@borrowing
+def write_motion(task, kept, world, amplitude, phase):
+    """Write down the elements' motion from the phasors that are kept."""
+    frequency, count = 2.0 * math.pi / task.table.period, kept.count[world]
+    for j in range(count):
+        c, s = kept.phasors[world, j], kept.phasors[world, count + j]
+        length = min(math.sqrt(c * c + s * s), task.limit)
+        amplitude[world, kept.elements[world, j]] = length / (frequency * frequency)
+        phase[world, kept.elements[world, j]] = math.atan2(s, c)
+
+
+@borrowing
+def write_result(task, kept, offset, world, count, reached, amplitude, phase, achieved, reachable):
+    """Write down what :func:`invert_world` has found, and keep it."""
+    room, arm = task.room, math.sqrt(task.body.gyration)
+    kept.count[world] = count
+    for j in range(count):
+        kept.elements[world, j] = room.elements[j]
+    for k in range(2 * count):
+        kept.phasors[world, k] = room.phasors[k]
+        for i in range(3):
+            kept.slope[world, i, k] = room.slope[i, k]
+    write_motion(task, kept, world, amplitude, phase)
+    reachable[world] = reached
+    for i in range(3):
+        achieved[world, i] = room.vectors[4, i] / (arm if i == 2 else 1.0) - offset[world, i]
+    if count == 0:
+        achieved[world, 0] = math.nan
+
+
+@borrowing
+def invert_worlds(start, stop, task, pose, velocity, wrench, offset, kept, amplitude, phase, achieved, reachable):
     """Invert worlds ``start`` to ``stop``.
 
     Args:
         pose, velocity: (worlds, 3) mean ones at the start.
-        course: (worlds, 3) mean acceleration that bends the part's way; where the wrench cannot be had, what can be had does.
-        wrench: (worlds, 3) wanted.
+        wrench: (worlds, 3) wanted; it bends the part's way. What cannot be had is cut down.
+        offset: (worlds, 3) what the averaged model is known to say too much by.
+        kept: overwritten.
         amplitude, phase: (worlds, elements) zeros on entry; m and rad.
         achieved: (worlds, 3), NaN without support.
         reachable: (worlds,) whether that is what was wanted.
     """
-    task = reference(task)
-    room = task.room
-    arm, size = math.sqrt(task.body.gyration), task.body.friction * task.table.gravity
-    most, frequency = LARGEST * size * (1.0 + task.body.radius / arm), 2.0 * math.pi / task.table.period
-    value, wanted, bent = room.vectors[4], room.vectors[6], room.vectors[7]
+    task, kept = reference(task), reference(kept)
     for world in range(start, stop):
-        wanted[0], wanted[1], wanted[2] = wrench[world, 0], wrench[world, 1], arm * wrench[world, 2]
-        length = math.sqrt(
-            course[world, 0] * course[world, 0]
-            + course[world, 1] * course[world, 1]
-            + arm * arm * course[world, 2] * course[world, 2]
-        )
+        count, reached = invert_world(task, pose, velocity, wrench, offset, world)
+        write_result(task, kept, offset, world, count, reached, amplitude, phase, achieved, reachable)
+
+
+@borrowing
+def correct_worlds(start, stop, task, pose, velocity, wrench, offset, missing, kept, amplitude, phase, achieved, reachable):
+    """Add what is ``missing`` (worlds, 3) to what :func:`invert_worlds` has found.
+
+    One step with the slope at hand is enough as long as it is short and the elements can: an error of a few per cent then
+    becomes one of a few tenths. Where it is not, the world is inverted again. ``offset`` contains what is missing.
+    """
+    task, kept = reference(task), reference(kept)
+    room, arm = task.room, math.sqrt(task.body.gyration)
+    left, phasors = room.vectors[3], room.phasors
+    for world in range(start, stop):
+        count = kept.count[world]
         for i in range(3):
-            bent[i] = course[world, i] * min(1.0, most / max(length, 1e-300))
-        count, reached = 0, False
-        for _ in range(PASSES):
-            count = write_map(task, pose, velocity, bent, world)
-            if count == 0:
-                break
-            invert(task, count, wanted)
-            error = max(abs(value[0] - wanted[0]), abs(value[1] - wanted[1]), abs(value[2] - wanted[2]))
-            reached = error <= REACHED * size
-            if reached or task.times[task.times.shape[0] - 1] == 0.0:
-                break
-            bent[0], bent[1], bent[2] = value[0], value[1], value[2] / arm
-        reachable[world] = reached
-        achieved[world, 0], achieved[world, 1], achieved[world, 2] = value[0], value[1], value[2] / arm
-        if count == 0:
-            achieved[world, 0] = math.nan
+            left[i] = (arm if i == 2 else 1.0) * missing[world, i]
+        if reachable[world]:
+            least_norm(kept.slope[world], 2 * count, left, room.matrix[0], room.matrix[1], room.step)
+            square = 0.0
+            for k in range(2 * count):
+                phasors[k] = kept.phasors[world, k] + room.step[k]
+                square += room.step[k] * room.step[k]
+            if square <= TRUSTED * TRUSTED * task.limit * task.limit and largest(phasors, count) <= task.limit:
+                for k in range(2 * count):
+                    kept.phasors[world, k] = phasors[k]
+                write_motion(task, kept, world, amplitude, phase)
+                continue
         for j in range(count):
-            c, s = room.phasors[j], room.phasors[count + j]
-            length = min(math.sqrt(c * c + s * s), task.limit)
-            amplitude[world, room.elements[j]] = length / (frequency * frequency)
-            phase[world, room.elements[j]] = math.atan2(s, c)
+            amplitude[world, kept.elements[world, j]], phase[world, kept.elements[world, j]] = 0.0, 0.0
+        count, reached = invert_world(task, pose, velocity, wrench, offset, world)
+        write_result(task, kept, offset, world, count, reached, amplitude, phase, achieved, reachable)
