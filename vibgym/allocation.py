@@ -110,7 +110,7 @@ class Inverse:
             raise checks.refuse("corrections", corrections, "0 with over='instant': the planar model plays whole periods")
         self.surface, self.part = surface, part
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
-        self._tasks = workers.Pool(partial(_inversion, surface, part, order, over))
+        self._tasks = workers.Pool(partial(_inversion, surface, part, order, over, corrections > 0))
         task = self._tasks.borrow()
         self._elements = len(task.room.elements)
         self._tasks.give_back(task)
@@ -159,13 +159,13 @@ class Inverse:
         workers.share(work, worlds, self._threads)
 
 
-def _inversion(surface: Surface, part: Part, order: int, over: str) -> Inversion:
+def _inversion(surface: Surface, part: Part, order: int, over: str, kept: bool) -> Inversion:
     """What one thread needs."""
     table, body = surface.table(), part.body()
     points, weights = (np.array(each) for each in POINTS[over])
     room = new_room(table, body, len(points))
     scheme = AveragedScheme(order, 1, 1, averages())
-    return Inversion(table, body, scheme, points * table.period, weights, surface.full_scale, room)
+    return Inversion(table, body, scheme, points * table.period, weights, surface.full_scale, kept, room)
 
 
 class Periods:
@@ -177,6 +177,7 @@ class Periods:
         self._model = MODELS["planar"](Setup(surface, (part,), (), hulls, 1), knobs)
         self._table, self._body = surface.table(), part.body()
         self._scheme = AveragedScheme(1, 1, 1, averages())
+        self._workspaces = workers.Pool(partial(new_workspace, self._table, self._body))
 
     def mean_acceleration(
         self, pose: np.ndarray, velocity: np.ndarray, amplitude: np.ndarray, phase: np.ndarray
@@ -185,12 +186,13 @@ class Periods:
         drive = polar_drive(amplitude, phase, self._surface.angular_frequency)
         table, body, scheme = self._table, self._body, self._scheme
         state = new_state(len(pose), 1)
-        work = new_workspace(table, body)
+        work = self._workspaces.borrow()
         instant_states(drive, table, body, scheme, pose, velocity, work, state.pose[:, 0], state.velocity[:, 0])
         pinned = Pinned(STATE, state)
         workers.share(lambda start, stop: self._model.advance(start, stop, drive, pinned, 1), len(pose), self._threads)
         after = np.empty_like(pose), np.empty_like(pose)
         mean_states(drive, table, body, scheme, state.pose[:, 0], state.velocity[:, 0], work, *after)
+        self._workspaces.give_back(work)
         lost = state.fallen[:, 0] | state.diverged
         return np.where(lost[:, None], np.nan, (after[1] - velocity) / table.period)
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibgym.physics.averaged.averages import coupled, direction, first_order_at, interpolate
 from vibgym.physics.averaged.contact import AveragedScheme, Workspace, cut_at, new_workspace
-from vibgym.physics.averaged.least_norm import least_norm
+from vibgym.physics.averaged.least_norm import WEAKEST, least_norm
 from vibgym.physics.contact_area.cut import cells_across
 from vibgym.physics.contact_area.outline import POINTS_PER_PIECE
 from vibgym.physics.core.jit import borrowing
@@ -30,8 +30,8 @@ LARGEST = 4.0
 """Times mu g: no change that is larger can be had, and Broyden's method starts from the smaller one of the same direction."""
 
 TRUSTED = 0.05
-"""Length of a correction over the limit up to which Broyden's slope is good enough: where the elements hardly move the part in
-some direction, it is not, and corrections are long."""
+"""Length of a correction over the limit up to which the slope is good enough: where the elements hardly move the part in
+some direction, corrections are long."""
 
 
 class Room(NamedTuple):
@@ -45,6 +45,7 @@ class Room(NamedTuple):
     constant: np.ndarray  # (3) m/s^2, all accelerations in this file; angular ones times the radius of gyration
     linear: np.ndarray  # (3, 2 n)
     slope: np.ndarray  # (3, 2 n)
+    basis: np.ndarray  # (3, 2 n)
     phasors: np.ndarray  # (2 n) C_1, ..., S_1, ...; m/s^2
     step: np.ndarray  # (2 n)
     vectors: np.ndarray  # (8, 3) idle, change, target, left, value, before, wrench, course
@@ -60,6 +61,7 @@ class Inversion(NamedTuple):
     times: np.ndarray  # (points) s, after the start of the period
     weights: np.ndarray  # (points) sum 1
     limit: float  # m/s^2, largest length of a phasor
+    kept: bool  # whether what is found will be corrected
     room: Room
 
 
@@ -87,7 +89,7 @@ def new_room(table: Table, body: Body, points: int) -> Room:
     return Room(
         contact=contact, elements=np.zeros(n, dtype=np.int64), shares=np.zeros((points, 6, n)),
         coupling=np.zeros((points, 27)), heading=np.zeros((points, 2)), constant=np.zeros(3),
-        linear=np.zeros((3, 2 * n)), slope=np.zeros((3, 2 * n)), phasors=np.zeros(2 * n), step=np.zeros(2 * n),
+        linear=np.zeros((3, 2 * n)), slope=np.zeros((3, 2 * n)), basis=np.zeros((3, 2 * n)), phasors=np.zeros(2 * n), step=np.zeros(2 * n),
         vectors=np.zeros((8, 3)), matrix=np.zeros((2, 3, 3)),
     )  # fmt: skip
 
@@ -221,6 +223,15 @@ def evaluate(task, count, value):
 
 
 @borrowing
+def row_times(matrix, i, vector, n):
+    """Scalar product of a row and a vector."""
+    total = 0.0
+    for k in range(n):
+        total += matrix[i, k] * vector[k]
+    return total
+
+
+@borrowing
 def solve(task, count, target, close):
     """Phasors that give ``target``, from those at hand, by Broyden's method; each step is the one of least norm.
 
@@ -244,16 +255,14 @@ def solve(task, count, target, close):
         evaluate(task, count, value)
         moved = 0.0
         for i in range(3):
-            expected = 0.0
-            for k in range(2 * count):
-                expected += slope[i, k] * step[k]
+            expected = row_times(slope, i, step, 2 * count)
             moved = max(moved, abs(expected))
-            more = value[i] - before[i] - expected
-            if square > 0.0:
-                for k in range(2 * count):
-                    slope[i, k] += more / square * step[k]
-        if moved <= close:
+            left[i] = value[i] - before[i] - expected
+        if moved <= close:  # before rounding errors get into the slope
             break
+        for i in range(3):
+            for k in range(2 * count):
+                slope[i, k] += left[i] / square * step[k]
 
 
 @borrowing
@@ -332,6 +341,46 @@ def invert_world(task, pose, velocity, wrench, offset, world):
 
 
 @borrowing
+def sharpen(task, count):
+    """Leave in ``room.slope`` that of first order, made exact in the directions that steps take by it, the span of its rows.
+
+    Broyden's slope is good in the directions that were gone, and may be anything in others.
+    """
+    room, n = task.room, 2 * count
+    slope, basis, phasors = room.slope, room.basis, room.phasors
+    ahead, behind = room.vectors[3], room.vectors[5]
+    longest = 0.0
+    for i in range(3):
+        for k in range(n):
+            slope[i, k], basis[i, k] = room.linear[i, k], room.linear[i, k]
+        longest = max(longest, row_times(slope, i, slope[i], n))
+    for i in range(3):
+        for j in range(i):
+            share = row_times(basis, i, basis[j], n)
+            for k in range(n):
+                basis[i, k] -= share * basis[j, k]
+        square = row_times(basis, i, basis[i], n)
+        shrink = 1.0 / math.sqrt(square) if square > WEAKEST * longest else 0.0
+        for k in range(n):
+            basis[i, k] *= shrink
+    for i in range(3):
+        # What is quadratic has the slope of its chord over equal ways to both sides.
+        for k in range(n):
+            room.step[k] = phasors[k]
+            phasors[k] = room.step[k] + task.limit * basis[i, k]
+        evaluate(task, count, ahead)
+        for k in range(n):
+            phasors[k] = room.step[k] - task.limit * basis[i, k]
+        evaluate(task, count, behind)
+        for k in range(n):
+            phasors[k] = room.step[k]
+        for j in range(3):
+            rise = 0.5 / task.limit * (ahead[j] - behind[j]) - row_times(slope, j, basis[i], n)
+            for k in range(n):
+                slope[j, k] += rise * basis[i, k]
+
+
+@borrowing
 def write_motion(task, kept, world, amplitude, phase):
     """Write down the elements' motion from the phasors that are kept."""
     frequency, count = 2.0 * math.pi / task.table.period, kept.count[world]
@@ -347,6 +396,8 @@ def write_result(task, kept, offset, world, count, reached, amplitude, phase, ac
     """Write down what :func:`invert_world` has found, and keep it."""
     room, arm = task.room, math.sqrt(task.body.gyration)
     kept.count[world] = count
+    if reached and task.kept and task.limit > 0.0:
+        sharpen(task, count)
     for j in range(count):
         kept.elements[world, j] = room.elements[j]
     for k in range(2 * count):
