@@ -46,7 +46,7 @@ class Room(NamedTuple):
     linear: np.ndarray  # (3, 2 n)
     slope: np.ndarray  # (3, 2 n)
     basis: np.ndarray  # (3, 2 n)
-    phasors: np.ndarray  # (2 n) C_1, ..., S_1, ...; m/s^2
+    phasors: np.ndarray  # (2 n) C_1, S_1, C_2, ...; m/s^2
     step: np.ndarray  # (2 n)
     vectors: np.ndarray  # (8, 3) idle, change, target, left, value, before, wrench, course
     matrix: np.ndarray  # (2, 3, 3)
@@ -117,15 +117,17 @@ def cut_on_way(task, pose, velocity, course, world, point):
 
 
 @borrowing
-def list_elements(points, under, n, elements, count):
-    """Add the elements under a part to the ``count`` that are listed; returns how many there are now."""
-    for piece in range(n // POINTS_PER_PIECE):
-        known = points[0, POINTS_PER_PIECE * piece] == 0.0  # padding
-        for k in range(count):
-            known = known or elements[k] == under[piece]
-        if not known:
-            elements[count] = under[piece]
-            count += 1
+def column_of(room, element, count):
+    """Place of an element among the ``count`` that are listed; a new one is put behind them, with zeros."""
+    for j in range(count):
+        if room.elements[j] == element:
+            return j
+    room.elements[count] = element
+    for point in range(room.shares.shape[0]):
+        for i in range(6):
+            room.shares[point, i, count] = 0.0
+    for i in range(3):
+        room.linear[i, 2 * count], room.linear[i, 2 * count + 1] = 0.0, 0.0
     return count
 
 
@@ -133,21 +135,16 @@ def list_elements(points, under, n, elements, count):
 def write_map(task, pose, velocity, course, world):
     """Write down the mean acceleration along the way as a function of phasors; returns the number of elements, 0: no support."""
     table, body, scheme, room = task.table, task.body, task.scheme, task.room
-    contact, elements, linear = room.contact, room.elements, room.linear
+    contact, linear = room.contact, room.linear
     cut, tables = contact.cut, scheme.tables
     points, under = cut.points, cut.under
     count, arm, inverse = 0, math.sqrt(body.gyration), 1.0 / table.speed
-    for point in range(task.times.shape[0]):
-        n, _, _, _ = cut_on_way(task, pose, velocity, course, world, point)
-        if n == 0:
-            return 0
-        count = list_elements(points, under, n, elements, count)
     for i in range(3):
         room.constant[i] = 0.0
-        for k in range(2 * count):
-            linear[i, k] = 0.0
     for point in range(task.times.shape[0]):
         n, vx, vy, spin = cut_on_way(task, pose, velocity, course, world, point)
+        if n == 0:
+            return 0
         size = body.friction * task.weights[point]
         shares = room.shares[point]
         length, cosine, sine = direction(vx, vy)
@@ -155,15 +152,11 @@ def write_map(task, pose, velocity, course, world):
         room.heading[point, 0], room.heading[point, 1] = cosine, sine
         for k in range(27):
             room.coupling[point, k] = contact.scratch.values[k]
-        for j in range(count):
-            for i in range(6):
-                shares[i, j] = 0.0
         for first in range(0, n, POINTS_PER_PIECE):
-            j, element = 0, under[first // POINTS_PER_PIECE]
-            while j < count and elements[j] != element:
-                j += 1
-            if j == count:  # padding
+            if points[0, first] == 0.0:  # padding
                 continue
+            j = column_of(room, under[first // POINTS_PER_PIECE], count)
+            count = max(count, j + 1)
             for k in range(first, first + POINTS_PER_PIECE):
                 weight, x, y = points[0, k], points[1, k], points[2, k]
                 shares[0, j] += weight
@@ -181,12 +174,12 @@ def write_map(task, pose, velocity, course, world):
                 room.constant[0] += load * gx
                 room.constant[1] += load * gy
                 room.constant[2] += load * (x * gy - y * gx)
-                linear[0, j] += weight * cx
-                linear[1, j] += weight * cy
-                linear[2, j] += weight * (x * cy - y * cx)
-                linear[0, count + j] += weight * sx
-                linear[1, count + j] += weight * sy
-                linear[2, count + j] += weight * (x * sy - y * sx)
+                linear[0, 2 * j] += weight * cx
+                linear[1, 2 * j] += weight * cy
+                linear[2, 2 * j] += weight * (x * cy - y * cx)
+                linear[0, 2 * j + 1] += weight * sx
+                linear[1, 2 * j + 1] += weight * sy
+                linear[2, 2 * j + 1] += weight * (x * sy - y * sx)
     return count
 
 
@@ -209,8 +202,8 @@ def evaluate(task, count, value):
             load, c, s = 0.0, 0.0, 0.0
             for j in range(count):
                 load += shares[i, j]
-                c += shares[i, j] * phasors[j]
-                s += shares[i, j] * phasors[count + j]
+                c += shares[i, j] * phasors[2 * j]
+                s += shares[i, j] * phasors[2 * j + 1]
             moments[i, 0], moments[i, 1], moments[i, 2] = load, c, s
         fx, fy, torque = coupled(
             room.coupling[point], moments, table.gravity, table.speed, body.gyration,
@@ -270,7 +263,8 @@ def largest(phasors, count):
     """Length of the longest phasor."""
     most = 0.0
     for j in range(count):
-        most = max(most, math.sqrt(phasors[j] * phasors[j] + phasors[count + j] * phasors[count + j]))
+        c, s = phasors[2 * j], phasors[2 * j + 1]
+        most = max(most, math.sqrt(c * c + s * s))
     return most
 
 
@@ -385,7 +379,7 @@ def write_motion(task, kept, world, amplitude, phase):
     """Write down the elements' motion from the phasors that are kept."""
     frequency, count = 2.0 * math.pi / task.table.period, kept.count[world]
     for j in range(count):
-        c, s = kept.phasors[world, j], kept.phasors[world, count + j]
+        c, s = kept.phasors[world, 2 * j], kept.phasors[world, 2 * j + 1]
         length = min(math.sqrt(c * c + s * s), task.limit)
         amplitude[world, kept.elements[world, j]] = length / (frequency * frequency)
         phase[world, kept.elements[world, j]] = math.atan2(s, c)
