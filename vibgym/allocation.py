@@ -107,7 +107,9 @@ class Inverse:
         checks.choice("over", over, tuple(POINTS))
         corrections = checks.count("corrections", corrections, least=0, most=MOST_CORRECTIONS)
         if corrections and over != "period":
-            raise checks.refuse("corrections", corrections, "0 with over='instant': the planar model plays whole periods")
+            raise checks.refuse(
+                "corrections", corrections, "0 with over='instant': the planar model plays whole periods"
+            )
         self.surface, self.part = surface, part
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._tasks = workers.Pool(partial(_inversion, surface, part, order, over, corrections > 0))
@@ -120,7 +122,8 @@ class Inverse:
     def phasors(self, pose: Any, velocity: Any, wrench: Any) -> Allocation:
         """Amplitude and phase of the elements under the part, and what they do.
 
-        With corrections, ``achieved`` is what the averaged model says, less what it was found to say too much.
+        With corrections, ``achieved`` is what the averaged model says, less what it was found to say too much, and ``reachable``
+        is False where anything had to be cut down on the way.
 
         Args:
             pose, velocity, wrench: as for :func:`phasors_for`, at the start of the period.

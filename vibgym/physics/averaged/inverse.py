@@ -23,15 +23,16 @@ from vibgym.physics.core.reference import reference
 
 ITERATIONS = 30
 SCALINGS = 20
-PASSES = 4
+AT_LIMIT = 1e-4  # by which amplitudes may be above it while a wrench is cut down; in the end they are put on it
+PASSES = 3
 CLOSE = 1e-12  # error of the solution, over mu g
 REACHED = 1e-10
 LARGEST = 4.0
 """Times mu g: no change that is larger can be had, and Broyden's method starts from the smaller one of the same direction."""
 
-TRUSTED = 0.05
-"""Length of a correction over the limit up to which the slope is good enough: where the elements hardly move the part in
-some direction, corrections are long."""
+UNEVEN = 10.0
+"""How much longer than where elements move a part well a correction may be, and still be one step. Where they hardly move it in
+some direction, the slope's small errors in the others count for much."""
 
 
 class Room(NamedTuple):
@@ -269,8 +270,11 @@ def largest(phasors, count):
 
 
 @borrowing
-def invert(task, count, wrench):
-    """Phasors for a wrench (3), cut down to the limit along its difference from what friction does with elements at rest."""
+def invert(task, count, wrench, kept, world, near):
+    """Phasors for a wrench (3), cut down to the limit along its difference from what friction does with elements at rest.
+
+    ``near``: those near the ones that are kept, or else those near rest.
+    """
     room = task.room
     idle, change, target, value = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[4]
     size = task.body.friction * task.table.gravity
@@ -284,16 +288,19 @@ def invert(task, count, wrench):
     # The farthest point of the outline can turn the part more than push it.
     reach = LARGEST * size * (1.0 + task.body.radius / math.sqrt(task.body.gyration))
     scale = min(1.0, reach / max(math.sqrt(length), 1e-300))
+    if near:
+        for k in range(2 * count):
+            room.phasors[k] = kept.phasors[world, k]
     for _ in range(SCALINGS):
         for i in range(3):
             target[i] = idle[i] + scale * change[i]
-        for k in range(2 * count):
-            room.phasors[k] = 0.0
         solve(task, count, target, CLOSE * size)
         most = largest(room.phasors, count)
-        if most <= task.limit * (1.0 + 1e-6) or task.limit == 0.0:
+        if most <= task.limit * (1.0 + AT_LIMIT) or task.limit == 0.0:
             break
         scale *= task.limit / most
+        for k in range(2 * count):
+            room.phasors[k] = 0.0
     most = largest(room.phasors, count)
     if most > task.limit:
         for k in range(2 * count):
@@ -302,10 +309,12 @@ def invert(task, count, wrench):
 
 
 @borrowing
-def invert_world(task, pose, velocity, wrench, offset, world):
+def invert_world(task, pose, velocity, wrench, offset, kept, world, near):
     """Invert a world for ``wrench + offset``; returns the number of elements, 0 without support, and whether that is reached.
 
-    Leaves the phasors in ``task.room``, and what they give in its row of ``vectors`` for values.
+    Leaves the phasors in ``task.room``, and what they give in its row of ``vectors`` for values. ``near``: the same has been
+    reached with less offset by the phasors that are kept. Where elements hardly move the part in some direction, others far from
+    these may do the same, and what was found to be wrong with the averaged model would not hold for them.
     """
     room, body = task.room, task.body
     arm, size = math.sqrt(body.gyration), body.friction * task.table.gravity
@@ -319,16 +328,16 @@ def invert_world(task, pose, velocity, wrench, offset, world):
     scale = min(1.0, most / max(math.sqrt(length), 1e-300))
     bent[0], bent[1], bent[2] = scale * bent[0], scale * bent[1], scale * bent[2] / arm
     count, reached = 0, False
-    for _ in range(PASSES):
+    for turn in range(PASSES):
         count = write_map(task, pose, velocity, bent, world)
         if count == 0:
             break
-        invert(task, count, wanted)
+        invert(task, count, wanted, kept, world, near and turn == 0)
         error = max(abs(value[0] - wanted[0]), abs(value[1] - wanted[1]), abs(value[2] - wanted[2]))
         reached = error <= REACHED * size
         if reached or task.times[task.times.shape[0] - 1] == 0.0:
             break
-        # What cannot be had does not bend the way either.
+        # What cannot be had does not bend the way either: once more along the way of what can.
         for i in range(3):
             bent[i] = value[i] / (arm if i == 2 else 1.0) - offset[world, i]
     return count, reached
@@ -421,15 +430,17 @@ def invert_worlds(start, stop, task, pose, velocity, wrench, offset, kept, ampli
     """
     task, kept = reference(task), reference(kept)
     for world in range(start, stop):
-        count, reached = invert_world(task, pose, velocity, wrench, offset, world)
+        count, reached = invert_world(task, pose, velocity, wrench, offset, kept, world, False)
         write_result(task, kept, offset, world, count, reached, amplitude, phase, achieved, reachable)
 
 
 @borrowing
-def correct_worlds(start, stop, task, pose, velocity, wrench, offset, missing, kept, amplitude, phase, achieved, reachable):
+def correct_worlds(
+    start, stop, task, pose, velocity, wrench, offset, missing, kept, amplitude, phase, achieved, reachable
+):
     """Add what is ``missing`` (worlds, 3) to what :func:`invert_worlds` has found.
 
-    One step with the slope at hand is enough as long as it is short and the elements can: an error of a few per cent then
+    One step with the slope at hand is enough as long as the elements can and move the part well: an error of a few per cent then
     becomes one of a few tenths. Where it is not, the world is inverted again. ``offset`` contains what is missing.
     """
     task, kept = reference(task), reference(kept)
@@ -441,16 +452,21 @@ def correct_worlds(start, stop, task, pose, velocity, wrench, offset, missing, k
             left[i] = (arm if i == 2 else 1.0) * missing[world, i]
         if reachable[world]:
             least_norm(kept.slope[world], 2 * count, left, room.matrix[0], room.matrix[1], room.step)
-            square = 0.0
+            matrix, square, asked = room.matrix[0], 0.0, 0.0
+            for i in range(3):
+                asked += left[i] * left[i]
             for k in range(2 * count):
                 phasors[k] = kept.phasors[world, k] + room.step[k]
                 square += room.step[k] * room.step[k]
-            if square <= TRUSTED * TRUSTED * task.limit * task.limit and largest(phasors, count) <= task.limit:
+            even = square * (matrix[0, 0] + matrix[1, 1] + matrix[2, 2]) <= UNEVEN * UNEVEN * asked
+            if even and largest(phasors, count) <= task.limit:
                 for k in range(2 * count):
                     kept.phasors[world, k] = phasors[k]
                 write_motion(task, kept, world, amplitude, phase)
                 continue
         for j in range(count):
             amplitude[world, kept.elements[world, j]], phase[world, kept.elements[world, j]] = 0.0, 0.0
-        count, reached = invert_world(task, pose, velocity, wrench, offset, world)
+        before = reachable[world]
+        count, reached = invert_world(task, pose, velocity, wrench, offset, kept, world, before)
+        reached = reached and before  # an offset that was found at the limit does not hold elsewhere
         write_result(task, kept, offset, world, count, reached, amplitude, phase, achieved, reachable)
