@@ -80,12 +80,13 @@ class Inverse:
     Args:
         surface, part: a pair that always slides.
         order: of the averaged model, 1 or 2.
-        over: what ``wrench`` is the mean of. ``"instant"``: the acceleration at the given state. ``"period"``: the mean over the
-            period that begins there, along the way that the part then takes, which is ``wrench`` times the period's length of
-            change in mean velocity.
+        over: what ``wrench`` is the mean of. ``"instant"``: the acceleration at the given state. ``"period"``: the mean over
+            the period that begins there, along the way that the part then takes: the mean velocity changes by ``wrench``
+            times the period's length.
         corrections: how many times the planar model plays the period and what it misses is asked for on top; needs
-            ``over="period"``. The averaged model leaves out what is of third order in ``mu g / (a_h w^2)``. Each
-            correction takes about nine tenths of the error away and costs one more inverse and a simulated period.
+            ``over="period"``. The averaged model leaves out what is of third order in ``mu g / (a_h w^2)``. In the median a
+            correction takes four fifths of the error away at a friction of 0.9, and more at smaller ones. It costs a
+            simulated period, a little more, and another inverse where elements are at their limit or hardly move the part.
         threads: None uses all processors of this process; results do not depend on it.
 
     Raises:
@@ -122,8 +123,8 @@ class Inverse:
     def phasors(self, pose: Any, velocity: Any, wrench: Any) -> Allocation:
         """Amplitude and phase of the elements under the part, and what they do.
 
-        With corrections, ``achieved`` is what the averaged model says, less what it was found to say too much, and ``reachable``
-        is False where anything had to be cut down on the way.
+        With corrections, ``achieved`` is what the averaged model says, less what it was found to say too much, and
+        ``reachable`` is False where anything had to be cut down on the way.
 
         Args:
             pose, velocity, wrench: as for :func:`phasors_for`, at the start of the period.

@@ -90,7 +90,8 @@ def new_room(table: Table, body: Body, points: int) -> Room:
     return Room(
         contact=contact, elements=np.zeros(n, dtype=np.int64), shares=np.zeros((points, 6, n)),
         coupling=np.zeros((points, 27)), heading=np.zeros((points, 2)), constant=np.zeros(3),
-        linear=np.zeros((3, 2 * n)), slope=np.zeros((3, 2 * n)), basis=np.zeros((3, 2 * n)), phasors=np.zeros(2 * n), step=np.zeros(2 * n),
+        linear=np.zeros((3, 2 * n)), slope=np.zeros((3, 2 * n)), basis=np.zeros((3, 2 * n)), phasors=np.zeros(2 * n),
+        step=np.zeros(2 * n),
         vectors=np.zeros((8, 3)), matrix=np.zeros((2, 3, 3)),
     )  # fmt: skip
 
@@ -134,7 +135,7 @@ def column_of(room, element, count):
 
 @borrowing
 def write_map(task, pose, velocity, course, world):
-    """Write down the mean acceleration along the way as a function of phasors; returns the number of elements, 0: no support."""
+    """Write down the mean acceleration along the way as a function of phasors; returns how many elements, 0: no support."""
     table, body, scheme, room = task.table, task.body, task.scheme, task.room
     contact, linear = room.contact, room.linear
     cut, tables = contact.cut, scheme.tables
@@ -313,8 +314,8 @@ def invert_world(task, pose, velocity, wrench, offset, kept, world, near):
     """Invert a world for ``wrench + offset``; returns the number of elements, 0 without support, and whether that is reached.
 
     Leaves the phasors in ``task.room``, and what they give in its row of ``vectors`` for values. ``near``: the same has been
-    reached with less offset by the phasors that are kept. Where elements hardly move the part in some direction, others far from
-    these may do the same, and what was found to be wrong with the averaged model would not hold for them.
+    reached with less offset by the phasors that are kept. Where elements hardly move the part in some direction, others far
+    from these may do the same, and what was found to be wrong with the averaged model would not hold for them.
     """
     room, body = task.room, task.body
     arm, size = math.sqrt(body.gyration), body.friction * task.table.gravity
@@ -440,8 +441,8 @@ def correct_worlds(
 ):
     """Add what is ``missing`` (worlds, 3) to what :func:`invert_worlds` has found.
 
-    One step with the slope at hand is enough as long as the elements can and move the part well: an error of a few per cent then
-    becomes one of a few tenths. Where it is not, the world is inverted again. ``offset`` contains what is missing.
+    One step with the slope at hand is enough as long as the elements can and move the part well: an error of a few per
+    cent then becomes one of a few tenths. Where it is not, the world is inverted again. ``offset`` contains what is missing.
     """
     task, kept = reference(task), reference(kept)
     room, arm = task.room, math.sqrt(task.body.gyration)

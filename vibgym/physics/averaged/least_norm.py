@@ -41,7 +41,7 @@ def rotate(matrix, vectors, i, j):
 
 @borrowing
 def eliminate(matrix, wanted):
-    """Solution of ``matrix x = wanted`` by elimination, symmetric and positive; and whether nothing of it is nearly dependent."""
+    """Solve ``matrix x = wanted``, symmetric and positive, by elimination; and say whether no row nearly depends on others."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     least = SOUND * max(a, matrix[1, 1], matrix[2, 2])
     if not a > least:
