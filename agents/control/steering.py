@@ -14,9 +14,13 @@ from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.envs.layout import SPIN
 
 TURN_ROOM = 0.010
 """m, distance to the nearest other part below which a part turns more slowly."""
+
+SPIN_LIMIT = (1.0 - 1e-6) * SPIN
+"""rad/s: observations end there. Of parts that are faster, what was expected of them is all that is known of their spin."""
 
 
 class Memory(NamedTuple):
@@ -24,6 +28,7 @@ class Memory(NamedTuple):
 
     acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts were given in the last step
     law: Any  # the law's own
+    spin: np.ndarray  # (batch, parts) rad/s, that the parts are expected to have at the end of that step
 
 
 class Steering:
@@ -55,11 +60,14 @@ class Steering:
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
         # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
+        # s, of the same, by the end of the step.
+        self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * plant_of(info).drag)
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
     def begin(self, batch: int) -> Memory:
         """Memory at the start of an episode."""
-        return Memory(np.zeros((batch, len(self.info.parts), 3)), self.law.initial(batch))
+        shape = batch, len(self.info.parts)
+        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape))
 
     def expected(self, measured: Measured, memory: Memory) -> Measured:
         """Where the parts are in the middle of what a step lasts longer than a period, and how fast at its start.
@@ -71,7 +79,9 @@ class Steering:
             memory: of :meth:`begin`, or what :meth:`steer` made of it.
         """
         gained = self.gaining[:, None] * memory.acceleration
-        measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=measured.spin + gained[..., 2])
+        spin = measured.spin + gained[..., 2]
+        spin = np.where(np.abs(measured.spin) < SPIN_LIMIT, spin, memory.spin)
+        measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=spin)
         if self.ahead == 0.0:
             return measured
         moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin
@@ -89,14 +99,15 @@ class Steering:
         wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, acceleration, _ = self.process.push(velocity, np.where(moves, wanted, 0.0))
-        if not moves.all():
-            push = np.where(moves, push, 0.0)
-            coasting, _ = self.process.acceleration(velocity, push)
-            acceleration = np.where(moves, acceleration, coasting)
-        memory = Memory(acceleration, self.law.applied(measured, acceleration, law))
+        push = np.where(moves, self.process.push(velocity, np.where(moves, wanted, 0.0)).push, 0.0)
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
-        action = self.allocator.actions(pose, measured.present, push)
+        pushes = self.allocator.pushes(pose, measured.present, push)
+        # Of the push that the elements under a part can do together, which is less than each part's limit says.
+        given = self.allocator.effect(pose, measured.present, pushes)
+        acceleration, _ = self.process.acceleration(velocity, given)
+        spin = measured.spin + self.gained * acceleration[..., 2]
+        memory = Memory(acceleration, self.law.applied(measured, acceleration, law), spin)
+        action = self.allocator.commands(pushes)
         return (action[0] if measured.single else action), memory
 
     def _turn(self, measured: Measured) -> np.ndarray:

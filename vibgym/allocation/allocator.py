@@ -17,6 +17,7 @@ import numpy as np
 
 from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import new_pieces, outlines_of
+from vibgym.allocation.effect import effects, reaches
 from vibgym.allocation.projections import Limits, new_work, serve, start_table
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -82,21 +83,54 @@ class Allocator:
         """
         surface, worlds = self.surface, len(pose)
         push = np.empty((worlds, surface.rows, surface.columns, 2))
-        if gain is None:
-            if len(self._whole) < worlds:
-                self._whole = np.ones((worlds, surface.rows * surface.columns))
-            gain = self._whole
+        gain = self._gains(gain, worlds)
         pieces = new_pieces(surface, self.parts)  # anew, since several threads may use an allocator
         work = new_work(len(self.parts), surface.rows * surface.columns, len(pieces.part))
         given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain))
         serve(self.outlines, self._limits, *given, pieces, work, push)
         return push
 
+    def effect(
+        self, pose: np.ndarray, present: np.ndarray, push: np.ndarray, gain: np.ndarray | None = None
+    ) -> np.ndarray:
+        """What parts get of the elements' pushes, (worlds, parts, 3) as they are wanted from :meth:`pushes`: near rest.
+
+        Args:
+            pose, present, gain: see :meth:`pushes`.
+            push: (worlds, rows, columns, 2), of :meth:`pushes`.
+        """
+        worlds = len(push)
+        effect = np.empty((worlds, len(self.parts), 3))
+        given = (np.ascontiguousarray(each) for each in (pose, present, push.reshape(worlds, -1, 2)))
+        gain = np.ascontiguousarray(self._gains(gain, worlds))
+        effects(self.outlines, *given, gain, new_pieces(self.surface, self.parts), effect)
+        return effect
+
+    def reach(self, pose: np.ndarray) -> np.ndarray:
+        """Largest push that turns a part (worlds, parts), of all elements under it at :attr:`most`, each square to its lever.
+
+        No choice of phasors does more near rest. Nothing is said of the mean push that is left over, which moves the part.
+        """
+        reach = np.empty(pose.shape[:2])
+        present = np.ones(reach.shape, dtype=bool)
+        reaches(self.outlines, np.ascontiguousarray(pose), present, new_pieces(self.surface, self.parts), reach)
+        return self.most * reach
+
+    def _gains(self, gain: np.ndarray | None, worlds: int) -> np.ndarray:
+        if gain is not None:
+            return gain
+        if len(self._whole) < worlds:
+            self._whole = np.ones((worlds, self.surface.rows * self.surface.columns))
+        return self._whole
+
     def actions(
         self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
     ) -> np.ndarray:
         """``"phasor"`` actions (worlds, n) float32 that do what :meth:`pushes` says."""
-        push = self.pushes(pose, present, wanted, gain)
+        return self.commands(self.pushes(pose, present, wanted, gain))
+
+    def commands(self, push: np.ndarray) -> np.ndarray:
+        """``"phasor"`` actions (worlds, n) float32 for pushes (worlds, rows, columns, 2), which are made up for in place."""
         if self._made_up is not None:
             width, inverse = self._made_up
             share = np.sqrt((push**2).sum(axis=-1, keepdims=True)) / width

@@ -13,7 +13,8 @@ of a push that is the same everywhere under the part. That takes care of what th
 angle by which pushes run ahead of their first-order direction.
 
 Spin has a channel of its own, to first order and for a part as good as round: ``P`` and ``Q`` count half each, and the drag on
-spin is the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``.
+spin is the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``. Of fast spin, at
+which a part's rim is not much slower than the table, friction and push are changed as those of a ring that slides along itself.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ class Numbers(NamedTuple):
     table: np.ndarray  # (2, nodes, 11), see coefficients()
     friction: np.ndarray  # (parts,)
     gyration: np.ndarray  # (parts,) radii, m
+    rim: np.ndarray  # (parts,) m, see rim_of()
     second: np.ndarray  # (parts,) k = mu / (w V), s^2/m
     gravity: float
     speed: float  # V, m/s
@@ -140,13 +142,35 @@ def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q):
     return p, q
 
 
+def rim_of(part: Part) -> float:
+    """Radius (m) at which a part's points are as fast, in the mean, as friction feels: ``<r^4> / <r^2> = r_rim^2``.
+
+    Torque is ``<r f(r spin)>``. Of an f that is odd, a ring of this radius gets the linear and the cubic term right.
+    """
+    ax, ay = part.outline.T
+    bx, by = np.roll(part.outline, -1, axis=0).T
+    # Over the triangles of the centre and an edge, r^2 = |s a + t b|^2: int s^i t^j = i! j! / (i + j + 2)!.
+    cross, a, c, m = ax * by - bx * ay, ax * ax + ay * ay, bx * bx + by * by, ax * bx + ay * by
+    fourth = cross @ ((a * a + c * c) / 30.0 + (a + c) * m / 30.0 + (4.0 * m * m + 2.0 * a * c) / 180.0)
+    return math.sqrt(fourth / (0.5 * cross.sum()) / part.gyration)
+
+
 @borrowing
-def respond(numbers, k, c, spin, p, q, turn):
-    """Mean accelerations along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (m/s^2)."""
+def spun(numbers, k, spin, scratch):
+    """Factors by which spin changes friction against it and pushes that turn part ``k``: 1 and 1 near rest."""
+    slip = abs(spin) * numbers.rim[k] / numbers.speed
+    interpolate(numbers.table, 1.0 / COUPLING_STEP, slip, scratch)
+    return 2.0 * scratch.values[0] / slip if slip > 1e-6 else 1.0, 2.0 * scratch.values[2]
+
+
+@borrowing
+def respond(numbers, k, c, spin, friction, p, q):
+    """Mean accelerations along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (m/s^2) that does not turn it;
+    ``friction``: the factor of :func:`spun`."""
     mu = numbers.friction[k]
     along, across = force(c, numbers.gravity, numbers.second[k], p, q)
     drag = 0.5 * mu / numbers.speed * (numbers.gravity * c[9] + c[10] * p)
-    return mu * along, mu * across, 0.5 * mu * (c[1] + c[2]) * turn / numbers.gyration[k] - drag * spin
+    return mu * along, mu * across, -friction * drag * spin
 
 
 @borrowing
@@ -159,11 +183,13 @@ def clear_of_sticking(numbers, k, length, p, q):
 def forward_part(numbers, k, velocity, push, scratch, acceleration):
     """Mean acceleration (3,) of part ``k`` under a push (3,) over full amplitude, overwritten; returns whether it holds."""
     c, full = scratch.values, numbers.full
+    friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
     interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
     x, y, turn = full * push[0], full * push[1], full * push[2]
     p, q = cosine * x + sine * y, cosine * y - sine * x
-    along, across, angular = respond(numbers, k, c, velocity[2], p, q, turn)
+    along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
+    angular += 0.5 * turning * numbers.friction[k] * (c[1] + c[2]) * turn / numbers.gyration[k]
     acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
     acceleration[2] = angular
     return clear_of_sticking(numbers, k, length, p, q)
@@ -174,6 +200,7 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
     """Push (3,) over full amplitude of part ``k`` for a wanted mean acceleration and what it does, see forward_part()."""
     c, limit, gravity, full = scratch.values, numbers.limit, numbers.gravity, numbers.full
     mu, second = numbers.friction[k], numbers.second[k]
+    friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
     interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
     x, y = wanted[0] / mu, wanted[1] / mu
@@ -186,8 +213,8 @@ def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
         p, q = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q)
         shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # of what Newton's method leaves, rounding or more
         p, q = p * shorter, q * shorter
-    turning = 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
-    along, across, angular = respond(numbers, k, c, velocity[2], p, q, 0.0)
+    turning *= 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
+    along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
     turn = min(max((wanted[2] - angular) / turning, -limit), limit)
     push[0], push[1], push[2] = (cosine * p - sine * q) / full, (sine * p + cosine * q) / full, turn / full
     acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
@@ -276,6 +303,7 @@ class FrictionalInverse:
             coefficients(),
             friction,
             np.sqrt([part.gyration for part in self.parts]),
+            np.array([rim_of(part) for part in self.parts]),
             friction / (surface.angular_frequency * surface.table_speed),
             surface.gravity,
             surface.table_speed,
