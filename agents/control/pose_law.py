@@ -15,7 +15,7 @@ import numpy as np
 from agents.control.measured import Measured
 from agents.control.plant import plant_of
 from agents.control.settling import LOOSE_BAND, LOOSE_TURN, Settling, keep_on
-from agents.control.stopping import StoppingCurve
+from agents.control.stopping import StoppingCurve, fastest_spin, turning_reach
 from agents.task_info import TaskInfo
 from vibgym.allocation.frictional import FrictionalInverse
 
@@ -28,9 +28,11 @@ class PoseLaw:
         info: TaskInfo,
         *,
         braking: float = 0.9,
-        turn_braking: float = 0.7,
+        turn_braking: float = 0.95,
+        over: float = 0.6,
+        inside: float = 0.7,
         approach: float = 28.0,
-        turn_approach: float = 22.0,
+        turn_approach: float = 36.0,
         response: float = 1.0,
         band: float = BAND,
         turn_band: float = TURN_BAND,
@@ -42,8 +44,12 @@ class PoseLaw:
         parts = len(info.parts)
         top = np.full(parts, 1.03 * plant.top_speed)
         self.curve = StoppingCurve(process, np.full(parts, braking), top, False)
-        turn_top = np.full(parts, 12.0)
-        self.turn_curve = StoppingCurve(process, np.full(parts, turn_braking), turn_top, True)
+        reach = turning_reach(info)
+        turn_top = fastest_spin(process, reach)
+        self.turn_curve = StoppingCurve(process, turn_braking * reach, turn_top, True)
+        tol = info.heading_tolerance if info.has_goal and info.has_heading else 0.0
+        self.over = over * tol if math.isfinite(tol) else 0.0
+        self.inside = inside
         self.approach, self.turn_approach = approach, turn_approach
         self.lead = 1.0 / approach + info.step_time  # the speed asked for is that at the end of the step
         self.response = response * info.step_time
@@ -64,7 +70,7 @@ class PoseLaw:
         speed = self.along(self.curve, self.approach, distance, closing)
         velocity = speed[..., None] * toward
         left = np.abs(turn)
-        rate = self.along(self.turn_curve, self.turn_approach, left, measured.spin * np.sign(turn))
+        rate = self.turning(left, measured.spin * np.sign(turn))
         # No faster than it has to: what turns a part does not move it.
         if self.spread:
             time = self.curve.time_for(distance) - 0.1
@@ -73,6 +79,14 @@ class PoseLaw:
             [velocity - measured.velocity, (np.sign(turn) * rate - measured.spin)[..., None]], axis=-1
         )
         return self.settle(measured, way, turn, change / self.response), memory
+
+    def turning(self, left, now):
+        ordinary = self.along(self.turn_curve, self.turn_approach, left, now)
+        latest = self.along(self.turn_curve, self.turn_approach, left + self.over, now)
+        arriving = 2.0 * (left - self.inside * self.over) / self.step - now
+        # Not beyond the far edge at the end of the step, if that takes turning back.
+        last = 2.0 * (left + self.inside * self.over) / self.step - now if self.over else math.inf
+        return np.minimum(np.minimum(latest, np.maximum(ordinary, arriving)), last)
 
     def along(self, curve, approach, left, now):
         """Speed at the end of the step that lies on the curve: ``v' = curve(left - T (v + v') / 2)``."""

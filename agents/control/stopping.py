@@ -6,11 +6,16 @@ can be slowed down by 4.4 m/s^2, near rest by 2.9. A law that counts on the latt
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from agents.task_info import TaskInfo
+from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 
 NODES = 512
+PLACES, HEADINGS = 4, 24
 
 
 class StoppingCurve:
@@ -50,3 +55,28 @@ class StoppingCurve:
     @staticmethod
     def _read(way: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.stack([np.interp(way[:, p], x[:, p], y[:, p]) for p in range(way.shape[1])], axis=-1)
+
+
+def turning_reach(info: TaskInfo) -> np.ndarray:
+    """Mean over headings and places of the largest push that turns a part, (parts,); see :meth:`Allocator.reach`."""
+    surface = info.surface
+    allocator = Allocator(surface, info.parts, info.hardware)
+    at = np.arange(PLACES) / PLACES
+    x, y, heading = (each.ravel() for each in np.meshgrid(at, at, 2.0 * math.pi / HEADINGS * np.arange(HEADINGS)))
+    corner = surface.element_size * np.array([surface.columns // 2, surface.rows // 2])
+    pose = np.stack([corner[0] + surface.element_size * x, corner[1] + surface.element_size * y, heading], axis=-1)
+    return allocator.reach(np.repeat(pose[:, None], len(info.parts), axis=1)).mean(axis=0)
+
+
+def fastest_spin(process: FrictionalInverse, reach: np.ndarray) -> np.ndarray:
+    """Spins (parts,) rad/s at which friction takes all that pushes ``reach`` (parts,) give."""
+    slow, fast = np.zeros(len(reach)), np.full(len(reach), 1e4)
+    push = np.zeros((1, len(reach), 3))
+    push[..., 2] = reach
+    for _ in range(60):
+        middle = 0.5 * (slow + fast)
+        velocity = np.zeros_like(push)
+        velocity[..., 2] = middle
+        gains = process.acceleration(velocity, push)[0][0, :, 2] > 0.0
+        slow, fast = np.where(gains, middle, slow), np.where(gains, fast, middle)
+    return slow
