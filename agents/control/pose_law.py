@@ -29,7 +29,7 @@ class PoseLaw:
         *,
         braking: float = 0.9,
         turn_braking: float = 0.95,
-        over: float = 0.6,
+        over: float = 0.5,
         inside: float = 0.7,
         approach: float = 28.0,
         turn_approach: float = 36.0,
@@ -37,6 +37,9 @@ class PoseLaw:
         band: float = BAND,
         turn_band: float = TURN_BAND,
         spread: float = 1.0,
+        early: float = 0.06,
+        soon: float = 0.15,
+        gaining: float = 0.5,
     ) -> None:
         plant = plant_of(info)
         self.plant, self.step = plant, info.step_time
@@ -49,11 +52,11 @@ class PoseLaw:
         self.turn_curve = StoppingCurve(process, turn_braking * reach, turn_top, True)
         tol = info.heading_tolerance if info.has_goal and info.has_heading else 0.0
         self.over = over * tol if math.isfinite(tol) else 0.0
-        self.inside = inside
+        self.inside, self.soon = inside, soon
         self.approach, self.turn_approach = approach, turn_approach
         self.lead = 1.0 / approach + info.step_time  # the speed asked for is that at the end of the step
         self.response = response * info.step_time
-        self.spread = spread
+        self.spread, self.early, self.gain = spread, early, gaining * plant.push
         self.settle, self.slack = keep_on, 0.0
         if info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard":
             band, turn_band = (band, turn_band) if info.has_goal else (LOOSE_BAND, LOOSE_TURN)
@@ -73,12 +76,21 @@ class PoseLaw:
         rate = self.turning(left, measured.spin * np.sign(turn))
         # No faster than it has to: what turns a part does not move it.
         if self.spread:
-            time = self.curve.time_for(distance) - 0.1
-            rate = np.where(time > 0.15, np.minimum(rate, self.spread * left / np.maximum(time, 0.15)), rate)
+            time = self.time_left(distance, closing) - self.early
+            rate = np.where(time > self.soon, np.minimum(rate, self.spread * left / np.maximum(time, self.soon)), rate)
         change = np.concatenate(
             [velocity - measured.velocity, (np.sign(turn) * rate - measured.spin)[..., None]], axis=-1
         )
         return self.settle(measured, way, turn, change / self.response), memory
+
+    def time_left(self, distance, closing):
+        """s, about, until a part is there: speeding up at the mean rate to the top speed, at most, and braking."""
+        gain, top = self.gain, self.curve.speed[-1]
+        now = np.clip(closing, 0.0, top)
+        brake = top**2 / (2.0 * self.curve.way[-1])
+        peak = np.minimum(np.sqrt((2.0 * distance + now**2 / gain) / (1.0 / gain + 1.0 / brake)), top)
+        cruise = distance - (peak**2 - now**2) / (2.0 * gain) - peak**2 / (2.0 * brake)
+        return np.maximum((peak - now) / gain, 0.0) + peak / brake + np.maximum(cruise, 0.0) / top
 
     def turning(self, left, now):
         ordinary = self.along(self.turn_curve, self.turn_approach, left, now)
