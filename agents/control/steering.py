@@ -99,7 +99,9 @@ class Steering:
         wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push = np.where(moves, self.process.push(velocity, np.where(moves, wanted, 0.0)).push, 0.0)
+        push, _, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
+        # Where averages do not hold, nobody knows what a push would do.
+        push = np.where(moves & holds[..., None], push, 0.0)
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
         pushes = self.allocator.pushes(pose, measured.present, push)
         # Of the push that the elements under a part can do together, which is less than each part's limit says.
