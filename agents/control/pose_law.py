@@ -15,9 +15,18 @@ import numpy as np
 from agents.control.measured import Measured
 from agents.control.plant import plant_of
 from agents.control.settling import LOOSE_BAND, LOOSE_TURN, Settling, keep_on
-from agents.control.stopping import StoppingCurve, fastest_spin, turning_reach
+from agents.control.stopping import Landing, StoppingCurve, fastest_spin, time_left, turning_push
 from agents.task_info import TaskInfo
 from vibgym.allocation.frictional import FrictionalInverse
+
+OVER = 0.5
+"""Share of the heading's tolerance by which a part may pass its goal when it arrives: in Rotate and Align that saves a step."""
+
+GAIN = 0.5
+"""Mean acceleration on the way to the top speed, over that near rest, which friction takes more and more of."""
+
+SOON = 0.1
+"""s before its arrival, about, from which on a part turns as fast as it can."""
 
 BAND, TURN_BAND = 0.25e-3, math.radians(0.3)
 
@@ -29,34 +38,26 @@ class PoseLaw:
         *,
         braking: float = 0.9,
         turn_braking: float = 0.95,
-        over: float = 0.5,
-        inside: float = 0.7,
         approach: float = 28.0,
         turn_approach: float = 36.0,
         response: float = 1.0,
         band: float = BAND,
         turn_band: float = TURN_BAND,
-        spread: float = 1.0,
-        early: float = 0.06,
-        soon: float = 0.15,
-        gaining: float = 0.5,
+        over: float = OVER,
     ) -> None:
         plant = plant_of(info)
         self.plant, self.step = plant, info.step_time
         process = FrictionalInverse(info.surface, info.parts, limit=info.hardware.limit)
         parts = len(info.parts)
         top = np.full(parts, 1.03 * plant.top_speed)
-        self.curve = StoppingCurve(process, np.full(parts, braking), top, False)
-        reach = turning_reach(info)
-        turn_top = fastest_spin(process, reach)
-        self.turn_curve = StoppingCurve(process, turn_braking * reach, turn_top, True)
-        tol = info.heading_tolerance if info.has_goal and info.has_heading else 0.0
-        self.over = over * tol if math.isfinite(tol) else 0.0
-        self.inside, self.soon = inside, soon
-        self.approach, self.turn_approach = approach, turn_approach
+        self.curve = StoppingCurve(process, np.full(parts, braking * plant.strength), top, False)
+        self.landing = Landing(self.curve, approach, info.step_time)
+        turning = turning_push(info)
+        turn_curve = StoppingCurve(process, turn_braking * turning, fastest_spin(process, turning), True)
+        self.turn_landing = Landing(turn_curve, turn_approach, info.step_time, over * allowed_turn(info))
+        self.gain = GAIN * plant.push
         self.lead = 1.0 / approach + info.step_time  # the speed asked for is that at the end of the step
         self.response = response * info.step_time
-        self.spread, self.early, self.gain = spread, early, gaining * plant.push
         self.settle, self.slack = keep_on, 0.0
         if info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard":
             band, turn_band = (band, turn_band) if info.has_goal else (LOOSE_BAND, LOOSE_TURN)
@@ -70,44 +71,22 @@ class PoseLaw:
         distance = np.sqrt((way**2).sum(axis=-1))
         toward = way / np.maximum(distance, 1e-12)[..., None]
         closing = (measured.velocity * toward).sum(axis=-1)
-        speed = self.along(self.curve, self.approach, distance, closing)
-        velocity = speed[..., None] * toward
+        velocity = self.landing.speed(distance, closing)[..., None] * toward
         left = np.abs(turn)
-        rate = self.turning(left, measured.spin * np.sign(turn))
+        rate = self.turn_landing.speed(left, measured.spin * np.sign(turn))
         # No faster than it has to: what turns a part does not move it.
-        if self.spread:
-            time = self.time_left(distance, closing) - self.early
-            rate = np.where(time > self.soon, np.minimum(rate, self.spread * left / np.maximum(time, self.soon)), rate)
+        time = time_left(distance, closing, self.gain, self.curve)
+        rate = np.where(time > SOON, np.minimum(rate, left / np.maximum(time, SOON)), rate)
         change = np.concatenate(
             [velocity - measured.velocity, (np.sign(turn) * rate - measured.spin)[..., None]], axis=-1
         )
         return self.settle(measured, way, turn, change / self.response), memory
 
-    def time_left(self, distance, closing):
-        """s, about, until a part is there: speeding up at the mean rate to the top speed, at most, and braking."""
-        gain, top = self.gain, self.curve.speed[-1]
-        now = np.clip(closing, 0.0, top)
-        brake = top**2 / (2.0 * self.curve.way[-1])
-        peak = np.minimum(np.sqrt((2.0 * distance + now**2 / gain) / (1.0 / gain + 1.0 / brake)), top)
-        cruise = distance - (peak**2 - now**2) / (2.0 * gain) - peak**2 / (2.0 * brake)
-        return np.maximum((peak - now) / gain, 0.0) + peak / brake + np.maximum(cruise, 0.0) / top
-
-    def turning(self, left, now):
-        ordinary = self.along(self.turn_curve, self.turn_approach, left, now)
-        latest = self.along(self.turn_curve, self.turn_approach, left + self.over, now)
-        arriving = 2.0 * (left - self.inside * self.over) / self.step - now
-        # Not beyond the far edge at the end of the step, if that takes turning back.
-        last = 2.0 * (left + self.inside * self.over) / self.step - now if self.over else math.inf
-        return np.minimum(np.minimum(latest, np.maximum(ordinary, arriving)), last)
-
-    def along(self, curve, approach, left, now):
-        """Speed at the end of the step that lies on the curve: ``v' = curve(left - T (v + v') / 2)``."""
-        speed = np.minimum(curve.at(left), approach * left)
-        for _ in range(4):
-            ahead = np.maximum(left - 0.5 * self.step * (now + speed), 0.0)
-            new = np.minimum(curve.at(ahead), approach * ahead)
-            speed = 0.5 * (speed + new)
-        return speed
-
     def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
         return memory
+
+
+def allowed_turn(info: TaskInfo) -> float:
+    """By how much (rad) headings may be off; 0 where nothing says it, and where goals move on."""
+    counts = info.has_goal and info.has_heading and "way_ahead" not in info.layout
+    return info.heading_tolerance if counts and math.isfinite(info.heading_tolerance) else 0.0

@@ -1,7 +1,11 @@
-"""From which speed a part can still stop: braking curves by the averaged friction, for ways and for turns.
+"""How fast a part may be so that it still stops in time: braking curves by the averaged friction, for ways and for turns.
 
 Friction helps to brake, the more the faster a part is, and elements brake harder at speed: at 0.3 m/s a part on the prototype
 can be slowed down by 4.4 m/s^2, near rest by 2.9. A law that counts on the latter all the way loses a twentieth of a second.
+
+What turns a part depends on how it lies on the elements: less of their push goes into turning than of a push that moves it, and
+by how much less changes with heading and place, for a block of 50 by 35 mm by 4 %. The mean over both is what can be counted on
+over the tens of degrees in which a part stops.
 """
 
 from __future__ import annotations
@@ -15,68 +19,133 @@ from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 
 NODES = 512
+"""Of a curve."""
+
 PLACES, HEADINGS = 4, 24
+"""Of a part on the elements, along each side of one and in a full turn, over which turning is averaged."""
+
+FASTEST = 1e4
+"""rad/s, more than any spin at which friction still lets a part gain speed."""
+
+ROUNDS = 4
+"""In which the speed at the end of a step is found, which the way left by then depends on."""
+
+INSIDE = 0.7
+"""Share of what a part may pass its target by at which it is to arrive before it, and within which it is to stay beyond."""
 
 
 class StoppingCurve:
-    """Speeds from which parts stop within a way under a share of the largest braking push, and the time that they take.
+    """Speeds from which parts stop within a way under a steady braking push.
 
     Args:
         process: friction and elements.
-        share: (parts,) of the push at the limit that brakes.
+        push: (parts,) that brakes, over full amplitude.
         top: (parts,) speed at which the curve ends, m/s or rad/s.
         turning: a curve for turns, rad and rad/s.
+
+    Attributes:
+        speed: (NODES, parts) from 0 to the top, evenly.
+        way: (NODES, parts) m or rad in which a part stops from there.
     """
 
-    def __init__(self, process: FrictionalInverse, share: np.ndarray, top: np.ndarray, turning: bool) -> None:
-        parts, limit = len(top), process.limit / process.surface.max_amplitude  # type: ignore[operator]
-        axis = 2 if turning else 0
+    def __init__(self, process: FrictionalInverse, push: np.ndarray, top: np.ndarray, turning: bool) -> None:
+        parts, axis = len(top), 2 if turning else 0
         speed = np.linspace(0.0, 1.0, NODES)[:, None] * top
-        velocity, push = np.zeros((NODES, parts, 3)), np.zeros((NODES, parts, 3))
-        velocity[..., axis], push[..., axis] = speed, -limit * share
-        braking = -process.acceleration(velocity, push)[0][..., axis]
+        velocity, pushes = np.zeros((NODES, parts, 3)), np.zeros((NODES, parts, 3))
+        velocity[..., axis], pushes[..., axis] = speed, -push
+        braking = -process.acceleration(velocity, pushes)[0][..., axis]
         step = np.diff(speed, axis=0)
-        middle = 0.5 * (braking[1:] + braking[:-1])
-        mean = 0.5 * (speed[1:] + speed[:-1])
-        zero = np.zeros((1, parts))
-        self.speed = speed
-        self.way = np.concatenate([zero, np.cumsum(mean * step / middle, axis=0)])
-        self.time = np.concatenate([zero, np.cumsum(step / middle, axis=0)])
+        ways = 0.5 * (speed[1:] + speed[:-1]) * step / (0.5 * (braking[1:] + braking[:-1]))
+        self.speed, self.way = speed, np.concatenate([np.zeros((1, parts)), np.cumsum(ways, axis=0)])
 
     def at(self, way: np.ndarray) -> np.ndarray:
         """Speeds (batch, parts) from which parts stop within ``way`` (batch, parts) >= 0; the top speed beyond the curve."""
-        return self._read(way, self.way, self.speed)
-
-    def time_for(self, way: np.ndarray) -> np.ndarray:
-        """s that a part takes for the last ``way`` (batch, parts): at the top speed, and then along the curve."""
-        beyond = np.maximum(way - self.way[-1], 0.0)
-        return self._read(way, self.way, self.time) + beyond / self.speed[-1]
-
-    @staticmethod
-    def _read(way: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(way[:, p], x[:, p], y[:, p]) for p in range(way.shape[1])], axis=-1)
+        each = range(way.shape[1])
+        return np.stack([np.interp(way[:, p], self.way[:, p], self.speed[:, p]) for p in each], axis=-1)
 
 
-def turning_reach(info: TaskInfo) -> np.ndarray:
-    """Mean over headings and places of the largest push that turns a part, (parts,); see :meth:`Allocator.reach`."""
-    surface = info.surface
-    allocator = Allocator(surface, info.parts, info.hardware)
-    at = np.arange(PLACES) / PLACES
-    x, y, heading = (each.ravel() for each in np.meshgrid(at, at, 2.0 * math.pi / HEADINGS * np.arange(HEADINGS)))
-    corner = surface.element_size * np.array([surface.columns // 2, surface.rows // 2])
-    pose = np.stack([corner[0] + surface.element_size * x, corner[1] + surface.element_size * y, heading], axis=-1)
-    return allocator.reach(np.repeat(pose[:, None], len(info.parts), axis=1)).mean(axis=0)
+class Landing:
+    """Speeds for the ends of steps, with which parts get to their targets soon and stop there.
+
+    A target is as good as reached within a tolerance on either side, and only the ends of steps count. So a part may come into
+    the tolerance so fast that it passes its target, as long as it stops before it is out again. Until it can be in by the end of
+    the step it therefore follows the curve to the far edge. Then it is as slow as lets it arrive, and from there on it goes for
+    the target itself; one that would be beyond the far edge at the end of the step is turned back.
+
+    Args:
+        curve: of the braking that can be counted on.
+        approach: 1/s, most speed over way left. Near a target curves are steeper than steps of finite length can follow: at
+            ``2 / step`` a part is at rest one step later, if it can brake so hard.
+        step: s.
+        over: m or rad, by how much a part may pass its target; 0: not at all.
+    """
+
+    def __init__(self, curve: StoppingCurve, approach: float, step: float, over: float = 0.0) -> None:
+        self.curve, self.approach, self.step, self.over = curve, approach, step, over
+
+    def speed(self, left: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """Speeds towards the target at the end of the step (batch, parts), m/s or rad/s; negative ones turn a part back.
+
+        Args:
+            left: (batch, parts) m or rad >= 0 to the target.
+            now: (batch, parts) speed towards it at the start of the step.
+        """
+        latest, arriving = self._along(left + self.over, now), self._ending(left - INSIDE * self.over, now)
+        speed = np.minimum(np.maximum(self._along(left, now), arriving), latest)
+        return np.minimum(speed, self._ending(left + INSIDE * self.over, now))
+
+    def _ending(self, way: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """Speed at the end of a step of a part that has gone so far in it, at an even rate."""
+        return 2.0 * way / self.step - now
+
+    def _along(self, left: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """Speed at the end of the step that lies on the curve then: ``v' = curve(left - T (v + v') / 2)``."""
+        speed = self._at(left)
+        for _ in range(ROUNDS):
+            speed = 0.5 * (speed + self._at(np.maximum(left - 0.5 * self.step * (now + speed), 0.0)))
+        return speed
+
+    def _at(self, way: np.ndarray) -> np.ndarray:
+        return np.minimum(self.curve.at(way), self.approach * way)
 
 
-def fastest_spin(process: FrictionalInverse, reach: np.ndarray) -> np.ndarray:
-    """Spins (parts,) rad/s at which friction takes all that pushes ``reach`` (parts,) give."""
-    slow, fast = np.zeros(len(reach)), np.full(len(reach), 1e4)
-    push = np.zeros((1, len(reach), 3))
-    push[..., 2] = reach
+def time_left(way: np.ndarray, now: np.ndarray, gain: np.ndarray, curve: StoppingCurve) -> np.ndarray:
+    """About how long parts take to stop at a place ``way`` (batch, parts) ahead, s, as fast as they can.
+
+    They gain speed at an even rate up to the top speed of the curve, at most, and lose it at its mean rate.
+
+    Args:
+        way: m.
+        now: m/s towards it.
+        gain: (parts,) m/s^2.
+        curve: for ways.
+    """
+    top, full = curve.speed[-1], curve.way[-1]
+    now = np.clip(now, 0.0, top)
+    loss = top**2 / (2.0 * full)
+    peak = np.minimum(np.sqrt((2.0 * way + now**2 / gain) / (1.0 / gain + 1.0 / loss)), top)
+    cruise = way - (peak**2 - now**2) / (2.0 * gain) - peak**2 / (2.0 * loss)
+    return np.maximum((peak - now) / gain, 0.0) + peak / loss + np.maximum(cruise, 0.0) / top
+
+
+def turning_push(info: TaskInfo) -> np.ndarray:
+    """Largest pushes that turn the parts (parts,) over full amplitude, in the mean over headings and places on an element."""
+    surface, parts = info.surface, len(info.parts)
+    side, heading = np.arange(PLACES) / PLACES, 2.0 * math.pi / HEADINGS * np.arange(HEADINGS)
+    column, row, angle = (each.ravel() for each in np.meshgrid(side, side, heading))
+    middle = surface.columns // 2, surface.rows // 2
+    place = surface.element_size * np.column_stack([middle[0] + column, middle[1] + row])
+    pose = np.repeat(np.column_stack([place, angle])[:, None], parts, axis=1)
+    return Allocator(surface, info.parts, info.hardware).reach(pose).mean(axis=0)
+
+
+def fastest_spin(process: FrictionalInverse, push: np.ndarray) -> np.ndarray:
+    """Spins (parts,) rad/s at which friction takes all that pushes (parts,) give, by bisection."""
+    pushes, velocity = np.zeros((1, len(push), 3)), np.zeros((1, len(push), 3))
+    pushes[..., 2] = push
+    slow, fast = np.zeros(len(push)), np.full(len(push), FASTEST)
     for _ in range(60):
-        middle = 0.5 * (slow + fast)
-        velocity = np.zeros_like(push)
-        velocity[..., 2] = middle
-        gains = process.acceleration(velocity, push)[0][0, :, 2] > 0.0
-        slow, fast = np.where(gains, middle, slow), np.where(gains, fast, middle)
+        velocity[..., 2] = 0.5 * (slow + fast)
+        gains = process.acceleration(velocity, pushes)[0][0, :, 2] > 0.0
+        slow, fast = np.where(gains, velocity[0, :, 2], slow), np.where(gains, fast, velocity[0, :, 2])
     return slow
