@@ -92,7 +92,8 @@ class Landing:
         """
         latest, arriving = self._along(left + self.over, now), self._ending(left - INSIDE * self.over, now)
         speed = np.minimum(np.maximum(self._along(left, now), arriving), latest)
-        return np.minimum(speed, self._ending(left + INSIDE * self.over, now))
+        back = self._ending(left + INSIDE * self.over, now)
+        return np.minimum(speed, np.maximum(back, -2.0 * self.over / self.step))
 
     def _ending(self, way: np.ndarray, now: np.ndarray) -> np.ndarray:
         """Speed at the end of a step of a part that has gone so far in it, at an even rate."""
