@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.control.goal_motion import Preview, as_they_stand, from_goals
 from agents.control.laws import LAWS
 from agents.control.measured import Measured, wrap
 from agents.control.plant import plant_of
@@ -56,6 +57,7 @@ class Steering:
         # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
         self.symmetry = np.array([part.symmetry for part in info.parts])
+        self.preview, self.seen = (Preview(info), from_goals) if info.goal_moves else (as_they_stand, as_they_stand)
 
     def begin(self, batch: int) -> Memory:
         """Memory at the start of an episode."""
@@ -70,23 +72,27 @@ class Steering:
             measured: what an observation says.
             memory: of :meth:`begin`, or what :meth:`steer` made of it.
         """
+        measured = self.preview(measured)
         gained = self.gaining[:, None] * memory.acceleration
         measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=measured.spin + gained[..., 2])
         if self.ahead == 0.0:
             return measured
         moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin
+        goal = self.ahead * measured.goal_velocity
         return replace(
             measured,
             centre=measured.centre + moved,
             heading=measured.heading + turned,
-            way=measured.way - moved if self.info.has_goal else measured.way,
-            turn=measured.turn - turned if self.info.has_heading else measured.turn,
+            way=measured.way + goal[..., :2] - moved if self.info.has_goal else measured.way,
+            turn=measured.turn + goal[..., 2] - turned if self.info.has_heading else measured.turn,
         )
 
     def steer(self, measured: Measured, way: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
         """The action that takes the parts the ways (batch, parts, 2) that are left, and turns them to where they shall be."""
         room = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
-        wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
+        seen = self.seen(measured)
+        wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
+        wanted = wanted + measured.goal_acceleration
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
         push, acceleration, _ = self.process.push(velocity, np.where(moves, wanted, 0.0))
@@ -94,7 +100,7 @@ class Steering:
             push = np.where(moves, push, 0.0)
             coasting, _ = self.process.acceleration(velocity, push)
             acceleration = np.where(moves, acceleration, coasting)
-        memory = Memory(acceleration, self.law.applied(measured, acceleration, law))
+        memory = Memory(acceleration, self.law.applied(seen, acceleration - measured.goal_acceleration, law))
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
         action = self.allocator.actions(pose, measured.present, push)
         return (action[0] if measured.single else action), memory

@@ -1,0 +1,98 @@
+"""How far off their paths parts are, at half the top speed: ``python -m benchmarks.following [--worlds 20] [--policy pose]``.
+
+Errors are distances from the moving goal at the ends of steps; worlds differ in the headings that their parts keep and, on the
+prototype, in the machine that is drawn. Printed are, over the worlds, the median and the largest of an episode's rms (of the
+part that was worst), the largest error of all, the largest error of a heading, and how many episodes stayed within the task's
+tolerances.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import vibgym  # noqa: F401  (registers the environments)
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+
+CIRCLE = {"shape": "circle", "centre_mm": [416, 104], "radius_mm": 60}
+SQUARE = {"shape": "square", "centre_mm": [416, 104], "side_mm": 120}
+THREE = [
+    {"shape": "circle", "centre_mm": [110, 104], "radius_mm": 60},
+    {"shape": "square", "centre_mm": [416, 104], "side_mm": 120},
+    {"shape": "figure_eight", "centre_mm": [680, 104], "radius_mm": 36},
+]
+"""Circles of a radius of 98 mm (a path of 60 mm and a part of 31 mm) stay more than 36.8 mm apart."""
+
+PATHS: dict[str, list[dict[str, Any]]] = {
+    "circle": [CIRCLE],
+    "square": [SQUARE],
+    "circle, along": [{**CIRCLE, "heading": "along"}],
+    "three parts": THREE,
+}
+HARDWARE: dict[str, dict[str, Any]] = {
+    "ideal": {},
+    "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
+}
+
+
+def follow(policy: Any, paths: list[dict[str, Any]], worlds: int, **environment: Any) -> np.ndarray:
+    """Errors (steps, worlds, parts, 3) of an episode in each of ``worlds`` worlds, m, m, rad; nan after its end."""
+    env: Any = gym.make_vec(
+        "vibgym/Follow-v0",
+        num_envs=worlds,
+        action="phasor",
+        paths=paths,
+        parts=["aluminium_block"] * len(paths),
+        autoreset_mode=gym.vector.AutoresetMode.DISABLED,
+        **environment,
+    )
+    actor = make_policy(policy, TaskInfo.of(env, "Follow"))
+    seen, _ = env.reset(seed=0)
+    alive, start, state, errors = np.ones(worlds, dtype=bool), np.ones(worlds, dtype=bool), None, []
+    while alive.any():
+        action, state = actor.predict(seen, state, start)
+        seen, _, terminated, truncated, _ = env.step(action)
+        error = env.unwrapped.truth.error
+        errors.append(np.where(alive[:, None, None], error, np.nan))
+        start = terminated | truncated
+        alive &= ~start
+        if start.any() and alive.any():
+            seen, _ = env.reset(options={"reset_mask": start})
+    env.close()
+    return np.array(errors)
+
+
+def line(name: str, errors: np.ndarray, tolerance: tuple[float, float]) -> str:
+    """A row of what is printed."""
+    away, turned = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
+    rms = np.sqrt(np.nanmean(away**2, axis=0)).max(axis=-1)
+    kept = (np.nanmax(away, axis=(0, 2)) <= tolerance[0]) & (np.nanmax(turned, axis=(0, 2)) <= tolerance[1])
+    return (
+        f"{name:34} {1e3 * np.median(rms):9.3f} {1e3 * rms.max():9.3f} {1e3 * np.nanmax(away):9.2f}"
+        f" {np.degrees(np.nanmax(turned)):9.2f} {100 * kept.mean():8.1f} %"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--worlds", type=int, default=20)
+    parser.add_argument("--policy", default='{"kind": "local_field", "law": "pose"}', help="a name, or JSON")
+    parser.add_argument("--hardware", nargs="*", default=list(HARDWARE), choices=list(HARDWARE))
+    parser.add_argument("--paths", nargs="*", default=list(PATHS), choices=list(PATHS))
+    arguments = parser.parse_args()
+    policy = json.loads(arguments.policy) if arguments.policy.startswith("{") else arguments.policy
+    tolerance = vibgym.tasks.Follow.position_tolerance, vibgym.tasks.Follow.heading_tolerance
+    print(f"{'':34} {'rms, mm':>9} {'worst':>9} {'largest':>9} {'deg':>9} {'kept':>10}")
+    for hardware in arguments.hardware:
+        for name in arguments.paths:
+            errors = follow(policy, PATHS[name], arguments.worlds, **HARDWARE[hardware])
+            print(line(f"{hardware}: {name}", errors, tolerance), flush=True)
+
+
+if __name__ == "__main__":
+    main()
