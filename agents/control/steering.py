@@ -54,6 +54,7 @@ class Steering:
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
         )
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
+        self.half = 0.5 * info.surface.period  # s
         # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
         self.symmetry = np.array([part.symmetry for part in info.parts])
@@ -101,7 +102,8 @@ class Steering:
             coasting, _ = self.process.acceleration(velocity, push)
             acceleration = np.where(moves, acceleration, coasting)
         memory = Memory(acceleration, self.law.applied(seen, acceleration - measured.goal_acceleration, law))
-        pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
+        # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
+        pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1) + self.half * velocity
         action = self.allocator.actions(pose, measured.present, push)
         return (action[0] if measured.single else action), memory
 
