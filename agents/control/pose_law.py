@@ -44,7 +44,8 @@ class PoseLaw:
         self.curve = StoppingCurve(process, np.full(parts, braking), top, False)
         turn_top = np.full(parts, 12.0)
         self.turn_curve = StoppingCurve(process, np.full(parts, turn_braking), turn_top, True)
-        self.approach, self.turn_approach, self.lead = approach, turn_approach, 1.0 / approach
+        self.approach, self.turn_approach = approach, turn_approach
+        self.lead = 1.0 / approach + info.step_time  # the speed asked for is that at the end of the step
         self.response = response * info.step_time
         self.spread = spread
         self.settle, self.slack = keep_on, 0.0

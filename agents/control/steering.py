@@ -96,7 +96,8 @@ class Steering:
         wanted = wanted + measured.goal_acceleration
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, acceleration, _ = self.process.push(velocity, np.where(moves, wanted, 0.0))
+        push, acceleration, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
+        moves &= holds[..., None]  # where averages do not hold, nobody knows what a push would do
         if not moves.all():
             push = np.where(moves, push, 0.0)
             coasting, _ = self.process.acceleration(velocity, push)
