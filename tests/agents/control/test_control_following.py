@@ -5,7 +5,8 @@ import pytest
 
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
-from benchmarks.following import HARDWARE, PATHS, follow
+from benchmarks.following import HARDWARE, PATHS
+from benchmarks.following import follow as followed
 from tests.agents.helpers import info_of
 from tests.envs.helpers import batch, single
 
@@ -16,6 +17,13 @@ SIDE_BY_SIDE = [  # the first two 37.0 mm apart, the same way
     {"shape": "polyline", "points_mm": [[300, 138], [400, 138]]},
     {"shape": "polyline", "points_mm": [[500, 40], [500, 140]]},
 ]
+
+
+def follow(*arguments, **environment):
+    """Errors (steps, worlds, parts, 3); parts that are not alone stay apart."""
+    errors, gap = followed(*arguments, **environment)
+    assert np.nanmin(gap) > 0.0368
+    return errors
 
 
 def rms(errors):
@@ -30,7 +38,7 @@ def test_half_the_top_speed_round_a_corner(law, most):
     assert 1e-6 < rms(errors).max() < most
 
 
-@pytest.mark.parametrize("name", ["circle", "square", "three parts"])
+@pytest.mark.parametrize("name", ["circle", "square", "three parts", "three parts side by side"])
 def test_half_a_millimetre_at_half_the_top_speed(name):
     errors = follow("pose", PATHS[name], 2)
     assert rms(errors).max() < 0.3e-3
