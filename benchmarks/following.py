@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-import vibgym  # noqa: F401  (registers the environments)
+import vibgym
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 

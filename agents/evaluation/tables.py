@@ -85,8 +85,8 @@ def _missing(value: Any) -> bool:
 def summary_table(results: Results) -> str:
     """The tables that the README quotes, in Markdown: success with its interval, and medians.
 
-    Tasks whose parts are done together, without goal poses, have columns of their own, and so have those whose goals move. Where there is more than one machine,
-    rows say which. The study of effects has a table of success rates and median times.
+    Tasks whose parts are done together, without goal poses, have columns of their own, and so have those whose goals move.
+    Where there is more than one machine, rows say which. The study of effects has a table of success rates and median times.
     """
     columns: list[tuple[str, Callable[[Row], str]]] = [
         ("task", lambda row: row.task),
