@@ -38,6 +38,7 @@ class TaskInfo:
     hardware: DataSheet  # what the actuators' data sheet says
     step_limit: int | None  # steps
     goal_moves: bool = False  # while an episode goes on; observations tell how, see agents.control.measured
+    lead: int = 0  # periods after the present of which measurements tell: what an estimator predicts
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
@@ -77,6 +78,7 @@ class TaskInfo:
             hardware=base.data_sheet,
             step_limit=limit,
             goal_moves=task.goal_moves,
+            lead=base.measurement_lead,
         )
 
     def check_places(self, policy: str) -> None:

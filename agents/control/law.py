@@ -4,7 +4,9 @@
     elements can do -> pushes -> allocation -> phasors of the elements
 
 A law sees parts as free bodies, the reduced plant of the thesis (figs. 5.14 to 5.18): what friction and elements make of a push
-is not its business. All the rest of the chain is :mod:`agents.control.steering`, the same for all laws.
+is not its business. All the rest of the chain is :mod:`agents.control.steering`, the same for all laws. Where goals move a law
+sees the parts from their goals, which stand still there, and what it wants comes on top of the goals' own acceleration
+(:mod:`agents.control.goal_motion`).
 """
 
 from __future__ import annotations
@@ -43,5 +45,8 @@ class Law(Protocol):
         ...
 
     def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
-        """The memory, after it is known what accelerations (batch, parts, 3) the elements can give the parts."""
+        """The memory, after it is known what accelerations (batch, parts, 3) the elements can give the parts.
+
+        Like those that are wanted, they count from the goals' own where these move.
+        """
         ...

@@ -29,10 +29,12 @@ class Measured:
     spin: np.ndarray  # the same, rad/s
     gap: np.ndarray  # distance to the nearest other part, m, capped at about eight elements; infinite for one part
     single: bool  # whether one observation without batch axis was given
-    # Of goals that move: (batch, parts, 3) velocity, m/s, m/s, rad/s, and (batch, parts, PREVIEW, 3) pose 1, 2, ... periods
-    # ahead minus the present one, m, m, rad. Zeros that broadcast to these shapes where goals stay.
+    # Of goals that move: (batch, parts, 3) velocity, m/s, m/s, rad/s; (batch, parts, PREVIEW, 3) pose 1, 2, ... periods
+    # ahead minus the present one, m, m, rad; (batch, parts, 3) mean acceleration over a step, which no observation tells,
+    # see agents.control.goal_motion. Zeros that broadcast to these shapes where goals stay.
     goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
+    goal_acceleration: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
 
     @classmethod
     def of(cls, observation: Any, info: TaskInfo) -> Measured:

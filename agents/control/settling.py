@@ -68,7 +68,9 @@ class Settling:
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
         off = np.concatenate([way, turn[..., None]], axis=-1) - self.coast[:, None] * velocity
         distance, skew = np.sqrt((off[..., :2] ** 2).sum(axis=-1)), np.abs(off[..., 2])
-        near = ((way**2).sum(axis=-1) < REACH**2) & (np.abs(turn) < REACH_TURN)
+        # A part whose goal moves has nowhere to come to rest.
+        near = ~(measured.goal_velocity.any(axis=-1) | measured.goal_acceleration.any(axis=-1))
+        near = near & ((way**2).sum(axis=-1) < REACH**2) & (np.abs(turn) < REACH_TURN)
         near &= (distance < self.near) & (skew < self.near_turn)
         rests = near & (distance < self.band) & (skew < self.turn_band)
         # The push drag * off / step, less what friction takes on average.

@@ -72,7 +72,7 @@ class Ends:
             "steps": np.zeros(worlds, dtype=np.int64),
             **{key: np.zeros(worlds, dtype=bool) for key in ("success", "fallen", "diverged")},
             **{key: np.zeros(worlds) for key in ("returns", "position_error")},
-            "heading_error": np.full(worlds, np.nan),
+            **{key: np.full(worlds, np.nan) for key in ("heading_error", "path_error")},
         }
 
     def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
@@ -83,7 +83,7 @@ class Ends:
         fields = self.fields
         fields["steps"][ended] = step
         fields["success"][ended] = info["is_success"][ended]
-        for key in ("fallen", "diverged", "position_error", "heading_error"):
+        for key in ("fallen", "diverged", "position_error", "heading_error", "path_error"):
             if key in info:
                 fields[key][ended] = info[key][ended]
 

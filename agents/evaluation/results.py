@@ -49,6 +49,9 @@ class Row:
     heading_error_q25_rad: float
     heading_error_median_rad: float
     heading_error_q75_rad: float
+    path_error_q25_m: float
+    path_error_median_m: float
+    path_error_q75_m: float
     fallen: int
     diverged: int
     mean_return: float
@@ -115,6 +118,7 @@ def row_of(trial: Trial, rollout: Rollout, level: float, resamples: int) -> Row:
     """Statistics of one rollout."""
     interval = success_interval(rollout.success, level, resamples)
     time, position, heading = map(quartiles, (rollout.time_to_goal, rollout.position_error, rollout.heading_error))
+    path = quartiles(rollout.path_error)
     throughput, multiple = quartiles(rollout.throughput), quartiles(rollout.time_over_bound)
     overall, policy_rate, environment_rate = rollout.timing.rates()
     return Row(
@@ -137,6 +141,9 @@ def row_of(trial: Trial, rollout: Rollout, level: float, resamples: int) -> Row:
         heading_error_q25_rad=heading.lower,
         heading_error_median_rad=heading.median,
         heading_error_q75_rad=heading.upper,
+        path_error_q25_m=path.lower,
+        path_error_median_m=path.median,
+        path_error_q75_m=path.upper,
         fallen=int(rollout.fallen.sum()),
         diverged=int(rollout.diverged.sum()),
         mean_return=float(rollout.returns.mean()),

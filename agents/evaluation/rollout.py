@@ -50,6 +50,7 @@ class Outcomes:
     returns: np.ndarray  # sum of rewards
     position_error: np.ndarray  # m, at the end
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
+    path_error: np.ndarray  # m, rms distance from a goal that moves, of the part that was worst; nan where goals stay
 
     @property
     def time_to_goal(self) -> np.ndarray:

@@ -71,6 +71,11 @@ class SharedInterface:
         return self.core.actuators.data_sheet
 
     @property
+    def measurement_lead(self) -> int:
+        """Periods after the present of which measurements tell: the actuators' latency where an estimator predicts, else 0."""
+        return self.core.sensing.lead
+
+    @property
     def action_shape(self) -> tuple[int, ...]:
         """What the numbers of an action mean, such as (parts, k, k, 2); the space is flat, and ``step`` takes either."""
         return self.core.action.shape

@@ -285,6 +285,7 @@ class FilterEstimator:
 
     Attributes:
         measurement: the predictor's state, live.
+        lead: the latency.
     """
 
     def __init__(
@@ -304,7 +305,7 @@ class FilterEstimator:
         sigma = checks.number("sensor.estimator.sigma", sigma, above=0.0, most=1e3)
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
         lead = sensor.delay + latency
-        self._sensor, self._predictor = sensor, predictor
+        self._sensor, self._predictor, self.lead = sensor, predictor, latency
         self._instant = periods - lead % periods
         steps, state = lead // periods + 1, predictor.state
         measured = new_measurement(worlds, parts)
