@@ -49,4 +49,7 @@ class StoppingCurve:
 
     @staticmethod
     def _read(way: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.stack([np.interp(way[:, p], x[:, p], y[:, p]) for p in range(way.shape[1])], axis=-1)
+        result = np.empty_like(way)
+        for p in range(way.shape[1]):
+            result[:, p] = np.interp(way[:, p], x[:, p], y[:, p])
+        return result

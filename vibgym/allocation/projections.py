@@ -1,7 +1,7 @@
 """Alternating projections: phasors that do what parts want, of elements that rest or move far enough. Compiled.
 
 The wish is projected onto what elements can do, what is then missing is added to the wish as the phasors of least norm, and so
-on from several starts. Of all that was come by, the one with the least expected error is taken: what is missing, and what the
+on from several starts, spread over the disc of pushes that elements cannot do. Of all that was come by, the one with the least expected error is taken: what is missing, and what the
 spread of the elements' gains and phases makes of each piece's push.
 
 Parts that share elements are served together, as a group; all others by themselves. A world's phasors are the same bits alone
@@ -21,20 +21,25 @@ from vibgym.physics.core.jit import borrowing, inlined
 DAMPING = 0.003
 """Share of the mean square by which conflicting wishes are softened."""
 
-TINY = 1e-300
-
-HALVING = 100
-
 STARTS, ROUNDS = 64, 16
 """Starts, the least-norm phasors first, and projections from each, where less is wanted than an element's smallest amplitude
-gives: then nearly all depends on which elements work against each other."""
+gives: then nearly all depends on which elements work against each other. Starts lie side by side in the innermost index, so
+that loops over them become vector instructions."""
 
 FEW_STARTS, FEW_ROUNDS = 8, 8
 """The same where more is wanted."""
 
-SPREAD = 0.13
+HALVING = 4
+"""After so many projections the better half of the starts goes on alone, where there are many."""
+
+SPREAD = 0.16
 """Expected error of an element's push over its size: 5 % of gain and 5 degrees of phase are 0.10. A little more makes parts
 rest for longer at a goal: pulses of many elements against each other are not worth what they spoil."""
+
+SLOTS = 64
+"""Elements of a group that start differently; a start does not depend on what else is on the table."""
+
+TINY = 1e-300  # instead of the length of no push at all
 
 
 class Limits(NamedTuple):
@@ -42,7 +47,7 @@ class Limits(NamedTuple):
 
     least: float  # smallest amplitude but rest
     most: float
-    start: np.ndarray  # (slots, 2, STARTS), what is added to the least-norm phasors
+    start: np.ndarray  # (SLOTS, 2, STARTS), what is added to the least-norm phasors
     starts: int = STARTS  # numbers that kernels take at run time: loops over constants are unrolled, not vectorised
     rounds: int = ROUNDS
     few_starts: int = FEW_STARTS
@@ -90,14 +95,14 @@ def new_work(parts: int, elements: int, room: int) -> Work:
     )
 
 
-def start_table(slots: int, size: float) -> np.ndarray:
-    """Vectors, (slots, 2, STARTS), spread evenly over the disc of radius ``size``, those of the first start zero."""
-    k = np.arange(STARTS * slots, dtype=np.float64).reshape(STARTS, slots)
+def start_table(size: float) -> np.ndarray:
+    """Vectors (SLOTS, 2, STARTS), spread evenly over the disc of radius ``size``, those of the first start zero."""
+    k = np.arange(STARTS * SLOTS, dtype=np.float64).reshape(STARTS, SLOTS).T
     # Kronecker's sequence; powers of the plastic number fill the square evenly (M. Roberts 2018).
     radius, turn = size * np.sqrt(k * 0.7548776662466927 % 1.0), 2.0 * math.pi * (k * 0.5698402909980532 % 1.0)
-    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
-    table[0] = 0.0
-    return np.ascontiguousarray(np.moveaxis(table, 0, -1))
+    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    table[..., 0] = 0.0
+    return table
 
 
 @borrowing
@@ -268,7 +273,8 @@ def untouched(limits, work, elements):
     for j in range(elements):
         x, y = work.wish[j, 0, 0], work.wish[j, 1, 0]
         square = x * x + y * y
-        if square > limits.most * limits.most or (0.0 < square and square < limits.least * limits.least):
+        moves = x != 0.0 or y != 0.0
+        if square > limits.most * limits.most or (moves and square < limits.least * limits.least):
             return False
     return True
 
@@ -316,11 +322,10 @@ def serve_group(limits, pieces, count, own, wanted, gain, work):
         size += work.wanted[k] * work.wanted[k]
     small = size < parts * limits.least * limits.least
     lanes, rounds = (limits.starts, limits.rounds) if small else (limits.few_starts, limits.few_rounds)
-    slots = limits.start.shape[0]
     for j in range(elements):
         for k in range(2):
             for lane in range(lanes):
-                work.wish[j, k, lane] = limits.start[j % slots, k, lane]
+                work.wish[j, k, lane] = limits.start[j % SLOTS, k, lane]
     miss(work, parts, n, lanes)
     add_missing(work, parts, n, lanes)
     if untouched(limits, work, elements):  # those of least norm will do
@@ -338,8 +343,8 @@ def serve_group(limits, pieces, count, own, wanted, gain, work):
 
 
 @borrowing
-def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
-    """Pushes of all elements of all worlds, see :meth:`vibgym.allocation.Allocator.pushes`.
+def serve(start, stop, outlines, limits, pose, present, wanted, gain, pieces, work, push):
+    """Pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
         outlines: of :func:`vibgym.allocation.cut.outlines_of`.
@@ -349,7 +354,7 @@ def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
         pieces, work: scratch.
         push: (worlds, rows, columns, 2), overwritten.
     """
-    for w in range(pose.shape[0]):
+    for w in range(start, stop):
         push[w] = 0.0
         count = cut_parts(outlines, pose[w], present[w], pieces)
         group_parts(pieces, count, pose.shape[1], work.group, work.slot)
