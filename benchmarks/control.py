@@ -1,8 +1,8 @@
 """What control costs beside the simulation: ``python -m benchmarks.control [--steps 100] [--only pose]``.
 
 Every law, straight to the goals and under the planner, drives 256 worlds, and one, through whole episodes, one after the other,
-so that all that episodes contain comes in: ways, last millimetres, rests. Timed in turn, in one process, are ``predict`` and the
-simulator's step of the same worlds in the same state, one period of the planar model or of the contact model; what else a step
+so that all that episodes contain comes in: ways, last millimetres, rests. Timed in turn, in one process, are ``predict`` and
+the simulator's step of the same worlds in the same state, one period of the planar or the contact model; what else a step
 of an environment costs is left out. Printed are the ratio of the two, all steps together and the median step, and what
 ``predict`` takes a period, for 256 worlds and for one, median and 95 %.
 

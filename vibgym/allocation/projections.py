@@ -1,8 +1,8 @@
 """Alternating projections: phasors that do what parts want, of elements that rest or move far enough. Compiled.
 
 The wish is projected onto what elements can do, what is then missing is added to the wish as the phasors of least norm, and so
-on from several starts, spread over the disc of pushes that elements cannot do. Of all that was come by, the one with the least expected error is taken: what is missing, and what the
-spread of the elements' gains and phases makes of each piece's push.
+on from several starts, spread over the disc of pushes that elements cannot do. Of all that was come by, the one with the least
+expected error is taken: what is missing, and what the spread of the elements' gains and phases makes of each piece's push.
 
 Parts that share elements are served together, as a group; all others by themselves. A world's phasors are the same bits alone
 and in a batch: the starts are a fixed table.
