@@ -31,6 +31,7 @@ AISLE_SLOPE = 2.0  # steepest way into an aisle
 SLACK = 0.002  # m that a part may be too near the border for nothing
 OUTSIDE = 0.005  # m too near the border that cost as much as being as near to another part as can be
 FADING = 0.6  # share by which what is near in place counts less at the end of a prediction
+ROUNDING = 1e-9  # s, by which a bound may be wrong
 DEEPEST = 4.0  # in safe distances, the lack of distance beyond which the price grows no more
 
 
@@ -93,14 +94,22 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
 
 
 @borrowing
-def follow(wants, motion, centre, velocity, target, path):
+def follow(wants, motion, centre, velocity, target, path, limit):
     """Predict a motion of one part: ``path`` (INSTANTS, 2) is overwritten with its places after 1, 2, ... intervals.
 
     Args:
         centre, velocity, target: (2,) m, m/s, m.
+        limit: s, price of place above which nobody wants to know where it leads.
+
+    Returns:
+        How many places were written; all, unless a lower bound of the price is above the limit.
     """
     x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
-    for k in range(path.shape[0]):
+    spent = 0.0
+    # As price_of_place() counts it, if from here on the part went straight to its target as fast as it can.
+    fastest = max(wants.top_speed, math.sqrt(vx * vx + vy * vy))
+    gain = INTERVAL * fastest / wants.top_speed
+    for k in range(INSTANTS):
         wx, wy = set_velocity(wants, motion, k * INTERVAL, x, y, target[0], target[1])
         ax, ay = wx - vx, wy - vy
         change = math.sqrt(ax * ax + ay * ay)
@@ -109,6 +118,14 @@ def follow(wants, motion, centre, velocity, target, path):
         x, y = x + 0.5 * INTERVAL * (vx + nx), y + 0.5 * INTERVAL * (vy + ny)
         vx, vy = nx, ny
         path[k, 0], path[k, 1] = x, y
+        dx, dy = target[0] - x, target[1] - y
+        left, more = math.sqrt(dx * dx + dy * dy) / wants.top_speed, INSTANTS - 1 - k
+        spent += left / INSTANTS
+        count = min(int(left / gain), more - 1)  # the last place counts in full
+        way = (count * left - 0.5 * gain * count * (count + 1)) / INSTANTS
+        if more > 0 and spent + way + max(left - more * gain, 0.0) > limit + ROUNDING:
+            return k + 1
+    return INSTANTS
 
 
 @borrowing
@@ -178,7 +195,8 @@ def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
         paths: (parts, INSTANTS, 2) m, of the others.
     """
     target, patience = scene.target[world, p], scene.patience[world, p]
-    follow(wants, motion, scene.centre[world, p], scene.velocity[world, p], target, trial)
+    if follow(wants, motion, scene.centre[world, p], scene.velocity[world, p], target, trial, limit) < INSTANTS:
+        return math.inf
     price = price_of_place(wants, trial, target)
     for q in range(rank.shape[0]):
         if price > limit:
@@ -211,24 +229,25 @@ def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, tria
 
 
 @jit
-def choose_motions(wants, hulls, scene, faithful, motion, chosen):
-    """Let the parts of every world choose in turn, each beside the motions of those before and the last ones of those after.
+def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
+    """Let the parts of each world choose in turn, each beside the motions of those before and the last ones of those after.
 
     Args:
+        start, stop: first world, and the one after the last.
         wants: the :class:`Preferences`.
         faithful: s, what another motion must be better than the last one.
         motion: (worlds, parts) int64, the last ones; overwritten.
         chosen: (worlds, parts, 2) m/s, overwritten with the set velocities; 0 for absent parts.
     """
-    worlds, parts = scene.present.shape
+    parts = scene.present.shape[1]
     paths, trial = np.empty((parts, INSTANTS, 2)), np.empty((INSTANTS, 2))
     rank = np.empty(parts, np.int64)
-    for w in range(worlds):
+    for w in range(start, stop):
         centre, velocity, target = scene.centre[w], scene.velocity[w], scene.target[w]
         for k in range(parts):
             p = scene.order[w, k]
             rank[p] = k if scene.present[w, p] else -1
-            follow(wants, motion[w, p], centre[p], velocity[p], target[p], paths[p])
+            follow(wants, motion[w, p], centre[p], velocity[p], target[p], paths[p], math.inf)
         for k in range(parts):
             p = scene.order[w, k]
             chosen[w, p] = 0.0
@@ -236,6 +255,6 @@ def choose_motions(wants, hulls, scene, faithful, motion, chosen):
                 continue
             best = best_motion(wants, hulls, scene, w, p, motion[w, p], faithful, rank, paths, trial)
             motion[w, p] = best
-            follow(wants, best, centre[p], velocity[p], target[p], paths[p])
+            follow(wants, best, centre[p], velocity[p], target[p], paths[p], math.inf)
             wx, wy = set_velocity(wants, best, 0.0, centre[p, 0], centre[p, 1], target[p, 0], target[p, 1])
             chosen[w, p, 0], chosen[w, p, 1] = wx, wy

@@ -23,6 +23,7 @@ from agents.control.targets import Targets, swap
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.scene.hulls import hulls_of
+from vibgym.simulation import threads as workers
 
 ARRIVED = 0.020  # m from the target
 SLOW = 0.050  # m/s
@@ -82,7 +83,7 @@ class PlannerPolicy(Steering):
         self.faithful = checks.number("faithful", faithful, least=0.0)
         edge = min(checks.number("edge", edge, above=0.0), 0.5 * surface.width, 0.5 * surface.height)
         self.targets = Targets(info, edge, checks.number("inset", inset, least=0.0), 2.0 * self.slack)
-        self.hulls = hulls_of(info.parts)
+        self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Parts without zones may all swap targets: apart is apart.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
         self.preferences = Preferences(
@@ -134,6 +135,10 @@ class PlannerPolicy(Steering):
             order=np.argsort(-way, axis=1, kind="stable"),
         )
         velocity = np.empty_like(centre)
-        choose_motions(self.preferences, self.hulls, scene, self.faithful, motion, velocity)
+
+        def choose(start: int, stop: int) -> None:
+            choose_motions(start, stop, self.preferences, self.hulls, scene, self.faithful, motion, velocity)
+
+        workers.share(choose, batch, self.threads)
         action, steered = self.steer(measured, self.law.lead * velocity, steered)
         return action, Memory(target, motion, waited, steered)

@@ -60,16 +60,18 @@ class StoppingCurve:
 
     def at(self, way: np.ndarray) -> np.ndarray:
         """Speeds (batch, parts) from which parts stop within ``way`` (batch, parts) >= 0; the top speed beyond the curve."""
-        each = range(way.shape[1])
-        return np.stack([np.interp(way[:, p], self.way[:, p], self.speed[:, p]) for p in each], axis=-1)
+        result = np.empty_like(way)
+        for p in range(way.shape[1]):
+            result[:, p] = np.interp(way[:, p], self.way[:, p], self.speed[:, p])
+        return result
 
 
 class Landing:
     """Speeds for the ends of steps, with which parts get to their targets soon and stop there.
 
     A target is as good as reached within a tolerance on either side, and only the ends of steps count. So a part may come into
-    the tolerance so fast that it passes its target, as long as it stops before it is out again. Until it can be in by the end of
-    the step it therefore follows the curve to the far edge. Then it is as slow as lets it arrive, and from there on it goes for
+    the tolerance so fast that it passes its target, as long as it stops before it is out again. Until it can be in by the end
+    of the step it therefore follows the curve to the far edge. Then it is as slow as lets it arrive, and from there on it goes for
     the target itself; one that would be beyond the far edge at the end of the step is turned back.
 
     Args:

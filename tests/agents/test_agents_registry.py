@@ -56,7 +56,8 @@ def test_a_controller_of_ones_own_has_a_name(monkeypatch):
 
 
 @pytest.mark.parametrize("policy, named", [
-    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'local_fields', 'planner', 'pose', 'lqr', 'pid', 'state_space', 'trained'"),
+    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'local_fields', 'planner', 'pose', 'lqr', "
+     "'pid', 'state_space', 'trained'"),
     (3, "policy.*3"), (None, "policy.*None"), ({}, "policy.kind.*None"), ({"kind": 3}, "policy.kind"),
     ({"kind": "zero", "colour": 1}, "policy 'zero'.*colour"),
     ({"kind": "local_field", "response": -1}, "response.*-1"),

@@ -6,6 +6,6 @@ it stands under every controller and under ``action="wrench"``.
 """
 
 from vibgym.allocation.allocator import Allocator
-from vibgym.allocation.inverse import Allocation, mean_acceleration, mean_state, phasors_for
+from vibgym.allocation.inverse import Allocation, Inverse, Periods, mean_acceleration, mean_state, phasors_for
 
-__all__ = ["Allocation", "Allocator", "mean_acceleration", "mean_state", "phasors_for"]
+__all__ = ["Allocation", "Allocator", "Inverse", "Periods", "mean_acceleration", "mean_state", "phasors_for"]

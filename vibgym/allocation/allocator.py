@@ -12,15 +12,18 @@ more. Where it does nothing, elements rest or move with an amplitude of at least
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.actuators import DataSheet
-from vibgym.allocation.cut import new_pieces, outlines_of
+from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
 from vibgym.allocation.effect import effects, reaches
-from vibgym.allocation.projections import Limits, new_work, serve, start_table
+from vibgym.allocation.projections import Limits, Work, new_work, serve, start_table
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation import threads as workers
 
 MARGIN = 0.1
 """Share of a hard dead zone by which elements stay clear of it: no two are alike."""
@@ -43,6 +46,7 @@ class Allocator:
     Args:
         surface, parts: the scene.
         sheet: what is known of the elements: largest amplitude, dead zone, resolution.
+        threads: None uses all processors of this process; results do not depend on it.
 
     Attributes:
         most: largest amplitude, over the surface's.
@@ -50,7 +54,7 @@ class Allocator:
         gyration: (parts,) radii, m.
     """
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], sheet: DataSheet) -> None:
+    def __init__(self, surface: Surface, parts: Sequence[Part], sheet: DataSheet, threads: int | None = None) -> None:
         self.surface, self.parts = surface, tuple(parts)
         self.outlines = outlines_of(surface, self.parts)
         self.gyration = self.outlines.gyration
@@ -63,8 +67,9 @@ class Allocator:
             self.least = min(least, self.most)
         elif sheet.dead_zone > 0.0:
             self._made_up = sheet.dead_zone / largest, INVERSES[sheet.dead_zone_form]
-        room = len(new_pieces(surface, self.parts).part)
-        self._limits = Limits(self.least, self.most, start_table(room, 2.0 * self.least))
+        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
+        self._scratch = workers.Pool(partial(_scratch, surface, self.parts))
+        self._limits = Limits(self.least, self.most, start_table(self.least))
         self._whole = np.ones((1, surface.rows * surface.columns))
 
     def pushes(
@@ -84,10 +89,16 @@ class Allocator:
         surface, worlds = self.surface, len(pose)
         push = np.empty((worlds, surface.rows, surface.columns, 2))
         gain = self._gains(gain, worlds)
-        pieces = new_pieces(surface, self.parts)  # anew, since several threads may use an allocator
-        work = new_work(len(self.parts), surface.rows * surface.columns, len(pieces.part))
-        given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain))
-        serve(self.outlines, self._limits, *given, pieces, work, push)
+        given = [np.ascontiguousarray(each) for each in (pose, present, wanted, gain)]
+
+        def work(start: int, stop: int) -> None:
+            scratch = self._scratch.borrow()
+            try:
+                serve(start, stop, self.outlines, self._limits, *given, *scratch, push)
+            finally:
+                self._scratch.give_back(scratch)
+
+        workers.share(work, worlds, self._threads)
         return push
 
     def effect(
@@ -138,3 +149,9 @@ class Allocator:
             share[~inside] = 1.0
             push *= inverse(share) / share
         return (-push[..., ::-1]).astype(np.float32).reshape(len(push), -1)
+
+
+def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Work]:
+    """What one thread needs."""
+    pieces = new_pieces(surface, parts)
+    return pieces, new_work(len(parts), surface.rows * surface.columns, len(pieces.part))

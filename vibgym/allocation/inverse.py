@@ -14,8 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym.physics.averaged.along_way import Inversion, new_room
 from vibgym.physics.averaged.contact import AveragedScheme, new_workspace
-from vibgym.physics.averaged.inverse import Inversion, correct_worlds, invert_worlds, new_kept, new_room
+from vibgym.physics.averaged.correction import correct_worlds, invert_worlds
+from vibgym.physics.averaged.inverse import new_kept
 from vibgym.physics.averaged.map import instant_states, mean_accelerations, mean_states
 from vibgym.physics.core.drive import Drive, polar_drive
 from vibgym.physics.core.records import STATE, new_state

@@ -1,8 +1,8 @@
 """Alternating projections: phasors that do what parts want, of elements that rest or move far enough. Compiled.
 
 The wish is projected onto what elements can do, what is then missing is added to the wish as the phasors of least norm, and so
-on from several starts. Of all that was come by, the one with the least expected error is taken: what is missing, and what the
-spread of the elements' gains and phases makes of each piece's push.
+on from several starts, spread over the disc of pushes that elements cannot do. Of all that was come by, the one with the least
+expected error is taken: what is missing, and what the spread of the elements' gains and phases makes of each piece's push.
 
 Parts that share elements are served together, as a group; all others by themselves. A world's phasors are the same bits alone
 and in a batch: the starts are a fixed table.
@@ -16,21 +16,30 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.allocation.cut import cut_parts
-from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.jit import borrowing, inlined
 
 DAMPING = 0.003
 """Share of the mean square by which conflicting wishes are softened."""
 
 STARTS, ROUNDS = 64, 16
 """Starts, the least-norm phasors first, and projections from each, where less is wanted than an element's smallest amplitude
-gives: then nearly all depends on which elements work against each other."""
+gives: then nearly all depends on which elements work against each other. Starts lie side by side in the innermost index, so
+that loops over them become vector instructions."""
 
-FEW_STARTS, FEW_ROUNDS = 6, 8
+FEW_STARTS, FEW_ROUNDS = 8, 8
 """The same where more is wanted."""
 
-SPREAD = 0.13
+HALVING = 4
+"""After so many projections the better half of the starts goes on alone, where there are many."""
+
+SPREAD = 0.16
 """Expected error of an element's push over its size: 5 % of gain and 5 degrees of phase are 0.10. A little more makes parts
 rest for longer at a goal: pulses of many elements against each other are not worth what they spoil."""
+
+SLOTS = 64
+"""Elements of a group that start differently; a start does not depend on what else is on the table."""
+
+TINY = 1e-300  # instead of the length of no push at all
 
 
 class Limits(NamedTuple):
@@ -38,7 +47,11 @@ class Limits(NamedTuple):
 
     least: float  # smallest amplitude but rest
     most: float
-    start: np.ndarray  # (STARTS, slots, 2) what is added to the least-norm phasors
+    start: np.ndarray  # (SLOTS, 2, STARTS), what is added to the least-norm phasors
+    starts: int = STARTS  # numbers that kernels take at run time: loops over constants are unrolled, not vectorised
+    rounds: int = ROUNDS
+    few_starts: int = FEW_STARTS
+    few_rounds: int = FEW_ROUNDS
 
 
 class Work(NamedTuple):
@@ -54,10 +67,10 @@ class Work(NamedTuple):
     arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element
     inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
     wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
-    missing: np.ndarray  # (3 parts,) ... what they do not get ...
-    command: np.ndarray  # (3 parts,) ... and the strengths of the fields that would give it to them
-    wish: np.ndarray  # (room, 2) phasors, accumulated
-    done: np.ndarray  # (room, 2) the same as the elements can do it
+    missing: np.ndarray  # (3 parts, STARTS) ... what they do not get ...
+    command: np.ndarray  # (3 parts, STARTS) ... and the strengths of the fields that would give it to them
+    wish: np.ndarray  # (room, 2, STARTS) phasors, accumulated
+    expected: np.ndarray  # (STARTS,) error, squared
     best: np.ndarray  # (room, 2)
 
 
@@ -74,21 +87,21 @@ def new_work(parts: int, elements: int, room: int) -> Work:
         arm=np.zeros((room, 3)),
         inverse=np.zeros((3 * parts, 3 * parts)),
         wanted=np.zeros(3 * parts),
-        missing=np.zeros(3 * parts),
-        command=np.zeros(3 * parts),
-        wish=np.zeros((room, 2)),
-        done=np.zeros((room, 2)),
+        missing=np.zeros((3 * parts, STARTS)),
+        command=np.zeros((3 * parts, STARTS)),
+        wish=np.zeros((room, 2, STARTS)),
+        expected=np.zeros(STARTS),
         best=np.zeros((room, 2)),
     )
 
 
-def start_table(slots: int, size: float) -> np.ndarray:
-    """Vectors (STARTS, slots, 2) spread evenly over the disc of radius ``size``, those of the first start zero."""
-    k = np.arange(STARTS * slots, dtype=np.float64).reshape(STARTS, slots)
+def start_table(size: float) -> np.ndarray:
+    """Vectors (SLOTS, 2, STARTS), spread evenly over the disc of radius ``size``, those of the first start zero."""
+    k = np.arange(STARTS * SLOTS, dtype=np.float64).reshape(STARTS, SLOTS).T
     # Kronecker's sequence; powers of the plastic number fill the square evenly (M. Roberts 2018).
     radius, turn = size * np.sqrt(k * 0.7548776662466927 % 1.0), 2.0 * math.pi * (k * 0.5698402909980532 % 1.0)
-    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=-1)
-    table[0] = 0.0
+    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    table[..., 0] = 0.0
     return table
 
 
@@ -177,96 +190,161 @@ def gather(pieces, count, own, wanted, gain, work):
 
 
 @borrowing
-def miss(work, parts, n, phasors):
-    """What the group's parts lack under ``phasors``, in ``work.missing``; returns the expected error, squared."""
-    missing, expected = work.missing, 0.0
+def try_out(limits, work, parts, n, lanes):
+    """What the group's parts lack under the nearest to each start's wish that elements can do, and the expected error.
+
+    Into ``work.missing`` and ``work.expected`` (squared).
+    """
+    wish, missing, expected = work.wish, work.missing, work.expected
+    least, half, most = limits.least, 0.5 * limits.least, limits.most
+    for lane in range(lanes):
+        expected[lane] = 0.0
     for k in range(3 * parts):
-        missing[k] = work.wanted[k]
+        wanted = work.wanted[k]
+        for lane in range(lanes):
+            missing[k, lane] = wanted
     for i in range(n):
-        p, a, ax, ay = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
-        x, y = phasors[work.on[i], 0], phasors[work.on[i], 1]
-        missing[p] -= a * x
-        missing[p + 1] -= a * y
-        missing[p + 2] -= ax * y - ay * x
-        expected += SPREAD * SPREAD * (a * a + ax * ax + ay * ay) * (x * x + y * y)
+        p, j, a, ax, ay = work.row[i], work.on[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        spread = SPREAD * SPREAD * (a * a + ax * ax + ay * ay)
+        for lane in range(lanes):
+            x, y = wish[j, 0, lane], wish[j, 1, lane]
+            length = math.sqrt(x * x + y * y)
+            allowed = nearest(length, least, half, most)
+            scale = allowed / (length + TINY)
+            x, y = scale * x, scale * y
+            missing[p, lane] -= a * x
+            missing[p + 1, lane] -= a * y
+            missing[p + 2, lane] -= ax * y - ay * x
+            expected[lane] += spread * allowed * allowed
     for k in range(3 * parts):
-        expected += missing[k] * missing[k]
-    return expected
+        for lane in range(lanes):
+            expected[lane] += missing[k, lane] * missing[k, lane]
+
+
+@inlined
+def nearest(length, least, half, most):
+    """The nearest amplitude that elements can do, 0 or within the limits; ``half`` of the least is as far from both."""
+    allowed = length if length > least else least
+    allowed = allowed if allowed < most else most
+    return allowed if length > half else 0.0
 
 
 @borrowing
-def add_missing(work, parts, n):
-    """Add to the wish the phasors of least mean square over the covered area that do what is missing."""
-    command, wish = work.command, work.wish
+def miss(work, parts, n, lanes):
+    """What the group's parts lack if each start's wish is done, in ``work.missing``."""
+    wish, missing = work.wish, work.missing
     for k in range(3 * parts):
-        value = 0.0
+        wanted = work.wanted[k]
+        for lane in range(lanes):
+            missing[k, lane] = wanted
+    for i in range(n):
+        p, j, a, ax, ay = work.row[i], work.on[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        for lane in range(lanes):
+            x, y = wish[j, 0, lane], wish[j, 1, lane]
+            missing[p, lane] -= a * x
+            missing[p + 1, lane] -= a * y
+            missing[p + 2, lane] -= ax * y - ay * x
+
+
+@borrowing
+def add_missing(work, parts, n, lanes):
+    """Add to each start's wish the phasors of least mean square over the covered area that do what is missing."""
+    command, missing, wish = work.command, work.missing, work.wish
+    for k in range(3 * parts):
+        for lane in range(lanes):
+            command[k, lane] = 0.0
         for j in range(3 * parts):
-            value += work.inverse[k, j] * work.missing[j]
-        command[k] = value
+            share = work.inverse[k, j]
+            for lane in range(lanes):
+                command[k, lane] += share * missing[j, lane]
     for i in range(n):
-        p, a, ax, ay, j = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2], work.on[i]
-        wish[j, 0] += (a * command[p] - ay * command[p + 2]) / work.covered[j]
-        wish[j, 1] += (a * command[p + 1] + ax * command[p + 2]) / work.covered[j]
+        p, j = work.row[i], work.on[i]
+        weight = 1.0 / work.covered[j]
+        a, ax, ay = weight * work.arm[i, 0], weight * work.arm[i, 1], weight * work.arm[i, 2]
+        for lane in range(lanes):
+            turn = command[p + 2, lane]
+            wish[j, 0, lane] += a * command[p, lane] - ay * turn
+            wish[j, 1, lane] += a * command[p + 1, lane] + ax * turn
 
 
 @borrowing
-def project(limits, elements, wish, done):
-    """The nearest that elements can do: rest, or an amplitude within the limits.
+def untouched(limits, work, elements):
+    """Whether the elements can do what is wished at the first start."""
+    for j in range(elements):
+        x, y = work.wish[j, 0, 0], work.wish[j, 1, 0]
+        square = x * x + y * y
+        moves = x != 0.0 or y != 0.0
+        if square > limits.most * limits.most or (moves and square < limits.least * limits.least):
+            return False
+    return True
+
+
+@borrowing
+def keep_best(limits, work, elements, lanes, least):
+    """Keep in ``work.best`` what the elements do at the start of least expected error, if that is less than ``least``.
 
     Returns:
-        Whether any was too large, and whether the dead zone took any.
+        The least expected error so far, squared.
     """
-    cut, taken = False, False
-    for j in range(elements):
-        x, y = wish[j, 0], wish[j, 1]
-        length = math.sqrt(x * x + y * y)
-        scale = 1.0
-        if length > limits.most:
-            scale = limits.most / length
-            cut = True
-        elif length < limits.least:
-            scale = limits.least / length if length > 0.5 * limits.least else 0.0
-            taken = taken or length > 0.0
-        done[j, 0], done[j, 1] = scale * x, scale * y
-    return cut, taken
+    best = -1
+    for lane in range(lanes):
+        if work.expected[lane] < least:
+            best, least = lane, work.expected[lane]
+    if best >= 0:
+        for j in range(elements):
+            x, y = work.wish[j, 0, best], work.wish[j, 1, best]
+            length = math.sqrt(x * x + y * y)
+            scale = nearest(length, limits.least, 0.5 * limits.least, limits.most) / (length + TINY)
+            work.best[j, 0], work.best[j, 1] = scale * x, scale * y
+    return least
+
+
+@borrowing
+def halve(work, parts, elements, lanes):
+    """Let every start in the first half meet one in the second, and the better one stay; returns how many there are left."""
+    half = lanes // 2
+    for lane in range(half):
+        if work.expected[lane + half] < work.expected[lane]:
+            for j in range(elements):
+                for k in range(2):
+                    work.wish[j, k, lane] = work.wish[j, k, lane + half]
+            for k in range(3 * parts):
+                work.missing[k, lane] = work.missing[k, lane + half]
+    return half
 
 
 @borrowing
 def serve_group(limits, pieces, count, own, wanted, gain, work):
     """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
     parts, elements, n = gather(pieces, count, own, wanted, gain, work)
-    wish, done, best, least, hollow = work.wish, work.done, work.best, math.inf, False
     size = 0.0
     for k in range(3 * parts):
         size += work.wanted[k] * work.wanted[k]
     small = size < parts * limits.least * limits.least
-    rounds = ROUNDS if small else FEW_ROUNDS
-    for start in range(limits.start.shape[0] if small else FEW_STARTS):
+    lanes, rounds = (limits.starts, limits.rounds) if small else (limits.few_starts, limits.few_rounds)
+    for j in range(elements):
+        for k in range(2):
+            for lane in range(lanes):
+                work.wish[j, k, lane] = limits.start[j % SLOTS, k, lane]
+    miss(work, parts, n, lanes)
+    add_missing(work, parts, n, lanes)
+    if untouched(limits, work, elements):  # those of least norm will do
         for j in range(elements):
-            done[j, 0], done[j, 1] = 0.0, 0.0
-            wish[j, 0] = limits.start[start, j % limits.start.shape[1], 0]
-            wish[j, 1] = limits.start[start, j % limits.start.shape[1], 1]
-        miss(work, parts, n, wish)
-        add_missing(work, parts, n)
-        for turn in range(rounds):
-            cut, taken = project(limits, elements, wish, done)
-            hollow = hollow or taken
-            expected = miss(work, parts, n, done)
-            if expected < least:
-                least = expected
-                for j in range(elements):
-                    best[j, 0], best[j, 1] = done[j, 0], done[j, 1]
-            if start == 0 and turn == 0 and not cut and not taken:
-                return elements  # those of least norm will do
-            add_missing(work, parts, n)
-        if not hollow:
-            return elements  # what they can do is convex: every start leads to the same
+            work.best[j, 0], work.best[j, 1] = work.wish[j, 0, 0], work.wish[j, 1, 0]
+        return elements
+    least = math.inf
+    for turn in range(rounds):
+        try_out(limits, work, parts, n, lanes)
+        least = keep_best(limits, work, elements, lanes, least)
+        if small and turn % HALVING == HALVING - 1:
+            lanes = halve(work, parts, elements, lanes)
+        add_missing(work, parts, n, lanes)
     return elements
 
 
 @borrowing
-def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
-    """Pushes of all elements of all worlds, see :meth:`vibgym.allocation.Allocator.pushes`.
+def serve(start, stop, outlines, limits, pose, present, wanted, gain, pieces, work, push):
+    """Pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
         outlines: of :func:`vibgym.allocation.cut.outlines_of`.
@@ -276,7 +354,7 @@ def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
         pieces, work: scratch.
         push: (worlds, rows, columns, 2), overwritten.
     """
-    for w in range(pose.shape[0]):
+    for w in range(start, stop):
         push[w] = 0.0
         count = cut_parts(outlines, pose[w], present[w], pieces)
         group_parts(pieces, count, pose.shape[1], work.group, work.slot)

@@ -17,6 +17,7 @@ from agents.control.motion_choice import (
     STAY,
     distance_at_least,
     follow,
+    price_of_place,
     set_velocity,
 )
 from agents.control.planner import PlannerPolicy
@@ -113,7 +114,7 @@ def test_a_tight_lattice_still_holds_all():
 
 def path(motion, here, velocity=(0.0, 0.0), target=(0.7, 0.1)):
     result = np.empty((INSTANTS, 2))
-    follow(planner().preferences, motion, *(np.array(each) for each in (here, velocity, target)), result)
+    follow(planner().preferences, motion, *(np.array(each) for each in (here, velocity, target)), result, math.inf)
     return result
 
 
@@ -133,6 +134,19 @@ def test_motions_do_what_they_are_called():
     assert [round(math.degrees(math.atan2(y, x))) % 360 for x, y in aside] == list(range(0, 360, 30))
     for motion in range(MOTIONS):
         assert np.hypot(*set_velocity(planner().preferences, motion, 0.0, *here, 0.7, 0.1)) <= 0.302
+
+
+def test_motions_are_given_up_only_where_they_are_too_dear():
+    """At any limit below its price or not: a path is cut short only if its price is above the limit."""
+    wants, generator, result, cut = planner().preferences, np.random.default_rng(3), np.empty((INSTANTS, 2)), 0
+    for _ in range(300):
+        here, target = generator.random((2, 2)) * [0.8, 0.2]
+        velocity, motion = generator.normal(size=2) * 0.15, int(generator.integers(MOTIONS))
+        assert follow(wants, motion, here, velocity, target, result, math.inf) == INSTANTS
+        price = price_of_place(wants, result, target)
+        assert follow(wants, motion, here, velocity, target, result, price) == INSTANTS
+        cut += follow(wants, motion, here, velocity, target, result, 0.7 * price) < INSTANTS
+    assert cut > 150
 
 
 def test_a_moving_part_needs_time_to_stop():
