@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.control.gains import GainLearner, turned
 from agents.control.laws import LAWS
 from agents.control.measured import Measured, wrap
 from agents.control.plant import plant_of
@@ -24,6 +25,7 @@ class Memory(NamedTuple):
 
     acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts were given in the last step
     law: Any  # the law's own
+    gains: Any  # agents.control.gains.Gains, or () where nothing is learnt
 
 
 class Steering:
@@ -44,7 +46,7 @@ class Steering:
 
     action, observation = "phasor", "state"
 
-    def __init__(self, info: TaskInfo, *, law: str = "local", **settings: Any) -> None:
+    def __init__(self, info: TaskInfo, *, law: str = "local", learn: bool = True, **settings: Any) -> None:
         self.info = info
         self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
         self.slack = self.law.slack
@@ -55,11 +57,14 @@ class Steering:
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
         # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
+        hard = info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard"
+        self.learner = GainLearner(info) if learn and hard and info.has_goal else None
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
     def begin(self, batch: int) -> Memory:
         """Memory at the start of an episode."""
-        return Memory(np.zeros((batch, len(self.info.parts), 3)), self.law.initial(batch))
+        gains = () if self.learner is None else self.learner.begin(batch)
+        return Memory(np.zeros((batch, len(self.info.parts), 3)), self.law.initial(batch), gains)
 
     def expected(self, measured: Measured, memory: Memory) -> Measured:
         """Where the parts are in the middle of what a step lasts longer than a period, and how fast at its start.
@@ -72,15 +77,18 @@ class Steering:
         """
         gained = self.gaining[:, None] * memory.acceleration
         measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=measured.spin + gained[..., 2])
-        if self.ahead == 0.0:
+        if self.ahead == 0.0 and self.learner is None:
             return measured
-        moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin
+        moved, turn = self.ahead * measured.velocity, self.ahead * measured.spin
+        if self.learner is not None:  # readings will tell later that elements do not do what they are told
+            unseen = self.learner.learn(measured, memory.gains)
+            moved, turn = moved + unseen[..., :2], turn + unseen[..., 2]
         return replace(
             measured,
             centre=measured.centre + moved,
-            heading=measured.heading + turned,
+            heading=measured.heading + turn,
             way=measured.way - moved if self.info.has_goal else measured.way,
-            turn=measured.turn - turned if self.info.has_heading else measured.turn,
+            turn=measured.turn - turn if self.info.has_heading else measured.turn,
         )
 
     def steer(self, measured: Measured, way: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
@@ -94,9 +102,16 @@ class Steering:
             push = np.where(moves, push, 0.0)
             coasting, _ = self.process.acceleration(velocity, push)
             acceleration = np.where(moves, acceleration, coasting)
-        memory = Memory(acceleration, self.law.applied(measured, acceleration, law))
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
-        action = self.allocator.actions(pose, measured.present, push)
+        if self.learner is None:
+            action = self.allocator.actions(pose, measured.present, push)
+        else:
+            gain, phase, spread = self.learner.known(memory.gains)
+            pushes = turned(self.allocator.pushes(pose, measured.present, push, gain, spread), -phase)
+            given = self.learner.note(pushes, memory.gains, push)
+            acceleration, _ = self.process.acceleration(velocity, given)
+            action = self.allocator.commands(pushes)
+        memory = Memory(acceleration, self.law.applied(measured, acceleration, law), memory.gains)
         return (action[0] if measured.single else action), memory
 
     def _turn(self, measured: Measured) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 
 from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import new_pieces, outlines_of
-from vibgym.allocation.projections import Limits, new_work, serve, start_table
+from vibgym.allocation.projections import SPREAD, Limits, new_work, serve, start_table
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -64,10 +64,15 @@ class Allocator:
             self._made_up = sheet.dead_zone / largest, INVERSES[sheet.dead_zone_form]
         room = len(new_pieces(surface, self.parts).part)
         self._limits = Limits(self.least, self.most, start_table(room, 2.0 * self.least))
-        self._whole = np.ones((1, surface.rows * surface.columns))
+        self._usual = np.tile([[1.0], [SPREAD]], surface.rows * surface.columns)[:, None]
 
     def pushes(
-        self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
+        self,
+        pose: np.ndarray,
+        present: np.ndarray,
+        wanted: np.ndarray,
+        gain: np.ndarray | None = None,
+        spread: np.ndarray | None = None,
     ) -> np.ndarray:
         """Pushes (worlds, rows, columns, 2) of the elements that do what the parts want as nearly as they can.
 
@@ -79,16 +84,17 @@ class Allocator:
             present: (worlds, parts) bool.
             wanted: (worlds, parts, 3) x, y, and angular acceleration times radius of gyration.
             gain: (worlds, rows * columns) what the elements make of their phasors; None: all that they are told.
+            spread: (worlds, rows * columns) expected error of an element's push over its size; None:
+                :data:`vibgym.allocation.projections.SPREAD`.
         """
         surface, worlds = self.surface, len(pose)
         push = np.empty((worlds, surface.rows, surface.columns, 2))
-        if gain is None:
-            if len(self._whole) < worlds:
-                self._whole = np.ones((worlds, surface.rows * surface.columns))
-            gain = self._whole
+        if self._usual.shape[1] < worlds:
+            self._usual = np.repeat(self._usual[:, :1], worlds, axis=1)
+        gain, spread = self._usual[0] if gain is None else gain, self._usual[1] if spread is None else spread
         pieces = new_pieces(surface, self.parts)  # anew, since several threads may use an allocator
         work = new_work(len(self.parts), surface.rows * surface.columns, len(pieces.part))
-        given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain))
+        given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread))
         serve(self.outlines, self._limits, *given, pieces, work, push)
         return push
 
@@ -96,11 +102,14 @@ class Allocator:
         self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
     ) -> np.ndarray:
         """``"phasor"`` actions (worlds, n) float32 that do what :meth:`pushes` says."""
-        push = self.pushes(pose, present, wanted, gain)
+        return self.commands(self.pushes(pose, present, wanted, gain))
+
+    def commands(self, push: np.ndarray) -> np.ndarray:
+        """``"phasor"`` actions (worlds, n) float32 of pushes (worlds, rows, columns, 2)."""
         if self._made_up is not None:
             width, inverse = self._made_up
             share = np.sqrt((push**2).sum(axis=-1, keepdims=True)) / width
             inside = (share > 0.0) & (share < 1.0)
             share[~inside] = 1.0
-            push *= inverse(share) / share
+            push = push * (inverse(share) / share)
         return (-push[..., ::-1]).astype(np.float32).reshape(len(push), -1)

@@ -51,7 +51,8 @@ class Work(NamedTuple):
     at: np.ndarray  # (parts,) int64: where a part stands in its group
     row: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
     on: np.ndarray  # (room,) int64: ... where its element stands ...
-    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element
+    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element ...
+    doubt: np.ndarray  # (room,) ... and the expected error of its push, squared, over the element's, squared
     inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
     wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
     missing: np.ndarray  # (3 parts,) ... what they do not get ...
@@ -72,6 +73,7 @@ def new_work(parts: int, elements: int, room: int) -> Work:
         row=np.zeros(room, dtype=np.int64),
         on=np.zeros(room, dtype=np.int64),
         arm=np.zeros((room, 3)),
+        doubt=np.zeros(room),
         inverse=np.zeros((3 * parts, 3 * parts)),
         wanted=np.zeros(3 * parts),
         missing=np.zeros(3 * parts),
@@ -127,7 +129,7 @@ def invert(matrix, n):
 
 
 @borrowing
-def gather(pieces, count, own, wanted, gain, work):
+def gather(pieces, count, own, wanted, gain, spread, work):
     """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
 
     Part p's field is a uniform push and one that turns. Of all pushes with the wanted effect those that are found have
@@ -154,6 +156,7 @@ def gather(pieces, count, own, wanted, gain, work):
         work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = (
             gain[e] * pieces.share[i], gain[e] * pieces.lever[i, 0], gain[e] * pieces.lever[i, 1]
         )  # fmt: skip
+        work.doubt[n] = spread[e] * spread[e] * (pieces.share[i] ** 2 + pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2)
         n += 1
     for i in range(3 * parts):
         for j in range(3 * parts):
@@ -188,7 +191,7 @@ def miss(work, parts, n, phasors):
         missing[p] -= a * x
         missing[p + 1] -= a * y
         missing[p + 2] -= ax * y - ay * x
-        expected += SPREAD * SPREAD * (a * a + ax * ax + ay * ay) * (x * x + y * y)
+        expected += work.doubt[i] * (x * x + y * y)
     for k in range(3 * parts):
         expected += missing[k] * missing[k]
     return expected
@@ -232,9 +235,9 @@ def project(limits, elements, wish, done):
 
 
 @borrowing
-def serve_group(limits, pieces, count, own, wanted, gain, work):
+def serve_group(limits, pieces, count, own, wanted, gain, spread, work):
     """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
-    parts, elements, n = gather(pieces, count, own, wanted, gain, work)
+    parts, elements, n = gather(pieces, count, own, wanted, gain, spread, work)
     wish, done, best, least, hollow = work.wish, work.done, work.best, math.inf, False
     size = 0.0
     for k in range(3 * parts):
@@ -265,7 +268,7 @@ def serve_group(limits, pieces, count, own, wanted, gain, work):
 
 
 @borrowing
-def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
+def serve(outlines, limits, pose, present, wanted, gain, spread, pieces, work, push):
     """Pushes of all elements of all worlds, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
@@ -273,6 +276,7 @@ def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
         limits: of the elements.
         pose, wanted: (worlds, parts, 3).  present: (worlds, parts) bool.
         gain: (worlds, elements) what elements make of their phasors.
+        spread: (worlds, elements) expected error of an element's push over its size.
         pieces, work: scratch.
         push: (worlds, rows, columns, 2), overwritten.
     """
@@ -289,7 +293,7 @@ def serve(outlines, limits, pose, present, wanted, gain, pieces, work, push):
                     moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
             if not moves:
                 continue
-            elements = serve_group(limits, pieces, count, own, wanted[w], gain[w], work)
+            elements = serve_group(limits, pieces, count, own, wanted[w], gain[w], spread[w], work)
             for j in range(elements):
                 row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
                 push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]
