@@ -32,6 +32,9 @@ KEEP = 0.9
 BLUR = 0.82
 """Share of what an estimator has not yet put right that it leaves to the next step."""
 
+UNSEEN = 0.2e-3
+"""m, most that is believed of what readings will yet put right: estimators that see much to put right are faster."""
+
 ARRIVAL = 1.2e-3
 """m, by which places of rest are off when a part has just become slow; forgotten as the sums are."""
 
@@ -47,13 +50,13 @@ NOISE = 0.08e-3
 MISFIT = 0.05
 """Share of the sum of nominal shifts by which it may differ, because friction is not as linear as that."""
 
-REPEATS = 5.0
+REPEATS = 3.0
 """Sums that follow each other tell nearly the same: so many are worth one."""
 
-SURPRISE = 3.0
+SURPRISE = 3.5
 """Standard deviations beyond which elements are taken to be faulty, ..."""
 
-FAULT = 0.0
+FAULT = 0.2
 """... and the standard deviation of their gains then."""
 
 WANDER = 0.002
@@ -251,6 +254,7 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead):
                         for j in range(lag - 1):
                             left += gains.waiting[w, p, j, k, q, axis]
                         total += gains.mean[w, p, 2 * k + q] * left
+                total = min(max(total, -UNSEEN), UNSEEN)
                 ahead[w, p, axis] = total if axis < 2 else total / numbers.gyration[p]
                 gains.rest[w, p, axis] = rest[w, p, axis]
 
