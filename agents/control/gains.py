@@ -32,7 +32,7 @@ KEEP = 0.9
 BLUR = 0.82
 """Share of what an estimator has not yet put right that it leaves to the next step."""
 
-UNSEEN = 0.2e-3
+UNSEEN = 0.4e-3
 """m, most that is believed of what readings will yet put right: estimators that see much to put right are faster."""
 
 ARRIVAL = 1.2e-3
@@ -56,7 +56,7 @@ REPEATS = 3.0
 SURPRISE = 3.5
 """Standard deviations beyond which elements are taken to be faulty, ..."""
 
-FAULT = 0.2
+FAULT = 0.3
 """... and the standard deviation of their gains then."""
 
 WANDER = 0.002
@@ -67,6 +67,9 @@ SLOW, SLOW_TURN = 0.040, 1.5
 
 MOST, MOST_PHASE, LEAST = 1.3, 0.35, 0.35
 """Of gains (and phases, rad) that are believed; those below the last count as dead."""
+
+CAUTION = 1.2
+"""Spread that the allocator counts on, over the standard deviation of what is known."""
 
 SURE = 0.02
 """Least spread of an element that has been learnt."""
@@ -215,12 +218,13 @@ def begin_again(gains, w, p):
 
 
 @borrowing
-def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead):
+def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doubt):
     """Learn from where the parts come to rest.
 
     Args:
         pose, rest: (batch, parts, 3), now, and where the parts come to rest.  present, slow: (batch, parts) bool.
         ahead: (batch, parts, 3) m, m, rad: what readings will yet put right, overwritten.
+        doubt: (batch, parts, 3) m, m, rad: its standard deviation, overwritten.
     """
     lag, room = gains.waiting.shape[2], gains.element.shape[2]
     for w in range(pose.shape[0]):
@@ -247,13 +251,15 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead):
     for w in range(pose.shape[0]):
         for p in range(pose.shape[1]):
             for axis in range(3):
-                total = 0.0
+                total, variance = 0.0, 0.0
                 for k in range(room):
                     for q in range(2):
                         left = gains.coming[w, p, k, q, axis]
                         for j in range(lag - 1):
                             left += gains.waiting[w, p, j, k, q, axis]
                         total += gains.mean[w, p, 2 * k + q] * left
+                        variance += gains.covariance[w, p, 2 * k + q, 2 * k + q] * left * left
+                doubt[w, p, axis] = math.sqrt(variance) if axis < 2 else math.sqrt(variance) / numbers.gyration[p]
                 total = min(max(total, -UNSEEN), UNSEEN)
                 ahead[w, p, axis] = total if axis < 2 else total / numbers.gyration[p]
                 gains.rest[w, p, axis] = rest[w, p, axis]
@@ -276,8 +282,7 @@ def tell(gains, gain, phase, spread):
                     gain[w, e] = min(size, MOST)
                     phase[w, e] = min(max(math.atan2(imaginary, real), -MOST_PHASE), MOST_PHASE)
                 own = gains.covariance[w, p, 2 * k, 2 * k] + gains.covariance[w, p, 2 * k + 1, 2 * k + 1]
-                prior = GAIN_SPREAD * GAIN_SPREAD + PHASE_SPREAD * PHASE_SPREAD
-                spread[w, e] = max(SPREAD * math.sqrt(own / prior), SURE)
+                spread[w, e] = max(CAUTION * math.sqrt(own), SURE)
 
 
 @borrowing
@@ -347,14 +352,18 @@ class GainLearner:
             rest=np.zeros((*shape, 3)),
         )
 
-    def learn(self, measured: Measured, gains: Gains) -> np.ndarray:
-        """Learn from what is measured now; returns what readings will yet put right, (batch, parts, 3) m, m, rad."""
+    def learn(self, measured: Measured, gains: Gains) -> tuple[np.ndarray, np.ndarray]:
+        """Learn from what is measured now; returns what readings will yet put right, and its standard deviation.
+
+        Both are (batch, parts, 3) m, m, rad.
+        """
         pose, rest = self.pose(measured), self.rest(measured)
         slow = ((measured.velocity**2).sum(axis=-1) < SLOW**2) & (np.abs(measured.spin) < SLOW_TURN)
         pieces, ahead = new_pieces(self.info.surface, self.info.parts), np.empty_like(pose)
+        doubt = np.empty_like(pose)
         column = np.empty(gains.mean.shape[-1])
-        learn(self.numbers, pieces, gains, pose, measured.present, rest, slow, column, ahead)
-        return ahead
+        learn(self.numbers, pieces, gains, pose, measured.present, rest, slow, column, ahead, doubt)
+        return ahead, doubt
 
     def known(self, gains: Gains) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gain, phase (rad) and spread of the elements, (batch, elements) each."""

@@ -33,6 +33,8 @@ class Measured:
     # ahead minus the present one, m, m, rad. Zeros that broadcast to these shapes where goals stay.
     goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
+    # (batch, parts, 3) m, m, rad: standard deviation of the place where a part comes to rest, of what is not yet read.
+    doubt: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
 
     @classmethod
     def of(cls, observation: Any, info: TaskInfo) -> Measured:

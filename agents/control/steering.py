@@ -50,7 +50,6 @@ class Steering:
         self.info = info
         self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
         self.slack = self.law.slack
-        self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.process = FrictionalInverse(
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
         )
@@ -59,6 +58,7 @@ class Steering:
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
         hard = info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard"
         self.learner = GainLearner(info) if learn and hard and info.has_goal else None
+        self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.symmetry = np.array([part.symmetry for part in info.parts])
 
     def begin(self, batch: int) -> Memory:
@@ -81,7 +81,8 @@ class Steering:
             return measured
         moved, turn = self.ahead * measured.velocity, self.ahead * measured.spin
         if self.learner is not None:  # readings will tell later that elements do not do what they are told
-            unseen = self.learner.learn(measured, memory.gains)
+            unseen, doubt = self.learner.learn(measured, memory.gains)
+            measured = replace(measured, doubt=doubt)
             moved, turn = moved + unseen[..., :2], turn + unseen[..., 2]
         return replace(
             measured,
