@@ -35,6 +35,8 @@ class Measured:
     goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
     goal_acceleration: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
+    # (batch, parts, 3) m, m, rad: standard deviation of the place where a part comes to rest, of what is not yet read.
+    doubt: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
 
     @classmethod
     def of(cls, observation: Any, info: TaskInfo) -> Measured:

@@ -29,6 +29,9 @@ BAND = 0.25
 LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
 """m and rad, the same where a task asks for no pose, but for zones or distances."""
 
+DOUBT = 2.0
+"""Standard deviations of the place of rest by which bands are wider."""
+
 
 def bands(info: TaskInfo) -> tuple[float, float]:
     """Bands (m, rad) that do for a task."""
@@ -72,7 +75,11 @@ class Settling:
         near = ~(measured.goal_velocity.any(axis=-1) | measured.goal_acceleration.any(axis=-1))
         near = near & ((way**2).sum(axis=-1) < REACH**2) & (np.abs(turn) < REACH_TURN)
         near &= (distance < self.near) & (skew < self.near_turn)
-        rests = near & (distance < self.band) & (skew < self.turn_band)
+        doubt = (
+            measured.doubt
+        )  # of late pulses: who does not wait for what they have done fires at errors of the estimate
+        wider = DOUBT * np.sqrt((doubt[..., :2] ** 2).sum(axis=-1))
+        rests = near & (distance < self.band + wider) & (skew < self.turn_band + DOUBT * doubt[..., 2])
         # The push drag * off / step, less what friction takes on average.
         pulse = self.drag[:, None] * (off / self.step - velocity) / (1.0 + 0.5 * self.drag[:, None] * self.period)
         return np.where(rests[..., None], np.nan, np.where(near[..., None], pulse, wanted))

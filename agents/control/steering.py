@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.control.gains import GainLearner, turned
 from agents.control.goal_motion import Preview, as_they_stand, from_goals
 from agents.control.laws import LAWS
 from agents.control.measured import Measured, wrap
@@ -30,6 +31,7 @@ class Memory(NamedTuple):
     acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts were given in the last step
     law: Any  # the law's own
     spin: np.ndarray  # (batch, parts) rad/s, that the parts are expected to have at the end of that step
+    gains: Any  # agents.control.gains.Gains, or () where nothing is learnt
 
 
 class Steering:
@@ -50,11 +52,10 @@ class Steering:
 
     action, observation = "phasor", "state"
 
-    def __init__(self, info: TaskInfo, *, law: str = "local", **settings: Any) -> None:
+    def __init__(self, info: TaskInfo, *, law: str = "local", learn: bool = True, **settings: Any) -> None:
         self.info = info
         self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
         self.slack = self.law.slack
-        self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.process = FrictionalInverse(
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
         )
@@ -64,13 +65,17 @@ class Steering:
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
         # s, of the same, by the end of the step.
         self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * plant_of(info).drag)
+        hard = info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard"
+        self.learner = GainLearner(info) if learn and hard and info.has_goal else None
+        self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview, self.seen = (Preview(info), from_goals) if info.goal_moves else (as_they_stand, as_they_stand)
 
     def begin(self, batch: int) -> Memory:
         """Memory at the start of an episode."""
         shape = batch, len(self.info.parts)
-        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape))
+        gains = () if self.learner is None else self.learner.begin(batch)
+        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), gains)
 
     def expected(self, measured: Measured, memory: Memory) -> Measured:
         """Where the parts are in the middle of what a step lasts longer than a period, and how fast at its start.
@@ -86,16 +91,20 @@ class Steering:
         spin = measured.spin + gained[..., 2]
         spin = np.where(np.abs(measured.spin) < SPIN_LIMIT, spin, memory.spin)
         measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=spin)
-        if self.ahead == 0.0:
+        if self.ahead == 0.0 and self.learner is None:
             return measured
-        moved, turned = self.ahead * measured.velocity, self.ahead * measured.spin
+        moved, turn = self.ahead * measured.velocity, self.ahead * measured.spin
+        if self.learner is not None:  # readings will tell later that elements do not do what they are told
+            unseen, doubt = self.learner.learn(measured, memory.gains)
+            measured = replace(measured, doubt=doubt)
+            moved, turn = moved + unseen[..., :2], turn + unseen[..., 2]
         goal = self.ahead * measured.goal_velocity
         return replace(
             measured,
             centre=measured.centre + moved,
-            heading=measured.heading + turned,
+            heading=measured.heading + turn,
             way=measured.way + goal[..., :2] - moved if self.info.has_goal else measured.way,
-            turn=measured.turn + goal[..., 2] - turned if self.info.has_heading else measured.turn,
+            turn=measured.turn + goal[..., 2] - turn if self.info.has_heading else measured.turn,
         )
 
     def steer(self, measured: Measured, way: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
@@ -111,13 +120,18 @@ class Steering:
         push = np.where(moves & holds[..., None], push, 0.0)
         # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1) + self.half * velocity
-        pushes = self.allocator.pushes(pose, measured.present, push)
-        # Of the push that the elements under a part can do together, which is less than each part's limit says.
-        given = self.allocator.effect(pose, measured.present, pushes)
+        if self.learner is None:
+            pushes = self.allocator.pushes(pose, measured.present, push)
+            # Of the push that the elements under a part can do together, which is less than each part's limit says.
+            given = self.allocator.effect(pose, measured.present, pushes)
+        else:
+            gain, phase, spread = self.learner.known(memory.gains)
+            pushes = turned(self.allocator.pushes(pose, measured.present, push, gain, spread), -phase)
+            given = self.learner.note(pushes, memory.gains, push)
         acceleration, _ = self.process.acceleration(velocity, given)
         law = self.law.applied(seen, acceleration - measured.goal_acceleration, law)
         spin = measured.spin + self.gained * acceleration[..., 2]
-        memory = Memory(acceleration, law, spin)
+        memory = Memory(acceleration, law, spin, memory.gains)
         action = self.allocator.commands(pushes)
         return (action[0] if measured.single else action), memory
 

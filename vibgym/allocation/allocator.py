@@ -20,7 +20,7 @@ from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
 from vibgym.allocation.effect import effects, reaches
-from vibgym.allocation.projections import Limits, Work, new_work, serve, start_table
+from vibgym.allocation.projections import SPREAD, Limits, Work, new_work, serve, start_table
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -70,10 +70,15 @@ class Allocator:
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._scratch = workers.Pool(partial(_scratch, surface, self.parts))
         self._limits = Limits(self.least, self.most, start_table(self.least))
-        self._whole = np.ones((1, surface.rows * surface.columns))
+        self._usual = np.tile([[1.0], [SPREAD]], surface.rows * surface.columns)[:, None]
 
     def pushes(
-        self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
+        self,
+        pose: np.ndarray,
+        present: np.ndarray,
+        wanted: np.ndarray,
+        gain: np.ndarray | None = None,
+        spread: np.ndarray | None = None,
     ) -> np.ndarray:
         """Pushes (worlds, rows, columns, 2) of the elements that do what the parts want as nearly as they can.
 
@@ -85,11 +90,14 @@ class Allocator:
             present: (worlds, parts) bool.
             wanted: (worlds, parts, 3) x, y, and angular acceleration times radius of gyration.
             gain: (worlds, rows * columns) what the elements make of their phasors; None: all that they are told.
+            spread: (worlds, rows * columns) expected error of an element's push over its size; None:
+                :data:`vibgym.allocation.projections.SPREAD`.
         """
         surface, worlds = self.surface, len(pose)
         push = np.empty((worlds, surface.rows, surface.columns, 2))
-        gain = self._gains(gain, worlds)
-        given = [np.ascontiguousarray(each) for each in (pose, present, wanted, gain)]
+        usual = self._defaults(worlds)
+        gain, spread = usual[0] if gain is None else gain, usual[1] if spread is None else spread
+        given = [np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread)]
 
         def work(start: int, stop: int) -> None:
             scratch = self._scratch.borrow()
@@ -113,7 +121,7 @@ class Allocator:
         worlds = len(push)
         effect = np.empty((worlds, len(self.parts), 3))
         given = (np.ascontiguousarray(each) for each in (pose, present, push.reshape(worlds, -1, 2)))
-        gain = np.ascontiguousarray(self._gains(gain, worlds))
+        gain = np.ascontiguousarray(self._defaults(worlds)[0] if gain is None else gain)
         effects(self.outlines, *given, gain, new_pieces(self.surface, self.parts), effect)
         return effect
 
@@ -127,12 +135,11 @@ class Allocator:
         reaches(self.outlines, np.ascontiguousarray(pose), present, new_pieces(self.surface, self.parts), reach)
         return self.most * reach
 
-    def _gains(self, gain: np.ndarray | None, worlds: int) -> np.ndarray:
-        if gain is not None:
-            return gain
-        if len(self._whole) < worlds:
-            self._whole = np.ones((worlds, self.surface.rows * self.surface.columns))
-        return self._whole
+    def _defaults(self, worlds: int) -> np.ndarray:
+        """Gain and spread (2, worlds, elements) of elements of which nothing is known."""
+        if self._usual.shape[1] < worlds:
+            self._usual = np.repeat(self._usual[:, :1], worlds, axis=1)
+        return self._usual
 
     def actions(
         self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
@@ -141,13 +148,13 @@ class Allocator:
         return self.commands(self.pushes(pose, present, wanted, gain))
 
     def commands(self, push: np.ndarray) -> np.ndarray:
-        """``"phasor"`` actions (worlds, n) float32 for pushes (worlds, rows, columns, 2), which are made up for in place."""
+        """``"phasor"`` actions (worlds, n) float32 of pushes (worlds, rows, columns, 2)."""
         if self._made_up is not None:
             width, inverse = self._made_up
             share = np.sqrt((push**2).sum(axis=-1, keepdims=True)) / width
             inside = (share > 0.0) & (share < 1.0)
             share[~inside] = 1.0
-            push *= inverse(share) / share
+            push = push * (inverse(share) / share)
         return (-push[..., ::-1]).astype(np.float32).reshape(len(push), -1)
 
 

@@ -64,7 +64,8 @@ class Work(NamedTuple):
     at: np.ndarray  # (parts,) int64: where a part stands in its group
     row: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
     on: np.ndarray  # (room,) int64: ... where its element stands ...
-    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element
+    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element ...
+    doubt: np.ndarray  # (room,) ... and the expected error of its push, squared, over the element's, squared
     inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
     wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
     missing: np.ndarray  # (3 parts, STARTS) ... what they do not get ...
@@ -85,6 +86,7 @@ def new_work(parts: int, elements: int, room: int) -> Work:
         row=np.zeros(room, dtype=np.int64),
         on=np.zeros(room, dtype=np.int64),
         arm=np.zeros((room, 3)),
+        doubt=np.zeros(room),
         inverse=np.zeros((3 * parts, 3 * parts)),
         wanted=np.zeros(3 * parts),
         missing=np.zeros((3 * parts, STARTS)),
@@ -140,7 +142,7 @@ def invert(matrix, n):
 
 
 @borrowing
-def gather(pieces, count, own, wanted, gain, work):
+def gather(pieces, count, own, wanted, gain, spread, work):
     """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
 
     Part p's field is a uniform push and one that turns. Of all pushes with the wanted effect those that are found have
@@ -167,6 +169,9 @@ def gather(pieces, count, own, wanted, gain, work):
         work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = (
             gain[e] * pieces.share[i], gain[e] * pieces.lever[i, 0], gain[e] * pieces.lever[i, 1]
         )  # fmt: skip
+        work.doubt[n] = (
+            spread[e] * spread[e] * (pieces.share[i] ** 2 + pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2)
+        )
         n += 1
     for i in range(3 * parts):
         for j in range(3 * parts):
@@ -205,7 +210,7 @@ def try_out(limits, work, parts, n, lanes):
             missing[k, lane] = wanted
     for i in range(n):
         p, j, a, ax, ay = work.row[i], work.on[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
-        spread = SPREAD * SPREAD * (a * a + ax * ax + ay * ay)
+        doubt = work.doubt[i]
         for lane in range(lanes):
             x, y = wish[j, 0, lane], wish[j, 1, lane]
             length = math.sqrt(x * x + y * y)
@@ -215,7 +220,7 @@ def try_out(limits, work, parts, n, lanes):
             missing[p, lane] -= a * x
             missing[p + 1, lane] -= a * y
             missing[p + 2, lane] -= ax * y - ay * x
-            expected[lane] += spread * allowed * allowed
+            expected[lane] += doubt * allowed * allowed
     for k in range(3 * parts):
         for lane in range(lanes):
             expected[lane] += missing[k, lane] * missing[k, lane]
@@ -314,9 +319,9 @@ def halve(work, parts, elements, lanes):
 
 
 @borrowing
-def serve_group(limits, pieces, count, own, wanted, gain, work):
+def serve_group(limits, pieces, count, own, wanted, gain, spread, work):
     """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
-    parts, elements, n = gather(pieces, count, own, wanted, gain, work)
+    parts, elements, n = gather(pieces, count, own, wanted, gain, spread, work)
     size = 0.0
     for k in range(3 * parts):
         size += work.wanted[k] * work.wanted[k]
@@ -343,7 +348,7 @@ def serve_group(limits, pieces, count, own, wanted, gain, work):
 
 
 @borrowing
-def serve(start, stop, outlines, limits, pose, present, wanted, gain, pieces, work, push):
+def serve(start, stop, outlines, limits, pose, present, wanted, gain, spread, pieces, work, push):
     """Pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
@@ -351,6 +356,7 @@ def serve(start, stop, outlines, limits, pose, present, wanted, gain, pieces, wo
         limits: of the elements.
         pose, wanted: (worlds, parts, 3).  present: (worlds, parts) bool.
         gain: (worlds, elements) what elements make of their phasors.
+        spread: (worlds, elements) expected error of an element's push over its size.
         pieces, work: scratch.
         push: (worlds, rows, columns, 2), overwritten.
     """
@@ -367,7 +373,7 @@ def serve(start, stop, outlines, limits, pose, present, wanted, gain, pieces, wo
                     moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
             if not moves:
                 continue
-            elements = serve_group(limits, pieces, count, own, wanted[w], gain[w], work)
+            elements = serve_group(limits, pieces, count, own, wanted[w], gain[w], spread[w], work)
             for j in range(elements):
                 row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
                 push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]
