@@ -50,10 +50,10 @@ NOISE = 0.08e-3
 MISFIT = 0.05
 """Share of the sum of nominal shifts by which it may differ, because friction is not as linear as that."""
 
-REPEATS = 3.0
+REPEATS = 4.0
 """Sums that follow each other tell nearly the same: so many are worth one."""
 
-SURPRISE = 3.5
+SURPRISE = 3.0
 """Standard deviations beyond which elements are taken to be faulty, ..."""
 
 FAULT = 0.3
@@ -71,7 +71,7 @@ MOST, MOST_PHASE, LEAST = 1.3, 0.35, 0.35
 CAUTION = 1.2
 """Spread that the allocator counts on, over the standard deviation of what is known."""
 
-SURE = 0.02
+SURE = 0.08
 """Least spread of an element that has been learnt."""
 
 
@@ -177,6 +177,9 @@ def take_in(gains, w, p, axis, noise, column):
             covariance[i, j] -= column[i] * column[j] / total
     for i in range(n):
         covariance[i, i] = max(covariance[i, i], 0.0)
+    for k in range(room):
+        mean[2 * k] = min(max(mean[2 * k], -1.0), MOST - 1.0)
+        mean[2 * k + 1] = min(max(mean[2 * k + 1], -MOST_PHASE), MOST_PHASE)
 
 
 @borrowing

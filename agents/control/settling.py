@@ -29,7 +29,7 @@ BAND = 0.25
 LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
 """m and rad, the same where a task asks for no pose, but for zones or distances."""
 
-DOUBT = 2.0
+DOUBT = 1.5
 """Standard deviations of the place of rest by which bands are wider."""
 
 
