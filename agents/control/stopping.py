@@ -103,7 +103,7 @@ class Landing:
 
     def _along(self, left: np.ndarray, now: np.ndarray) -> np.ndarray:
         """Speed at the end of the step that lies on the curve then: ``v' = curve(left - T (v + v') / 2)``."""
-        speed = self._at(left)
+        speed = self._at(np.maximum(left - self.step * now, 0.0))
         for _ in range(ROUNDS):
             speed = 0.5 * (speed + self._at(np.maximum(left - 0.5 * self.step * (now + speed), 0.0)))
         return speed
