@@ -9,6 +9,7 @@ One step goes in one direction:
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -81,6 +82,7 @@ class Core:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
         details: groups of what ``info`` says besides, live arrays (worlds, ...).
         term_names, terms: names of the reward terms, and their values (worlds, terms).
+        longest: s that the paths of an episode may last.
 
     Raises:
         ValueError: a bad setting.
@@ -138,7 +140,7 @@ class Core:
         if self.observation.goal_reward:
             self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
         self.drive: Any = None
-        self.began = False
+        self.began, self.longest = False, math.inf
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""

@@ -153,9 +153,11 @@ def check_delays(core: Core, max_episode_periods: Any) -> None:
     for name, periods in (("sensor.delay", core.sensing.sensor.delay), (latency, actuators.most_latency)):
         if periods >= max_episode_periods:
             raise checks.refuse(name, f"{periods} periods", f"less than an episode, {max_episode_periods} periods")
-    limit = (max_episode_periods - HOLD_PERIODS) * core.surface.period
-    if core.task.lasts > limit:
-        raise checks.refuse("paths", f"{core.task.lasts:.4g} s", f"at most {limit:.4g} s: an episode without the hold")
+    core.longest = (max_episode_periods - HOLD_PERIODS) * core.surface.period
+    if core.task.lasts > core.longest:
+        raise checks.refuse(
+            "paths", f"{core.task.lasts:.4g} s", f"at most {core.longest:.4g} s: an episode without the hold"
+        )
 
 
 def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | None:
@@ -174,4 +176,4 @@ def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | N
     for name in options:
         if name not in (*KEYS, *more):
             raise checks.refuse("options", f"the key {name!r}", f"keys among {', '.join((*KEYS, *more))}")
-    return starting_from(options, core.task, core.worlds)
+    return starting_from(options, core.task, core.worlds, core.longest)

@@ -208,8 +208,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         Args:
             seed: of this and the following episodes; None goes on with the generator.
             options: what to set of the start instead of drawing it: ``"pose"``, broadcastable to (parts, 3): x, y (m), heading
-                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"parts"``, numbers of those that are there, or
-                booleans.
+                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"paths"``, a list with a mapping for each part, for
+                Follow; ``"parts"``, numbers of those that are there, or booleans.
 
         Raises:
             ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.

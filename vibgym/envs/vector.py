@@ -112,7 +112,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         Args:
             seed: world k gets ``seed + k``, or entry k of a sequence; None goes on with the world's generator.
             options: ``"reset_mask"``, bool (num_envs,); ``"pose"``, ``"goal"`` and ``"parts"`` as for a single environment,
-                broadcastable to (num_envs, parts, 3) and (num_envs, parts).
+                broadcastable to (num_envs, parts, 3) and (num_envs, parts); ``"paths"``, the same in all of these worlds.
 
         Raises:
             ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -109,6 +109,18 @@ class Task(ABC):
         Args:
             present: (n, parts) bool, which parts there are; None: as the task has it.
         """
+
+    def starts_along(self, name: str, paths: Any, longest: float) -> Callable[[np.ndarray, np.ndarray | None], Start]:
+        """What to call instead of :meth:`start` for goals that move along other paths than the task's.
+
+        Args:
+            name: what errors call these.
+            longest: s that they may last.
+
+        Raises:
+            ValueError: bad paths, or a task whose goals do not move along paths.
+        """
+        raise checks.refuse(name, paths, f"nothing for {self.name}, whose goals do not move along paths")
 
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
         """Goals (n, parts, 3) of a drawn start whose parts were put down at ``pose`` (n, parts, 3) instead."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from vibgym.scene.surface import Surface
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.paths import DrawnPaths, GivenPaths, route
+from vibgym.tasks.paths.given import with_headings
 from vibgym.tasks.pursuit import PursuitScoring
 
 
@@ -90,7 +91,7 @@ class Follow(Task):
 
     def __init__(self, surface: Surface, parts: Sequence[Part], *, paths: Any = None) -> None:
         super().__init__(surface, parts)
-        apart = math.sqrt(2.0) * surface.element_size
+        apart = self._apart = math.sqrt(2.0) * surface.element_size
         if paths is None or isinstance(paths, Mapping):
             drawn = DrawnPaths(surface, parts, paths or {}, apart + 2.0 * self.position_tolerance)
             self.paths: DrawnPaths | GivenPaths = drawn
@@ -106,7 +107,27 @@ class Follow(Task):
         return 2.0 * math.pi / part.symmetry if part.symmetry else 1e-9
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
-        paths = self.paths.draw(uniform)
+        return self._start(self.paths.draw(uniform), present)
+
+    def starts_along(self, name: str, paths: Any, longest: float) -> Callable[[np.ndarray, np.ndarray | None], Start]:
+        if not checks.listed(paths):
+            raise checks.refuse(name, paths, "a list with a mapping for each part")
+        given, rows = GivenPaths(self.surface, self.parts, paths, self._apart, name), self.paths.shape[1]
+        if given.lasts > longest:
+            raise checks.refuse(name, f"{given.lasts:.4g} s", f"at most {longest:.4g} s: an episode without the hold")
+        if given.shape[1] > rows:
+            allowed = f"at most {rows - 2} lines and arcs each, as many as the environment's own paths have room for"
+            raise checks.refuse(name, f"paths of up to {given.shape[1] - 2} lines and arcs", allowed)
+        routes = np.stack([route.padded(each, rows) for each in given.routes])
+
+        def start(uniform: np.ndarray, present: np.ndarray | None) -> Start:
+            # Headings that are kept come from the number that draws them without this wish, too: the last one of a part.
+            last = uniform.reshape(len(uniform), len(self.parts), -1)[..., -1]
+            return self._start(with_headings(routes, last), present)
+
+        return start
+
+    def _start(self, paths: np.ndarray, present: np.ndarray | None) -> Start:
         there = np.ones(paths.shape[:2], dtype=bool) if present is None else present
         goal = np.empty((*paths.shape[:2], 3))
         route.first_poses(paths, np.empty(len(route.MOTION)), goal)

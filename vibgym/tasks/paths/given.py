@@ -30,23 +30,28 @@ class GivenPaths:
         surface, parts: the scene.
         paths: a mapping for each part, see :mod:`vibgym.tasks.paths.shapes`.
         apart: m, that parts have to be away from one another throughout, whatever their headings.
+        argument: what errors call the paths.
 
     Attributes:
         draws: uniform numbers for an episode.  lasts: s, of the longest path.
+        routes: (parts, rows, 6), see :mod:`vibgym.tasks.paths.route`; headings that are kept are 0.  shape: of these.
 
     Raises:
         ValueError: a bad setting, a path that leaves the surface or that its part cannot follow, or two that come too near.
     """
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], paths: Sequence[Any], apart: float) -> None:
+    def __init__(
+        self, surface: Surface, parts: Sequence[Part], paths: Sequence[Any], apart: float, argument: str = "paths"
+    ) -> None:
         if len(paths) != len(parts):
-            raise checks.refuse("paths", f"{len(paths)} paths", f"one for each of {len(parts)} parts")
-        self.surface, self.parts = surface, tuple(parts)
+            raise checks.refuse(argument, f"{len(paths)} paths", f"one for each of {len(parts)} parts")
+        self.surface, self.parts, self._argument = surface, tuple(parts), argument
         made = [
-            self._route(f"paths[{k}]", value, part) for k, (value, part) in enumerate(zip(paths, parts, strict=True))
+            self._route(f"{argument}[{k}]", value, part)
+            for k, (value, part) in enumerate(zip(paths, parts, strict=True))
         ]
         rows = max(len(each) for each in made)
-        self._routes = np.stack([route.padded(each, rows) for each in made])
+        self.routes = np.stack([route.padded(each, rows) for each in made])
         self.shape = (len(parts), rows, 6)
         self.lasts = max(float(route.duration(each[0])) for each in made)
         self.draws = len(parts)
@@ -54,10 +59,7 @@ class GivenPaths:
 
     def draw(self, uniform: np.ndarray) -> np.ndarray:
         """Routes (n, parts, rows, 6) from ``uniform`` (n, draws)."""
-        drawn = np.tile(self._routes, (len(uniform), 1, 1, 1))
-        kept = 1.0 - drawn[:, :, 0, route.ALONG]
-        drawn[:, :, 0, route.HEADING] = kept * np.pi * (2.0 * uniform - 1.0)
-        return drawn
+        return with_headings(self.routes, uniform)
 
     def _route(self, name: str, value: Any, part: Part) -> np.ndarray:
         shape, reach = shape_from(value, name), Reach(self.surface, part)
@@ -114,15 +116,24 @@ class GivenPaths:
 
     def _check_apart(self, apart: float) -> None:
         """Whether no two parts come near at any instant, each within its circumscribed circle."""
-        speed = max(path[0, route.SPEED] for path in self._routes)
+        speed = max(path[0, route.SPEED] for path in self.routes)
         count = min(int(self.lasts * speed / SPACING) + 100, MOST_PLACES)
         times = np.linspace(0.0, self.lasts, count)
-        places = [route.sample(path, times)[:, :2] for path in self._routes]
+        places = [route.sample(path, times)[:, :2] for path in self.routes]
         for k, part in enumerate(self.parts):
             for j in range(k):
                 gap = np.hypot(*(places[k] - places[j]).T) - part.radius - self.parts[j].radius
                 if gap.min() < apart - SLACK:
                     at = times[gap.argmin()]
-                    got = f"a path on which the part comes within {1e3 * gap.min():.4g} mm of that of paths[{j}] at {at:.2f} s"
+                    near = f"comes within {1e3 * gap.min():.4g} mm of that of {self._argument}[{j}] at {at:.2f} s"
+                    got = f"a path on which the part {near}"
                     allowed = f"at least {1e3 * apart:.4g} mm between parts throughout, whatever their headings"
-                    raise checks.refuse(f"paths[{k}]", got, allowed)
+                    raise checks.refuse(f"{self._argument}[{k}]", got, allowed)
+
+
+def with_headings(routes: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+    """Routes (n, parts, rows, 6) like these (parts, rows, 6), with headings that are kept drawn by ``uniform`` (n, parts)."""
+    drawn = np.tile(routes, (len(uniform), 1, 1, 1))
+    kept = 1.0 - drawn[:, :, 0, route.ALONG]
+    drawn[:, :, 0, route.HEADING] = kept * np.pi * (2.0 * uniform - 1.0)
+    return drawn
