@@ -39,9 +39,7 @@ def machine(sensor: dict[str, Any] = POSE, randomize: dict[str, Any] | None = No
 CASES: dict[str, dict[str, Any]] = {
     "default": machine(),
     "half the noise": machine({**POSE, "noise": [0.5e-4, math.radians(0.1)]}),
-    "no noise, no spread": machine(
-        {**POSE, "noise": 0.0}, gain_spread=0.0, phase_spread=0.0
-    ),
+    "no noise, no spread": machine({**POSE, "noise": 0.0}, gain_spread=0.0, phase_spread=0.0),
     "friction +-15 %": machine(randomize={"friction": [0.85, 1.15]}),
     "latency 2": machine(latency=2),
     "dead zone 0.15 mm": machine(dead_zone=1.5e-4),
@@ -75,7 +73,9 @@ class Held(NamedTuple):
 
 def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS, **machine: Any) -> Held:
     """Bring a part to as many goals, and keep it there."""
-    env = VibgymVectorEnv(num_envs=goals, task="Stay", action="phasor", parts=[part], max_episode_steps=10**6, **machine)
+    env = VibgymVectorEnv(
+        num_envs=goals, task="Stay", action="phasor", parts=[part], max_episode_steps=10**6, **machine
+    )
     made = make_policy(policy, TaskInfo.of(env, "Align"))
     task, step, base = env.unwrapped.task, env.step_time, env.unwrapped
     steps, last = round(seconds / step), round(LAST / step)

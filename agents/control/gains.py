@@ -82,7 +82,9 @@ class Gains(NamedTuple):
     arm: np.ndarray  # (..., room, 3) share and lever of the part on it now, 0 where it is not under it
     mean: np.ndarray  # (..., 2 room + 3) real and imaginary parts of h - 1, and the drift, m a step
     covariance: np.ndarray  # (..., 2 room + 3, 2 room + 3)
-    waiting: np.ndarray  # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps of which nothing is read yet
+    waiting: (
+        np.ndarray
+    )  # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps of which nothing is read yet
     coming: np.ndarray  # (..., room, 2, 3) m, likewise, of which the readings have told a part
     summed: np.ndarray  # (..., room, 2, 3) m, what the readings have told, summed up
     moved: np.ndarray  # (..., 3) m, the sum of what the place of rest moved beyond the nominal shift
@@ -331,9 +333,7 @@ class GainLearner:
         shift = info.step_time * plant.push / plant.strength * self.coast
         turn = np.array([2.0 * math.pi / part.symmetry if part.symmetry else 0.0 for part in info.parts])
         self.numbers = Numbers(outlines, shift, outlines.gyration, turn)
-        self.room = max(
-            (math.floor(2.0 * part.radius / surface.element_size) + 2) ** 2 for part in info.parts
-        )
+        self.room = max((math.floor(2.0 * part.radius / surface.element_size) + 2) ** 2 for part in info.parts)
         self.lag = -(-info.hardware.latency // info.periods_per_step) + 2
 
     def begin(self, batch: int) -> Gains:

@@ -72,7 +72,9 @@ class Settling:
         distance, skew = np.sqrt((off[..., :2] ** 2).sum(axis=-1)), np.abs(off[..., 2])
         near = (way**2).sum(axis=-1) < REACH**2
         near &= (distance < self.near) & (skew < self.near_turn)
-        doubt = measured.doubt  # of late pulses: who does not wait for what they have done fires at errors of the estimate
+        doubt = (
+            measured.doubt
+        )  # of late pulses: who does not wait for what they have done fires at errors of the estimate
         wider = DOUBT * np.sqrt((doubt[..., :2] ** 2).sum(axis=-1))
         rests = near & (distance < self.band + wider) & (skew < self.turn_band + DOUBT * doubt[..., 2])
         # The push drag * off / step, less what friction takes on average.

@@ -89,9 +89,10 @@ class Allocator:
         """
         surface, worlds = self.surface, len(pose)
         push = np.empty((worlds, surface.rows, surface.columns, 2))
-        if self._usual.shape[1] < worlds:
-            self._usual = np.repeat(self._usual[:, :1], worlds, axis=1)
-        gain, spread = self._usual[0] if gain is None else gain, self._usual[1] if spread is None else spread
+        usual = self._usual
+        if usual.shape[1] < worlds:
+            usual = self._usual = np.repeat(usual[:, :1], worlds, axis=1)
+        gain, spread = usual[0] if gain is None else gain, usual[1] if spread is None else spread
         pieces = new_pieces(surface, self.parts)  # anew, since several threads may use an allocator
         work = new_work(len(self.parts), surface.rows * surface.columns, len(pieces.part))
         given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread))

@@ -156,7 +156,9 @@ def gather(pieces, count, own, wanted, gain, spread, work):
         work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = (
             gain[e] * pieces.share[i], gain[e] * pieces.lever[i, 0], gain[e] * pieces.lever[i, 1]
         )  # fmt: skip
-        work.doubt[n] = spread[e] * spread[e] * (pieces.share[i] ** 2 + pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2)
+        work.doubt[n] = (
+            spread[e] * spread[e] * (pieces.share[i] ** 2 + pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2)
+        )
         n += 1
     for i in range(3 * parts):
         for j in range(3 * parts):
