@@ -137,9 +137,10 @@ class Allocator:
 
     def _defaults(self, worlds: int) -> np.ndarray:
         """Gain and spread (2, worlds, elements) of elements of which nothing is known."""
-        if self._usual.shape[1] < worlds:
-            self._usual = np.repeat(self._usual[:, :1], worlds, axis=1)
-        return self._usual
+        usual = self._usual  # of its own: several threads may use an allocator
+        if usual.shape[1] < worlds:
+            usual = self._usual = np.repeat(usual[:, :1], worlds, axis=1)
+        return usual
 
     def actions(
         self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
