@@ -68,9 +68,9 @@ class Landing:
     """Speeds for the ends of steps, with which parts get to their targets soon and stop there.
 
     A target is as good as reached within a tolerance on either side, and only the ends of steps count. So a part may come into
-    the tolerance so fast that it passes its target, as long as it stops before it is out again. Until it can be in by the end of
-    the step it therefore follows the curve to the far edge. Then it is as slow as lets it arrive, and from there on it goes for
-    the target itself; one that would be beyond the far edge at the end of the step is turned back.
+    the tolerance so fast that it passes its target, as long as it stops before it is out again. Until it can be in by the end
+    of the step it therefore follows the curve to the far edge. Then it is as slow as lets it arrive, and from there on it goes
+    for the target itself; one that would be beyond the far edge at the end of the step is turned back.
 
     Args:
         curve: of the braking that can be counted on.
