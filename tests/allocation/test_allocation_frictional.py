@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part, Simulator, Surface
 from vibgym.allocation import mean_acceleration, mean_state, phasors_for
-from vibgym.allocation.frictional import FrictionalInverse, coefficients
+from vibgym.allocation.frictional import FrictionalInverse, coefficients, rim_of
+from vibgym.bounds.tables import sample
+from vibgym.physics.core.drive import polar_drive
 
 ONE = Surface(rows=1, columns=1, element_size=8.0)
 G, TOP = SURFACE.gravity, SURFACE.table_speed
@@ -123,6 +125,47 @@ def test_spin_is_braked_and_pushed_as_the_model_says():
     assert said == pytest.approx(judged, rel=0.01)
     back = inverse.push(velocity[:, None], inverse.acceleration(velocity[:, None], push[:, None])[0]).push[:, 0]
     assert back == pytest.approx(push, abs=1e-9)
+
+
+@pytest.mark.parametrize("part", [DISC, STEEL, ALUMINIUM], ids=["disc", "steel", "aluminium"])
+def test_fast_spin_on_the_planar_model(part):
+    """Parts in place on fine elements that push along circles, at up to the fastest spin: spin gained in a period."""
+    fine = Surface(rows=80, columns=80, element_size=0.002)
+    spin = np.linspace(0.0, 14.0, 8)
+    turn = np.repeat([-0.7, 0.0, 0.7], len(spin))
+    spin = np.tile(spin, 3)
+    x, y = (each - 0.080 for each in fine.element_centres())
+    lever = np.hypot(x, y) + 1e-12
+    # The moment over the radius of gyration of unit pushes along circles is the mean radius over that one.
+    radius = _mean_radius(part)
+    size = (turn * math.sqrt(part.gyration) / radius)[:, None, None]
+    push = size * np.stack([-y / lever, x / lever], axis=0)[:, None]
+    amplitude, phase = np.hypot(*push) * fine.max_amplitude, np.arctan2(-push[0], -push[1])
+    simulator = Simulator(fine, part, worlds=len(spin))
+    idle = np.tile(fine.idle_velocity(part.friction), (len(spin), 1))
+    simulator.reset([0.080, 0.080, 0.0], np.column_stack([idle, spin])[:, None])
+    simulator.run(polar_drive(amplitude, phase, fine.angular_frequency), 1)
+    gained = simulator.velocity[:, 0, 2] - spin
+    inverse = FrictionalInverse(fine, part, ahead=0.5 * fine.period)
+    velocity, pushes = np.zeros((2, len(spin), 1, 3))
+    velocity[:, 0, 2], pushes[:, 0, 2] = spin, turn
+    said = fine.period * inverse.acceleration(velocity, pushes)[0][:, 0, 2]
+    strongest = fine.period * 0.5 * part.friction * fine.full_scale / math.sqrt(part.gyration)
+    np.testing.assert_allclose(said, gained, atol=0.02 * strongest)
+    back = inverse.push(velocity, inverse.acceleration(velocity, pushes)[0]).push
+    np.testing.assert_allclose(back, pushes, atol=1e-3)
+
+
+def _mean_radius(part):
+    """Of the contact area about its centre, m, on a grid."""
+    points = sample(part, 0.004)
+    return np.hypot(*points.T).mean()
+
+
+def test_the_rim_is_where_friction_counts():
+    """Of a disc <r^4> / <r^2> = 2 R^2 / 3; of a square of edge a 7 a^2 / 30."""
+    assert rim_of(Part.disc(0.02, friction=0.5)) == pytest.approx(math.sqrt(2.0 / 3.0) * 0.02, rel=2e-3)
+    assert rim_of(Part.rectangle(0.03, 0.03, friction=0.5)) == pytest.approx(math.sqrt(7.0 / 30.0) * 0.03, rel=1e-9)
 
 
 def test_coefficients_at_rest_are_isotropic():

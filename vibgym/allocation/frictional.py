@@ -13,9 +13,8 @@ of a push that is the same everywhere under the part. That takes care of what th
 angle by which pushes run ahead of their first-order direction.
 
 Spin has a channel of its own, to first order and for a part as good as round: ``P`` and ``Q`` count half each, and the drag on
-spin is the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``. Where a part
-spins so fast that its rim is not much slower than the table, friction and push are changed as those of a ring that slides along
-itself.
+spin is the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``. Of fast
+spin, at which a part's rim is not much slower than the table, both are changed as those of a ring that slides along itself.
 """
 
 from __future__ import annotations

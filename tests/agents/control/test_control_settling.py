@@ -8,7 +8,7 @@ import pytest
 
 from agents.control.measured import Measured
 from agents.control.plant import plant_of, top_slip
-from agents.control.settling import BAND, LOOSE_BAND, NEAR, Settling, keep_on
+from agents.control.settling import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling, keep_on
 from agents.control.steering import Steering
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
@@ -84,6 +84,32 @@ def test_farther_away_the_law_is_the_same():
         measured = seen(aware, way, turn, velocity)
         assert (wanted(aware, measured) == wanted(plain, measured)).all()
     assert (wanted(aware, seen(aware, [0.9 * NEAR, 0.0])) != wanted(plain, seen(aware, [0.9 * NEAR, 0.0]))).any()
+
+
+def test_spins_beyond_what_observations_tell_are_known():
+    """They end at 10 rad/s; a block on ideal elements gets to 14. Compared with the truth in all of a long turn."""
+    env = batch("Rotate", 40, action="phasor")
+    policy = make_policy({"kind": "local_field", "law": "pose"}, TaskInfo.of(env))
+    rows, _ = env.reset(seed=5)
+    memory, fastest = None, 0.0
+    for step in range(12):
+        if step:
+            spin = env.unwrapped.truth.velocity[..., 2]
+            assert np.abs(policy.expected(Measured.of(rows, policy.info), memory).spin - spin).max() < 0.6
+            fastest = max(fastest, np.abs(spin).max())
+        action, memory = policy.predict(rows, memory)
+        rows, *_ = env.step(action)
+    assert fastest > 12.0
+
+
+def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
+    """Even if they would come to rest at their goals: pushed and braked they get there sooner."""
+    policy = steering(law="pose")
+    turn = 1.0
+    coasting = turn * policy.law.plant.drag[0]
+    assert not rests(policy, seen(policy, [0.0, 0.0], turn, (0.0, 0.0), coasting))
+    slow = 0.5 * REACH_TURN
+    assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * policy.law.plant.drag[0]))
 
 
 def test_only_hard_dead_zones_call_for_it():
