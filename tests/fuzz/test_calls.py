@@ -22,7 +22,9 @@ from tests.envs.helpers import assert_same
 from tests.fuzz.campaign import count, fuzz
 from vibgym import Part, Simulator, Surface, checks, config, fields
 from vibgym.actuators import actuators_from
-from vibgym.allocation import mean_acceleration, mean_state, phasors_for
+from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.bounds import TimeBound
 
 
 class Mute:
@@ -77,6 +79,8 @@ def meant(value: Any) -> Any:
 
 SURFACE, PART = Surface(4, 6), Part.rectangle(0.03, 0.02, friction=0.5)
 DISC = {"shape": "disc", "radius": 0.01, "friction": 0.5}
+INVERSE = Inverse(SURFACE, PART, corrections=1)
+BOUND_OF_TIME = TimeBound(SURFACE, PART, position_tolerance=2e-3)
 BOX = {"pose": [0.08, 0.05, 0.0], "velocity": 0.0}
 
 
@@ -177,6 +181,22 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "phasors_for": (phasors_for, dict(surface=SURFACE, part=PART, **BOX, wrench=0.1, order=1)),
     "mean_acceleration": (mean_acceleration, dict(surface=SURFACE, part=PART, **BOX, amplitude=0.0, phase=0.0, order=2)),
     "mean_state": (mean_state, dict(surface=SURFACE, part=PART, **BOX, amplitude=0.0, phase=0.0)),
+    "inverse": (
+        lambda **settings: Inverse(**settings).phasors([0.08, 0.05, 0.0], 0.0, 0.1),
+        dict(surface=SURFACE, part=PART, order=1, over="period", corrections=1, threads=1),
+    ),
+    "inverse of states": (INVERSE.phasors, dict(**BOX, wrench=0.1)),
+    "frictional inverse": (FrictionalInverse, dict(surface=SURFACE, parts=[PART], limit=1e-4, ahead=0.02)),
+    "time bound": (
+        lambda **settings: TimeBound(SURFACE, PART, **settings),
+        dict(position_tolerance=2e-3, heading_tolerance=math.inf, heading_period=0.0, hold=10, periods_per_step=1,
+             amplitude=1e-4, latency=1),
+    ),
+    "states of the bound": (BOUND_OF_TIME.steps, dict(start=[0.08, 0.05, 0.0], goal=[0.1, 0.05, 0.0])),
+    "wrench": (
+        lambda **settings: gym.make("vibgym/Align-v0", action="wrench", **settings),
+        dict(actuators={"kind": "prototype"}, parts=["steel_block"]),
+    ),
     "uniform": (fields.uniform, dict(direction=0.0, strength=1.0)),
     "squeeze": (fields.squeeze, dict(x=0.1, y=0.1, angle=0.0, strength=1.0, reach=0.03)),
     "radial": (fields.radial, dict(x=0.1, y=0.1, strength=1.0, reach=0.03)),
