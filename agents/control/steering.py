@@ -99,16 +99,17 @@ class Steering:
         wanted, law = self.law.wanted(measured, way, room * self._turn(measured), memory.law)
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, _, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
-        # Where averages do not hold, nobody knows what a push would do.
-        push = np.where(moves & holds[..., None], push, 0.0)
+        push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
+        moves &= holds[..., None]  # where averages do not hold, nobody knows what a push would do
+        push = np.where(moves, push, 0.0)
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
         pushes = self.allocator.pushes(pose, measured.present, push)
         # Of the push that the elements under a part can do together, which is less than each part's limit says.
         given = self.allocator.effect(pose, measured.present, pushes)
         acceleration, _ = self.process.acceleration(velocity, given)
         spin = measured.spin + self.gained * acceleration[..., 2]
-        memory = Memory(acceleration, self.law.applied(measured, acceleration, law), spin)
+        # Laws are told what is beyond the limits, not the allocation's last percents: they would take these for saturation.
+        memory = Memory(acceleration, self.law.applied(measured, np.where(moves, allowed, acceleration), law), spin)
         action = self.allocator.commands(pushes)
         return (action[0] if measured.single else action), memory
 
