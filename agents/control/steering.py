@@ -115,9 +115,9 @@ class Steering:
         wanted = wanted + measured.goal_acceleration
         moves = ~np.isnan(wanted[..., :1])
         velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        push, _, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
-        # Where averages do not hold, nobody knows what a push would do.
-        push = np.where(moves & holds[..., None], push, 0.0)
+        push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
+        moves &= holds[..., None]  # where averages do not hold, nobody knows what a push would do
+        push = np.where(moves, push, 0.0)
         # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
         pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1) + self.half * velocity
         if self.learner is None:
@@ -129,9 +129,10 @@ class Steering:
             pushes = turned(self.allocator.pushes(pose, measured.present, push, gain, spread), -phase)
             given = self.learner.note(pushes, memory.gains, push)
         acceleration, _ = self.process.acceleration(velocity, given)
-        law = self.law.applied(seen, acceleration - measured.goal_acceleration, law)
         spin = measured.spin + self.gained * acceleration[..., 2]
-        memory = Memory(acceleration, law, spin, memory.gains)
+        # Laws are told what is beyond the limits, not the allocation's last percents: they would take these for saturation.
+        told = np.where(moves, allowed, acceleration) - measured.goal_acceleration
+        memory = Memory(acceleration, self.law.applied(seen, told, law), spin, memory.gains)
         action = self.allocator.commands(pushes)
         return (action[0] if measured.single else action), memory
 

@@ -106,10 +106,10 @@ def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
     """Even if they would come to rest at their goals: pushed and braked they get there sooner."""
     policy = steering(law="pose")
     turn = 1.0
-    coasting = turn * policy.law.plant.drag[0]
+    coasting = turn * plant_of(policy.info).drag[0]
     assert not rests(policy, seen(policy, [0.0, 0.0], turn, (0.0, 0.0), coasting))
     slow = 0.5 * REACH_TURN
-    assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * policy.law.plant.drag[0]))
+    assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * plant_of(policy.info).drag[0]))
 
 
 def test_only_hard_dead_zones_call_for_it():
