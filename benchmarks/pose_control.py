@@ -1,10 +1,11 @@
 """How well the pose law holds a goal, on hardware and cameras of all sorts: ``python -m benchmarks.pose_control``.
 
-Every case plays the same goals of Align, for 15 s each whether or not they are reached. A part's error is the rms over the last
-10 s of its distance to the goal, and of its heading's; printed are the median over the goals, the 95 % quantile in brackets, and
-the largest. Overshoot is the farthest that a part gets beyond its goal along the straight way there, as a share of that way. Time
-is what passes until Align would call it a success, the hold included, above the lower bound on it (:class:`vibgym.bounds.TimeBound`).
-Elements are on in steps whose action is not zero: the share of the last 10 s in which any is.
+Every case plays the same goals of Align, for 15 s each whether or not they are reached. A part's error is the rms over the
+last 10 s of its distance to the goal, and of its heading's; printed are the median over the goals, the 95 % quantile in
+brackets, and the largest. Overshoot is the farthest that a part gets beyond its goal along the straight way there, as a
+share of that way. Time is what passes until Align would call it a success, the hold included, above the lower bound on it
+(:class:`vibgym.bounds.TimeBound`). Elements are on in steps whose action is not zero: the share of the last 10 s in which
+any is.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def figures(values: np.ndarray, factor: float = 1.0) -> str:
     known = factor * values[np.isfinite(values)]
     if not len(known):
         return "     - [     -]      -"
-    return "%6.3f [%6.3f] %6.3f" % (np.median(known), np.quantile(known, 0.95), known.max())
+    return f"{np.median(known):6.3f} [{np.quantile(known, 0.95):6.3f}] {known.max():6.3f}"
 
 
 def row(held: Held) -> str:

@@ -1,13 +1,13 @@
 """What each element makes of its phasor, learnt from where parts come to rest after pulses that missed.
 
-Near rest a part that is at p with velocity v comes to rest at ``zeta = p + v / c`` (:mod:`agents.control.settling`), and a step
-of pushes ``u_e`` of the elements e under it shifts that place by ``B sum_e J_e h_e u_e``: ``J_e`` is the share of the part on the
-element and its lever, ``h_e`` a complex number, 1 for an element that does as it is told, 0 for a dead one, and turned by the
-element's phase error. An estimator that knows nothing of the ``h_e`` predicts with 1 and is put right by the readings that follow.
-So what the place of rest moves beyond the nominal shift tells ``B sum_e J_e (h_e - 1) u_e``, late and spread over some periods:
-both sides are summed up alike, with a memory of some periods, and a Kalman filter of the ``h_e - 1`` of the elements under a part
-goes by these sums. One more unknown for each direction is a drift, by which the place of rest moves all the time: on a tilted
-table, say.
+Near rest a part that is at p with velocity v comes to rest at ``zeta = p + v / c`` (:mod:`agents.control.settling`), and a
+step of pushes ``u_e`` of the elements e under it shifts that place by ``B sum_e J_e h_e u_e``: ``J_e`` is the share of the
+part on the element and its lever, ``h_e`` a complex number, 1 for an element that does as it is told, 0 for a dead one, and
+turned by the element's phase error. An estimator that knows nothing of the ``h_e`` predicts with 1 and is put right by the
+readings that follow. So what the place of rest moves beyond the nominal shift tells ``B sum_e J_e (h_e - 1) u_e``, late and
+spread over some periods: both sides are summed up alike, with a memory of some periods, and a Kalman filter of the ``h_e -
+1`` of the elements under a part goes by these sums. One more unknown for each direction is a drift, by which the place of
+rest moves all the time: on a tilted table, say.
 
 Elements that a part leaves are forgotten when their place in the list is needed for others.
 """
@@ -282,7 +282,7 @@ def tell(gains, gain, phase, spread):
                 real, imaginary = 1.0 + gains.mean[w, p, 2 * k], gains.mean[w, p, 2 * k + 1]
                 size = math.sqrt(real * real + imaginary * imaginary)
                 if real < LEAST:
-                    gain[w, e], phase[w, e] = 0.0, 0.0
+                    gain[w, e] = 0.0
                 else:
                     gain[w, e] = min(size, MOST)
                     phase[w, e] = min(max(math.atan2(imaginary, real), -MOST_PHASE), MOST_PHASE)
@@ -394,8 +394,12 @@ class GainLearner:
         return self.pose(measured) + self.coast[:, None] * velocity
 
 
-def turned(push: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Pushes (batch, rows, columns, 2) turned by angles (batch, elements), rad."""
-    cosine, sine = (each.reshape(push.shape[:-1]) for each in (np.cos(angle), np.sin(angle)))
-    x, y = push[..., 0], push[..., 1]
-    return np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=-1)
+@borrowing
+def turn_pushes(angle, push):
+    """Turn pushes (batch, elements, 2) by angles (batch, elements), rad, in place."""
+    for w in range(angle.shape[0]):
+        for e in range(angle.shape[1]):
+            if angle[w, e] != 0.0:
+                cosine, sine = math.cos(angle[w, e]), math.sin(angle[w, e])
+                x, y = push[w, e, 0], push[w, e, 1]
+                push[w, e, 0], push[w, e, 1] = cosine * x - sine * y, sine * x + cosine * y

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.gains import GainLearner, turned
+from agents.control.gains import GainLearner, turn_pushes
 from agents.control.goal_motion import Preview, as_they_stand, from_goals
 from agents.control.laws import LAWS
 from agents.control.measured import Measured, wrap
@@ -40,6 +40,8 @@ class Steering:
     Args:
         info: task, scene and step time.
         law: among :data:`agents.control.laws.LAWS`.
+        learn: whether to learn what elements make of their phasors (:mod:`agents.control.gains`), where they have a hard dead
+            zone and parts have goals to be held at.
         **settings: the law's own.
 
     Attributes:
@@ -126,7 +128,8 @@ class Steering:
             given = self.allocator.effect(pose, measured.present, pushes)
         else:
             gain, phase, spread = self.learner.known(memory.gains)
-            pushes = turned(self.allocator.pushes(pose, measured.present, push, gain, spread), -phase)
+            pushes = self.allocator.pushes(pose, measured.present, push, gain, spread)
+            turn_pushes(-phase, pushes.reshape(*phase.shape, 2))
             given = self.learner.note(pushes, memory.gains, push)
         acceleration, _ = self.process.acceleration(velocity, given)
         spin = measured.spin + self.gained * acceleration[..., 2]

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from agents.control.gains import FAULT, GAIN_SPREAD, GainLearner, turned
+from agents.control.gains import FAULT, GAIN_SPREAD, GainLearner, turn_pushes
 from agents.control.measured import Measured
 from agents.control.steering import Steering
 from agents.registry import make_policy
@@ -119,7 +119,8 @@ def test_fast_parts_teach_nothing():
 def test_pushes_are_turned():
     push = np.random.default_rng(0).normal(size=(2, 8, 32, 2))
     angle = np.random.default_rng(1).normal(size=(2, 256))
-    got = turned(push, angle)
+    got = push.copy()
+    turn_pushes(angle, got.reshape(2, 256, 2))
     expected = (push[..., 0] + 1j * push[..., 1]) * np.exp(1j * angle.reshape(2, 8, 32))
     assert got[..., 0] + 1j * got[..., 1] == pytest.approx(expected)
 
