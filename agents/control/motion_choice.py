@@ -24,6 +24,8 @@ MOTIONS = FIRST_ASIDE + 2 * DIRECTIONS
 """From 0 on: three speeds straight to the target; three waits; every aisle at two speeds; every direction at two speeds."""
 
 STAY = FIRST_WAIT + 2
+ASIDE_X = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+ASIDE_Y = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 WAITS = 0.3  # s, the first wait; the second is twice that, the third lasts
 ASIDE_TIME = 0.4  # s
 AISLE_END = 0.08  # m before the target, along the table, where a part leaves its aisle for it
@@ -83,9 +85,9 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
             along = speed * wants.top_speed / math.sqrt(1.0 + slope * slope)
             return math.copysign(along, ahead), slope * along
     elif time < ASIDE_TIME:
-        angle = 2.0 * math.pi * ((motion - FIRST_ASIDE) % DIRECTIONS) / DIRECTIONS
+        way = (motion - FIRST_ASIDE) % DIRECTIONS
         speed = wants.top_speed * (1.0 if motion < FIRST_ASIDE + DIRECTIONS else 0.4)
-        return speed * math.cos(angle), speed * math.sin(angle)
+        return speed * ASIDE_X[way], speed * ASIDE_Y[way]
     dx, dy = target_x - x, target_y - y
     distance = math.sqrt(dx * dx + dy * dy)
     rate = min(math.sqrt(2.0 * wants.braking * distance), wants.approach * distance)
@@ -121,6 +123,9 @@ def follow(wants, motion, centre, velocity, target, path, limit):
         dx, dy = target[0] - x, target[1] - y
         left, more = math.sqrt(dx * dx + dy * dy) / wants.top_speed, INSTANTS - 1 - k
         spent += left / INSTANTS
+        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.height + wants.edge)
+        if out > SLACK:
+            spent += wants.hard * INTERVAL * out / OUTSIDE
         count = min(int(left / gain), more - 1)  # the last place counts in full
         way = (count * left - 0.5 * gain * count * (count + 1)) / INSTANTS
         if more > 0 and spent + way + max(left - more * gain, 0.0) > limit + ROUNDING:
@@ -208,6 +213,8 @@ def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
         for k in range(INSTANTS):
             dx, dy = paths[q, k, 0] - trial[k, 0], paths[q, k, 1] - trial[k, 1]
             if dx * dx + dy * dy < far * far:
+                if price > limit:
+                    return price
                 gap = distance_at_least(hulls, p, q, scene.facing[world], dx, dy)
                 price += share * nearness(wants, gap, patience) * (1.0 - FADING * k / INSTANTS)
     return price

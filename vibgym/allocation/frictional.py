@@ -286,6 +286,8 @@ class FrictionalInverse:
         self, surface: Surface, parts: Part | Sequence[Part], *, limit: float | None = None, ahead: float = 0.0
     ) -> None:
         checks.instance("surface", surface, Surface)
+        if not isinstance(parts, (Part, list, tuple)):
+            raise checks.refuse("parts", parts, "a Part, or a list of them")
         self.surface, self.parts = surface, (parts,) if isinstance(parts, Part) else tuple(parts)
         largest = surface.max_amplitude
         assert largest is not None

@@ -17,6 +17,10 @@ MOST_HOLD = 10_000
 MOST_LATENCY = 10_000
 
 
+LARGEST = 1e9
+"""Of poses, m and rad: a table's length is some of them, and squares of larger numbers lose what is looked for."""
+
+
 class TimeBound:
     """Fewest steps, and least time, in which one part alone can succeed: from rest into tolerance, and held there.
 
@@ -57,7 +61,7 @@ class TimeBound:
         assert surface.max_amplitude is not None
         self.surface, self.part = surface, part
         self.position_tolerance = checks.number("position_tolerance", position_tolerance, above=0.0)
-        if heading_tolerance != math.inf:
+        if not isinstance(heading_tolerance, float) or heading_tolerance != math.inf:
             heading_tolerance = checks.number("heading_tolerance", heading_tolerance, above=0.0)
         self.heading_tolerance = heading_tolerance
         self.heading_period = checks.number("heading_period", heading_period, least=0.0)
@@ -92,7 +96,7 @@ class TimeBound:
         Raises:
             ValueError: numbers that are not finite, or shapes that do not fit.
         """
-        start, goal = (np.atleast_2d(np.asarray(each, dtype=np.float64)) for each in (start, goal))
+        start, goal = _rows("start", start), _rows("goal", goal)
         shape = (max(len(start), len(goal)), 3)
         start, goal = checks.array("start", start, shape), checks.array("goal", goal, shape)
         x, y = (goal - start)[:, :2].T
@@ -120,6 +124,15 @@ class TimeBound:
             counter, clockwise = self._turns[0].periods(heading, left), self._turns[1].periods(-heading, left)
             found.append(np.where(each >= 0.0, counter, clockwise))
         return np.min(found, axis=0)
+
+
+def _rows(name: str, value: Any) -> np.ndarray:
+    """Poses (n, 3)."""
+    try:
+        rows = np.atleast_2d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise checks.refuse(name, value, "real numbers of shape (n, 3)") from None
+    return checks.array(name, rows, (len(rows), 3), least=-LARGEST, most=LARGEST)
 
 
 class _Key:
