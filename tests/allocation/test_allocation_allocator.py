@@ -56,7 +56,12 @@ def wish(size, turn, way):
 
 @settings(deadline=None, max_examples=100)
 @given(
-    st.floats(0.05, 0.75), st.floats(0.05, 0.15), st.floats(-4.0, 4.0), wishes, st.floats(0.0, 0.6), st.floats(0.6, 1.0)
+    st.floats(0.05, 0.75),
+    st.floats(0.05, 0.15),
+    st.floats(-4.0, 4.0),
+    wishes,
+    st.just(0.0) | st.floats(1e-6, 0.6),
+    st.floats(0.6, 1.0),
 )
 def test_elements_rest_or_move_within_the_limits(x, y, heading, wanted, least, most):
     wanted = wish(*wanted)

@@ -245,7 +245,7 @@ def test_walls_keep_parts_on_the_table():
         assert ends == falls
 
 
-@pytest.mark.parametrize("action", ["patch", "field", "wrench"])
+@pytest.mark.parametrize("action", ["patch", "field"])
 def test_absent_parts_command_nothing(action):
     env = single("Sort", action=action, randomize={"parts": [1, 1]})
     env.reset(seed=2)

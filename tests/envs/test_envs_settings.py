@@ -135,7 +135,7 @@ BAD = [
     ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}], "model": "averaged"}, "model"),
     ({"model": "tilting"}, "model"),
     ({"model": None}, "model"),
-    ({"action": "wrench"}, "action"),
+    ({"action": "swing"}, "action"),
     ({"action": 1}, "action"),
     ({"action": ["element"]}, "action"),
     ({"observation": "sound"}, "observation"),
