@@ -116,7 +116,8 @@ def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple
     Args:
         state: what the controller returned last; None at the very start.
         episode_start: (batch,) bool, see :meth:`agents.policy.Policy.predict`.
-        initial: memory at an episode's start: a NamedTuple of arrays (batch, ...) and of such NamedTuples.
+        initial: memory at an episode's start, of each world, or of one that stands for all: a NamedTuple of arrays (batch, ...)
+            or (1, ...) and of such NamedTuples.
         batch: number of worlds.
 
     Raises:
@@ -124,8 +125,8 @@ def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple
     """
     new = started(state, episode_start, batch)
     if state is None:
-        return initial, new
-    if not _alike(state, initial):
+        return _kept(None, initial, new), new
+    if not _alike(state, initial, batch):
         got = type(state).__name__
         if isinstance(state, tuple) and state and isinstance(state[0], np.ndarray):
             got += f" of {len(state[0])}"
@@ -133,16 +134,21 @@ def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple
     return _kept(state, initial, new), new
 
 
-def _alike(state: Any, initial: Any) -> bool:
-    """Whether two memories are of the same controller and batch."""
+def _alike(state: Any, initial: Any, batch: int) -> bool:
+    """Whether two memories are of the same controller, and the first of so many worlds."""
     if isinstance(initial, np.ndarray):
-        return isinstance(state, np.ndarray) and state.shape == initial.shape
-    return type(state) is type(initial) and all(map(_alike, state, initial))
+        return isinstance(state, np.ndarray) and state.shape == (batch, *initial.shape[1:])
+    return type(state) is type(initial) and all(_alike(a, b, batch) for a, b in zip(state, initial, strict=True))
 
 
 def _kept(state: Any, initial: Any, new: np.ndarray) -> Any:
-    """A copy of a memory, fresh where an episode has just begun."""
+    """A copy of a memory, fresh where an episode has just begun; of one that is None, all fresh."""
     if isinstance(initial, np.ndarray):
-        return np.where(new.reshape(-1, *[1] * (initial.ndim - 1)), initial, state)
-    kept = [_kept(a, b, new) for a, b in zip(state, initial, strict=True)]
+        fresh = np.broadcast_to(initial, (len(new), *initial.shape[1:]))
+        kept = fresh.copy() if state is None else state.copy()
+        if state is not None and new.any():
+            kept[new] = fresh[new]
+        return kept
+    rows = [None] * len(initial) if state is None else state
+    kept = [_kept(a, b, new) for a, b in zip(rows, initial, strict=True)]
     return type(initial)(*kept) if kept else initial

@@ -112,7 +112,7 @@ class PlannerPolicy(Steering):
         """Phasors from the measured poses and mean velocities; the state is a :class:`Memory`."""
         measured, period = Measured.of(observation, self.info), self.info.step_time
         batch = len(measured.centre)
-        (target, motion, waited, steered), new = recall(state, episode_start, self.initial(batch), batch)
+        (target, motion, waited, steered), new = recall(state, episode_start, self.initial(1), batch)
         measured = self.expected(measured, steered)
         centre, present = np.ascontiguousarray(measured.centre), measured.present
         if self.info.has_goal:

@@ -17,6 +17,7 @@ import numpy as np
 from agents.task_info import TaskInfo
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.physics.core.jit import borrowing
 
 NODES = 512
 """Of a curve."""
@@ -60,10 +61,47 @@ class StoppingCurve:
 
     def at(self, way: np.ndarray) -> np.ndarray:
         """Speeds (batch, parts) from which parts stop within ``way`` (batch, parts) >= 0; the top speed beyond the curve."""
-        result = np.empty_like(way)
-        for p in range(way.shape[1]):
-            result[:, p] = np.interp(way[:, p], self.way[:, p], self.speed[:, p])
-        return result
+        return np.stack([np.interp(way[:, p], self.way[:, p], self.speed[:, p]) for p in range(way.shape[1])], axis=-1)
+
+
+@borrowing
+def speed_at(ways, speeds, p, approach, way):
+    """Speed of part ``p`` on its curve, but no more than ``approach`` times the way (>= 0)."""
+    low, high = 0, ways.shape[0] - 1
+    if way >= ways[high, p]:
+        return min(speeds[high, p], approach * way)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if ways[middle, p] <= way:
+            low = middle
+        else:
+            high = middle
+    share = (way - ways[low, p]) / (ways[high, p] - ways[low, p])
+    return min(speeds[low, p] + share * (speeds[high, p] - speeds[low, p]), approach * way)
+
+
+@borrowing
+def speed_along(ways, speeds, p, approach, step, left, now):
+    """Speed at the end of the step that lies on the curve then: ``v' = curve(left - T (v + v') / 2)``."""
+    speed = speed_at(ways, speeds, p, approach, max(left - step * now, 0.0))
+    for _ in range(ROUNDS):
+        ahead = max(left - 0.5 * step * (now + speed), 0.0)
+        speed = 0.5 * (speed + speed_at(ways, speeds, p, approach, ahead))
+    return speed
+
+
+@borrowing
+def land(ways, speeds, approach, step, over, left, now, result):
+    """Speeds (batch, parts) for the end of the step, overwritten; see :class:`Landing`."""
+    for w in range(left.shape[0]):
+        for p in range(left.shape[1]):
+            way, rate = left[w, p], now[w, p]
+            # Of a part that has gone so far in the step, at an even rate: what it has at the end.
+            arriving = 2.0 * (way - INSIDE * over) / step - rate
+            back = 2.0 * (way + INSIDE * over) / step - rate
+            latest = speed_along(ways, speeds, p, approach, step, way + over, rate)
+            speed = min(max(speed_along(ways, speeds, p, approach, step, way, rate), arriving), latest)
+            result[w, p] = min(speed, max(back, -2.0 * over / step))
 
 
 class Landing:
@@ -92,24 +130,10 @@ class Landing:
             left: (batch, parts) m or rad >= 0 to the target.
             now: (batch, parts) speed towards it at the start of the step.
         """
-        latest, arriving = self._along(left + self.over, now), self._ending(left - INSIDE * self.over, now)
-        speed = np.minimum(np.maximum(self._along(left, now), arriving), latest)
-        back = self._ending(left + INSIDE * self.over, now)
-        return np.minimum(speed, np.maximum(back, -2.0 * self.over / self.step))
-
-    def _ending(self, way: np.ndarray, now: np.ndarray) -> np.ndarray:
-        """Speed at the end of a step of a part that has gone so far in it, at an even rate."""
-        return 2.0 * way / self.step - now
-
-    def _along(self, left: np.ndarray, now: np.ndarray) -> np.ndarray:
-        """Speed at the end of the step that lies on the curve then: ``v' = curve(left - T (v + v') / 2)``."""
-        speed = self._at(np.maximum(left - self.step * now, 0.0))
-        for _ in range(ROUNDS):
-            speed = 0.5 * (speed + self._at(np.maximum(left - 0.5 * self.step * (now + speed), 0.0)))
-        return speed
-
-    def _at(self, way: np.ndarray) -> np.ndarray:
-        return np.minimum(self.curve.at(way), self.approach * way)
+        result = np.empty(left.shape)
+        left, now = np.ascontiguousarray(left), np.ascontiguousarray(now)
+        land(self.curve.way, self.curve.speed, self.approach, self.step, self.over, left, now, result)
+        return result
 
 
 def time_left(way: np.ndarray, now: np.ndarray, gain: np.ndarray, curve: StoppingCurve) -> np.ndarray:

@@ -156,7 +156,9 @@ class Allocator:
             inside = (share > 0.0) & (share < 1.0)
             share[~inside] = 1.0
             push = push * (inverse(share) / share)
-        return (-push[..., ::-1]).astype(np.float32).reshape(len(push), -1)
+        action = np.empty(push.shape, dtype=np.float32)
+        np.negative(push[..., ::-1], out=action, casting="same_kind")
+        return action.reshape(len(push), -1)
 
 
 def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Work]:

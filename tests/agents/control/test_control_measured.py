@@ -89,7 +89,8 @@ class Two(NamedTuple):
 def test_memories_begin_anew_where_episodes_do():
     initial, state = Two(np.zeros((2, 3)), np.full(2, 7)), Two(np.ones((2, 3)), np.array([1, 2]))
     first, new = recall(None, None, initial, 2)
-    assert first is initial and new.tolist() == [True, True]
+    assert isinstance(first, Two) and new.tolist() == [True, True]
+    assert all((a == b).all() and a is not b for a, b in zip(first, initial, strict=True))
     kept, new = recall(state, np.array([False, True]), initial, 2)
     assert isinstance(kept, Two) and new.tolist() == [False, True]
     assert kept.place.tolist() == [[1, 1, 1], [0, 0, 0]] and kept.count.tolist() == [1, 7]
