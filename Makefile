@@ -93,6 +93,7 @@ benchmark: $(LEARN) $(ACCURACY) $(PUSHT)/.installed
 	$(PY) -m benchmarks.crowds --pusht $(PUSHT)/bin/python
 	$(PY) -m benchmarks.pile
 	$(PY) -m benchmarks.camera
+	$(PY) -m benchmarks.control
 
 train: $(LEARN)
 	@for policy in $(POLICIES); do $(PY) -m agents train configs/agents/$$policy.yaml --policy agents/learned/shipped/$$policy.json || exit; done

@@ -36,6 +36,20 @@ def local_fields(info: TaskInfo, **arguments: Any) -> Policy:
     return LocalFieldPolicy(info, **arguments)
 
 
+def lawful(law: str) -> Callable[..., Policy]:
+    """Maker of a policy under one of :data:`agents.control.laws.LAWS`: parts with goal poses go straight there, as
+    :class:`LocalFieldPolicy` has them, others by the :class:`PlannerPolicy`."""
+
+    def make(info: TaskInfo, **arguments: Any) -> Policy:
+        if "law" in arguments:
+            raise checks.refuse(f"policy {law!r}", "the argument 'law'", "its own arguments: this policy is its law")
+        straight = (info.has_goal and len(info.parts) == 1) or info.goal_moves
+        return (LocalFieldPolicy if straight else PlannerPolicy)(info, law=law, **arguments)
+
+    make.__name__ = law
+    return make
+
+
 def trained(info: TaskInfo, *, path: str) -> Policy:
     """The trained policy in a JSON file; ``{task}`` in its path is replaced by the task's name in lower case.
 
@@ -58,6 +72,10 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
         "local_field": local_field,
         "local_fields": local_fields,
         "planner": PlannerPolicy,
+        "pose": lawful("pose"),
+        "lqr": lawful("lqr"),
+        "pid": lawful("pid"),
+        "state_space": lawful("state_space"),
         "trained": trained,
     },
 )
@@ -65,7 +83,8 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
 
 ``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"planner"`` those that ask
 for places: goals, zones, or a distance to keep. ``"local_field"`` and ``"local_fields"`` are one law under the names of its two
-uses: parts with goal poses of their own, and parts that share zones or shall be apart.
+uses: parts with goal poses of their own, and parts that share zones or shall be apart. ``"pose"``, ``"lqr"``, ``"pid"`` and
+``"state_space"`` are other laws in the same place, or under the planner where several parts have to keep apart.
 """
 
 

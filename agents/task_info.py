@@ -37,6 +37,8 @@ class TaskInfo:
     layout: Layout  # of the state observation
     hardware: DataSheet  # what the actuators' data sheet says
     step_limit: int | None  # steps
+    goal_moves: bool = False  # while an episode goes on; observations tell how, see agents.control.measured
+    lead: int = 0  # periods after the present of which measurements tell: what an estimator predicts
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
@@ -75,6 +77,8 @@ class TaskInfo:
             layout=Layout(base.surface, base.parts, task.features, task.slots),
             hardware=base.data_sheet,
             step_limit=limit,
+            goal_moves=task.goal_moves,
+            lead=base.measurement_lead,
         )
 
     def check_places(self, policy: str) -> None:

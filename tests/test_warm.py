@@ -18,12 +18,29 @@ for name in ("Align", "Sort"):
             env = gymnasium.make(f"vibgym/{name}-v0", action="field", actuators="prototype", sensor=told)
             env.reset(seed=0)
             env.step(env.action_space.sample())
+for name in ("Align", "Sort", "Follow"):
+    for actuators in ("ideal", "prototype"):
+        env = gymnasium.make(f"vibgym/{name}-v0", action="wrench", actuators=actuators)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+env = gymnasium.make("vibgym/Follow-v0", paths=[{"shape": "square", "centre": [0.4, 0.1], "side": 0.1}])
+env.reset(seed=0)
+env.step(env.action_space.sample())
 gymnasium.make("vibgym/Align-v0", sensor="camera", observation="camera").reset(seed=0)
 part = vibgym.Part.rectangle(0.05, 0.035, friction=0.6)
 pair = vibgym.Simulator(vibgym.Surface(), [part, part], walls=["top"], worlds=3)
 pair.reset([[0.10, 0.1, 0.0], [0.15, 0.1, 0.0]])
 pair.advance(1e-4, 0.0, periods=2)
 assert pair.statistics["contact"] > 0
+from vibgym.allocation import Inverse
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.bounds import TimeBound
+asked = np.tile([0.4, 0.1, 0.0], (3, 1)), np.zeros((3, 3)), np.tile([1.0, 0.5, 3.0], (3, 1))
+Inverse(vibgym.Surface(), part, corrections=2).phasors(*asked)
+friction = FrictionalInverse(vibgym.Surface(), [part, part], ahead=0.02)
+friction.acceleration(np.zeros((3, 2, 3)), friction.push(np.zeros((3, 2, 3)), np.ones((3, 2, 3))).push)
+bound = TimeBound(vibgym.Surface(), part, position_tolerance=2e-3, heading_tolerance=0.05)
+assert bound.steps([0.2, 0.1, 0.0], [0.6, 0.1, 1.0]) > 10
 """
 
 

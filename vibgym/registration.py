@@ -13,6 +13,7 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "Transport": (250, {"task": "Transport"}),
     "Align": (250, {"task": "Align"}),
     "Rotate": (250, {"task": "Rotate"}),
+    "Follow": (500, {"task": "Follow"}),
     "Sort": (750, {"task": "Sort"}),
     "SortTwelve": (1500, {"task": "Sort", "parts": BLOCKS * 6}),
     "SortThreeKinds": (750, {"task": "Sort", "parts": [*BLOCKS, DISC] * 2}),

@@ -10,7 +10,9 @@ import gymnasium
 import numpy as np
 
 from vibgym import Part, Simulator, Surface
-from vibgym.allocation import mean_acceleration, mean_state, phasors_for
+from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.bounds import TimeBound
 from vibgym.physics.core.drive import all_phasors, polar_drive
 
 BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)]
@@ -64,6 +66,16 @@ def allocation() -> None:
     found = phasors_for(surface, part, pose, velocity, [0.1, 0.0, 0.0])
     mean_acceleration(surface, part, pose, velocity, found.amplitude, found.phase)
     mean_state(surface, part, pose, velocity, found.amplitude, found.phase)
+    Inverse(surface, part, corrections=1).phasors(pose, velocity, [0.1, 0.0, 0.0])
+    friction, one = FrictionalInverse(surface, part), np.zeros((1, 1, 3))
+    friction.push(one, one)
+    friction.acceleration(one, one)
+
+
+def bounds() -> None:
+    """Least times to goals."""
+    bound = TimeBound(Surface(), BLOCKS[0], position_tolerance=2e-3, heading_tolerance=0.1)
+    bound.steps([0.2, 0.1, 0.0], [0.6, 0.1, 1.0])
 
 
 def phasors() -> None:
@@ -78,6 +90,8 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "averaged model", lambda: simulator(parts=BLOCKS[0], model="averaged")
     yield "contacts", contacts
     yield "allocation", allocation
+    yield "bounds", bounds
+    yield "wrench action", lambda: machine(action="wrench")
     yield "viewers", phasors
     for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
         for observation in ("state", "goal", "image"):

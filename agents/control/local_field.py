@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.control.law import Steering
-from agents.control.measured import Measured
+from agents.control.measured import Measured, recall
+from agents.control.steering import Steering
 from agents.task_info import TaskInfo
 from vibgym import checks
 
@@ -21,7 +21,7 @@ class LocalFieldPolicy(Steering):
     Args:
         info: task and scene.
         margin: m, how far inside zones and borders targets lie.
-        **law: ``rule``, ``response``, ``braking``, ``approach`` of :class:`Steering`.
+        **law: ``law`` of :class:`Steering`, and that law's settings.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.
@@ -35,12 +35,12 @@ class LocalFieldPolicy(Steering):
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Phasors from the measured poses and mean velocities; the policy has no memory."""
-        measured = self.expected(observation)
-        way = self.targets(measured) - measured.centre
-        distance = np.sqrt((way**2).sum(axis=-1))
-        speed = self.stopping_speed(distance) / np.maximum(distance, 1e-12)
-        return self.steer(measured, speed[..., None] * way), state
+        """Phasors from the measured poses and mean velocities; the state is :class:`agents.control.steering.Memory`."""
+        measured = Measured.of(observation, self.info)
+        batch = len(measured.centre)
+        memory, _ = recall(state, episode_start, self.begin(1), batch)
+        measured = self.expected(measured, memory)
+        return self.steer(measured, self.targets(measured) - measured.centre, memory)
 
     def targets(self, measured: Measured) -> np.ndarray:
         """Where the parts are heading, (batch, parts, 2) m."""

@@ -24,6 +24,8 @@ MOTIONS = FIRST_ASIDE + 2 * DIRECTIONS
 """From 0 on: three speeds straight to the target; three waits; every aisle at two speeds; every direction at two speeds."""
 
 STAY = FIRST_WAIT + 2
+ASIDE_X = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+ASIDE_Y = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 WAITS = 0.3  # s, the first wait; the second is twice that, the third lasts
 ASIDE_TIME = 0.4  # s
 AISLE_END = 0.08  # m before the target, along the table, where a part leaves its aisle for it
@@ -31,6 +33,7 @@ AISLE_SLOPE = 2.0  # steepest way into an aisle
 SLACK = 0.002  # m that a part may be too near the border for nothing
 OUTSIDE = 0.005  # m too near the border that cost as much as being as near to another part as can be
 FADING = 0.6  # share by which what is near in place counts less at the end of a prediction
+ROUNDING = 1e-9  # s, by which a bound may be wrong
 DEEPEST = 4.0  # in safe distances, the lack of distance beyond which the price grows no more
 
 
@@ -82,9 +85,9 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
             along = speed * wants.top_speed / math.sqrt(1.0 + slope * slope)
             return math.copysign(along, ahead), slope * along
     elif time < ASIDE_TIME:
-        angle = 2.0 * math.pi * ((motion - FIRST_ASIDE) % DIRECTIONS) / DIRECTIONS
+        way = (motion - FIRST_ASIDE) % DIRECTIONS
         speed = wants.top_speed * (1.0 if motion < FIRST_ASIDE + DIRECTIONS else 0.4)
-        return speed * math.cos(angle), speed * math.sin(angle)
+        return speed * ASIDE_X[way], speed * ASIDE_Y[way]
     dx, dy = target_x - x, target_y - y
     distance = math.sqrt(dx * dx + dy * dy)
     rate = min(math.sqrt(2.0 * wants.braking * distance), wants.approach * distance)
@@ -93,14 +96,22 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
 
 
 @borrowing
-def follow(wants, motion, centre, velocity, target, path):
+def follow(wants, motion, centre, velocity, target, path, limit):
     """Predict a motion of one part: ``path`` (INSTANTS, 2) is overwritten with its places after 1, 2, ... intervals.
 
     Args:
         centre, velocity, target: (2,) m, m/s, m.
+        limit: s, price of place above which nobody wants to know where it leads.
+
+    Returns:
+        How many places were written; all, unless a lower bound of the price is above the limit.
     """
     x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
-    for k in range(path.shape[0]):
+    spent = 0.0
+    # As price_of_place() counts it, if from here on the part went straight to its target as fast as it can.
+    fastest = max(wants.top_speed, math.sqrt(vx * vx + vy * vy))
+    gain = INTERVAL * fastest / wants.top_speed
+    for k in range(INSTANTS):
         wx, wy = set_velocity(wants, motion, k * INTERVAL, x, y, target[0], target[1])
         ax, ay = wx - vx, wy - vy
         change = math.sqrt(ax * ax + ay * ay)
@@ -109,6 +120,17 @@ def follow(wants, motion, centre, velocity, target, path):
         x, y = x + 0.5 * INTERVAL * (vx + nx), y + 0.5 * INTERVAL * (vy + ny)
         vx, vy = nx, ny
         path[k, 0], path[k, 1] = x, y
+        dx, dy = target[0] - x, target[1] - y
+        left, more = math.sqrt(dx * dx + dy * dy) / wants.top_speed, INSTANTS - 1 - k
+        spent += left / INSTANTS
+        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.height + wants.edge)
+        if out > SLACK:
+            spent += wants.hard * INTERVAL * out / OUTSIDE
+        count = min(int(left / gain), more - 1)  # the last place counts in full
+        way = (count * left - 0.5 * gain * count * (count + 1)) / INSTANTS
+        if more > 0 and spent + way + max(left - more * gain, 0.0) > limit + ROUNDING:
+            return k + 1
+    return INSTANTS
 
 
 @borrowing
@@ -178,7 +200,8 @@ def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
         paths: (parts, INSTANTS, 2) m, of the others.
     """
     target, patience = scene.target[world, p], scene.patience[world, p]
-    follow(wants, motion, scene.centre[world, p], scene.velocity[world, p], target, trial)
+    if follow(wants, motion, scene.centre[world, p], scene.velocity[world, p], target, trial, limit) < INSTANTS:
+        return math.inf
     price = price_of_place(wants, trial, target)
     for q in range(rank.shape[0]):
         if price > limit:
@@ -190,6 +213,8 @@ def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
         for k in range(INSTANTS):
             dx, dy = paths[q, k, 0] - trial[k, 0], paths[q, k, 1] - trial[k, 1]
             if dx * dx + dy * dy < far * far:
+                if price > limit:
+                    return price
                 gap = distance_at_least(hulls, p, q, scene.facing[world], dx, dy)
                 price += share * nearness(wants, gap, patience) * (1.0 - FADING * k / INSTANTS)
     return price
@@ -211,24 +236,25 @@ def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, tria
 
 
 @jit
-def choose_motions(wants, hulls, scene, faithful, motion, chosen):
-    """Let the parts of every world choose in turn, each beside the motions of those before and the last ones of those after.
+def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
+    """Let the parts of each world choose in turn, each beside the motions of those before and the last ones of those after.
 
     Args:
+        start, stop: first world, and the one after the last.
         wants: the :class:`Preferences`.
         faithful: s, what another motion must be better than the last one.
         motion: (worlds, parts) int64, the last ones; overwritten.
         chosen: (worlds, parts, 2) m/s, overwritten with the set velocities; 0 for absent parts.
     """
-    worlds, parts = scene.present.shape
+    parts = scene.present.shape[1]
     paths, trial = np.empty((parts, INSTANTS, 2)), np.empty((INSTANTS, 2))
     rank = np.empty(parts, np.int64)
-    for w in range(worlds):
+    for w in range(start, stop):
         centre, velocity, target = scene.centre[w], scene.velocity[w], scene.target[w]
         for k in range(parts):
             p = scene.order[w, k]
             rank[p] = k if scene.present[w, p] else -1
-            follow(wants, motion[w, p], centre[p], velocity[p], target[p], paths[p])
+            follow(wants, motion[w, p], centre[p], velocity[p], target[p], paths[p], math.inf)
         for k in range(parts):
             p = scene.order[w, k]
             chosen[w, p] = 0.0
@@ -236,6 +262,6 @@ def choose_motions(wants, hulls, scene, faithful, motion, chosen):
                 continue
             best = best_motion(wants, hulls, scene, w, p, motion[w, p], faithful, rank, paths, trial)
             motion[w, p] = best
-            follow(wants, best, centre[p], velocity[p], target[p], paths[p])
+            follow(wants, best, centre[p], velocity[p], target[p], paths[p], math.inf)
             wx, wy = set_velocity(wants, best, 0.0, centre[p, 0], centre[p, 1], target[p, 0], target[p, 1])
             chosen[w, p, 0], chosen[w, p, 1] = wx, wy

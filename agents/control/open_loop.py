@@ -44,7 +44,7 @@ class OpenLoopPolicy:
     def __init__(
         self, info: TaskInfo, *, turn_rate: float = 11.5, gather_time: float = 2.0, centring: float = 0.2
     ) -> None:
-        if not info.has_goal or len(info.parts) != 1:
+        if not info.has_goal or info.goal_moves or len(info.parts) != 1:
             allowed = "tasks for one part with a goal pose"
             raise checks.refuse("policy 'open_loop'", f"the task {info.name}", allowed)
         self.info = info
@@ -61,7 +61,7 @@ class OpenLoopPolicy:
     ) -> tuple[np.ndarray, Any]:
         """Field of the goal latched at the episode's start; the state is a :class:`Plan`."""
         info, measured = self.info, Measured.of(observation, self.info)
-        plan, new = recall(state, episode_start, self.initial(len(measured.centre)))
+        plan, new = recall(state, episode_start, self.initial(len(measured.centre)), len(measured.centre))
         plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
         plan.goal[new, 2] = (measured.heading + measured.turn)[new, 0]
         plan.turn[new] = measured.turn[new, 0]

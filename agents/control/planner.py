@@ -14,17 +14,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.law import Steering
-from agents.control.measured import recall
+from agents.control import steering
+from agents.control.measured import Measured, recall
 from agents.control.motion_choice import STAY, Preferences, Scene, choose_motions
+from agents.control.plant import plant_of
+from agents.control.steering import Steering
 from agents.control.targets import Targets, swap
 from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.scene.hulls import hulls_of
+from vibgym.simulation import threads as workers
 
 ARRIVED = 0.020  # m from the target
 SLOW = 0.050  # m/s
 CALMING = 0.5  # s of waiting that are forgotten in a second of motion
+BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
 SWAP_GAIN = 0.010  # m, lest two parts swap targets to and fro
 
 
@@ -34,6 +38,7 @@ class Memory(NamedTuple):
     target: np.ndarray  # (batch, parts, 2) m
     motion: np.ndarray  # (batch, parts) int64, of agents.control.motion_choice
     waited: np.ndarray  # (batch, parts) s
+    steering: steering.Memory
 
 
 class PlannerPolicy(Steering):
@@ -51,7 +56,7 @@ class PlannerPolicy(Steering):
         faithful: s, what another motion must be better than the last one.
         edge: m, distance of centres from the surface's border.
         inset: m, distance of targets from the other borders of their zones.
-        **law: ``rule``, ``response``, ``braking``, ``approach`` of :class:`Steering`.
+        **law: ``law`` of :class:`Steering`, and that law's settings.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.
@@ -73,22 +78,22 @@ class PlannerPolicy(Steering):
     ) -> None:
         super().__init__(info, **law)
         info.check_places("planner")
-        surface = info.surface
+        surface, plant = info.surface, plant_of(info)
         self.calm = checks.number("calm", calm, above=0.0)
         self.faithful = checks.number("faithful", faithful, least=0.0)
         edge = min(checks.number("edge", edge, above=0.0), 0.5 * surface.width, 0.5 * surface.height)
         self.targets = Targets(info, edge, checks.number("inset", inset, least=0.0), 2.0 * self.slack)
-        self.hulls = hulls_of(info.parts)
+        self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Parts without zones may all swap targets: apart is apart.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
         self.preferences = Preferences(
             width=surface.width,
             height=surface.height,
             edge=edge,
-            top_speed=self.top_speed,
-            acceleration=0.8 * (self.strength * self.push.min()),
-            braking=self.braking * (self.strength * self.push.min()),
-            approach=self.approach,
+            top_speed=plant.top_speed,
+            acceleration=0.8 * plant.push.min(),
+            braking=BRAKING * plant.push.min(),
+            approach=1.0 / self.law.lead,
             spacing=self.targets.spacing,
             safe=checks.number("safe", safe, above=0.0),
             soft=checks.number("soft", soft, least=0.0),
@@ -99,15 +104,17 @@ class PlannerPolicy(Steering):
     def initial(self, batch: int) -> Memory:
         """Memory at the very start, before anything has been seen."""
         shape = (batch, len(self.info.parts))
-        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape))
+        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), self.begin(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Phasors from the measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured, period = self.expected(observation), self.info.step_time
+        measured, period = Measured.of(observation, self.info), self.info.step_time
+        batch = len(measured.centre)
+        (target, motion, waited, steered), new = recall(state, episode_start, self.initial(1), batch)
+        measured = self.expected(measured, steered)
         centre, present = np.ascontiguousarray(measured.centre), measured.present
-        (target, motion, waited), new = recall(state, episode_start, self.initial(len(centre)))
         if self.info.has_goal:
             target = centre + measured.way
         else:
@@ -128,5 +135,10 @@ class PlannerPolicy(Steering):
             order=np.argsort(-way, axis=1, kind="stable"),
         )
         velocity = np.empty_like(centre)
-        choose_motions(self.preferences, self.hulls, scene, self.faithful, motion, velocity)
-        return self.steer(measured, velocity), Memory(target, motion, waited)
+
+        def choose(start: int, stop: int) -> None:
+            choose_motions(start, stop, self.preferences, self.hulls, scene, self.faithful, motion, velocity)
+
+        workers.share(choose, batch, self.threads)
+        action, steered = self.steer(measured, self.law.lead * velocity, steered)
+        return action, Memory(target, motion, waited, steered)

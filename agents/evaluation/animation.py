@@ -36,8 +36,8 @@ def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
 def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -> np.ndarray:
     """Frame of a film, (height, width, 3) uint8."""
     trail = film.poses[: frame + 1, :, :2]
-    shown = (film.poses[frame], film.present, film.goal, film.phasors[frame], trail, film.captions[frame])
-    return painter.paint(scenery.view(*shown))
+    shown = (film.poses[frame], film.present, film.goals[frame], film.phasors[frame], trail, film.captions[frame])
+    return painter.paint(scenery.view(*shown, film.paths))
 
 
 def frames_of(film: Film, scenery: Scenery, step_time: float, width: int = WIDTH) -> tuple[list[np.ndarray], float]:

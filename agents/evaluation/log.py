@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.evaluation.bound import least_times
 from agents.evaluation.touches import Touches
 from vibgym.envs.shared import SharedInterface, Truth
 
@@ -27,7 +28,8 @@ class Film:
     poses: np.ndarray  # (frames, parts, 3) m, m, rad
     present: np.ndarray  # (parts,) bool
     phasors: np.ndarray  # (frames, rows, columns, 2) float32, fractions of full scale, of the step that led to the pose
-    goal: np.ndarray  # (parts, 3); zeros for tasks without goal poses
+    goals: np.ndarray  # (frames, parts, 3); zeros for tasks without goal poses
+    paths: tuple[np.ndarray, ...]  # (n, 2) m, along which the goals of the parts move; empty where they stay
     captions: tuple[str, ...]  # of the frames
     done: float  # parts done at the end; nan where they are not counted
     success: bool
@@ -70,7 +72,7 @@ class Ends:
             "steps": np.zeros(worlds, dtype=np.int64),
             **{key: np.zeros(worlds, dtype=bool) for key in ("success", "fallen", "diverged")},
             **{key: np.zeros(worlds) for key in ("returns", "position_error")},
-            "heading_error": np.full(worlds, np.nan),
+            **{key: np.full(worlds, np.nan) for key in ("heading_error", "path_error")},
         }
 
     def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
@@ -81,7 +83,7 @@ class Ends:
         fields = self.fields
         fields["steps"][ended] = step
         fields["success"][ended] = info["is_success"][ended]
-        for key in ("fallen", "diverged", "position_error", "heading_error"):
+        for key in ("fallen", "diverged", "position_error", "heading_error", "path_error"):
             if key in info:
                 fields[key][ended] = info[key][ended]
 
@@ -110,12 +112,14 @@ class Log(Ends):
             "straight": np.hypot(way[..., 0], way[..., 1]).sum(axis=1),
             "poses": np.full((worlds, limit + 1, parts, 3), np.nan, dtype=np.float32),
             "goals": truth.goal,
+            "bound": least_times(env),
             "series": np.full((len(SERIES), worlds, limit + 1), np.nan, dtype=np.float32),
             "collisions": np.full(worlds, np.nan if self.touches is None else 0.0),
         }
         self.last = truth.pose[..., :2]
         self.watched = farthest_goal(env, touching)
-        self.frames: list[tuple[np.ndarray, np.ndarray, str]] = []
+        self.paths = tuple(env.paths(self.watched))
+        self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, str]] = []
         self.write(0, np.ones(worlds, dtype=bool), info)
         self.fields["collisions"] *= 0.0  # pairs in touch at the start do not count
 
@@ -135,10 +139,15 @@ class Log(Ends):
         if alive[self.watched]:
             self.frames.append(self._frame(truth, step))
 
-    def _frame(self, truth: Truth, step: int) -> tuple[np.ndarray, np.ndarray, str]:
+    def _frame(self, truth: Truth, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
         said = self.env.caption(self.watched).removeprefix(self.env.task.name).strip()
         phasors = self.env.phasors(self.watched).astype(np.float32)
-        return truth.pose[self.watched], phasors, f"{step * self.env.step_time:.2f} s   {said}"
+        return (
+            truth.pose[self.watched],
+            truth.goal[self.watched],
+            phasors,
+            f"{step * self.env.step_time:.2f} s   {said}",
+        )
 
     def end(self, step: int, ended: np.ndarray, info: dict[str, Any]) -> None:
         """Write down how the worlds ``ended`` (bool) have ended."""
@@ -150,14 +159,15 @@ class Log(Ends):
 
     def film(self, seed: int) -> Film:
         """The watched world's."""
-        poses, phasors, captions = zip(*self.frames, strict=True)
+        poses, goals, phasors, captions = zip(*self.frames, strict=True)
         world, fields = self.watched, self.fields
         return Film(
             seed,
             np.array(poses),
             self.start.present[world],
             np.array(phasors),
-            self.start.goal[world],
+            np.array(goals),
+            self.paths,
             captions,
             float(fields["series"][SERIES.index("parts_done"), world, len(poses) - 1]),
             bool(fields["success"][world]),

@@ -19,7 +19,7 @@ from agents.evaluation.processes import side_by_side, usable
 from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.statistics import Comparison
-from agents.evaluation.tables import number, plain, quantity
+from agents.evaluation.tables import kind_of, number, plain, quantity
 from agents.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.tasks.base import HOLD_PERIODS
@@ -34,12 +34,22 @@ DEGREES = 180.0 / math.pi
 
 GOAL_COLUMNS = (
     ("Time to goal", "time", "times"),
+    ("Time / bound", "multiple", "multiples"),
     ("Position error", "position", "positions"),
     ("Heading error", "heading", "headings"),
     ("Fallen", "fallen", ""),
     ("Steps per second", "rate", ""),
 )
 """Of the table of tasks in which every part has a goal pose: heading, and what cells show large and small."""
+
+PATH_COLUMNS = (
+    ("Time to goal", "time", "times"),
+    ("Path error (rms)", "path", "paths"),
+    ("Heading error", "heading", "headings"),
+    ("Fallen", "fallen", ""),
+    ("Steps per second", "rate", ""),
+)
+"""Of the table of tasks whose goals move."""
 
 TOGETHER_COLUMNS = (
     ("Time to goal", "time", "times"),
@@ -51,6 +61,11 @@ TOGETHER_COLUMNS = (
     ("Fallen", "fallen", ""),
 )
 """Of the table of tasks whose parts are done together."""
+
+TABLES = (
+    ("", GOAL_COLUMNS, "goals"), ("Paths", PATH_COLUMNS, "paths"), ("Several parts", TOGETHER_COLUMNS, "together"),
+)  # fmt: skip
+"""Title, columns, and kind of tasks, see :func:`agents.evaluation.tables.kind_of`."""
 
 
 def page(results: Results, quiet: bool = False) -> str:
@@ -96,8 +111,8 @@ def page(results: Results, quiet: bool = False) -> str:
     }
     tables = [
         {"title": title, "columns": columns, "tasks": [tasks[task] for task in names]}
-        for title, columns, names in (("", GOAL_COLUMNS, goals), ("Several parts", TOGETHER_COLUMNS, together))
-        if names
+        for title, columns, kind in TABLES
+        if (names := [task for task, info in results.tasks.items() if kind_of(info) == kind])
     ]
     return environment.get_template("report.html.j2").render(
         results=results,
@@ -106,6 +121,7 @@ def page(results: Results, quiet: bool = False) -> str:
         loads=_loads(results),
         goals=goals,
         together=together,
+        following=any(info.goal_moves for info in results.tasks.values()),
         several=any(len(info.parts) > 1 for info in results.tasks.values()),
         confidence=f"{100 * settings.confidence:g} %",
         seeds=seeds_text(settings.seed_list()),
@@ -176,10 +192,14 @@ def _card(results: Results, row: Row) -> dict[str, Any]:
         "interval": f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f}",
         "time": quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
         "times": _range(row.time_to_goal_q25_s, row.time_to_goal_q75_s, 1.0),
+        "multiple": quantity(row.time_over_bound_median, 1.0, 2, ""),
+        "multiples": _range(row.time_over_bound_q25, row.time_over_bound_q75, 1.0),
         "position": quantity(row.position_error_median_m, 1e3, 2, "mm"),
         "positions": _range(row.position_error_q25_m, row.position_error_q75_m, 1e3),
         "heading": quantity(row.heading_error_median_rad, DEGREES, 2, "°"),
         "headings": _range(row.heading_error_q25_rad, row.heading_error_q75_rad, DEGREES),
+        "path": quantity(row.path_error_median_m, 1e3, 2, "mm"),
+        "paths": _range(row.path_error_q25_m, row.path_error_q75_m, 1e3),
         "fallen": str(row.fallen),
         "efficiency": quantity(row.path_efficiency_median, 100.0, 0, "%"),
         "rate": thousands(row.steps_per_second),

@@ -40,12 +40,18 @@ class Row:
     time_to_goal_q25_s: float
     time_to_goal_median_s: float
     time_to_goal_q75_s: float
+    time_over_bound_q25: float  # multiples of each episode's least time
+    time_over_bound_median: float
+    time_over_bound_q75: float
     position_error_q25_m: float
     position_error_median_m: float
     position_error_q75_m: float
     heading_error_q25_rad: float
     heading_error_median_rad: float
     heading_error_q75_rad: float
+    path_error_q25_m: float
+    path_error_median_m: float
+    path_error_q75_m: float
     fallen: int
     diverged: int
     mean_return: float
@@ -112,7 +118,8 @@ def row_of(trial: Trial, rollout: Rollout, level: float, resamples: int) -> Row:
     """Statistics of one rollout."""
     interval = success_interval(rollout.success, level, resamples)
     time, position, heading = map(quartiles, (rollout.time_to_goal, rollout.position_error, rollout.heading_error))
-    throughput = quartiles(rollout.throughput)
+    path = quartiles(rollout.path_error)
+    throughput, multiple = quartiles(rollout.throughput), quartiles(rollout.time_over_bound)
     overall, policy_rate, environment_rate = rollout.timing.rates()
     return Row(
         **trial._asdict(),
@@ -125,12 +132,18 @@ def row_of(trial: Trial, rollout: Rollout, level: float, resamples: int) -> Row:
         time_to_goal_q25_s=time.lower,
         time_to_goal_median_s=time.median,
         time_to_goal_q75_s=time.upper,
+        time_over_bound_q25=multiple.lower,
+        time_over_bound_median=multiple.median,
+        time_over_bound_q75=multiple.upper,
         position_error_q25_m=position.lower,
         position_error_median_m=position.median,
         position_error_q75_m=position.upper,
         heading_error_q25_rad=heading.lower,
         heading_error_median_rad=heading.median,
         heading_error_q75_rad=heading.upper,
+        path_error_q25_m=path.lower,
+        path_error_median_m=path.median,
+        path_error_q75_m=path.upper,
         fallen=int(rollout.fallen.sum()),
         diverged=int(rollout.diverged.sum()),
         mean_return=float(rollout.returns.mean()),

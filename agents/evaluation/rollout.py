@@ -50,6 +50,7 @@ class Outcomes:
     returns: np.ndarray  # sum of rewards
     position_error: np.ndarray  # m, at the end
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
+    path_error: np.ndarray  # m, rms distance from a goal that moves, of the part that was worst; nan where goals stay
 
     @property
     def time_to_goal(self) -> np.ndarray:
@@ -65,12 +66,18 @@ class Rollout(Outcomes):
     straight: np.ndarray  # m, shortest way of all parts together, see below
     poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
     goals: np.ndarray  # (episodes, parts, 3); zeros for tasks without goal poses
+    bound: np.ndarray  # s, least time to goal from this start, hold included; nan where none is known
     series: (
         np.ndarray
     )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task does not say it
     collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
     timing: Timing
     film: Film
+
+    @property
+    def time_over_bound(self) -> np.ndarray:
+        """Time to goal as a multiple of the least one; nan without success, and where no bound is known."""
+        return self.time_to_goal / self.bound
 
     @property
     def path_length(self) -> np.ndarray:

@@ -34,6 +34,7 @@ ENVIRONMENT_KEYS = (
     "randomize",
     "start",
     "zones",
+    "paths",
     "walls",
     "periods_per_step",
 )

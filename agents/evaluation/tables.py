@@ -15,6 +15,7 @@ from agents.evaluation.effects import Cell, Effects
 from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.words import facts
+from agents.task_info import TaskInfo
 
 
 def episodes_of(trial: Trial, rollout: Rollout) -> list[dict[str, Any]]:
@@ -24,8 +25,11 @@ def episodes_of(trial: Trial, rollout: Rollout) -> list[dict[str, Any]]:
         "success": rollout.success.tolist(),
         "steps": rollout.steps.tolist(),
         "time_to_goal_s": rollout.time_to_goal.tolist(),
+        "bound_s": rollout.bound.tolist(),
+        "time_over_bound": rollout.time_over_bound.tolist(),
         "position_error_m": rollout.position_error.tolist(),
         "heading_error_rad": rollout.heading_error.tolist(),
+        "path_error_m": rollout.path_error.tolist(),
         "fallen": rollout.fallen.tolist(),
         "diverged": rollout.diverged.tolist(),
         "return": rollout.returns.tolist(),
@@ -81,8 +85,8 @@ def _missing(value: Any) -> bool:
 def summary_table(results: Results) -> str:
     """The tables that the README quotes, in Markdown: success with its interval, and medians.
 
-    Tasks whose parts are done together, without goal poses, have columns of their own. Where there is more than one machine,
-    rows say which. The study of effects has a table of success rates and median times.
+    Tasks whose parts are done together, without goal poses, have columns of their own, and so have those whose goals move.
+    Where there is more than one machine, rows say which. The study of effects has a table of success rates and median times.
     """
     columns: list[tuple[str, Callable[[Row], str]]] = [
         ("task", lambda row: row.task),
@@ -96,8 +100,8 @@ def summary_table(results: Results) -> str:
         ("time to goal", lambda row: quantity(row.time_to_goal_median_s, 1.0, 2, "s")),
     ]
     tables = []
-    for has_goal, more in ENDS.items():
-        rows = [row for row in results.rows if results.tasks[row.task].has_goal == has_goal]
+    for kind, more in ENDS.items():
+        rows = [row for row in results.rows if kind_of(results.tasks[row.task]) == kind]
         if rows:
             heads, texts = zip(*columns, *more, strict=True)
             tables.append(_table(heads, ([text(row) for text in texts] for row in rows)))
@@ -117,22 +121,34 @@ def _cell(cell: Cell) -> str:
     return f"{100 * cell.success_rate:.1f} %{time}"
 
 
+def kind_of(task: TaskInfo) -> str:
+    """Which of the tables a task belongs in: goals that stay, paths, or parts that are done together."""
+    return "together" if not task.has_goal else "paths" if task.goal_moves else "goals"
+
+
+_HEADING = ("heading error", lambda row: quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg"))
 _FALLEN = ("fallen", lambda row: str(row.fallen))
 
-ENDS: dict[bool, tuple[tuple[str, Callable[[Row], str]], ...]] = {
-    True: (
+ENDS: dict[str, tuple[tuple[str, Callable[[Row], str]], ...]] = {
+    "goals": (
+        ("time / bound", lambda row: quantity(row.time_over_bound_median, 1.0, 2, "")),
         ("position error", lambda row: quantity(row.position_error_median_m, 1e3, 2, "mm")),
-        ("heading error", lambda row: quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg")),
+        _HEADING,
         _FALLEN,
     ),
-    False: (
+    "paths": (
+        ("path error (rms)", lambda row: quantity(row.path_error_median_m, 1e3, 2, "mm")),
+        _HEADING,
+        _FALLEN,
+    ),
+    "together": (
         ("throughput", lambda row: quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s")),
         ("collisions", lambda row: f"{row.collisions_mean:.1f}"),
         ("efficiency", lambda row: quantity(row.path_efficiency_median, 100.0, 0, "%")),
         _FALLEN,
     ),
 }
-"""The last columns of the tables of tasks with goal poses, and of those without."""
+"""The last columns of the tables, see :func:`kind_of`."""
 
 
 def quantity(value: float, factor: float, digits: int, unit: str) -> str:
@@ -142,7 +158,7 @@ def quantity(value: float, factor: float, digits: int, unit: str) -> str:
     """
     if _missing(value):
         return "–"
-    text, space = number(factor * value, digits), "" if unit == "°" else " "
+    text, space = number(factor * value, digits), "" if unit in ("°", "") else " "
     if value > 0.0 and float(text) == 0.0:
         text = f"< {10.0**-digits:.{digits}f}"
     return f"{text}{space}{unit}"

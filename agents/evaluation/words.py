@@ -39,7 +39,8 @@ def asked(task: TaskInfo) -> str:
     asked = []
     if task.has_goal:
         heading = f" and {math.degrees(task.heading_tolerance):.3g}°" if task.has_heading else ""
-        asked.append(f"within {1e3 * task.position_tolerance:g} mm{heading}")
+        moves = " of a goal that moves along a path, throughout" if task.goal_moves else ""
+        asked.append(f"within {1e3 * task.position_tolerance:g} mm{heading}{moves}")
     if task.zones is not None:
         asked.append("all parts in their zones")
     if task.apart is not None:

@@ -29,9 +29,11 @@ def write(output: Path, names: Sequence[str] | None = None) -> Path:
     for name, make in chosen.items():
         figure = make()
         pictures = [
-            (f"data:image/png;base64,{base64.b64encode(each).decode('ascii')}", said) for each, said in figure.pictures
+            (f"data:image/png;base64,{base64.b64encode(each.png).decode('ascii')}", each.caption)
+            for each in figure.pictures
         ]
-        figures.append({"name": name, "figure": figure, "pictures": pictures})
+        command = f"python -m agents replicate --figure {name}"
+        figures.append({"name": name, "figure": figure, "pictures": pictures, "command": command})
     text = environment.get_template("replicate.html.j2").render(figures=figures)
     path = files.output_directory(output) / PAGE
     files.write_atomically(path, text)

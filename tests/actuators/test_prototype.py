@@ -178,7 +178,7 @@ SETTINGS = {"kind": "prototype", "latency": 2, "dead": 0.05, "stuck": 0.05}
 RANGES = {"dead_zone": [5e-5, 1.5e-4], "latency": [0, 3], "gain_spread": [0.0, 0.1], "friction": [0.9, 1.1]}
 
 
-@pytest.mark.parametrize("action", ["element", "phasor", "patch", "field"])
+@pytest.mark.parametrize("action", ["element", "phasor", "patch", "field", "wrench"])
 @pytest.mark.parametrize("more", [{}, {"bandwidth": 5.0}])
 def test_alone_in_a_batch_and_restored_bit_for_bit(action, more):
     settings = {"actuators": {**SETTINGS, **more}, "randomize": RANGES, "action": action, "max_episode_steps": 7}
@@ -218,7 +218,7 @@ def test_a_world_does_not_feel_the_latencies_of_others(model):
         assert_same([env.step(own)[0] for env, own in zip(singles, each)], list(together))
 
 
-@pytest.mark.parametrize("action", ["patch", "field"])
+@pytest.mark.parametrize("action", ["patch", "field", "wrench"])
 def test_commands_on_record_of_parts_that_are_gone_can_be_restored(action):
     """They are aimed at nowhere, which is a number too."""
     settings = {"action": action, "actuators": "prototype", "randomize": {"parts": [2, 4]}}

@@ -81,7 +81,7 @@ def test_a_model_without_spaces_that_says_what_it_speaks_is_believed():
     (Model((7,)), r"policy: .*\(7,\).*'action' and 'observation'"), (Model((4, 4, 2)), r"policy: .*\(4, 4, 2\)"),
     (bare(), "policy: .*'action' and 'observation'"),
     (Model((6,), action="patch"), r"policy: .*\(6,\).*'patch': \(32,\)"),
-    (Model((6,), action="wrench"), "policy.action: .*wrench.*'element', 'phasor'"),
+    (Model((6,), action="swing"), "policy.action: .*swing.*'element', 'phasor'"),
     ({"policy": Model((512,)), "action": "field"}, r"policy: .*\(512,\).*'field': \(6,\)"),
     ({"policy": Model((6,)), "colour": 1}, "policy: .*'policy'.*'action'"), ({"policy": 3}, "policy: .*predict"),
     (Model((6,), observation="image"), "policy.observation: .*image.*'state'"),

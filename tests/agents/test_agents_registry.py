@@ -35,8 +35,8 @@ def test_policies_are_made_from_names_mappings_and_objects():
         assert named.action in ("element", "phasor", "patch", "field") and named.observation == "state"
     info = info_of()
     tuned = make_policy({"kind": "local_field", "response": 0.1, "braking": 0.5, "approach": 3.0}, info)
-    assert isinstance(tuned, LocalFieldPolicy) and tuned.response.tolist() == [0.1]
-    assert (tuned.braking, tuned.approach) == (0.5, 3.0)
+    assert isinstance(tuned, LocalFieldPolicy) and tuned.law.response.tolist() == [0.1]
+    assert (tuned.law.braking, tuned.law.approach) == (0.5, 3.0)
     settings = {"kind": "local_field", "response": 0.1}
     make_policy(settings, info)
     assert settings == {"kind": "local_field", "response": 0.1}
@@ -56,7 +56,8 @@ def test_a_controller_of_ones_own_has_a_name(monkeypatch):
 
 
 @pytest.mark.parametrize("policy, named", [
-    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'local_fields', 'planner', 'trained'"),
+    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'local_fields', 'planner', 'pose', 'lqr', "
+     "'pid', 'state_space', 'trained'"),
     (3, "policy.*3"), (None, "policy.*None"), ({}, "policy.kind.*None"), ({"kind": 3}, "policy.kind"),
     ({"kind": "zero", "colour": 1}, "policy 'zero'.*colour"),
     ({"kind": "local_field", "response": -1}, "response.*-1"),
@@ -78,14 +79,14 @@ def test_bad_policies_are_refused(policy, named):
 
 
 @pytest.mark.parametrize("policy, named", [
-    ({"kind": "local_fields", "rule": "loudest"}, "rule.*loudest.*'nearest', 'average', 'solve'"),
+    ({"kind": "local_fields", "law": "loudest"}, "law.*loudest.*'local'"),
     ({"kind": "local_fields", "response": 0}, "response"), ({"kind": "planner", "braking": 2}, "braking"),
     ({"kind": "local_fields", "margin": -1}, "margin"), ({"kind": "planner", "safe": 0}, "safe"),
     ({"kind": "planner", "soft": -1}, "soft"), ({"kind": "planner", "hard": math.nan}, "hard"),
     ({"kind": "planner", "yielding": 1.5}, "yielding"), ({"kind": "planner", "calm": 0}, "calm"),
     ({"kind": "planner", "faithful": -1}, "faithful"), ({"kind": "planner", "edge": 0}, "edge"),
     ({"kind": "planner", "inset": -0.1}, "inset"),
-    ({"kind": "planner", "colour": 1}, "policy 'planner'.*colour"),
+    ({"kind": "planner", "colour": 1}, "law 'local'.*colour.*response"),
 ])  # fmt: skip
 def test_bad_arguments_are_refused(policy, named):
     with pytest.raises(ValueError, match=named) as error:

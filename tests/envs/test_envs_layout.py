@@ -10,7 +10,8 @@ from vibgym.envs import VibgymEnv
 from vibgym.envs.layout import FEATURES, Layout
 
 CASES = [
-    ("Rotate", {}), ("Align", {}), ("Transport", {}), ("Sort", {"slots": 8}), ("Singulate", {"randomize": {"parts": [2, 6]}})
+    ("Rotate", {}), ("Align", {}), ("Transport", {}), ("Sort", {"slots": 8}), ("Singulate", {"randomize": {"parts": [2, 6]}}),
+    ("Follow", {"parts": ["steel_block"] * 3}),
 ]  # fmt: skip
 
 

@@ -54,7 +54,7 @@ BAD = [
     ({"randomize": {"parts": [0, 3]}}, r"randomize\['parts'\]\[0\]"),
     ({"observation": "goal"}, "observation"),
     ({"observation": "sound"}, "observation"),
-    ({"action": "wrench"}, "action"),
+    ({"action": "swing"}, "action"),
     ({"model": "averaged"}, "model"),
     ({"colour": "red"}, r"keyword arguments"),
 ]

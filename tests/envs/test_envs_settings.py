@@ -135,7 +135,7 @@ BAD = [
     ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}], "model": "averaged"}, "model"),
     ({"model": "tilting"}, "model"),
     ({"model": None}, "model"),
-    ({"action": "wrench"}, "action"),
+    ({"action": "swing"}, "action"),
     ({"action": 1}, "action"),
     ({"action": ["element"]}, "action"),
     ({"observation": "sound"}, "observation"),
@@ -195,7 +195,8 @@ def test_bad_settings_of_a_batch(name, value):
 def test_unknown_tasks_are_refused():
     for make in (VibgymEnv, VibgymVectorEnv):
         with pytest.raises(
-            ValueError, match="^task: got 'Juggle'; allowed: 'Transport', 'Align', 'Rotate', 'Sort', 'Singulate'$"
+            ValueError,
+            match="^task: got 'Juggle'; allowed: 'Transport', 'Align', 'Rotate', 'Follow', 'Sort', 'Singulate'$",
         ):
             make("Juggle")
 

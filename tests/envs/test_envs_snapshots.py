@@ -19,6 +19,7 @@ CASES = [
     ("Rotate", {"randomize": {"friction": [0.5, 1.5], "tilt": 0.05}}),
     ("Singulate", {"action": "field", "randomize": {"parts": [3, 6], "mass": [0.5, 2.0], "tilt": [0.01, 0.02]}}),
     ("Singulate", {}),
+    ("Follow", {"action": "field", "parts": ["steel_block", "aluminium_block"], "paths": {"heading": "along"}}),
 ]
 
 

@@ -22,7 +22,9 @@ from tests.envs.helpers import assert_same
 from tests.fuzz.campaign import count, fuzz
 from vibgym import Part, Simulator, Surface, checks, config, fields
 from vibgym.actuators import actuators_from
-from vibgym.allocation import mean_acceleration, mean_state, phasors_for
+from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.bounds import TimeBound
 
 
 class Mute:
@@ -77,6 +79,8 @@ def meant(value: Any) -> Any:
 
 SURFACE, PART = Surface(4, 6), Part.rectangle(0.03, 0.02, friction=0.5)
 DISC = {"shape": "disc", "radius": 0.01, "friction": 0.5}
+INVERSE = Inverse(SURFACE, PART, corrections=1)
+BOUND_OF_TIME = TimeBound(SURFACE, PART, position_tolerance=2e-3)
 BOX = {"pose": [0.08, 0.05, 0.0], "velocity": 0.0}
 
 
@@ -114,6 +118,30 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
         dict(parts=["steel_block", DISC], model="planar", action="field", observation="state", actuators="ideal",
              sensor="ideal", randomize=None, walls=["left"], start="scattered", zones=None, slots=40, task_settings=None,
              periods_per_step=1, max_episode_periods=10),
+    ),
+    "make with paths": (
+        functools.partial(gym.make, "vibgym/Follow-v0"),
+        dict(paths=[{"shape": "circle", "centre": [0.4, 0.1], "radius": 0.05}]),
+    ),
+    "circle": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "circle", **settings}]),
+        dict(centre=[0.4, 0.1], radius=0.05, start=1.0, laps=2, clockwise=True, speed=0.1, acceleration=0.5, heading="along"),
+    ),
+    "square": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "square", **settings}]),
+        dict(centre=[0.4, 0.1], side=0.1, turn=0.1, corner=0.02, laps=2, clockwise=False, speed=0.1, heading="kept"),
+    ),
+    "polyline": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "polyline", **settings}]),
+        dict(points=[[0.2, 0.1], [0.4, 0.12], [0.5, 0.05]], closed=True, laps=1, corner=0.01, speed=0.05),
+    ),
+    "figure of eight": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=[{"shape": "figure_eight", **settings}]),
+        dict(centre=[0.4, 0.1], radius=0.03, turn=0.1, laps=1, clockwise=True, speed=0.05, heading="kept"),
+    ),
+    "drawn paths": (
+        lambda **settings: gym.make("vibgym/Follow-v0", paths=settings),
+        dict(shapes=["circle", "square"], speed=0.1, acceleration=0.5, heading="along"),
     ),
     "make_vec": (
         functools.partial(gym.make_vec, "vibgym/Rotate-v0"),
@@ -153,6 +181,22 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     "phasors_for": (phasors_for, dict(surface=SURFACE, part=PART, **BOX, wrench=0.1, order=1)),
     "mean_acceleration": (mean_acceleration, dict(surface=SURFACE, part=PART, **BOX, amplitude=0.0, phase=0.0, order=2)),
     "mean_state": (mean_state, dict(surface=SURFACE, part=PART, **BOX, amplitude=0.0, phase=0.0)),
+    "inverse": (
+        lambda **settings: Inverse(**settings).phasors([0.08, 0.05, 0.0], 0.0, 0.1),
+        dict(surface=SURFACE, part=PART, order=1, over="period", corrections=1, threads=1),
+    ),
+    "inverse of states": (INVERSE.phasors, dict(**BOX, wrench=0.1)),
+    "frictional inverse": (FrictionalInverse, dict(surface=SURFACE, parts=[PART], limit=1e-4, ahead=0.02)),
+    "time bound": (
+        lambda **settings: TimeBound(SURFACE, PART, **settings),
+        dict(position_tolerance=2e-3, heading_tolerance=math.inf, heading_period=0.0, hold=10, periods_per_step=1,
+             amplitude=1e-4, latency=1),
+    ),
+    "states of the bound": (BOUND_OF_TIME.steps, dict(start=[0.08, 0.05, 0.0], goal=[0.1, 0.05, 0.0])),
+    "wrench": (
+        lambda **settings: gym.make("vibgym/Align-v0", action="wrench", **settings),
+        dict(actuators={"kind": "prototype"}, parts=["steel_block"]),
+    ),
     "uniform": (fields.uniform, dict(direction=0.0, strength=1.0)),
     "squeeze": (fields.squeeze, dict(x=0.1, y=0.1, angle=0.0, strength=1.0, reach=0.03)),
     "radial": (fields.radial, dict(x=0.1, y=0.1, strength=1.0, reach=0.03)),

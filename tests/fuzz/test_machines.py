@@ -44,8 +44,9 @@ ESTIMATORS = ["none", "kalman", "model", {"kind": "model", "model": "auto"}]
 @st.composite
 def machines(draw: st.DrawFn) -> tuple[str, dict[str, Any]]:
     """A task, and arguments of its environment."""
-    task = draw(st.sampled_from(["Align", "Rotate", "Transport", "Sort", "SortCrowded", "Singulate"]))
-    many, periods = task not in ("Align", "Rotate", "Transport"), draw(st.integers(1, 4))
+    task = draw(st.sampled_from(["Align", "Rotate", "Transport", "Follow", "Sort", "SortCrowded", "Singulate"]))
+    several = task not in ("Align", "Rotate", "Transport", "Follow")
+    many, periods = several or task == "Follow", draw(st.integers(1, 4))
     settings: dict[str, Any] = {
         "action": draw(st.sampled_from(["element", "phasor", "patch", "field"])),
         "observation": draw(st.sampled_from(["state", "image"] if many else ["state", "image", "goal"])),
@@ -55,8 +56,11 @@ def machines(draw: st.DrawFn) -> tuple[str, dict[str, Any]]:
         "actuators": draw(st.just("ideal") | PROTOTYPE | PROTOTYPE),
     }
     ranges = OF_WORLDS if settings["actuators"] == "ideal" else {**OF_WORLDS, **OF_ACTUATORS}
-    ranges = {**ranges, "parts": st.just([2, 6])} if many else ranges
+    ranges = {**ranges, "parts": st.just([2, 6])} if several else ranges
     settings["randomize"] = draw(st.fixed_dictionaries({}, optional=ranges))
+    if task == "Follow":
+        settings["parts"] = draw(st.sampled_from([["steel_block"], ["steel_block", "aluminium_block"]]))
+        settings["paths"] = {"heading": draw(st.sampled_from(["kept", "along"]))}
     sensor: dict[str, Any] = {"kind": draw(st.sampled_from(["ideal", "pose", "pose"]))}
     if sensor["kind"] == "pose":
         sensor["delay"], sensor["rate"] = draw(st.sampled_from([0, 1, 2, 5])), 25.0 / periods / draw(st.integers(1, 3))

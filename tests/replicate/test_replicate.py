@@ -2,11 +2,21 @@
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from agents.__main__ import main
+from agents.replicate import element_size, page, quantisation_figure, speed_ratio, squeeze_figure
+from agents.replicate.element_size import PITCH
+from agents.replicate.figures import FIGURES
 from agents.replicate.quantisation import centre_errors, chain_errors
 from agents.replicate.velocity import steady_velocity
 from vibgym import Part, Surface
+from vibgym.registry import Registry
+
+WITHOUT_LOOPS = (
+    "transient", "steady_velocity", "speed_ratio", "centroid_error", "parameter_study", "element_size", "friction_radius",
+    "squeeze",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("diameter, most", [(2, 0.17), (10, 0.08), (40, 0.035)])
@@ -36,12 +46,35 @@ def test_the_page(tmp_path, capsys):
     page = (tmp_path / "replicate.html").read_text()
     assert page.count("data:image/png;base64,") == 5 and "Figs. 5.5 to 5.9" in page and "Fig. 5.8" not in page
     assert "http" not in page  # opens offline
+    assert "python -m agents replicate --figure camera_chain" in page  # the command that draws it alone
+    assert "11 of 11" in page and "What is assumed" in page
     assert str(tmp_path) in capsys.readouterr().out
+
+
+def test_what_the_figures_say_is_on_the_page(tmp_path, monkeypatch):
+    """In few trials, each with its command, its pictures and no line that contradicts the thesis."""
+    for module, name, fewer in (
+        (quantisation_figure, "TRIALS", 300), (quantisation_figure, "GREY_TRIALS", 50), (element_size, "PLACES", 10),
+        (element_size, "SIZES", (PITCH / 2, PITCH)), (squeeze_figure, "STARTS", 24), (squeeze_figure, "OTHERS", 8),
+        (speed_ratio, "POINTS", 20),
+    ):  # fmt: skip
+        monkeypatch.setattr(module, name, fewer)
+    drawn = {name: FIGURES[name]() for name in WITHOUT_LOOPS}
+    for figure in drawn.values():
+        assert all(picture.png.startswith(b"\x89PNG") for picture in figure.pictures)
+        for line in figure.comparisons:
+            assert not line.difference.endswith((" above", " below", "differs", "does not fall", "does not grow"))
+    monkeypatch.setattr(page, "FIGURES", Registry("figure", {name: lambda it=it: it for name, it in drawn.items()}))
+    text = page.write(tmp_path).read_text()
+    for name, figure in drawn.items():
+        assert f"--figure {name}<" in text and f'href="#{name}"' in text
+        assert text.count(str(escape(figure.differs))) == 2
+    assert text.count("<img") == sum(len(figure.pictures) for figure in drawn.values())
 
 
 def test_an_unknown_figure_is_refused(tmp_path, capsys):
     assert main(["replicate", "--output", str(tmp_path), "--figure", "nine"]) == 2
-    assert capsys.readouterr().err.startswith(
-        "figure: got 'nine'; allowed: 'centroid_error', 'camera_chain', 'velocity'"
-    )
+    refusal = capsys.readouterr().err
+    assert refusal.startswith("figure: got 'nine'; allowed: ")
+    assert all(f"'{name}'" in refusal for name in FIGURES)
     assert not list(tmp_path.iterdir())

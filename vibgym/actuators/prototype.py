@@ -189,6 +189,24 @@ class PrototypeActuators(ActuatorStage):
         bandwidth = own["bandwidth"] if math.isfinite(own["bandwidth"]) else None
         return DataSheet(own["limit"], own["dead_zone"], self.form, self.latency, own["resolution"], bandwidth)
 
+    @property
+    def most_amplitude(self) -> float:
+        if self._most_drawn("gain_spread") > 0.0 or self._stuck:
+            return self.most  # errors of the elements count after the limit
+        return self._most_drawn("limit")
+
+    @property
+    def least_latency(self) -> int:
+        return 0 if self._stuck else int(self._ranges.get("latency", (self.latency, self.latency))[0])
+
+    @property
+    def _stuck(self) -> bool:
+        """Whether some element may move by itself."""
+        return bool(len(self._faults[1])) or self._most_drawn("stuck") > 0.0
+
+    def _most_drawn(self, name: str) -> float:
+        return self._ranges.get(name, (0.0, self._numbers[name]))[1]
+
     def nominal(self) -> PrototypeActuators:
         sheet = self.data_sheet
         return PrototypeActuators(

@@ -45,6 +45,17 @@ class ActuatorStage(ABC):
         assert self.surface.max_amplitude is not None
         return DataSheet(self.surface.max_amplitude, latency=self.latency)
 
+    @property
+    def most_amplitude(self) -> float:
+        """m, which no element exceeds, in whatever episode."""
+        assert self.surface.max_amplitude is not None
+        return self.surface.max_amplitude
+
+    @property
+    def least_latency(self) -> int:
+        """Periods at the start of any episode in which all elements rest."""
+        return self.latency
+
     def nominal(self) -> ActuatorStage | None:
         """Actuators as the data sheet has them, without latency, for a model of the machine; None: ideal ones."""
         return None

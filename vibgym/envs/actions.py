@@ -11,6 +11,9 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
+from vibgym.actuators import DataSheet
+from vibgym.allocation import Allocator
+from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.drive import (
     FIELD_STRENGTHS,
     NOWHERE,
@@ -90,6 +93,22 @@ class Action(ABC):
             values = np.clip(values, -1.0, 1.0)
         return np.ascontiguousarray(values, dtype=np.float32).reshape(-1, self.size)
 
+    def install(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        """See the machine, before the first command.
+
+        Args:
+            sheet: what is known of the elements beforehand.
+            worlds: number of worlds.
+
+        Returns:
+            What ``info["commanded"]`` says, live arrays (worlds, ...); nothing, unless an action has more to tell.
+        """
+        return {}
+
+    def live(self) -> dict[str, np.ndarray]:
+        """What it remembers from step to step, live arrays (worlds, ...) of a snapshot, zeros where an episode begins."""
+        return {}
+
     @abstractmethod
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
         """What a checked batch asks of the elements.
@@ -160,7 +179,60 @@ class Field(Action):
         return field_drive(values, centre, self.surface.element_size, self.reach, self.full_scale)
 
 
+class Wrench(Action):
+    """(parts, 3): wanted mean acceleration of each part, x, y and angular; the elements under the parts are found for it.
+
+    1 stands for what all elements at full amplitude give a part at rest: ``mu a_v w^2 / 2`` (2.9 m/s^2 on the prototype with mu
+    0.58), over the radius of gyration for the third. Wanted is what the part shall get: the drag of friction at its measured
+    velocity is made up for (:mod:`vibgym.allocation.frictional`), so that zeros keep it going. What is more than the elements
+    can do is cut down. Parts that share elements are served together (:mod:`vibgym.allocation.allocator`), within dead zone and
+    limit of the data sheet.
+
+    Elements rest under a part that cannot be served, and ``info["commanded"]["unserved"]`` (parts,) says why, by the index of
+    :data:`REASONS`.
+
+    Raises:
+        ValueError: a part that can stick to the surface, where averages over a period do not hold.
+    """
+
+    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
+        super().__init__(surface, parts)
+        self.shape = (len(self.parts), 3)
+        push = 0.5 * np.array([part.friction for part in self.parts]) * self.full_scale
+        gyration = np.sqrt([part.gyration for part in self.parts])
+        self.scale = np.stack([push, push, push / gyration], axis=-1)  # m/s^2, m/s^2, rad/s^2 of a number 1
+
+    def install(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        self._allocator = Allocator(self.surface, self.parts, sheet)
+        self._process = FrictionalInverse(self.surface, self.parts, limit=sheet.limit, ahead=0.5 * self.surface.period)
+        self._unserved = np.zeros((worlds, len(self.parts)), dtype=np.int64)
+        self._given = np.zeros((worlds, *self.shape))
+        return {"unserved": self._unserved}
+
+    def live(self) -> dict[str, np.ndarray]:
+        return {"given": self._given, "unserved": self._unserved}
+
+    def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
+        wanted = values.reshape(-1, *self.shape) * self.scale
+        # A mean velocity is half a period old.
+        velocity = measurement.mean_velocity + 0.5 * self.surface.period * self._given
+        push, given, holds = self._process.push(velocity, wanted)
+        pose = measurement.pose
+        x, y = pose[..., 0], pose[..., 1]
+        beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.height)
+        self._unserved[...] = np.select([measurement.gone, beside, ~holds], [GONE, BESIDE, STICKS], SERVED)
+        served = self._unserved == SERVED
+        self._given[...] = np.where(served[..., None], given, 0.0)
+        actions = self._allocator.actions(pose, served, np.where(served[..., None], push, 0.0))
+        return phasor_drive(actions, self.surface.columns, self.full_scale)
+
+
+REASONS = ("served", "gone: absent or fallen", "its centre is beside the surface", "it may stick at this velocity")
+"""Why elements rest under a part whatever ``action="wrench"`` says, see :class:`Wrench`."""
+
+SERVED, GONE, BESIDE, STICKS = range(len(REASONS))
+
 ACTIONS: Registry[type[Action]] = Registry(
-    "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field}
+    "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench}
 )
 """Actions by name; ``ACTIONS.register(name, cls)`` adds one of your own."""

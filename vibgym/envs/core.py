@@ -9,6 +9,7 @@ One step goes in one direction:
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -31,7 +32,6 @@ from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
-from vibgym.tasks.scoring import Scoring
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -59,6 +59,7 @@ class Options:
     start: Any
     zones: Any
     slots: Any
+    paths: Any
     task_settings: Any
     periods_per_step: int
 
@@ -81,12 +82,13 @@ class Core:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
         details: groups of what ``info`` says besides, live arrays (worlds, ...).
         term_names, terms: names of the reward terms, and their values (worlds, terms).
+        longest: s that the paths of an episode may last.
 
     Raises:
         ValueError: a bad setting.
     """
 
-    STATE = ("environment", "simulator", "episode", "actuators", "sensor", "began")
+    STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
     """Keys of a snapshot."""
 
     def __init__(self, options: Options, worlds: int) -> None:
@@ -117,6 +119,7 @@ class Core:
         self.task.features = (*self.task.features, *self.sensing.tell)
         self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
         self.observation.watch(self.sensing.sensor)
+        self._commanded = self.action.install(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
@@ -125,7 +128,7 @@ class Core:
         self.idle = self._idle_velocity(np.ones(len(self.parts)))
         # Arrays of the state and of the scoring live as long as the core and are changed in place.
         state = self.simulator.state
-        self.scoring = Scoring(self.task, state, self.periods)
+        self.scoring = self.task.scoring(state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # A sensor that tells the truth needs no relations of its own.
         self._measured, self._by_measurement = self.relations, None
@@ -137,7 +140,7 @@ class Core:
         if self.observation.goal_reward:
             self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
         self.drive: Any = None
-        self.began = False
+        self.began, self.longest = False, math.inf
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
@@ -145,11 +148,12 @@ class Core:
         self.facts, self.details = self._shown()
 
     def _shown(self) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
-        """Facts, and groups of what ``info`` says besides (what was drawn, what is measured): live arrays (worlds, ...)."""
+        """Facts, and groups of what ``info`` says besides (drawn, measured, commanded): live arrays (worlds, ...)."""
         state = self.simulator.state
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        groups = {"drawn": drawn, "measured": self.sensing.facts()}
-        return self.task.facts(state.diverged, self.episode), {name: each for name, each in groups.items() if each}
+        groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
+        facts = self.task.facts(state.diverged, self.episode) | self.scoring.facts()
+        return facts, {name: each for name, each in groups.items() if each}
 
     @property
     def draws(self) -> int:
@@ -181,6 +185,8 @@ class Core:
         self.scoring.begin(worlds, start)
         if self.observation.goal_reward:
             self.terms[worlds] = 0.0
+        for remembered in self.action.live().values():
+            remembered[worlds] = 0
         self.actuators.reset(worlds, uniform[:, own:driven])
         self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
         self._look()
@@ -265,6 +271,7 @@ class Core:
             "environment": self.identity,
             "simulator": self.simulator.get_state(),
             "episode": copied(self._progress()),
+            "action": copied(self.action.live()),
             "actuators": self.actuators.get_state(),
             "sensor": self.sensing.get_state(),
             "began": self.began,
@@ -281,11 +288,14 @@ class Core:
             raise checks.refuse("state['environment']", *_difference(state["environment"], self.identity))
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
+        action = restored("state['action']", self.action.live(), state["action"])
         actuators = self.actuators.check_state(state["actuators"])
         sensor = self.sensing.check_state(state["sensor"])
         self.simulator.set_state(state["simulator"])  # checks before it changes anything, and is the last that can fail
         for name, values in self._progress().items():
             values[...] = episode[name]
+        for name, values in self.action.live().items():
+            values[...] = action[name]
         self.actuators.set_state(actuators)
         self.sensing.set_state(sensor)
         if began:
@@ -296,7 +306,12 @@ class Core:
 
     def _progress(self) -> dict[str, np.ndarray]:
         """Live arrays of the episodes."""
-        return {**self.episode._asdict(), **self.relations._asdict(), "shown_terms": self.terms}
+        return {
+            **self.episode._asdict(),
+            **self.relations._asdict(),
+            **self.scoring.own_state(),
+            "shown_terms": self.terms,
+        }
 
 
 def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
@@ -314,7 +329,7 @@ def _task_settings(options: Options, cls: type[Task], randomize: Mapping[str, An
 
     ``randomize``: the task's share of it.
     """
-    settings = {name: getattr(options, name) for name in ("start", "zones", "slots")}
+    settings = {name: getattr(options, name) for name in ("start", "zones", "slots", "paths")}
     settings = {
         name: value for name, value in {**settings, "randomize": randomize or None}.items() if value is not None
     }

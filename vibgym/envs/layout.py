@@ -15,6 +15,7 @@ import numpy as np
 
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.tasks.episode import PREVIEW
 
 COARSE, FINE = 0.050, 0.005  # m
 COARSE_TURN, FINE_TURN = 0.5, 0.05  # rad
@@ -85,6 +86,22 @@ FEATURES = (
     Feature(
         "neighbour", 2, "unit vector from its centre to that part's, x and y; 0, 0 without others", "1", "direction"
     ),
+    Feature("goal_velocity", 2, "velocity of the goal, x and y", "table speed a_h w (at least 1 mm/s)", "linear"),
+    Feature("goal_spin", 1, "angular velocity of the goal", "10 rad/s", "linear"),
+    Feature(
+        "way_ahead",
+        2 * PREVIEW,
+        "goal 1, 2, 3 and 4 periods ahead minus present centre, x and y of each",
+        "longer side of the surface",
+        "linear",
+    ),
+    Feature(
+        "turn_ahead",
+        PREVIEW,
+        "goal 1, 2, 3 and 4 periods ahead minus present heading, on from that of turn",
+        "full turn",
+        "linear",
+    ),
     Feature("age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", "tanh"),
     Feature(
         "sigma",
@@ -98,7 +115,8 @@ FEATURES = (
 
 (
     PRESENT, KIND, ELEMENT, HEADING, POSITION, WAY, WAY_COARSE, WAY_FINE,
-    TURN, TURN_COARSE, TURN_FINE, VELOCITY, SPIN_RATE, GAP, NEIGHBOUR, AGE, SIGMA,
+    TURN, TURN_COARSE, TURN_FINE, VELOCITY, SPIN_RATE, GAP, NEIGHBOUR,
+    GOAL_VELOCITY, GOAL_SPIN, WAY_AHEAD, TURN_AHEAD, AGE, SIGMA,
 ) = range(len(FEATURES))  # fmt: skip
 """Rows of :data:`FEATURES`, for the kernel."""
 
@@ -162,7 +180,7 @@ class Layout:
         for index, feature in enumerate(FEATURES):
             if self.column[index] < 0:
                 continue
-            scale = tuple(self.scale[index, min(k, 1)].item() for k in range(feature.width))
+            scale = tuple(np.resize(self.scale[index], feature.width).tolist())
             least = 0.0 if feature.coding == "flag" else -1.0
             rows.append(
                 Numbers(
@@ -195,7 +213,7 @@ class Layout:
         """
         values = np.asarray(self.numbers(observation, name), dtype=np.float64)
         index = NAMES.index(name)
-        scale = self.scale[index, : FEATURES[index].width]
+        scale = np.resize(self.scale[index], FEATURES[index].width)
         if name == "position":
             return (values + 1.0) * scale
         if name == "heading":
@@ -225,6 +243,10 @@ def scales(surface: Surface) -> np.ndarray:
         "turn_fine": (FINE_TURN,) * 2,
         "velocity": (speed, speed),
         "spin": (SPIN, SPIN),
+        "goal_velocity": (speed, speed),
+        "goal_spin": (SPIN, SPIN),
+        "way_ahead": (longer, longer),
+        "turn_ahead": (2.0 * math.pi,) * 2,
         "age": (AGE_SCALE,) * 2,
         "sigma": (SIGMA_SCALE, TURN_SIGMA_SCALE),
         "gap": (math.sqrt(2.0) * surface.element_size,) * 2,

@@ -19,7 +19,7 @@ from vibgym.rendering.raster import Marks, rasterise
 from vibgym.sensing import Measurement, Sensor
 from vibgym.sensing.camera import CameraSensor
 from vibgym.tasks import PoseTask, Task
-from vibgym.tasks.episode import Episode, Relations
+from vibgym.tasks.episode import PREVIEW, Episode, Relations
 
 PIXELS = 6  # along an element, in an image
 KIND_VALUES = (255, 170, 85)
@@ -30,6 +30,9 @@ PRESENT, KIND, ELEMENT, HEADING, POSITION = table.PRESENT, table.KIND, table.ELE
 WAY, WAY_COARSE, WAY_FINE = table.WAY, table.WAY_COARSE, table.WAY_FINE
 TURN, TURN_COARSE, TURN_FINE = table.TURN, table.TURN_COARSE, table.TURN_FINE
 VELOCITY, SPIN, GAP, NEIGHBOUR = table.VELOCITY, table.SPIN_RATE, table.GAP, table.NEIGHBOUR
+GOAL_VELOCITY, GOAL_SPIN, WAY_AHEAD, TURN_AHEAD = (
+    table.GOAL_VELOCITY, table.GOAL_SPIN, table.WAY_AHEAD, table.TURN_AHEAD,
+)  # fmt: skip
 AGE, SIGMA = table.AGE, table.SIGMA
 
 
@@ -38,6 +41,7 @@ class Blocks(NamedTuple):
 
     relations: Relations  # of the measured poses
     present: np.ndarray  # (worlds, parts) bool
+    motion: np.ndarray  # (worlds, parts, ...) of the goals, see vibgym.tasks.episode.Episode
     traits: np.ndarray  # (parts, 2) int64, kind and symmetry
     column: np.ndarray  # of the layout: where each feature stands, -1: nowhere, ...
     scale: np.ndarray  # ... and in what unit
@@ -64,6 +68,7 @@ def write_blocks(pose, mean_velocity, age, sigma, blocks, size, flat):
     seen = blocks_at(blocks)
     present, traits, column, scale = seen.present, seen.traits, seen.column, seen.scale
     error, gap, neighbour = seen.relations.error, seen.relations.gap, seen.relations.neighbour
+    motion = seen.motion
     for w in range(pose.shape[0]):
         for k in range(flat.shape[1]):
             flat[w, k] = 0.0
@@ -103,6 +108,19 @@ def write_blocks(pose, mean_velocity, age, sigma, blocks, size, flat):
                 block[column[SPIN]] = _unit(mean_velocity[w, p, 2] / scale[SPIN, 0])
             if column[GAP] >= 0:
                 block[column[GAP]] = math.tanh(gap[w, p] / scale[GAP, 0])
+            if column[GOAL_VELOCITY] >= 0:
+                for axis in range(2):
+                    block[column[GOAL_VELOCITY] + axis] = _unit(motion[w, p, axis] / scale[GOAL_VELOCITY, axis])
+            if column[GOAL_SPIN] >= 0:
+                block[column[GOAL_SPIN]] = _unit(motion[w, p, 2] / scale[GOAL_SPIN, 0])
+            for ahead in range(PREVIEW):
+                if column[WAY_AHEAD] >= 0:
+                    for axis in range(2):
+                        way = error[w, p, axis] + motion[w, p, 3 + 3 * ahead + axis]
+                        block[column[WAY_AHEAD] + 2 * ahead + axis] = _unit(way / scale[WAY_AHEAD, axis])
+                if column[TURN_AHEAD] >= 0:
+                    turn = error[w, p, 2] + motion[w, p, 5 + 3 * ahead]
+                    block[column[TURN_AHEAD] + ahead] = _unit(turn / scale[TURN_AHEAD, 0])
             if column[AGE] >= 0:
                 block[column[AGE]] = math.tanh(age[w, p] / scale[AGE, 0])
             if column[SIGMA] >= 0:
@@ -180,7 +198,7 @@ class StateObservation(Observation):
         out = np.empty((len(measurement.pose), self.layout.size), dtype=np.float32)
         if relations is not self._relations:  # the same ones ever after
             layout = self.layout
-            blocks = Blocks(relations, episode.present, self._traits, layout.column, layout.scale)
+            blocks = Blocks(relations, episode.present, episode.motion, self._traits, layout.column, layout.scale)
             self._relations, self._blocks = relations, Pinned(BLOCKS, blocks)
         pose, mean_velocity, _, age, sigma = measurement
         write_blocks(pose, mean_velocity, age, sigma, self._blocks.address, self.layout.block, out)

@@ -16,6 +16,7 @@ from vibgym.envs.starting import KEYS, Starting, starting_from
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
+from vibgym.tasks.base import HOLD_PERIODS
 
 MOST_EPISODE = 10**12
 """Steps or periods of an episode."""
@@ -70,6 +71,11 @@ class SharedInterface:
         return self.core.actuators.data_sheet
 
     @property
+    def measurement_lead(self) -> int:
+        """Periods after the present of which measurements tell: the actuators' latency where an estimator predicts, else 0."""
+        return self.core.sensing.lead
+
+    @property
     def action_shape(self) -> tuple[int, ...]:
         """What the numbers of an action mean, such as (parts, k, k, 2); the space is flat, and ``step`` takes either."""
         return self.core.action.shape
@@ -107,6 +113,10 @@ class SharedInterface:
         """(rows, columns, 2) what the elements of a world did last, as fractions of full scale; zeros before the first step."""
         return self.core.phasors(checks.count("world", world, least=0, most=self.core.worlds - 1))
 
+    def paths(self, world: int = 0) -> list[np.ndarray]:
+        """Lines (n, 2), m, along which the goals of a world's parts move, one for each part; none where goals stay."""
+        return self.core.scoring.lines(checks.count("world", world, least=0, most=self.core.worlds - 1))
+
     def caption(self, world: int = 0) -> str:
         """One line on how the task stands in a world, for pictures."""
         world = checks.count("world", world, least=0, most=self.core.worlds - 1)
@@ -131,10 +141,10 @@ def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
 
 
 def check_delays(core: Core, max_episode_periods: Any) -> None:
-    """Refuse a machine of which an episode shows nothing, or that does nothing in it.
+    """Refuse a machine of which an episode shows nothing, or that does nothing in it, and a task that takes longer.
 
     Raises:
-        ValueError: a delay or a latency that lasts as long as an episode.
+        ValueError: a delay or a latency that lasts as long as an episode, or paths that do, with the hold.
     """
     if max_episode_periods is None:
         return
@@ -143,6 +153,11 @@ def check_delays(core: Core, max_episode_periods: Any) -> None:
     for name, periods in (("sensor.delay", core.sensing.sensor.delay), (latency, actuators.most_latency)):
         if periods >= max_episode_periods:
             raise checks.refuse(name, f"{periods} periods", f"less than an episode, {max_episode_periods} periods")
+    core.longest = (max_episode_periods - HOLD_PERIODS) * core.surface.period
+    if core.task.lasts > core.longest:
+        raise checks.refuse(
+            "paths", f"{core.task.lasts:.4g} s", f"at most {core.longest:.4g} s: an episode without the hold"
+        )
 
 
 def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | None:
@@ -161,4 +176,4 @@ def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | N
     for name in options:
         if name not in (*KEYS, *more):
             raise checks.refuse("options", f"the key {name!r}", f"keys among {', '.join((*KEYS, *more))}")
-    return starting_from(options, core.task, core.worlds)
+    return starting_from(options, core.task, core.worlds, core.longest)

@@ -17,7 +17,7 @@ from vibgym.envs.shared import SharedInterface, check_delays, frames_per_second,
 from vibgym.scene.surface import Surface
 from vibgym.sensing import TOLD
 from vibgym.snapshots import check_keys
-from vibgym.tasks import ArrangedTask, PoseTask
+from vibgym.tasks import ArrangedTask, Follow, PoseTask
 
 RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
@@ -27,7 +27,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     """Parts on the vibrating surface, and a task. One step is one oscillation period (40 ms).
 
     Transport, Align and Rotate are tasks for one part, Sort and Singulate for several; what is only theirs is under "Several
-    parts" below.
+    parts" below. Follow is for one part or several, see "Paths".
 
     ## Action space
     A flat float32 box in [-1, 1] of as many numbers as the shape below has, in C order; ``step`` takes an array of either
@@ -39,6 +39,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     | ``"phasor"`` | (rows, columns, 2) | amplitude x (cos, sin) phase of every element, in the unit disc |
     | ``"patch"`` | (parts, k, k, 2) | phasors of the k x k elements around each part (k = 4 for the shipped blocks) |
     | ``"field"`` | (parts, 6) | strengths of uniform x, y, squeeze x, y, radial and tangential field around each part |
+    | ``"wrench"`` | (parts, 3) | wanted acceleration of each part, x, y and angular, see :class:`vibgym.envs.actions.Wrench` |
 
     ## Observation space
     ``"state"`` (default): float32 in [-1, 1], a block of numbers for each slot; part p has block p. :attr:`observation_layout`
@@ -49,6 +50,10 @@ class VibgymEnv(SharedInterface, gym.Env):
     Sort and Singulate, blocks of 20, as many as there are parts or ``slots`` says; those of absent parts are all 0:
 
     {arranged table}
+
+    Follow, blocks of 37, one for each part:
+
+    {follow table}
 
     A sensor that is asked to (``"tell": ["age", "sigma"]``) adds to every block:
 
@@ -77,7 +82,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     ## Several parts
     Sort: every part's centre inside the zone of its kind (parts with the same name), and slower than 20 mm/s on average over
     the last period. Singulate: every distance between parts above sqrt(2) x element size. With ``"patch"`` and ``"field"`` an
-    element that several parts claim obeys the one whose centre is nearest to its own.
+    element that several parts claim obeys the one whose centre is nearest to its own; ``"wrench"`` serves them together.
 
     | reward term | meaning | bound |
     |---|---|---|
@@ -92,15 +97,28 @@ class VibgymEnv(SharedInterface, gym.Env):
     parts lacks (Singulate). ``info`` also holds ``clearance`` (m, smallest distance between parts; negative: overlap; the
     surface's diagonal without others), ``touching`` (number of pairs closer than 0.1 mm) and ``parts_done``.
 
+    ## Paths
+    Follow: the goal of each part moves along a path, from rest to rest, and the part has to be within 5 mm and 5 deg of it
+    at the end of every step, until ten periods after the end of the path. An episode in which a part has been farther away
+    goes on, but cannot succeed any more. ``paths=`` says which paths; by default circles, squares and figures of eight are
+    drawn, run through at half of the part's top speed. See :class:`vibgym.tasks.Follow`.
+
+    The reward terms are those of Align, about where the goal is by then; ``time`` is -0.005. ``info`` also holds ``path_error``
+    (m, root mean square of the distances to the goal at the ends of all steps so far, of the part for which it is largest),
+    ``largest_path_error`` (m, largest of these distances), and ``clearance``, ``touching`` and ``parts_done`` as above. A reset
+    takes a ``"pose"`` within 5 mm of the path's beginning, and no ``"goal"``.
+
     ## Episode end
     Success (within tolerance, or all parts done, for 10 periods in a row), a fallen part or a diverged simulation terminate
     it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
     where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where ``randomize`` draws any, ``drawn``: the
     factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the acceleration x, y (m/s^2) of what lies on
-    the tilted table. Observations do not show them.
+    the tilted table. Observations do not show them. With ``action="wrench"``, ``commanded`` says which parts' wishes the
+    elements do not serve, and why (``unserved``, (parts,), an index of :data:`vibgym.envs.actions.REASONS`).
 
     Args:
-        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Sort"``, ``"Singulate"``, or one that you have registered.
+        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, or one that you have
+            registered.
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields (keys may carry ``_mm``).
         parts: a list of names of shipped parts (``"aluminium_block"``, ``"steel_block"``) or mappings with ``shape`` and its
             fields; with one of them for Transport, Align and Rotate.
@@ -125,6 +143,8 @@ class VibgymEnv(SharedInterface, gym.Env):
             end for the first kind, at the right end for the second, in the middle for the third.
         slots: of Sort and Singulate: parts for which the state observation has room, at least the number of parts.
         walls: of Sort and Singulate: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
+        paths: of Follow: a list with a mapping for each part, or a mapping for paths that are drawn, see
+            :class:`vibgym.tasks.Follow`.
         task_settings: keyword arguments that only a task of your own has.
         periods_per_step: oscillation periods per step. Hold, time cost and limit count periods, so the task stays the same.
         max_episode_periods: periods after which an episode is truncated, where a step has several; with one a step that is
@@ -153,6 +173,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         start: str | None = None,
         zones: Mapping[str, Sequence[float]] | None = None,
         slots: int | None = None,
+        paths: Any = None,
         task_settings: Mapping[str, Any] | None = None,
         periods_per_step: int = 1,
         max_episode_periods: int | None = None,
@@ -164,7 +185,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             checks.choice("render_mode", render_mode, RENDER_MODES)
         known = Options(
             task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
-            task_settings, periods_per_step,
+            paths, task_settings, periods_per_step,
         )  # fmt: skip
         self.core = Core(known, 1)
         self.render_mode = render_mode
@@ -187,8 +208,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         Args:
             seed: of this and the following episodes; None goes on with the generator.
             options: what to set of the start instead of drawing it: ``"pose"``, broadcastable to (parts, 3): x, y (m), heading
-                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"parts"``, numbers of those that are there, or
-                booleans.
+                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"paths"``, a list with a mapping for each part, for
+                Follow; ``"parts"``, numbers of those that are there, or booleans.
 
         Raises:
             ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.
@@ -298,6 +319,11 @@ class VibgymEnv(SharedInterface, gym.Env):
 
 
 if VibgymEnv.__doc__ is not None:  # python -OO has none
-    for _name, _features in (("pose", PoseTask.FEATURES), ("arranged", ArrangedTask.FEATURES), ("told", TOLD)):
+    for _name, _features in (
+        ("pose", PoseTask.FEATURES),
+        ("follow", Follow.FEATURES),
+        ("arranged", ArrangedTask.FEATURES),
+        ("told", TOLD),
+    ):
         _table = layout.table(_features).replace("\n", "\n    ")
         VibgymEnv.__doc__ = VibgymEnv.__doc__.replace(f"{{{_name} table}}", _table)

@@ -1,8 +1,8 @@
-"""What a caller may want of an episode's start: ``reset(options={"pose", "goal", "parts"})``."""
+"""What a caller may want of an episode's start: ``reset(options={"pose", "goal", "paths", "parts"})``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from vibgym.scene import overlaps
 from vibgym.simulation.simulator import Simulator
 from vibgym.tasks import Start, Task
 
-KEYS = ("pose", "goal", "parts")
+KEYS = ("pose", "goal", "paths", "parts")
 
 
 @dataclass(frozen=True)
@@ -24,33 +24,36 @@ class Starting:
         pose: (worlds, parts, 3) x, y (m), heading (rad).
         goal: (worlds, parts, 3) likewise, for tasks with goal poses.
         present: (worlds, parts) bool, which parts are there.
+        draw: :meth:`vibgym.tasks.Task.start`, or what the task has in its place for paths of the caller's.
     """
 
     pose: np.ndarray | None
     goal: np.ndarray | None
     present: np.ndarray | None
+    draw: Callable[[np.ndarray, np.ndarray | None], Start]
 
     def start(self, task: Task, simulator: Simulator, worlds: np.ndarray, uniform: np.ndarray) -> Start:
         """The start of ``worlds`` (index array) with these wishes.
 
         Raises:
-            ValueError: parts off the surface, or overlapping one another or a wall.
+            ValueError: parts off the surface, overlapping one another or a wall, or where the task does not begin.
         """
         present = None if self.present is None else self.present[worlds]
-        start = task.start(uniform, present)
-        pose, there, goal = start
+        start = self.draw(uniform, present)
         if self.pose is not None:
-            pose = np.where(there[..., None], self.pose[worlds], pose)
-            goal = task.goal_from(start, pose)
+            there = start.present
+            pose = np.where(there[..., None], self.pose[worlds], start.pose)
             where = (simulator.hulls, simulator.surface, simulator.parts, simulator.walls, pose, ~there)
             overlaps.check("options['pose']", *where, overlaps.AT_REST)
-        if self.goal is not None:
-            goal = self.goal[worlds]
-        return Start(pose, there, goal)
+            start = task.put_down(start, pose)
+        return start if self.goal is None else start._replace(goal=self.goal[worlds])
 
 
-def starting_from(options: Mapping[str, Any], task: Task, worlds: int) -> Starting | None:
+def starting_from(options: Mapping[str, Any], task: Task, worlds: int, longest: float) -> Starting | None:
     """Checked wishes from the options of a reset; None where there are none.
+
+    Args:
+        longest: s that paths may last.
 
     Raises:
         ValueError: names the option, its value and what is allowed.
@@ -60,15 +63,19 @@ def starting_from(options: Mapping[str, Any], task: Task, worlds: int) -> Starti
         return None
     shape = (worlds, len(task.parts), 3)
     pose = goal = present = None
+    draw = task.start
     if "pose" in wishes:
         pose = _on_surface("options['pose']", wishes["pose"], shape, task)
     if "goal" in wishes:
-        if not task.has_goal:
-            raise checks.refuse("options['goal']", wishes["goal"], f"nothing for {task.name}, which has no goal poses")
+        if not task.has_goal or task.goal_moves:
+            why = "whose goals move" if task.goal_moves else "which has no goal poses"
+            raise checks.refuse("options['goal']", wishes["goal"], f"nothing for {task.name}, {why}")
         goal = _goals(wishes["goal"], shape, task)
+    if "paths" in wishes:
+        draw = task.starts_along("options['paths']", wishes["paths"], longest)
     if "parts" in wishes:
         present = _present(wishes["parts"], shape[:2])
-    return Starting(pose, goal, present)
+    return Starting(pose, goal, present, draw)
 
 
 def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:

@@ -58,6 +58,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         start: str | None = None,
         zones: Mapping[str, Sequence[float]] | None = None,
         slots: int | None = None,
+        paths: Any = None,
         task_settings: Mapping[str, Any] | None = None,
         periods_per_step: int = 1,
         max_episode_periods: int | None = None,
@@ -78,7 +79,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         known = Options(
             task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
-            task_settings, periods_per_step,
+            paths, task_settings, periods_per_step,
         )  # fmt: skip
         self.core = Core(known, self.num_envs)
         limits = (max_episode_steps, step_limit(self.core.periods, max_episode_periods))
@@ -111,7 +112,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         Args:
             seed: world k gets ``seed + k``, or entry k of a sequence; None goes on with the world's generator.
             options: ``"reset_mask"``, bool (num_envs,); ``"pose"``, ``"goal"`` and ``"parts"`` as for a single environment,
-                broadcastable to (num_envs, parts, 3) and (num_envs, parts).
+                broadcastable to (num_envs, parts, 3) and (num_envs, parts); ``"paths"``, the same in all of these worlds.
 
         Raises:
             ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.

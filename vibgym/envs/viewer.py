@@ -56,7 +56,9 @@ class Viewer:
         trail = np.array(self.trails[world]).reshape(-1, *pose[:, :2].shape)
         present, goal = episode.present[world], episode.goal[world]
         caption = self.env.caption(world)
-        return self.painter.paint(self.scenery.view(pose, present, goal, core.phasors(world), trail, caption))
+        lines = self.env.paths(world)
+        view = self.scenery.view(pose, present, goal, core.phasors(world), trail, caption, lines)
+        return self.painter.paint(view)
 
     def show(self, world: int) -> None:
         """Show a world in the window."""

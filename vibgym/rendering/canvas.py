@@ -170,6 +170,19 @@ class Canvas:
 
         self._blend(corners, 0.0, draw, ("zone", low.tobytes(), high.tobytes(), colour, label))
 
+    def path(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
+        """Faint line through ``points`` (k, 2), m, along which a goal moves."""
+        points = self._to_pixels(points)
+        points = points[((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1)]
+        if len(points) < 2:
+            return
+
+        def draw(layer: pygame.Surface, low: np.ndarray) -> None:
+            for width, shade in ((4.0 * FINE, (*colours.PAPER, 150)), (1.6 * FINE, (*colour, 170))):
+                shapes.stroke(layer, points - low, width, shade)
+
+        self._blend(points, 3.0 * FINE, draw, ("path", points.tobytes(), colour))
+
     def goal(self, pose: np.ndarray, outline: np.ndarray, tolerance: float | None) -> None:
         """Ghost of ``outline`` at ``pose`` (3,) or a crosshair at ``pose`` (2,), and the circle of ``tolerance``, m."""
         if not np.isfinite(pose).all():

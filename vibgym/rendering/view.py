@@ -67,6 +67,7 @@ class View:
         tolerance: radius of the circle around each goal, m; None for no circles.
         trails: one (k, 2) array of past centres for each part, m, oldest first, drawn in the part's colour; none for no trails.
         zones: drawn under everything that moves, in the colours of their kinds.
+        paths: one (k, 2) array for each part, m: the line that its goal goes along; none for goals that stay.
         caption: one line of text under the table.
     """
 
@@ -77,6 +78,7 @@ class View:
     trails: Sequence[np.ndarray] = ()
     zones: tuple[Zone, ...] = ()
     caption: str = ""
+    paths: Sequence[np.ndarray] = ()
 
 
 def _kinds(outlines: Sequence[np.ndarray]) -> list[int]:
@@ -164,10 +166,10 @@ class SurfacePainter:
         """Picture (height, width, 3) uint8 of ``view``; a new array every time.
 
         Raises:
-            ValueError: there are trails or goals, but not one for each part.
+            ValueError: there are trails, goals or paths, but not one for each part.
         """
         parts = len(self._outlines)
-        for name, values in (("trails", view.trails), ("goals", view.goals)):
+        for name, values in (("trails", view.trails), ("goals", view.goals), ("paths", view.paths)):
             count = 0 if values is None else len(values)
             if count not in (0, parts):
                 raise checks.refuse(name, f"{count} {name}", f"none, or one for each of {parts} parts")
@@ -176,6 +178,8 @@ class SurfacePainter:
         for zone in view.zones:
             colour = self._kinds.get(zone.kind, _colour_of(zone.kind))
             canvas.zone(np.array(zone.low), np.array(zone.high), colour, zone.label)
+        for path, colour in zip(view.paths, self._colours, strict=False):
+            canvas.path(np.asarray(path, dtype=np.float64).reshape(-1, 2), colour)
         if view.goals is not None:
             for goal, outline in zip(np.asarray(view.goals, dtype=np.float64), self._outlines, strict=False):
                 canvas.goal(goal, outline, view.tolerance)
@@ -226,6 +230,7 @@ class Scenery:
         phasors: np.ndarray,
         trail: np.ndarray,
         caption: str,
+        paths: Sequence[np.ndarray] = (),
     ) -> View:
         """What is to be seen of a world.
 
@@ -235,6 +240,7 @@ class Scenery:
             phasors: (rows, columns, 2) fractions of full scale.
             trail: (k, parts, 2) centres of the steps up to now, m, oldest first, of which the last ones are drawn.
             caption: one line.
+            paths: (n, 2) of each part, m: lines along which goals move; none where they stay.
         """
         there = np.asarray(present, dtype=bool)[:, None]
         return View(
@@ -245,4 +251,5 @@ class Scenery:
             trails=list(np.moveaxis(np.where(there, trail[-self.trail :], np.nan), 1, 0)),
             zones=self.zones,
             caption=caption,
+            paths=[np.where(here, path, np.nan) for here, path in zip(there, paths, strict=False)],
         )

@@ -18,6 +18,8 @@ class Estimator(Protocol):
     """Turns readings into what is known now; batched."""
 
     measurement: Measurement
+    lead: int
+    """Periods after the present of which the measurement tells; 0 where there is no such attribute."""
 
     def prepare(self, command: Drive) -> None:
         """See what commands will look like, once, before the first of them."""
@@ -42,6 +44,7 @@ class Sensing:
     Attributes:
         exact: whether the measurement is always the truth of this instant.
         instant: periods after a step's start at which :meth:`look` is due.
+        lead: periods after the present of which the measurement tells.
         measurement: what is known now.
         draws: uniform numbers that an episode's start needs.
         tell: what a state observation tells of the measurement besides: ``"age"``, ``"sigma"``.
@@ -52,6 +55,7 @@ class Sensing:
     def __init__(self, sensor: Sensor, estimator: Estimator, tell: tuple[str, ...] = ()) -> None:
         self.sensor, self.estimator, self.tell = sensor, estimator, tell
         self.instant, self.draws = sensor.instant, sensor.draws
+        self.lead = getattr(estimator, "lead", 0)
 
     @property
     def measurement(self) -> Measurement:
@@ -109,7 +113,7 @@ class ExactSensing(Sensing):
 
     def __init__(self, sensor: Sensor, tell: tuple[str, ...] = ()) -> None:
         self.sensor, self.tell = sensor, tell
-        self.instant, self.draws = sensor.instant, 0
+        self.instant, self.draws, self.lead = sensor.instant, 0, 0
         shape = (sensor.worlds, len(sensor.parts))
         self._none = np.zeros(shape, dtype=np.int64), np.zeros((*shape, 3))
         self._truth: Measurement | None = None

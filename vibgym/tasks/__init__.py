@@ -4,6 +4,7 @@ from vibgym.registry import Registry
 from vibgym.tasks.align import Align
 from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import Start, Task
+from vibgym.tasks.follow import Follow
 from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.rotate import Rotate
 from vibgym.tasks.singulate import Singulate
@@ -11,7 +12,8 @@ from vibgym.tasks.sort import Sort
 from vibgym.tasks.transport import Transport
 
 TASKS: Registry[type[Task]] = Registry(
-    "task", {"Transport": Transport, "Align": Align, "Rotate": Rotate, "Sort": Sort, "Singulate": Singulate}
+    "task",
+    {"Transport": Transport, "Align": Align, "Rotate": Rotate, "Follow": Follow, "Sort": Sort, "Singulate": Singulate},
 )
 """Tasks by name; ``TASKS.register(name, cls)`` adds one of your own."""
 
@@ -19,6 +21,7 @@ __all__ = [
     "TASKS",
     "Align",
     "ArrangedTask",
+    "Follow",
     "PoseTask",
     "Rotate",
     "Singulate",

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from vibgym import checks
+from vibgym.physics.core.records import State
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.episode import LIMITS, QUANTITIES, Episode, Relations, Rules
+from vibgym.tasks.episode import LIMITS, QUANTITIES, Episode, Relations, Rules, Start
 from vibgym.tasks.kinds import kinds_by_name
+from vibgym.tasks.scoring import Scoring
 
 HOLD_PERIODS = 10
 """Oscillation periods in a row with all parts done that make success: 0.4 s at 25 Hz."""
 
 PER_PERIOD = ("time", "within")
 """Reward quantities that every period earns or costs, so that longer steps do not change the task."""
-
-
-class Start(NamedTuple):
-    """Where the episodes of n worlds begin."""
-
-    pose: np.ndarray  # (n, parts, 3) m, m, rad; of absent parts beside the surface
-    present: np.ndarray  # (n, parts) bool
-    goal: np.ndarray  # (n, parts, 3) goal poses; zeros for tasks without
 
 
 class Task(ABC):
@@ -44,6 +38,7 @@ class Task(ABC):
         kinds: names of the parts' kinds.  kind: (parts,) of each part.
         zones: (kinds, 4) m, where each kind shall end: x_low, y_low, x_high, y_high; None for tasks without zones.
         apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
+        lasts: s that an episode takes at least before it can succeed, the hold aside.
         slots: blocks of the state observation.
         features: of a part in it: :attr:`FEATURES`, and what the sensor tells besides.
 
@@ -73,6 +68,9 @@ class Task(ABC):
     has_goal: ClassVar[bool] = False
     """Whether every part has a goal pose of its own, drawn for each episode."""
 
+    goal_moves: ClassVar[bool] = False
+    """Whether goals move while an episode goes on."""
+
     position_tolerance: ClassVar[float] = 0.0  # m, from the goal or the zone
     heading_tolerance: ClassVar[float] = math.inf  # rad; infinite where headings do not count
     speed_limit: ClassVar[float] = math.inf  # m/s, mean over the last period, below which a part is done
@@ -86,7 +84,7 @@ class Task(ABC):
         self.surface, self.parts = surface, tuple(parts)
         self.kinds, self.kind = kinds_by_name(self.parts)
         self.zones: np.ndarray | None = None
-        self.apart = -math.inf
+        self.apart, self.lasts = -math.inf, 0.0
         self.slots, self.features = len(self.parts), tuple(self.FEATURES)
         self.hulls = hulls_of(self.parts)
 
@@ -112,9 +110,33 @@ class Task(ABC):
             present: (n, parts) bool, which parts there are; None: as the task has it.
         """
 
+    def starts_along(self, name: str, paths: Any, longest: float) -> Callable[[np.ndarray, np.ndarray | None], Start]:
+        """What to call instead of :meth:`start` for goals that move along other paths than the task's.
+
+        Args:
+            name: what errors call these.
+            longest: s that they may last.
+
+        Raises:
+            ValueError: bad paths, or a task whose goals do not move along paths.
+        """
+        raise checks.refuse(name, paths, f"nothing for {self.name}, whose goals do not move along paths")
+
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
         """Goals (n, parts, 3) of a drawn start whose parts were put down at ``pose`` (n, parts, 3) instead."""
         return start.goal
+
+    def put_down(self, start: Start, pose: np.ndarray) -> Start:
+        """A drawn start whose parts are put down at ``pose`` (n, parts, 3) instead.
+
+        Raises:
+            ValueError: the task does not begin there.
+        """
+        return start._replace(pose=pose, goal=self.goal_from(start, pose))
+
+    def scoring(self, state: State, periods: int) -> Scoring:
+        """What scores the episodes of the worlds of ``state``, with ``periods`` oscillation periods a step."""
+        return Scoring(self, state, periods)
 
     def rules(self, periods: int) -> Rules:
         """The task's numbers for the kernels, with ``periods`` oscillation periods a step."""

@@ -60,6 +60,24 @@ LIMITS = ("position", "heading", "slow", "apart", "far", "hold", "periods")
 POSITION, HEADING, SLOW, APART, FAR, HOLD, PERIODS = range(len(LIMITS))
 
 
+PREVIEW = 4
+"""Oscillation periods ahead of which the state observation tells where a moving goal will be, one after the other."""
+
+MOTION = 3 * (1 + PREVIEW)
+"""Numbers of a goal's motion, see :attr:`Episode.motion`."""
+
+NO_PATHS = np.zeros((0, 0, 0, 0))
+
+
+class Start(NamedTuple):
+    """Where the episodes of n worlds begin."""
+
+    pose: np.ndarray  # (n, parts, 3) m, m, rad; of absent parts beside the surface
+    present: np.ndarray  # (n, parts) bool
+    goal: np.ndarray  # (n, parts, 3) goal poses; zeros for tasks without
+    paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.paths.route; else empty
+
+
 class Relations(NamedTuple):
     """How the parts stand to their goals and to one another, by true or by measured poses."""
 
@@ -74,6 +92,10 @@ class Episode(NamedTuple):
     """Progress of every world's episode, changed in place; what is one number a world stands together, see the properties."""
 
     goal: np.ndarray  # (worlds, parts, 3) m, m, rad; zeros where the task has zones or none
+    motion: (
+        np.ndarray
+    )  # (worlds, parts, MOTION): velocity of the goal (m/s, m/s, rad/s), and its pose 1, 2, ... PREVIEW
+    # periods ahead minus the present one (m, m, rad); (worlds, parts, 0) for tasks whose goals stay
     present: np.ndarray  # (worlds, parts) bool, for the whole episode
     done: np.ndarray  # (worlds, parts) bool
     number: np.ndarray  # (worlds, NUMBERS)
@@ -146,7 +168,7 @@ judged_at = JUDGED.at
 # clearance are what the next step is held against.
 MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
 PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: periods in a row with all parts done
-DOWN, SUCCEEDED, ENDED = range(3)  # of Episode.flag
+DOWN, SUCCEEDED, ENDED, BARRED = range(4)  # of Episode.flag; BARRED: no success yet, or never, see vibgym.tasks.pursuit
 
 
 def new_relations(worlds: int, parts: int) -> Relations:
@@ -158,15 +180,16 @@ def new_relations(worlds: int, parts: int) -> Relations:
     )
 
 
-def new_episode(worlds: int, parts: int, terms: int) -> Episode:
-    """Arrays for ``worlds`` worlds."""
+def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode:
+    """Arrays for ``worlds`` worlds, with so many numbers for the motion of every goal."""
     return Episode(
         goal=np.zeros((worlds, parts, 3)),
+        motion=np.zeros((worlds, parts, motion)),
         present=np.zeros((worlds, parts), dtype=bool),
         done=np.zeros((worlds, parts), dtype=bool),
         number=np.zeros((worlds, 8)),
         count=np.zeros((worlds, 3), dtype=np.int64),
-        flag=np.zeros((worlds, 3), dtype=bool),
+        flag=np.zeros((worlds, 4), dtype=bool),
         terms=np.zeros((worlds, terms)),
     )
 
@@ -361,7 +384,9 @@ def score_worlds(worlds, state, judged):
                 episode.terms[world, term] = 0.0
             continue
         sound = not (flag[world, DOWN] or true.diverged[world])
-        count[world, HELD] = count[world, HELD] + int(limit[PERIODS]) if sound and complete else 0
+        count[world, HELD] = (
+            count[world, HELD] + int(limit[PERIODS]) if sound and complete and not flag[world, BARRED] else 0
+        )
         flag[world, SUCCEEDED] = count[world, HELD] >= limit[HOLD]
         flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
         reward_world(all_of, within, world)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
+from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.core.records import STATE, State
 from vibgym.physics.core.reference import Pinned
-from vibgym.tasks.base import Start, Task
 from vibgym.tasks.episode import (
     JUDGED,
     QUANTITIES,
     Judged,
     Relations,
+    Rules,
+    Start,
     new_episode,
     new_relations,
     relate_worlds,
@@ -21,6 +25,14 @@ from vibgym.tasks.episode import (
 _ALL = np.zeros(0, dtype=np.int64)
 
 
+class Scored(Protocol):
+    """What scoring knows of a task, see :class:`vibgym.tasks.base.Task`."""
+
+    hulls: Hulls
+
+    def rules(self, periods: int) -> Rules: ...
+
+
 class Scoring:
     """Begins and scores the episodes of all worlds of a task.
 
@@ -28,16 +40,18 @@ class Scoring:
         task: with its parts.
         state: true state of the worlds; its arrays live as long as this and are changed in place.
         periods: oscillation periods of a step.
+        motion: numbers of the motion of every goal, see :class:`vibgym.tasks.episode.Episode`.
 
     Attributes:
         episode: progress of every world.
         relations: how parts stand to their goals and to one another, by the true state.
     """
 
-    def __init__(self, task: Task, state: State, periods: int) -> None:
+    def __init__(self, task: Scored, state: State, periods: int, motion: int = 0) -> None:
         worlds, parts = state.pose.shape[:2]
-        self.relations, self.episode = new_relations(worlds, parts), new_episode(worlds, parts, len(task.TERMS))
         self._task, self._rules, self._state = task, task.rules(periods), Pinned(STATE, state)
+        self.relations = new_relations(worlds, parts)
+        self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
         self._judged = self.judged(self.relations)
 
     def judged(self, relations: Relations) -> Pinned[Judged]:
@@ -45,6 +59,18 @@ class Scoring:
         hulls = self._task.hulls
         scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES))
         return Pinned(JUDGED, Judged(relations, self.episode, self._rules, hulls, *scratch))
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        """Live arrays that a snapshot has to hold besides the episodes and their relations."""
+        return {}
+
+    def facts(self) -> dict[str, np.ndarray]:
+        """What ``info`` says besides what the task's facts are, each (worlds,); live arrays."""
+        return {}
+
+    def lines(self, world: int) -> list[np.ndarray]:
+        """Lines (n, 2), m, along which the goals of a world's parts move, one for each part; none where they stay."""
+        return []
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been put down."""

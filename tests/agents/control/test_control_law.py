@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.control.law import DRAG_GROWTH, TOP_SLIP, Steering
 from agents.control.local_field import LocalFieldPolicy
 from agents.control.measured import Measured
+from agents.control.plant import TOP_SLIP
+from agents.control.steering import Steering
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from tests.agents.helpers import POSE_TASKS, SURFACE, episodes, info_of
@@ -31,29 +32,25 @@ def still(policy, worlds=1):
 
 
 def test_parts_can_stop_from_the_set_speed():
-    policy = steering(approach=1e3)
+    law = steering(approach=1e3).law
     distance = np.linspace(0.001, 0.02, 6)
-    speed = policy.stopping_speed(distance)
-    assert speed**2 / (2.0 * policy.push) == pytest.approx(policy.braking * distance)  # v^2 = 2 a d
-    assert (policy.stopping_speed(np.full(6, 10.0)) == TOP_SLIP * SURFACE.table_speed).all()
-    near = steering(approach=2.0).stopping_speed(np.full(6, 0.001))
+    speed = law.stopping_rate(distance, law.plant.push)
+    assert speed**2 / (2.0 * law.plant.push) == pytest.approx(law.braking * distance)  # v^2 = 2 a d
+    near = steering(approach=2.0).law.stopping_rate(np.full(6, 0.001), law.plant.push)
     assert near == pytest.approx(0.002)
 
 
-def test_friction_is_made_up_for():
-    """What holds a speed is what friction takes, which grows with the speed."""
-    policy = steering()
-    velocity = np.tile([0.1, 0.0], (1, 6, 1))
-    wanted = policy.wanted(dataclasses.replace(still(policy), velocity=velocity), velocity)
-    slip = 0.1 / SURFACE.table_speed
-    held = 0.1 * SURFACE.gravity / (SURFACE.table_speed * SURFACE.full_scale) * (1.0 + DRAG_GROWTH * slip**2)
-    assert wanted[..., 0] == pytest.approx(held) and wanted[..., 1:] == pytest.approx(0.0, abs=1e-12)
+def wanted(policy, measured, way):
+    """What the law wants for ways (parts, 2) that are left, in one world."""
+    turn = policy._turn(measured)
+    return policy.law.wanted(measured, np.tile(way, (1, len(policy.info.parts), 1)), turn, ())[0]
 
 
-def test_no_part_gets_more_than_full_amplitude():
+def test_no_part_is_set_to_go_faster_than_it_can():
     policy = steering()
-    wanted = policy.wanted(still(policy), np.tile([3.0, -4.0], (1, 6, 1)))
-    assert wanted[..., :2] == pytest.approx(np.tile([0.6, -0.8], (1, 6, 1)))
+    change = wanted(policy, still(policy), np.array([3.0, -4.0])) * policy.law.response[:, None]
+    assert np.hypot(change[..., 0], change[..., 1]) == pytest.approx(TOP_SLIP * SURFACE.table_speed)
+    assert change[..., 1] == pytest.approx(-4.0 / 3.0 * change[..., 0])
 
 
 @pytest.mark.parametrize("task, turned", [("Sort", True), ("Transport", False), ("Align", True)])
@@ -63,14 +60,18 @@ def test_headings_are_controlled_where_they_count_and_several_parts_are_turned_s
     skew = dataclasses.replace(rest, heading=rest.heading + 0.3)
     if task == "Align":
         skew = dataclasses.replace(skew, turn=np.full_like(rest.heading, -0.3))
-    torque = policy.wanted(skew, np.zeros((*rest.heading.shape, 2)))[..., 2]
+    torque = wanted(policy, skew, np.zeros(2))[..., 2]
     assert (torque < 0.0).all() if turned else (torque == 0.0).all()
 
 
 def test_parts_in_touch_do_not_turn():
     policy = steering()
-    skew = dataclasses.replace(still(policy), heading=np.full((1, 6), 0.3), gap=np.zeros((1, 6)))
-    assert (policy.wanted(skew, np.zeros((1, 6, 2)))[..., 2] == 0.0).all()
+    skew = dataclasses.replace(still(policy), heading=np.full((1, 6), 0.3))
+    for gap, turns in ((0.1, True), (0.0, False)):
+        action, _ = policy.steer(
+            dataclasses.replace(skew, gap=np.full((1, 6), gap)), np.zeros((1, 6, 2)), policy.begin(1)
+        )
+        assert (np.abs(action) > 1e-9).any() == turns
 
 
 @pytest.mark.parametrize("periods", [1, 2, 4, 8])
@@ -78,8 +79,9 @@ def test_the_velocity_does_not_overshoot_in_a_step(periods):
     """Of a part at rest, by the first-order averages: after a step it is no faster than what was set."""
     policy = steering("Transport", periods)
     target = 0.05
-    push = policy.wanted(still(policy), np.full((1, 1, 2), [target, 0.0]))[0, 0, 0] * policy.push
-    reached = push / policy.drag * -np.expm1(-policy.drag * 0.04 * periods)
+    push = wanted(policy, still(policy), np.array([policy.law.lead * target, 0.0]))[0, 0, 0]
+    drag = policy.law.plant.drag
+    reached = push / drag * -np.expm1(-drag * 0.04 * periods)
     assert 0.5 * target < reached <= target * (1.0 + 1e-9)
     assert policy.ahead == pytest.approx(0.02 * (periods - 1))
 
@@ -90,8 +92,8 @@ def test_one_period_a_step_leaves_the_measurement_as_it_is():
     env.action_space.seed(1)
     seen, *_ = env.step(env.action_space.sample())
     measured = Measured.of(seen, TaskInfo.of(env))
-    same = steering("Align").expected(seen)
-    ahead = steering("Align", 4).expected(seen)
+    one, four = steering("Align"), steering("Align", 4)
+    same, ahead = one.expected(measured, one.begin(4)), four.expected(measured, four.begin(4))
     assert (same.centre == measured.centre).all() and (same.turn == measured.turn).all()
     assert ahead.centre == pytest.approx(measured.centre + 0.06 * measured.velocity)
     assert ahead.centre + ahead.way == pytest.approx(measured.centre + measured.way)

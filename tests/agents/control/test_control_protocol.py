@@ -81,9 +81,12 @@ def test_doing_nothing_does_not_succeed():
     assert episodes(make_policy("zero", info_of()), "Align").success <= 5
 
 
-def test_local_field_has_no_memory():
+def test_local_field_remembers_what_parts_were_given():
     policy = make_policy("local_field", info_of("Rotate"))
     seen = observations("Rotate", steps=2)
     first, state = policy.predict(seen[0])
-    policy.predict(seen[1], state)
-    assert state is None and (policy.predict(seen[0], None, np.zeros(6, dtype=bool))[0] == first).all()
+    assert state.acceleration.shape == (6, 1, 3) and state.law == () and state.acceleration.any()
+    quick = state._replace(acceleration=state.acceleration + 5.0)
+    later = policy.predict(seen[1], state)[0]
+    assert (later != policy.predict(seen[1], quick)[0]).any()
+    assert (policy.predict(seen[1], quick, np.ones(6, dtype=bool))[0] == policy.predict(seen[1])[0]).all()

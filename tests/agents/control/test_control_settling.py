@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from agents.control.law import Steering, top_slip
 from agents.control.measured import Measured
-from agents.control.settling import BAND, LOOSE_BAND, NEAR, Settling, keep_on
+from agents.control.plant import plant_of, top_slip
+from agents.control.settling import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling, keep_on
+from agents.control.steering import Steering
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from tests.agents.helpers import SURFACE, episodes, info_of
@@ -35,9 +36,12 @@ def seen(policy, way, turn=0.0, velocity=(0.0, 0.0), spin=0.0):
 
 
 def wanted(policy, measured):
-    distance = np.sqrt((measured.way**2).sum(axis=-1))
-    speed = policy.stopping_speed(distance) / np.maximum(distance, 1e-12)
-    return policy.wanted(measured, speed[..., None] * measured.way)[0, 0]
+    """Wanted acceleration (3,), not a number where the elements shall rest."""
+    return policy.law.wanted(measured, measured.way, measured.turn, ())[0][0, 0]
+
+
+def rests(policy, measured):
+    return bool(np.isnan(wanted(policy, measured)).all())
 
 
 @pytest.mark.parametrize("periods", [1, 4])
@@ -45,14 +49,14 @@ def wanted(policy, measured):
 def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
     """By v' = a - c v, solved: after the pulse the part coasts to the goal, however long a step is."""
     policy = steering(periods=periods)
-    drag, length = policy.drag[0], 0.04 * periods
+    drag, length = policy.law.plant.drag[0], 0.04 * periods
     way, turn = np.array([0.0012, -0.0008]), 0.03
     pulse = wanted(policy, seen(policy, way, turn, velocity, spin))
-    assert pulse.any()
-    for start, rate, goal in (
-        (np.array(velocity), pulse[:2] * policy.push[0], way),
-        (spin, pulse[2] * policy.turn_push[0], turn),
-    ):
+    assert not np.isnan(pulse).any()
+    pulse = pulse + drag * (
+        np.array([*velocity, spin]) + 0.5 * 0.04 * pulse
+    )  # elements make up for friction's mean too
+    for start, rate, goal in ((np.array(velocity), pulse[:2], way), (spin, pulse[2], turn)):
         fade = math.exp(-drag * length)
         after = start * fade + rate / drag * (1.0 - fade)
         moved = start / drag * (1.0 - fade) + rate / drag * (length - (1.0 - fade) / drag)
@@ -61,14 +65,12 @@ def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
 
 def test_parts_that_come_to_rest_near_enough_are_left_alone():
     policy, band = steering(), BAND * 0.002
-    assert (wanted(policy, seen(policy, [0.9 * band, 0.0])) == 0.0).all()
-    assert (wanted(policy, seen(policy, [1.1 * band, 0.0])) != 0.0).any()
+    assert rests(policy, seen(policy, [0.9 * band, 0.0])) and not rests(policy, seen(policy, [1.1 * band, 0.0]))
     turn = BAND * math.radians(3.0)
-    assert (wanted(policy, seen(policy, [0.0, 0.0], -0.9 * turn)) == 0.0).all()
+    assert rests(policy, seen(policy, [0.0, 0.0], -0.9 * turn))
     assert wanted(policy, seen(policy, [0.0, 0.0], -1.1 * turn))[2] < 0.0
     # On its way there at the speed that friction takes until then; nothing brakes it.
-    coasting = [0.010 * policy.drag[0], 0.0]
-    assert (wanted(policy, seen(policy, [0.010, 0.0], 0.0, coasting)) == 0.0).all()
+    assert rests(policy, seen(policy, [0.010, 0.0], 0.0, [0.010 * policy.law.plant.drag[0], 0.0]))
     assert wanted(policy, seen(policy, [-0.001, 0.0], 0.0, [0.02, 0.0]))[0] < 0.0  # it would overshoot
 
 
@@ -84,29 +86,57 @@ def test_farther_away_the_law_is_the_same():
     assert (wanted(aware, seen(aware, [0.9 * NEAR, 0.0])) != wanted(plain, seen(aware, [0.9 * NEAR, 0.0]))).any()
 
 
+def test_spins_beyond_what_observations_tell_are_known():
+    """They end at 10 rad/s; a block on ideal elements gets to 14. Compared with the truth in all of a long turn."""
+    env = batch("Rotate", 40, action="phasor")
+    policy = make_policy({"kind": "local_field", "law": "pose"}, TaskInfo.of(env))
+    rows, _ = env.reset(seed=5)
+    memory, fastest = None, 0.0
+    for step in range(12):
+        if step:
+            spin = env.unwrapped.truth.velocity[..., 2]
+            assert np.abs(policy.expected(Measured.of(rows, policy.info), memory).spin - spin).max() < 0.6
+            fastest = max(fastest, np.abs(spin).max())
+        action, memory = policy.predict(rows, memory)
+        rows, *_ = env.step(action)
+    assert fastest > 12.0
+
+
+def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
+    """Even if they would come to rest at their goals: pushed and braked they get there sooner."""
+    policy = steering(law="pose")
+    turn = 1.0
+    coasting = turn * plant_of(policy.info).drag[0]
+    assert not rests(policy, seen(policy, [0.0, 0.0], turn, (0.0, 0.0), coasting))
+    slow = 0.5 * REACH_TURN
+    assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * plant_of(policy.info).drag[0]))
+
+
 def test_only_hard_dead_zones_call_for_it():
-    assert Steering(info_of("Align")).settle is keep_on
+    assert Steering(info_of("Align")).law.settle is keep_on
     for change in ({"dead_zone": 0.0}, {"dead_zone_form": "soft"}):
         policy = Steering(info_of("Align", actuators={"kind": "prototype", **change}))
-        assert policy.settle is keep_on and policy.slack == 0.0
-    assert isinstance(steering().settle, Settling)
+        assert policy.law.settle is keep_on and policy.slack == 0.0
+    assert isinstance(steering().law.settle, Settling)
 
 
 def test_tasks_without_poses_have_a_band_of_their_own():
-    settle = steering("Sort").settle
+    settle = steering("Sort").law.settle
     assert settle.band == LOOSE_BAND and 0.0 < settle.slack < 0.005
 
 
 def test_a_limit_below_lift_off_is_known():
     """Stopping distances and the top speed follow from what the elements can do."""
-    weak = Steering(info_of("Align", actuators={"kind": "prototype", "limit": 0.5 * SURFACE.max_amplitude}))
-    full = Steering(info_of("Align"))
+    half = info_of("Align", actuators={"kind": "prototype", "limit": 0.5 * SURFACE.max_amplitude})
+    weak, full = plant_of(half), plant_of(info_of("Align"))
     assert weak.strength == pytest.approx(0.5) and full.strength == 1.0
+    assert weak.push == pytest.approx(0.5 * full.push) and weak.turn_push == pytest.approx(0.5 * full.turn_push)
     assert 0.5 * full.top_speed < weak.top_speed < full.top_speed  # friction grows faster than speed
-    far = wanted(weak, seen(weak, [0.3, 0.4], 2.0))
-    assert np.hypot(*far[:2]) == pytest.approx(0.5) and abs(far[2]) <= 0.5
+    law = Steering(half).law
     short = np.array([0.001])
-    assert weak.stopping_speed(short) == pytest.approx(np.minimum(full.stopping_speed(short), weak.approach * short))
+    assert law.stopping_rate(short, weak.push) == pytest.approx(
+        np.minimum(np.sqrt(2.0 * law.braking * weak.push * short), law.approach * short)
+    )
     assert top_slip(1.0) == pytest.approx(top_slip(1.0 - 1e-12), abs=1e-9)
 
 
@@ -121,7 +151,7 @@ def test_local_fields_reach_the_goal_on_the_prototype(task, most_time):
 
 def test_those_that_know_nothing_of_the_dead_zone_do_not():
     outcome = episodes(make_policy("local_field", info_of("Align")), "Align", 50, **HARDWARE)
-    assert outcome.success <= 10
+    assert outcome.success <= 30
 
 
 @pytest.mark.parametrize(

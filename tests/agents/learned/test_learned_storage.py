@@ -267,7 +267,7 @@ def without(name):
 
 @pytest.mark.parametrize("changes, message", [
     ({"task": "Rotate"}, "task.*'Rotate'.*'Align'"), ({"task": None}, "task"),
-    ({"action": "wrench"}, "action.*wrench"), ({"action": None}, "action"), ({"action": "patch"}, "layers.*32 outputs"),
+    ({"action": "swing"}, "action.*swing"), ({"action": None}, "action"), ({"action": "patch"}, "layers.*32 outputs"),
     ({"activation": "sine"}, "activation.*sine.*'tanh', 'relu'"),
     ({"tensors": {}}, "layers"), ({"tensors": without("log_std")}, "log_std"),
     ({"tensors": without("layer0.bias")}, "layer0"), ({"tensors": without("layer1.weight")}, "layers"),

@@ -292,7 +292,7 @@ def test_a_checkpoint_of_another_network_is_refused(trained, tmp_path, name, cha
 
 def test_bad_files_write_nothing(tmp_path):
     config = tmp_path / "bad.yaml"
-    for text, named in (("task: Rotate", "steps"), (TEXT.replace("patch", "wrench"), "action")):
+    for text, named in (("task: Rotate", "steps"), (TEXT.replace("patch", "swing"), "action")):
         config.write_text(text)
         with pytest.raises(ValueError, match=named):
             train(config, tmp_path / "run", quiet=True)

@@ -53,8 +53,6 @@ class Workspace(NamedTuple):
     moments: np.ndarray  # (6, 3) of the pressure at hand
     before: np.ndarray  # (6, 3) of the step before
     shift: np.ndarray  # (6) a wobble
-    unit: np.ndarray  # (6, 3) moments that are tried out
-    diagonal: np.ndarray  # (18, 3)
     scratch: Scratch
 
 
@@ -66,8 +64,6 @@ def new_workspace(table: Table, body: Body) -> Workspace:
         moments=np.zeros((6, 3)),
         before=np.zeros((6, 3)),
         shift=np.zeros(6),
-        unit=np.zeros((6, 3)),
-        diagonal=np.zeros((18, 3)),
         scratch=new_scratch(),
     )
 

@@ -36,6 +36,11 @@ START_SPEED = 1e-3  # m/s, standard deviation of the velocity of a part that has
 SURPRISE = 5.0
 """Standard deviations by which a reading may differ before the estimate is taken for wrong: after a collision, or a swap."""
 
+MEMORY, TREND = 0.8, 1.0
+"""Share of the mean innovation, in standard deviations, that is kept from reading to reading, and the mean above which an
+estimate is taken for wrong: three times what white noise comes to, ``sqrt((1 - m) / (1 + m))``. Elements that work against each
+other move a part by their spread, of which neither the model nor the acceleration that acts tells anything."""
+
 PP, PV, PD, VV, VD, DD = range(6)  # of a covariance of p, v, d
 
 
@@ -54,6 +59,7 @@ class Filter(NamedTuple):
     activity: np.ndarray  # (steps, worlds, parts) m/s^2, acceleration that acted in the steps of ``kept``
     disturbance: np.ndarray  # (worlds, parts, 3) d
     covariance: np.ndarray  # (worlds, parts, 3, 6) at the instant of the last reading
+    trend: np.ndarray  # (worlds, parts, 3) mean innovation, in standard deviations
     age: np.ndarray  # (worlds, parts) periods
     sigma: np.ndarray  # (worlds, parts, 3) of the predictor's pose
     gone: np.ndarray  # (worlds, parts) bool
@@ -125,6 +131,20 @@ def observe(covariance, innovation, variance):
 
 
 @borrowing
+def doubt(all_of, w, p, k, innovation):
+    """Where readings have differed to the same side for a while, be open about the place, and the velocity that led there."""
+    covariance = all_of.covariance[w, p, k]
+    total = covariance[PP] + all_of.variance[p, k]
+    trend = MEMORY * all_of.trend[w, p, k] + (1.0 - MEMORY) * innovation / math.sqrt(total)
+    if abs(trend) > TREND:
+        wrong = trend * trend * total
+        covariance[PP] += wrong
+        covariance[VV] += all_of.damping[p] * all_of.damping[p] * wrong
+        trend = 0.0
+    all_of.trend[w, p, k] = trend
+
+
+@borrowing
 def note_activity(address):
     """After the predictor's step: the acceleration that acted in it, by friction and by elements, from the mean velocities."""
     all_of = filter_at(address)
@@ -160,7 +180,7 @@ def replace_part(all_of, w, p, pose):
     """Put a part of the predictor down where it was read, at rest."""
     for k in range(3):
         all_of.pose[w, p, k], all_of.velocity[w, p, k], all_of.mean_velocity[w, p, k] = pose[k], 0.0, 0.0
-        all_of.disturbance[w, p, k] = 0.0
+        all_of.disturbance[w, p, k], all_of.trend[w, p, k] = 0.0, 0.0
         for step in range(all_of.kept.shape[0]):
             all_of.kept[step, w, p, k] = pose[k]
         start_covariance(all_of, w, p, k)
@@ -188,6 +208,7 @@ def begin_filter(worlds, pose, gone, address):
         for p in range(pose.shape[1]):
             for k in range(3):
                 all_of.before[w, p, k], all_of.disturbance[w, p, k] = 0.0, 0.0
+                all_of.trend[w, p, k] = 0.0
                 for step in range(all_of.kept.shape[0]):
                     all_of.kept[step, w, p, k] = pose[w, p, k]
                 start_covariance(all_of, w, p, k)
@@ -225,6 +246,7 @@ def filter_readings(reading, delay, periods, address):
                     spread(covariance, way, fall, left, noise_of(all_of, 0, w, p) / (scale * scale), drift, covariance)
                 if seen and not gone and not lost:
                     innovation = reading.pose[w, p, k] - all_of.kept[0, w, p, k]
+                    doubt(all_of, w, p, k, innovation)
                     dp, dv, dd = observe(covariance, innovation, all_of.variance[p, k])
                     all_of.disturbance[w, p, k] += dd
                     for later in range(1, steps):
@@ -263,6 +285,7 @@ class FilterEstimator:
 
     Attributes:
         measurement: the predictor's state, live.
+        lead: the latency.
     """
 
     def __init__(
@@ -282,7 +305,7 @@ class FilterEstimator:
         sigma = checks.number("sensor.estimator.sigma", sigma, above=0.0, most=1e3)
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
         lead = sensor.delay + latency
-        self._sensor, self._predictor = sensor, predictor
+        self._sensor, self._predictor, self.lead = sensor, predictor, latency
         self._instant = periods - lead % periods
         steps, state = lead // periods + 1, predictor.state
         measured = new_measurement(worlds, parts)
@@ -301,6 +324,7 @@ class FilterEstimator:
                 activity=np.zeros((steps, worlds, parts)),
                 disturbance=np.zeros((worlds, parts, 3)),
                 covariance=np.zeros((worlds, parts, 3, 6)),
+                trend=np.zeros((worlds, parts, 3)),
                 age=measured.age,
                 sigma=measured.sigma,
                 gone=measured.gone,
@@ -338,5 +362,5 @@ class FilterEstimator:
         filter_readings(reading, self._sensor.delay, self._sensor.periods, self._filter.address)
 
     def live(self) -> dict[str, np.ndarray]:
-        own = ("kept", "before", "activity", "disturbance", "covariance", "age", "sigma", "gone")
+        own = ("kept", "before", "activity", "disturbance", "covariance", "trend", "age", "sigma", "gone")
         return {**{name: getattr(self._filter.record, name) for name in own}, **self._predictor.live()}

@@ -12,6 +12,8 @@ from vibgym.sensing.measurement import Reading, new_measurement
 class Hold:
     """The last reading of each part, however old; see :class:`vibgym.sensing.stage.Estimator`."""
 
+    lead = 0
+
     def __init__(self, sensor: Sensor) -> None:
         self._sensor = sensor
         self.measurement = new_measurement(sensor.worlds, len(sensor.parts))

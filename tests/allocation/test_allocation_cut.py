@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, affinity, box
 
-from agents.control.pieces import cut_parts, new_pieces, outlines_of
 from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part
+from vibgym.allocation.cut import cut_parts, new_pieces, outlines_of
 
 ELL = Part.polygon([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]], friction=0.5)
 PARTS = (STEEL, ALUMINIUM, DISC, ELL)

@@ -1,8 +1,4 @@
-"""Which share of a part rests on which element, exactly: the outline cut by the element grid.
-
-The eight by eight samples of :mod:`agents.control.allocation` are off by up to 6 % of a part on one element. Feedback makes up
-for that at every step; a single pulse that shall bring a part to rest at its goal has no second chance.
-"""
+"""Which share of a part rests on which element, exactly: the outline cut by the element grid."""
 
 from __future__ import annotations
 

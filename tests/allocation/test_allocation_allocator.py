@@ -1,28 +1,35 @@
 """Allocation through a dead zone: what elements may do, how near it comes to the best, and what it does on the simulator."""
 
 import dataclasses
-import itertools
 import math
+import pickle
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.control.allocation import Allocator
-from agents.control.dead_zone import INVERSES, MARGIN, DeadZoneAllocator, SoftAllocator, allocator_for
-from agents.control.projections import SPREAD
-from tests.agents.control.test_control_pieces import cut
 from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of
-from vibgym import Part, Simulator
-from vibgym.actuators import ACTUATORS
+from tests.allocation.test_allocation_cut import cut
+from vibgym import Part, Simulator, allocation
+from vibgym.actuators import DataSheet
+from vibgym.allocation.allocator import INVERSES, MARGIN, Allocator
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.allocation.projections import DAMPING, SPREAD
 
 LEAST = 0.25
 THERE = np.ones((1, 1), dtype=bool)
 
 
+def sheet(least=LEAST, most=1.0, form="hard"):
+    """Of elements whose smallest and largest amplitudes, over the surface's largest, are these."""
+    largest = SURFACE.max_amplitude
+    width = least / (1.0 + MARGIN) if form == "hard" else least
+    return DataSheet(most * largest, dead_zone=width * largest, dead_zone_form=form)
+
+
 def allocator(*parts, least=LEAST, most=1.0):
-    return DeadZoneAllocator(SURFACE, parts, "solve", least=least, most=most)
+    return Allocator(SURFACE, parts, sheet(least, most))
 
 
 def error(parts, pose, push, wanted):
@@ -49,7 +56,12 @@ def wish(size, turn, way):
 
 @settings(deadline=None, max_examples=100)
 @given(
-    st.floats(0.05, 0.75), st.floats(0.05, 0.15), st.floats(-4.0, 4.0), wishes, st.floats(0.0, 0.6), st.floats(0.6, 1.0)
+    st.floats(0.05, 0.75),
+    st.floats(0.05, 0.15),
+    st.floats(-4.0, 4.0),
+    wishes,
+    st.just(0.0) | st.floats(1e-6, 0.6),
+    st.floats(0.6, 1.0),
 )
 def test_elements_rest_or_move_within_the_limits(x, y, heading, wanted, least, most):
     wanted = wish(*wanted)
@@ -101,19 +113,19 @@ def test_small_wishes_are_granted_where_the_phasors_of_least_norm_are_lost():
     )
     there, aware, plain = np.ones((60, 1), dtype=bool), [], []
     wanted = np.array([wish(0.1, *each) for each in generator.uniform([-1, 0], [1, 6], (60, 2))])
-    for maker, errors in ((allocator(ALUMINIUM), aware), (Allocator(SURFACE, [ALUMINIUM], "solve"), plain)):
+    for maker, errors in ((allocator(ALUMINIUM), aware), (allocator(ALUMINIUM, least=0.0), plain)):
         push = maker.pushes(pose[:, None], there, wanted[:, None])
         push[np.hypot(push[..., 0], push[..., 1]) < LEAST * (1.0 - 1e-9)] = 0.0  # what the dead zone takes
         errors += [
             np.linalg.norm(error((ALUMINIUM,), p[None], u, w)[0]) for p, u, w in zip(pose, push, wanted, strict=True)
         ]
-    assert np.median(plain) == pytest.approx(0.1, rel=0.02) and np.median(aware) < 0.002 and max(aware) < 0.03
+    assert np.median(plain) == pytest.approx(0.1, rel=0.02) and np.median(aware) < 0.003 and max(aware) < 0.03
 
 
 def test_wishes_beyond_the_dead_zone_are_those_of_least_norm():
     """Every element moves enough: the same phasors as without a dead zone, but for the exact shares."""
     pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.6, -0.3, 0.05]]])
-    aware, plain = allocator(ALUMINIUM), Allocator(SURFACE, [ALUMINIUM], "solve")
+    aware, plain = allocator(ALUMINIUM), allocator(ALUMINIUM, least=0.0)
     assert aware.pushes(pose, THERE, wanted) == pytest.approx(plain.pushes(pose, THERE, wanted), abs=0.02)
 
 
@@ -158,7 +170,9 @@ def test_a_world_gets_the_same_bits_alone_and_in_any_batch():
     there, wanted = generator.random((worlds, 3)) < 0.8, 0.1 * generator.normal(size=(worlds, 3, 3))
     together = allocator(*parts).pushes(pose, there, wanted)
     order = generator.permutation(worlds)
-    assert (allocator(*parts).pushes(pose[order], there[order], wanted[order]) == together[order]).all()
+    for threads in (1, 2, 3):
+        other = Allocator(SURFACE, parts, sheet(), threads=threads)
+        assert (other.pushes(pose[order], there[order], wanted[order]) == together[order]).all()
     one = allocator(*parts)
     for w in range(worlds):
         assert (one.pushes(pose[w : w + 1], there[w : w + 1], wanted[w : w + 1]) == together[w : w + 1]).all()
@@ -180,9 +194,11 @@ def test_one_pulse_shifts_the_place_of_rest_as_wanted():
     simulator.advance(still, still, periods=60)
     before = simulator.pose.copy()
     shift = 0.002 * np.array([wish(1.0, *each) for each in generator.uniform([-1, 0], [1, 6], (worlds, 2))])
-    drag, full = part.friction * surface.gravity / (2.0 * surface.table_speed), 0.5 * part.friction * surface.full_scale
+    drag = part.friction * surface.gravity / (2.0 * surface.table_speed)
     maker = allocator(part, least=1e-4 / surface.max_amplitude)
-    actions = maker.actions(before, np.ones((worlds, 1), dtype=bool), (drag * shift / surface.period / full)[:, None])
+    wanted = (drag * shift / surface.period)[:, None] / [1.0, 1.0, math.sqrt(part.gyration)]
+    push = FrictionalInverse(surface, part).push(np.zeros((worlds, 1, 3)), wanted).push
+    actions = maker.actions(before, np.ones((worlds, 1), dtype=bool), push)
     phasor = actions.reshape(worlds, surface.rows, surface.columns, 2).astype(float)
     amplitude, phase = surface.max_amplitude * np.hypot(*phasor.T).T, np.arctan2(*phasor.T[::-1]).T
     assert amplitude[amplitude > 0.0].min() > 0.999e-4
@@ -199,51 +215,99 @@ def test_one_pulse_shifts_the_place_of_rest_as_wanted():
 @pytest.mark.parametrize("form", INVERSES)
 def test_soft_dead_zones_are_made_up_for(form):
     pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.1, -0.3, 0.15]]])
-    commanded = SoftAllocator(SURFACE, [STEEL], "solve", width=LEAST, form=form).pushes(pose, THERE, wanted)
-    asked = Allocator(SURFACE, [STEEL], "solve").pushes(pose, THERE, wanted)
+    shape = (SURFACE.rows, SURFACE.columns, 2)
+    commanded = Allocator(SURFACE, [STEEL], sheet(form=form)).actions(pose, THERE, wanted).reshape(shape)
+    asked = allocator(STEEL, least=0.0).actions(pose, THERE, wanted).reshape(shape)
     length = np.hypot(commanded[..., 0], commanded[..., 1])[..., None]
     power = {"soft": 1, "cubic": 2}[form]
-    assert (0.0 < length[length > 0.0]).all() and length[length > 0.0].min() < LEAST < length.max()
+    assert length[length > 0.0].min() < LEAST < length.max()
     realised = np.where(length < LEAST, (length / LEAST) ** power, 1.0) * commanded
-    assert realised == pytest.approx(asked, abs=1e-12)
+    assert realised == pytest.approx(asked, abs=1e-6)
 
 
-def test_the_allocator_follows_the_data_sheet():
+def test_limits_are_those_of_the_data_sheet():
     info = info_of("Align", actuators={"kind": "prototype", "limit": 2.5e-4, "resolution": 1e-5})
-    found = allocator_for(info, "solve")
-    assert isinstance(found, DeadZoneAllocator)
-    assert found.limits.least == pytest.approx((1e-4 * (1.0 + MARGIN) + 0.5e-5) / SURFACE.max_amplitude)
-    assert found.limits.most == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
-    tight = dataclasses.replace(info, hardware=dataclasses.replace(info.hardware, dead_zone=2.49e-4))
-    assert allocator_for(tight, "solve").limits.least == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
-    assert type(allocator_for(info_of("Align"), "nearest")) is Allocator
-    for form in INVERSES:
-        soft = info_of("Align", actuators={"kind": "prototype", "dead_zone_form": form})
-        assert type(allocator_for(soft, "solve")) is SoftAllocator
-    assert "prototype" in ACTUATORS
+    found = Allocator(info.surface, info.parts, info.hardware)
+    assert found.least == pytest.approx((1e-4 * (1.0 + MARGIN) + 0.5e-5) / SURFACE.max_amplitude)
+    assert found.most == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
+    tight = dataclasses.replace(info.hardware, dead_zone=2.49e-4)
+    assert Allocator(info.surface, info.parts, tight).least == pytest.approx(2.5e-4 / SURFACE.max_amplitude)
 
 
-@pytest.mark.parametrize(
-    "change, message",
-    [
-        ({"rule": "nearest"}, "rule, with a dead zone,.*'solve'"),
-        ({"least": 0.9, "most": 0.5}, "least.*0.9.*0.5"),
-        ({"most": 0.0}, "most"),
-    ],
-)
-def test_bad_arguments_are_refused(change, message):
-    given = {"rule": "solve", "least": 0.2, **change}
-    with pytest.raises(ValueError, match=message):
-        DeadZoneAllocator(SURFACE, [STEEL], given.pop("rule"), **given)
+# -- what the parts get ------------------------------------------------------------------------------------------------
 
 
-def test_shares_of_pairs_are_not_confused():
-    """The Gram matrix of a group counts an element under two parts for both: mirrored parts get mirrored phasors."""
-    parts, there = (STEEL, STEEL), np.ones((1, 2), dtype=bool)
-    pose = np.array([[[0.299, 0.117, 0.0], [0.351, 0.117, 0.0]]])
-    wanted = np.array([[[0.7, 0.0, 0.0], [0.7, 0.0, 0.0]]])
-    push = allocator(*parts, least=0.0).pushes(pose, there, wanted)
-    expected = Allocator(SURFACE, parts, "solve").pushes(pose, there, wanted)
-    for w, first in itertools.product(range(1), range(2)):
-        assert np.abs(error(parts, pose[w], push[w], wanted[w])[0][first]).max() < 0.04
-    assert push == pytest.approx(expected, abs=0.05)
+def accelerations(parts, pose, push):
+    """Of parts at rest under pushes, by the averaged model of the first order, over what full amplitude gives."""
+    result = []
+    for k, part in enumerate(parts):
+        amplitude = SURFACE.max_amplitude * np.hypot(push[..., 0], push[..., 1])
+        phase = np.arctan2(-push[..., 0], -push[..., 1])
+        found = allocation.mean_acceleration(SURFACE, part, pose[:, k], np.zeros(3), amplitude, phase, order=1)
+        scale = 0.5 * part.friction * SURFACE.full_scale
+        result.append(found / scale * np.array([1, 1, math.sqrt(part.gyration)]))
+    return np.stack(result, axis=1)
+
+
+WANTED = np.array([[[0.3, 0.1, 0.1], [-0.2, 0.2, -0.1]]])
+PAIR = np.ones((1, 2), dtype=bool)
+
+
+def test_parts_apart_get_what_they_want():
+    pose = np.array([[[0.3, 0.11, 0.4], [0.5, 0.08, -0.3]]])
+    push = allocator(STEEL, ALUMINIUM, least=0.0).pushes(pose, PAIR, WANTED)
+    assert accelerations([STEEL, ALUMINIUM], pose, push) == pytest.approx(WANTED, abs=0.02)
+
+
+def test_parts_side_by_side_get_what_they_want():
+    """2 mm apart, wishes apart, the border in the middle of an element."""
+    pose = np.array([[[0.3, 0.117, 0.0], [0.352, 0.117, 0.0]]])
+    push = allocator(STEEL, STEEL, least=0.0).pushes(pose, PAIR, WANTED)
+    assert np.hypot(push[..., 0], push[..., 1]).max() <= 1 + 1e-12
+    assert accelerations([STEEL, STEEL], pose, push) == pytest.approx(WANTED, abs=0.05)
+
+
+def test_a_part_alone_gets_the_same_push_from_all_its_elements():
+    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.6, -0.3, 0.0]]])
+    push = allocator(STEEL, least=0.0).pushes(pose, THERE, wanted)[0]
+    under = np.hypot(push[..., 0], push[..., 1]) > 0
+    assert 4 <= under.sum() <= 12
+    assert push[under] == pytest.approx(np.tile(wanted[0, 0, :2] / (1 + DAMPING), (under.sum(), 1)), abs=1e-9)
+
+
+def test_torques_beyond_the_limit_take_all_of_all_elements():
+    """Elements near the centre make up for what those at the ends cannot do: nearly the largest torque there is."""
+    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.0, 0.0, 3.0]]])
+    push = allocator(STEEL, least=0.0).pushes(pose, THERE, wanted)
+    torque = error((STEEL,), pose[0], push[0], np.zeros((1, 3)))[0][0, 2]
+    *_, share, lever = cut((STEEL,), pose[0])
+    most = np.hypot(*lever.T).sum() / math.sqrt(STEEL.gyration)
+    assert -torque > 0.97 * most
+
+
+def test_elements_that_do_little_are_made_up_for():
+    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.2, -0.1, 0.05]]])
+    gain = np.ones((1, SURFACE.rows * SURFACE.columns))
+    _, element, share, _ = cut((STEEL,), pose[0])
+    gain[0, element[np.argmax(share)]] = 0.0
+    plain = allocator(STEEL, least=0.0)
+    for told, most in ((gain, 0.02), (None, 1.0)):
+        push = plain.pushes(pose, THERE, wanted, told)[0].reshape(-1, 2) * gain[0][:, None]
+        missed = np.abs(error((STEEL,), pose[0], push, wanted[0])[0]).max()
+        assert missed < most and (told is not None or missed > 0.04)
+
+
+def test_absent_parts_claim_nothing():
+    pose = np.array([[[0.3, 0.11, 0.4], [0.31, 0.11, 0.0]]])
+    one = allocator(STEEL, least=0.0).actions(pose[:, :1], np.array([[True]]), WANTED[:, :1])
+    two = allocator(STEEL, STEEL, least=0.0).actions(pose, np.array([[True, False]]), WANTED)
+    assert (two == one).all()
+    assert (allocator(STEEL, STEEL).actions(pose, np.zeros((1, 2), dtype=bool), WANTED) == 0).all()
+
+
+def test_copies_and_threads_of_a_bad_number():
+    pose, wanted = np.array([[[0.3, 0.11, 0.4]]]), np.array([[[0.1, -0.3, 0.15]]])
+    one = allocator(STEEL)
+    assert (pickle.loads(pickle.dumps(one)).pushes(pose, THERE, wanted) == one.pushes(pose, THERE, wanted)).all()
+    with pytest.raises(ValueError, match="^threads: "):
+        Allocator(SURFACE, [STEEL], sheet(), threads=0)

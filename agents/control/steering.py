@@ -1,0 +1,149 @@
+"""From what parts want to what the elements do: the part of every controller that comes after its law."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.control.gains import GainLearner, turn_pushes
+from agents.control.goal_motion import Preview, as_they_stand, from_goals
+from agents.control.laws import LAWS
+from agents.control.measured import Measured, wrap
+from agents.control.plant import plant_of
+from agents.task_info import TaskInfo
+from vibgym import checks
+from vibgym.allocation import Allocator
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.envs.layout import SPIN
+
+TURN_ROOM = 0.010
+"""m, distance to the nearest other part below which a part turns more slowly."""
+
+SPIN_LIMIT = (1.0 - 1e-6) * SPIN
+"""rad/s: observations end there. Of parts that are faster, what was expected of them is all that is known of their spin."""
+
+
+class Memory(NamedTuple):
+    """What steering hands on from step to step."""
+
+    acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts were given in the last step
+    law: Any  # the law's own
+    spin: np.ndarray  # (batch, parts) rad/s, that the parts are expected to have at the end of that step
+    gains: Any  # agents.control.gains.Gains, or () where nothing is learnt
+
+
+class Steering:
+    """Base of the policies that steer parts by a law, by ``"phasor"`` actions.
+
+    Args:
+        info: task, scene and step time.
+        law: among :data:`agents.control.laws.LAWS`.
+        learn: whether to learn what elements make of their phasors (:mod:`agents.control.gains`), where they have a hard dead
+            zone and parts have goals to be held at.
+        **settings: the law's own.
+
+    Attributes:
+        ahead: s, half of what a step lasts longer than a period.
+        slack: m, by how much corners of parts that have arrived may be off.
+
+    Raises:
+        ValueError: a bad argument, or parts that can stick to the surface, where averages over a period do not hold.
+    """
+
+    action, observation = "phasor", "state"
+
+    def __init__(self, info: TaskInfo, *, law: str = "local", learn: bool = True, **settings: Any) -> None:
+        self.info = info
+        self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
+        self.slack = self.law.slack
+        self.process = FrictionalInverse(
+            info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
+        )
+        self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
+        self.half = 0.5 * info.surface.period  # s
+        # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
+        self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
+        # s, of the same, by the end of the step.
+        self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * plant_of(info).drag)
+        hard = info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard"
+        self.learner = GainLearner(info) if learn and hard and info.has_goal else None
+        self.allocator = Allocator(info.surface, info.parts, info.hardware)
+        self.symmetry = np.array([part.symmetry for part in info.parts])
+        self.preview, self.seen = (Preview(info), from_goals) if info.goal_moves else (as_they_stand, as_they_stand)
+
+    def begin(self, batch: int) -> Memory:
+        """Memory at the start of an episode."""
+        shape = batch, len(self.info.parts)
+        gains = () if self.learner is None else self.learner.begin(batch)
+        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), gains)
+
+    def expected(self, measured: Measured, memory: Memory) -> Measured:
+        """Where the parts are in the middle of what a step lasts longer than a period, and how fast at its start.
+
+        A mean velocity over a period is half a period old: a part that brakes is slower by now. What it was given is known.
+
+        Args:
+            measured: what an observation says.
+            memory: of :meth:`begin`, or what :meth:`steer` made of it.
+        """
+        measured = self.preview(measured)
+        gained = self.gaining[:, None] * memory.acceleration
+        spin = measured.spin + gained[..., 2]
+        spin = np.where(np.abs(measured.spin) < SPIN_LIMIT, spin, memory.spin)
+        measured = replace(measured, velocity=measured.velocity + gained[..., :2], spin=spin)
+        if self.ahead == 0.0 and self.learner is None:
+            return measured
+        moved, turn = self.ahead * measured.velocity, self.ahead * measured.spin
+        if self.learner is not None:  # readings will tell later that elements do not do what they are told
+            unseen, doubt = self.learner.learn(measured, memory.gains)
+            measured = replace(measured, doubt=doubt)
+            moved, turn = moved + unseen[..., :2], turn + unseen[..., 2]
+        goal = self.ahead * measured.goal_velocity
+        return replace(
+            measured,
+            centre=measured.centre + moved,
+            heading=measured.heading + turn,
+            way=measured.way + goal[..., :2] - moved if self.info.has_goal else measured.way,
+            turn=measured.turn + goal[..., 2] - turn if self.info.has_heading else measured.turn,
+        )
+
+    def steer(self, measured: Measured, way: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
+        """The action that takes the parts the ways (batch, parts, 2) that are left, and turns them to where they shall be."""
+        room = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
+        seen = self.seen(measured)
+        wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
+        wanted = wanted + measured.goal_acceleration
+        moves = ~np.isnan(wanted[..., :1])
+        velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
+        push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
+        moves &= holds[..., None]  # where averages do not hold, nobody knows what a push would do
+        push = np.where(moves, push, 0.0)
+        # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
+        pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1) + self.half * velocity
+        if self.learner is None:
+            pushes = self.allocator.pushes(pose, measured.present, push)
+            # Of the push that the elements under a part can do together, which is less than each part's limit says.
+            given = self.allocator.effect(pose, measured.present, pushes)
+        else:
+            gain, phase, spread = self.learner.known(memory.gains)
+            pushes = self.allocator.pushes(pose, measured.present, push, gain, spread)
+            turn_pushes(-phase, pushes.reshape(*phase.shape, 2))
+            given = self.learner.note(pushes, memory.gains, push)
+        acceleration, _ = self.process.acceleration(velocity, given)
+        spin = measured.spin + self.gained * acceleration[..., 2]
+        # Laws are told what is beyond the limits, not the allocation's last percents: they would take these for saturation.
+        told = np.where(moves, allowed, acceleration) - measured.goal_acceleration
+        memory = Memory(acceleration, self.law.applied(seen, told, law), spin, memory.gains)
+        action = self.allocator.commands(pushes)
+        return (action[0] if measured.single else action), memory
+
+    def _turn(self, measured: Measured) -> np.ndarray:
+        """Turn that is left, (batch, parts) rad. Where headings do not count, several parts are turned straight (heading 0,
+        modulo their symmetry), so that they take little of the table's width."""
+        if self.info.has_heading:
+            return measured.turn
+        if len(self.info.parts) == 1:
+            return np.zeros_like(measured.heading)
+        return -wrap(measured.heading, self.symmetry)

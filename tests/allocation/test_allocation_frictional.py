@@ -1,0 +1,226 @@
+"""The frictional process inverted: against the averaged model of any field, and against the planar model."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE
+from vibgym import Part, Simulator, Surface
+from vibgym.allocation import mean_acceleration, mean_state, phasors_for
+from vibgym.allocation.frictional import FrictionalInverse, coefficients, rim_of
+from vibgym.bounds.tables import sample
+from vibgym.physics.core.drive import polar_drive
+
+ONE = Surface(rows=1, columns=1, element_size=8.0)
+G, TOP = SURFACE.gravity, SURFACE.table_speed
+
+
+def motion(push, surface=SURFACE):
+    """Amplitude and phase (worlds, 1, 1) of elements that all push alike."""
+    x, y = push[:, 0, None, None], push[:, 1, None, None]
+    amplitude = np.minimum(np.hypot(x, y), 1.0) * surface.max_amplitude
+    return amplitude, np.arctan2(-x, -y)
+
+
+def draws(worlds, fastest, seed=0):
+    rng = np.random.default_rng(seed)
+    speed, angle = fastest * rng.uniform(size=worlds), rng.uniform(-3.2, 3.2, worlds)
+    velocity = np.stack([speed * np.cos(angle), speed * np.sin(angle), 0.0 * angle], axis=-1)
+    return velocity, rng.uniform(-1.0, 1.0, (worlds, 3)) * [4.0, 4.0, 0.0]
+
+
+@pytest.mark.parametrize("surface, pose", [(ONE, [4.0, 4.0, 0.3]), (SURFACE, [0.397, 0.101, 0.3])])
+@pytest.mark.parametrize("part", [STEEL, DISC])
+def test_what_it_says_is_what_the_averaged_model_says(surface, pose, part):
+    """On one element and under a uniform field on several, slower than the table and, far from it, faster."""
+    velocity, wanted = draws(300, 1.0)
+    velocity = velocity[abs(np.hypot(*velocity.T[:2]) / TOP - 1.0) > 0.02]  # the tables end at 0.99
+    found = FrictionalInverse(surface, part).push(velocity[:, None], wanted[: len(velocity), None])
+    judged = mean_acceleration(surface, part, pose, velocity, *motion(found.push[:, 0], surface))
+    assert np.abs(found.acceleration[:, 0, :2] - judged[:, :2]).max() < 1e-5 * G
+    again, holds = FrictionalInverse(surface, part).acceleration(velocity[:, None], found.push)
+    assert np.abs(again - found.acceleration).max() < 1e-12 and (holds == found.holds).all()
+
+
+@settings(max_examples=40)
+@given(
+    speed=st.floats(0.0, 0.33), heading=st.floats(-4, 4), ax=st.floats(-2, 2), ay=st.floats(-2, 2),
+    friction=st.floats(0.05, 0.9), limit=st.floats(0.05e-3, 0.45e-3),
+)  # fmt: skip
+def test_a_part_gets_what_it_wants_or_the_limit(speed, heading, ax, ay, friction, limit):
+    part = Part.rectangle(0.05, 0.035, friction=friction)
+    inverse = FrictionalInverse(SURFACE, part, limit=limit)
+    velocity = np.array([[[speed * math.cos(heading), speed * math.sin(heading), 0.0]]])
+    wanted = np.array([[[ax, ay, 0.0]]])
+    found = inverse.push(velocity, wanted)
+    length = np.hypot(*found.push[0, 0, :2]) * SURFACE.max_amplitude
+    most = min(limit, SURFACE.max_amplitude)
+    assert length <= most * (1.0 + 1e-12)
+    left = np.abs(found.acceleration - wanted).max()
+    assert left < 1e-8 or length == pytest.approx(most, rel=1e-9)
+    # What is beyond the limit: the change against elements at rest keeps its direction.
+    idle, _ = inverse.acceleration(velocity, np.zeros((1, 1, 3)))
+    asked, got = (wanted - idle)[0, 0, :2], (found.acceleration - idle)[0, 0, :2]
+    assert abs(asked[0] * got[1] - asked[1] * got[0]) < 1e-7 * (1.0 + asked @ asked)
+    assert -1e-9 <= asked @ got <= asked @ asked + 1e-7
+
+
+def test_the_general_inverse_finds_the_same():
+    velocity, wanted = draws(200, 0.3, seed=1)
+    found = FrictionalInverse(ONE, ALUMINIUM).push(velocity[:, None], wanted[:, None])
+    other = phasors_for(ONE, ALUMINIUM, [4.0, 4.0, 0.3], velocity, wanted)
+    amplitude, phase = (each[:, 0, 0] for each in motion(found.push[:, 0]))
+    good = other.reachable
+    assert 20 < good.sum() < 180
+    c = [
+        each * np.exp(1j * turn)
+        for each, turn in ((amplitude, phase), (other.amplitude[:, 0, 0], other.phase[:, 0, 0]))
+    ]
+    assert np.abs(c[0] - c[1])[good].max() < 1e-5 * SURFACE.max_amplitude
+    assert np.abs(c[0] - c[1])[~good].max() < 5e-3 * SURFACE.max_amplitude  # it may stop a little short of the limit
+
+
+@pytest.mark.parametrize("friction", [0.3, 0.58])
+@pytest.mark.parametrize("ahead", [0.0, 0.5])
+def test_the_planar_model_does_what_was_wanted(friction, ahead):
+    """Mean acceleration over one period, on several elements, up to top speed, some beyond the limit: the period is centred on
+    the velocity given, or with ``ahead`` begins with it."""
+    part = Part.rectangle(0.050, 0.035, friction=friction)
+    period, eps = SURFACE.period, friction * G / (SURFACE.horizontal_amplitude * SURFACE.angular_frequency**2)
+    velocity, wanted = draws(60, 0.25, seed=2)
+    wanted *= 0.3 * friction / 4.0 * G
+    found = FrictionalInverse(SURFACE, part, ahead=ahead * period).push(velocity[:, None], wanted[:, None])
+    given = found.acceleration[:, 0]
+    amplitude, phase = motion(found.push[:, 0])
+    start = velocity - (0.5 - ahead) * period * given
+    pose = [0.4, 0.1, 0.2] - 0.5 * period * start
+    here, now = pose.copy(), start.copy()
+    for _ in range(30):  # the state at the start of the period that has these means
+        slow_pose, slow = mean_state(SURFACE, part, here, now, amplitude, phase)
+        here, now = here + pose - slow_pose, now + start - slow
+    exact = Simulator(SURFACE, part, worlds=len(pose), steps=64, substeps=2, pieces=4)
+    exact.reset(here[:, None], now[:, None])
+    exact.advance(amplitude, phase)
+    end = mean_state(SURFACE, part, exact.pose[:, 0], exact.velocity[:, 0], amplitude, phase)[1]
+    error = np.hypot(*((end - start) / period - given).T[:2]) / (friction * G)
+    assert error.mean() < eps**2 and error.max() < 4.0 * eps**2, (error.mean(), error.max(), eps**2)
+
+
+def test_spin_is_braked_and_pushed_as_the_model_says():
+    """A disc in a field that turns it and pushes it along: both channels at once, on small elements, slow spin."""
+    fine, spin = Surface(rows=160, columns=160, element_size=0.001), 0.05
+    inverse = FrictionalInverse(fine, DISC)
+    velocity = np.array([[0.0, 0.0, spin], [0.2, 0.0, spin], [0.12, -0.2, spin], [-0.1, 0.1, 0.0]])
+    push = np.array([[0.0, 0.0, 0.4], [0.3, 0.1, 0.2], [0.1, -0.3, 0.0], [0.0, 0.0, -0.3]])
+    x, y = (each - 0.080 for each in fine.element_centres())
+    gyration = math.sqrt(DISC.gyration)
+    field = [push[:, k, None, None] + turn * push[:, 2, None, None] / gyration for k, turn in ((0, -y), (1, x))]
+    field = [each / np.maximum(np.hypot(*field), 1.0) for each in field]  # only away from the disc
+    amplitude, phase = np.hypot(*field) * fine.max_amplitude, np.arctan2(-field[0], -field[1])
+    judged = mean_acceleration(fine, DISC, [0.080, 0.080, 0.0], velocity, amplitude, phase, order=1)[:, 2]
+    said = inverse.acceleration(velocity[:, None], push[:, None])[0][:, 0, 2]
+    assert said == pytest.approx(judged, rel=0.01)
+    back = inverse.push(velocity[:, None], inverse.acceleration(velocity[:, None], push[:, None])[0]).push[:, 0]
+    assert back == pytest.approx(push, abs=1e-9)
+
+
+@pytest.mark.parametrize("part", [DISC, STEEL, ALUMINIUM], ids=["disc", "steel", "aluminium"])
+def test_fast_spin_on_the_planar_model(part):
+    """Parts in place on fine elements that push along circles, at up to the fastest spin: spin gained in a period."""
+    fine = Surface(rows=80, columns=80, element_size=0.002)
+    spin = np.linspace(0.0, 14.0, 8)
+    turn = np.repeat([-0.7, 0.0, 0.7], len(spin))
+    spin = np.tile(spin, 3)
+    x, y = (each - 0.080 for each in fine.element_centres())
+    lever = np.hypot(x, y) + 1e-12
+    # The moment over the radius of gyration of unit pushes along circles is the mean radius over that one.
+    radius = _mean_radius(part)
+    size = (turn * math.sqrt(part.gyration) / radius)[:, None, None]
+    push = size * np.stack([-y / lever, x / lever], axis=0)[:, None]
+    amplitude, phase = np.hypot(*push) * fine.max_amplitude, np.arctan2(-push[0], -push[1])
+    simulator = Simulator(fine, part, worlds=len(spin))
+    idle = np.tile(fine.idle_velocity(part.friction), (len(spin), 1))
+    simulator.reset([0.080, 0.080, 0.0], np.column_stack([idle, spin])[:, None])
+    simulator.run(polar_drive(amplitude, phase, fine.angular_frequency), 1)
+    gained = simulator.velocity[:, 0, 2] - spin
+    inverse = FrictionalInverse(fine, part, ahead=0.5 * fine.period)
+    velocity, pushes = np.zeros((2, len(spin), 1, 3))
+    velocity[:, 0, 2], pushes[:, 0, 2] = spin, turn
+    said = fine.period * inverse.acceleration(velocity, pushes)[0][:, 0, 2]
+    strongest = fine.period * 0.5 * part.friction * fine.full_scale / math.sqrt(part.gyration)
+    np.testing.assert_allclose(said, gained, atol=0.02 * strongest)
+    back = inverse.push(velocity, inverse.acceleration(velocity, pushes)[0]).push
+    np.testing.assert_allclose(back, pushes, atol=1e-3)
+
+
+def _mean_radius(part):
+    """Of the contact area about its centre, m, on a grid."""
+    points = sample(part, 0.004)
+    return np.hypot(*points.T).mean()
+
+
+def test_the_rim_is_where_friction_counts():
+    """Of a disc <r^4> / <r^2> = 2 R^2 / 3; of a square of edge a 7 a^2 / 30."""
+    assert rim_of(Part.disc(0.02, friction=0.5)) == pytest.approx(math.sqrt(2.0 / 3.0) * 0.02, rel=2e-3)
+    assert rim_of(Part.rectangle(0.03, 0.03, friction=0.5)) == pytest.approx(math.sqrt(7.0 / 30.0) * 0.03, rel=1e-9)
+
+
+def test_coefficients_at_rest_are_isotropic():
+    """Nothing wanted, nothing done; and a push is turned by the same angle wherever it points."""
+    _, p, q, a0, a1, b00, b01, b11, b22, inverse_slip, _ = coefficients()[0, 1]  # slip 0.05, where none is set by hand
+    assert [p, q, a0, -b01, inverse_slip] == pytest.approx([0.5, 0.5, a0, a0, 1.0], abs=2e-3)
+    assert np.abs([a1, b11, b22]).max() < 0.05 * abs(a0) and 0.0 < abs(b00) < 0.1 * abs(a0)
+    none = np.zeros((2, 1, 3))
+    assert not FrictionalInverse(SURFACE, STEEL).push(none, none).push.any()
+
+
+def test_every_row_and_part_by_itself_to_the_bit():
+    rng = np.random.default_rng(3)
+    velocity, wanted = rng.uniform(-0.3, 0.3, (2, 50, 3, 3)) * [[[1.0]]] * np.array([1.0, 12.0])[:, None, None, None]
+    whole = FrictionalInverse(SURFACE, [ALUMINIUM, STEEL, DISC], limit=2.5e-4).push(velocity, wanted)
+    for k, part in enumerate((ALUMINIUM, STEEL, DISC)):
+        alone = FrictionalInverse(SURFACE, part, limit=2.5e-4)
+        for i in (0, 17, 49):
+            row = alone.push(velocity[i : i + 1, k : k + 1], wanted[i : i + 1, k : k + 1])
+            assert all((a[0, 0] == b[i, k]).all() for a, b in zip(row, whole, strict=True))
+
+
+def test_ahead_is_consistent():
+    """Pushes and accelerations with ``ahead`` are those without it at the velocity ahead; both ways round."""
+    velocity, wanted = draws(100, 0.25, seed=5)
+    velocity, wanted = velocity[:, None], wanted[:, None] + [0.0, 0.0, 20.0]
+    now, later = FrictionalInverse(SURFACE, STEEL), FrictionalInverse(SURFACE, STEEL, ahead=0.02)
+    found = later.push(velocity, wanted)
+    at = velocity + 0.02 * found.acceleration
+    assert now.acceleration(at, found.push)[0] == pytest.approx(found.acceleration, abs=3e-3)
+    assert later.acceleration(velocity, found.push)[0] == pytest.approx(found.acceleration, abs=3e-3)
+    assert now.push(at, wanted).push == pytest.approx(found.push, abs=1e-3)
+    assert 20 < (np.abs(found.acceleration - wanted).max(axis=(1, 2)) < 1e-6).sum() < 90
+
+
+def test_it_says_where_slip_may_pass_through_zero():
+    velocity = np.zeros((3, 1, 3))
+    velocity[:, 0, 0] = [0.30, TOP, 0.8]
+    assert FrictionalInverse(SURFACE, ALUMINIUM).push(velocity, 0.0 * velocity).holds[:, 0].tolist() == [
+        True,
+        False,
+        True,
+    ]
+
+
+@pytest.mark.parametrize(
+    "arguments, told",
+    [
+        ({"surface": Surface(horizontal_amplitude=3e-4)}, "parts: .*always slide"),
+        ({"parts": Part.rectangle(0.05, 0.035, friction=0.0)}, "friction of part "),
+        ({"limit": 0.0}, "limit: got 0.0; allowed: a finite number > 0"),
+        ({"ahead": 0.05}, "ahead: got 0.05; allowed: a finite number >= 0 and <= 0.04"),
+        ({"surface": Surface(max_amplitude=0.0)}, "surface.max_amplitude: got 0.0"),
+    ],
+)
+def test_scenes_that_it_does_not_cover_are_refused(arguments, told):
+    with pytest.raises(ValueError, match=f"^{told}"):
+        FrictionalInverse(**{"surface": SURFACE, "parts": ALUMINIUM, **arguments})

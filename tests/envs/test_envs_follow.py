@@ -1,0 +1,216 @@
+"""Follow as an environment: alone and in a batch, restored, observed, drawn, and followed to the end."""
+
+import copy
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from stable_baselines3.common.env_checker import check_env as check_sb3_env
+
+from agents.control.measured import Measured
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+from tests.envs.helpers import assert_same, batch, single
+from vibgym.allocation import phasors_for
+from vibgym.tasks.paths import route
+
+THREE = ["steel_block", "aluminium_block", "steel_block"]
+CIRCLE = {"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60}
+SHORT = [{"shape": "polyline", "points_mm": [[x, 80], [x, 95]]} for x in (100, 300)]
+CASES = [
+    {"action": "field"},
+    {"action": "patch", "parts": THREE},
+    {"action": "field", "parts": THREE[:2], "paths": SHORT, "periods_per_step": 3},
+    {"action": "field", "sensor": {"kind": "pose", "estimator": "model"}, "actuators": "prototype",
+     "paths": {"heading": "along"}},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.value)
+@pytest.mark.parametrize("settings", CASES, ids=lambda each: str(each)[:30])
+def test_single_batch_and_restored_alike(settings, mode):
+    known = {**settings, "max_episode_steps": 6}
+    native, other = (batch("Follow", 3, autoreset_mode=mode, **known) for _ in range(2))
+    sync = SyncVectorEnv([lambda: single("Follow", **known)] * 3, autoreset_mode=mode)
+    assert_same(native.reset(seed=5), sync.reset(seed=5))
+    native.action_space.seed(1)
+    envs, ends = [sync], 0
+    for step in range(15):
+        if step == 4:
+            other.set_state(native.get_state())
+            envs += [other, copy.deepcopy(native)]
+        action = native.action_space.sample()
+        got = native.step(action)
+        for env in envs:
+            assert_same(env.step(action), got, f"step {step}")
+        done = got[2] | got[3]
+        ends += done.sum()
+        if mode is AutoresetMode.DISABLED and done.any():
+            again = native.reset(options={"reset_mask": done.copy()})
+            for env in envs:
+                assert_same(env.reset(options={"reset_mask": done.copy()}), again)
+    assert ends >= 3
+
+
+@pytest.mark.parametrize("settings", [{}, {"parts": THREE, "observation": "image"}], ids=str)
+def test_checkers(settings):
+    env = single("Follow", render_mode="rgb_array", **settings)
+    check_env(env.unwrapped, skip_render_check=True)
+    check_sb3_env(env.unwrapped, warn=True, skip_render_check=True)
+    assert env.spec.max_episode_steps == 500
+
+
+def test_its_arguments_are_json():
+    paths = [{**CIRCLE, "heading": "along"}]
+    spec = single("Follow", paths=paths).spec
+    again = gym.make(gym.envs.registration.EnvSpec.from_json(spec.to_json()))
+    assert again.unwrapped.core.identity == gym.make(spec).unwrapped.core.identity
+    assert json.loads(spec.to_json())["kwargs"]["paths"] == paths
+
+
+@pytest.mark.parametrize("settings", [{}, {"parts": THREE}, {"paths": {"heading": "along", "speed": 0.06}}], ids=str)
+def test_observations_tell_where_the_goals_are_and_will_be(settings):
+    env = batch("Follow", 4, action="field", autoreset_mode="Disabled", **settings)
+    info, period = TaskInfo.of(env), env.surface.period
+    env.reset(seed=2)
+    for clock in range(1, 12):
+        seen = env.step(np.zeros(env.action_space.shape, dtype=np.float32))[0]
+        measured, truth = Measured.of(seen, info), env.truth
+        paths = env.core.scoring.own_state()["paths"]
+        for w, k in np.ndindex(truth.goal.shape[:2]):
+            motion = route.sample(paths[w, k], period * (clock + np.arange(5)))
+            assert measured.goal_velocity[w, k] == pytest.approx(motion[0, 3:6], abs=1e-5)
+            assert measured.goal_ahead[w, k] == pytest.approx(motion[1:, :3] - motion[0, :3], abs=1e-5)
+            assert measured.way[w, k] == pytest.approx(motion[0, :2] - truth.pose[w, k, :2], abs=1e-6)
+    assert info.goal_moves and info.has_goal and not TaskInfo.of(single("Align")).goal_moves
+
+
+def test_what_is_not_asked_for_stays_zero():
+    measured = Measured.of(*[(single("Align").reset(seed=0)[0]), TaskInfo.of(single("Align"))])
+    assert (measured.goal_velocity == 0).all() and (measured.goal_ahead == 0).all()
+    assert (measured.way[..., None, :] + measured.goal_ahead[..., :2]).shape == (1, 1, 4, 2)
+
+
+def followed(worlds, seed=0, **settings):
+    """What a plain controller does with the observation alone: to be at the next goal, with its velocity, a period from now."""
+    env = batch("Follow", worlds, action="phasor", autoreset_mode="Disabled", **settings)
+    info = TaskInfo.of(env)
+    surface, period = info.surface, info.step_time
+    seen, _ = env.reset(seed=seed)
+    last = np.zeros((worlds, len(info.parts), 3))
+    alive, ends, gap = np.ones(worlds, dtype=bool), {}, np.inf
+    for _ in range(400):
+        m, action = Measured.of(seen, info), 0.0
+        pose = np.concatenate([m.centre, m.heading[..., None]], axis=-1)
+        now = np.concatenate([m.velocity, m.spin[..., None]], axis=-1) + 0.5 * period * last
+        left = np.concatenate([m.way, m.turn[..., None]], axis=-1) + m.goal_ahead[..., 0, :] - period * now
+        wanted = 0.5 * left / period**2 + 0.6 * (m.goal_ahead[..., 1, :] / (2 * period) - now) / period
+        for k, part in enumerate(info.parts):
+            found = phasors_for(surface, part, pose[:, k], now[:, k], wanted[:, k])
+            phasors = found.amplitude[..., None] * np.stack([np.cos(found.phase), np.sin(found.phase)], axis=-1)
+            action, last[:, k] = action + phasors / surface.max_amplitude, found.achieved
+        seen, _, terminated, truncated, said = env.step(action.astype(np.float32))
+        gap = min(gap, said["clearance"][alive].min())
+        for world in np.flatnonzero(alive & terminated):
+            ends[world] = {name: said[name][world] for name in ("is_success", "path_error", "largest_path_error")}
+        alive &= ~terminated
+        if not alive.any():
+            return ends, gap
+        if terminated.any() or truncated.any():
+            seen, _ = env.reset(options={"reset_mask": terminated | truncated})
+    raise AssertionError(f"worlds {np.flatnonzero(alive)} have not ended")
+
+
+@pytest.mark.parametrize("settings", [
+    {}, {"parts": THREE}, {"paths": {"heading": "along"}},
+    {"paths": [{**CIRCLE, "laps": 2}]},
+], ids=["drawn", "three", "along", "circle"])  # fmt: skip
+def test_paths_can_be_followed_by_the_observation_alone(settings):
+    ends, gap = followed(4, **settings)
+    assert all(each["is_success"] for each in ends.values())
+    assert max(each["path_error"] for each in ends.values()) < 1.5e-3
+    assert all(each["path_error"] <= each["largest_path_error"] <= 0.005 for each in ends.values())
+    assert gap > np.sqrt(2.0) * 0.026
+
+
+def test_who_leaves_the_tolerance_cannot_succeed_and_goes_on():
+    env = single("Follow", paths=SHORT[:1], action="field")
+    env.reset(seed=0)
+    for _ in range(60):  # the path takes less than that
+        *_, terminated, truncated, info = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+        assert not terminated and not truncated
+    assert not info["is_success"] and info["position_error"] == pytest.approx(0.015, abs=1e-3)
+    assert info["largest_path_error"] == pytest.approx(info["position_error"], abs=1e-6)
+    assert info["position_error"] > info["path_error"] > 0.005
+
+
+def test_starts_of_ones_own():
+    env = single("Follow", parts=THREE[:2], paths=SHORT, action="field")
+    begin = [[0.1, 0.08, 0.3], [0.303, 0.08, -0.4]]
+    _, info = env.reset(seed=0, options={"pose": begin})
+    assert env.unwrapped.truth.pose[0] == pytest.approx(np.array(begin)) and info["position_error"] == pytest.approx(
+        0.003
+    )
+    assert env.unwrapped.truth.goal[0, :, 2] == pytest.approx([0.3, -0.4])
+    before = env.unwrapped.get_state()
+    with pytest.raises(
+        ValueError, match=r"^options\['pose'\]: .*allowed: centres within 5 mm of where the path begins"
+    ):
+        env.reset(options={"pose": [[0.1, 0.09, 0.0], [0.3, 0.08, 0.0]]})
+    with pytest.raises(ValueError, match=r"^options\['goal'\]: .*allowed: nothing for Follow, whose goals move"):
+        env.reset(options={"goal": [[0.1, 0.09, 0.0], [0.3, 0.08, 0.0]]})
+    assert_same(env.unwrapped.get_state(), before)
+    env.reset(options={"parts": [1]})
+    assert env.unwrapped.truth.present.tolist() == [[False, True]]
+    for _ in range(3):
+        _, _, terminated, _, info = env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    assert not terminated and info["path_error"] > 0.0
+
+
+@pytest.mark.parametrize("settings, message", [
+    ({"paths": [{**CIRCLE, "speed": 0.3}]}, r"paths\[0\].speed: got 0.3"),
+    ({"paths": [{**CIRCLE, "laps": 9}]}, "paths: got '22.* s'; allowed: at most 19.6 s"),
+    ({"paths": "circle"}, "paths: got 'circle'"), ({"walls": ["left"]}, "walls: "), ({"observation": "goal"}, "observation: "),
+    ({"surface": {"horizontal_amplitude": 0.0}}, "parts: "), ({"parts": THREE * 4}, "parts: got '12 parts"),
+])  # fmt: skip
+def test_bad_settings(settings, message):
+    for make in (lambda: single("Follow", **settings), lambda: batch("Follow", 2, **settings)):
+        with pytest.raises(ValueError, match=f"^{message}"):
+            make()
+
+
+def test_other_tasks_have_no_paths():
+    with pytest.raises(ValueError, match="^paths: got .*; allowed: nothing for Align"):
+        single("Align", paths=SHORT)
+
+
+def test_open_loop_refuses_goals_that_move():
+    with pytest.raises(ValueError, match="^policy 'open_loop': got 'the task Follow'"):
+        make_policy("open_loop", TaskInfo.of(single("Follow", action="phasor")))
+
+
+def test_pictures_show_paths_and_moving_goals():
+    pytest.importorskip("pygame")
+    env = single("Follow", paths=SHORT[:1], action="field", render_mode="rgb_array")
+    env.reset(seed=0)
+    first, lines = env.render(), env.unwrapped.paths()
+    assert lines[0][0] == pytest.approx([0.1, 0.08]) and lines[0][-1] == pytest.approx([0.1, 0.095])
+    for _ in range(5):
+        env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+    assert (env.render() != first).any()
+    assert env.unwrapped.caption().startswith("Follow   error ")
+    assert single("Align").unwrapped.paths() == []
+
+
+def test_damaged_paths_of_a_state_are_refused():
+    env = single("Follow", action="field").unwrapped
+    env.reset(seed=0)
+    state = env.get_state()
+    damaged = copy.deepcopy(state)
+    damaged["episode"]["paths"][..., 0] = np.inf
+    with pytest.raises(ValueError, match=r"^state\['episode'\]\['paths'\]: "):
+        env.set_state(damaged)
+    assert_same(env.get_state(), state)

@@ -1,0 +1,113 @@
+"""The action that says what parts shall get: what they get of it, and why some get nothing."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import batch, single
+from vibgym.envs.actions import BESIDE, GONE, REASONS, SERVED
+from vibgym.scene.parts import shipped_part
+
+PART = shipped_part("aluminium_block")
+
+
+def scale(env):
+    return env.unwrapped.core.action.scale
+
+
+def test_parts_get_the_acceleration_that_they_want():
+    """By the planar model, from rest to 0.13 m/s, before parts come upon other elements."""
+    env = batch("Align", 64, action="wrench")
+    seen, _ = env.reset(seed=1)
+    generator = np.random.default_rng(1)
+    wanted = generator.uniform(-0.35, 0.35, (64, 1, 3))
+    velocity = []
+    for _ in range(3):
+        env.step(wanted.astype(np.float32).reshape(64, 3))
+        velocity.append(env.unwrapped.truth.mean_velocity[:, 0])
+    made = (velocity[2] - velocity[0]) / (2 * 0.04) / scale(env)[0]
+    assert np.abs(made - wanted[:, 0]).max(axis=1) == pytest.approx(0.0, abs=0.04)
+    assert np.median(np.abs(made - wanted[:, 0])) < 0.01
+    assert np.hypot(*velocity[2][:, :2].T).max() > 0.12
+
+
+def test_zeros_keep_a_part_going():
+    env = single("Transport", action="wrench")
+    env.reset(seed=2, options={"pose": [0.2, 0.1, 0.0], "goal": [0.7, 0.1, 0.0]})
+    for _ in range(4):
+        env.step(np.array([0.5, 0.0, 0.0], dtype=np.float32))
+    speeds = []
+    for _ in range(10):
+        env.step(np.zeros(3, dtype=np.float32))
+        speeds.append(env.unwrapped.truth.mean_velocity[0, 0, 0])
+    assert speeds[0] > 0.1 and speeds[-1] == pytest.approx(speeds[0], rel=0.03)
+
+
+def test_several_parts_get_their_own():
+    env = batch("Sort", 16, action="wrench")
+    env.reset(seed=3)
+    wanted = np.random.default_rng(3).uniform(-0.2, 0.2, (16, 6, 3))
+    velocity = []
+    for _ in range(3):
+        _, _, _, _, info = env.step(wanted.astype(np.float32))
+        velocity.append(env.unwrapped.truth.mean_velocity)
+    made = (velocity[2] - velocity[1]) / 0.04 / scale(env)
+    assert np.median(np.abs(made - wanted)) < 0.03
+    assert (info["commanded"]["unserved"] == SERVED).all()
+
+
+def test_wishes_go_through_a_dead_zone():
+    """Small ones too: elements work against each other."""
+    env = single("Align", action="wrench", actuators={"kind": "prototype", "gain_spread": 0.0, "phase_spread": 0.0})
+    env.reset(seed=4)
+    least = env.unwrapped.data_sheet.dead_zone / env.unwrapped.surface.max_amplitude
+    env.step(np.array([0.02, 0.0, 0.0], dtype=np.float32))
+    env.step(np.zeros(3, dtype=np.float32))
+    length = np.hypot(*env.unwrapped.phasors().reshape(-1, 2).T)
+    assert (length > 0.0).sum() >= 2 and length[length > 0.0].min() >= least * (1.0 - 1e-6)
+
+
+def test_it_says_why_elements_rest():
+    env = single("Align", action="wrench", surface={"rows": 4, "columns": 4})
+    _, info = env.reset(seed=5)
+    assert info["commanded"]["unserved"].tolist() == [SERVED]
+    done = False
+    while not done:
+        _, _, done, _, info = env.step(np.array([1.0, 0.0, 0.0], dtype=np.float32))
+    assert info["fallen"] and info["commanded"]["unserved"].tolist() in ([SERVED], [BESIDE], [GONE])
+    many = batch("Sort", 2, action="wrench", slots=7, randomize={"parts": [2, 3]})
+    many.reset(seed=6)
+    _, _, _, _, info = many.step(np.ones((2, 6, 3), dtype=np.float32))
+    there = many.unwrapped.truth.present
+    assert (info["commanded"]["unserved"] == np.where(there, SERVED, GONE)).all() and not there.all()
+    assert len(REASONS) == 4
+
+
+def test_parts_that_can_stick_are_refused():
+    with pytest.raises(ValueError, match=r"parts.*'grippy'.*always slide"):
+        single("Align", action="wrench", parts=[{"shape": "disc", "radius": 0.02, "friction": 4.0, "name": "grippy"}])
+
+
+@pytest.mark.parametrize("task", ["Align", "Sort"])
+def test_a_batch_is_its_worlds(task):
+    settings = {"action": "wrench", "actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+    many, seeds = batch(task, 3, **settings), range(7, 10)
+    alone = [single(task, **settings) for _ in seeds]
+    rows, _ = many.reset(seed=7)
+    for env, seed, row in zip(alone, seeds, rows, strict=True):
+        assert (env.reset(seed=seed)[0] == row).all()
+    generator = np.random.default_rng(0)
+    for _ in range(6):
+        action = generator.uniform(-1.0, 1.0, (3, many.unwrapped.single_action_space.shape[0])).astype(np.float32)
+        rows, rewards, *_ = many.step(action)
+        for k, env in enumerate(alone):
+            row, reward, *_ = env.step(action[k])
+            assert (row == rows[k]).all() and reward == rewards[k]
+
+
+def test_numbers_mean_what_the_documentation_says():
+    env = single("Align", action="wrench")
+    push = 0.5 * PART.friction * 9.81
+    assert scale(env)[0] == pytest.approx([push, push, push / math.sqrt(PART.gyration)])
+    assert env.unwrapped.action_shape == (1, 3)

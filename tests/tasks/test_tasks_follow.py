@@ -1,0 +1,195 @@
+"""Following paths: the scoring kernels against a plain reference, and where episodes may begin."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.tasks.helpers import Judge
+from vibgym import Part, Surface
+from vibgym.tasks import Follow
+from vibgym.tasks.episode import MOTION, PREVIEW
+from vibgym.tasks.paths import route
+
+SURFACE = Surface()
+BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)
+STEEL = Part.rectangle(0.050, 0.040, friction=0.64)
+SHORT = [{"shape": "polyline", "points_mm": [[x, 80], [x, 100]], "speed": 0.1} for x in (100, 300)]
+NEAR, TURNED = 0.005, math.radians(5.0)
+
+
+class Judged(Judge):
+    """With the scoring that the task has."""
+
+    def __init__(self, task, worlds, periods=1):
+        super().__init__(task, worlds, periods)
+        self.scoring = task.scoring(self.state, periods)
+        self.episode, self.relations = self.scoring.episode, self.scoring.relations
+
+
+class Reference:
+    """One world, written from the environment's documentation."""
+
+    def __init__(self, paths, present, pose, periods):
+        self.paths, self.present, self.periods = paths, present, periods
+        self.clock, self.held, self.missed, self.squares, self.largest, self.looks = (
+            0,
+            0,
+            False,
+            [0.0] * len(paths),
+            0.0,
+            0,
+        )
+        self.distance, self.turn = (np.mean(each) for each in self.errors(pose))
+
+    def goals(self, ahead=0):
+        time = (self.clock + ahead) * SURFACE.period
+        return [route.sample(path, np.array([time]))[0] for path in self.paths]
+
+    def errors(self, pose):
+        away, turned = [], []
+        for k, goal in enumerate(self.goals()):
+            if self.present[k]:
+                away.append(math.hypot(goal[0] - pose[k, 0], goal[1] - pose[k, 1]))
+                turned.append(min(abs(goal[2] - pose[k, 2] + n * math.pi) for n in range(-9, 10)))
+        return np.array(away), np.array(turned)
+
+    def step(self, pose, fallen, diverged):
+        self.clock += self.periods
+        self.looks += 1
+        before, turned = self.distance, self.turn
+        away, turn = self.errors(pose)
+        self.distance, self.turn = away.mean(), turn.mean()
+        inside = bool((away <= NEAR).all() and (turn <= TURNED).all())
+        ended = all(
+            self.clock * SURFACE.period >= route.duration(path[0]) - 1e-12
+            for path, there in zip(self.paths, self.present, strict=True)
+            if there
+        )
+        down = bool(fallen[self.present].any())
+        self.held = self.held + self.periods if inside and ended and not (self.missed or down or diverged) else 0
+        self.missed |= not inside
+        self.largest = max(self.largest, away.max())
+        worst = 0.0
+        for k, each in zip(np.flatnonzero(self.present), away, strict=True):
+            self.squares[k] += each * each
+            worst = max(worst, self.squares[k])
+        success = self.held >= 10
+        terms = {
+            "distance": min(max((before - self.distance) / 0.1, -1), 1),
+            "approach": math.tanh(before / 0.01) - math.tanh(self.distance / 0.01),
+            "turn": min(max(turned - self.turn, -1), 1),
+            "alignment": math.tanh(turned / 0.15) - math.tanh(self.turn / 0.15),
+            "inside": 0.1 * self.periods if inside else 0.0,
+            "time": -0.005 * self.periods,
+            "success": 5.0 if success else 0.0,
+            "fallen": -5.0 if down else 0.0,
+        }
+        return terms, success, math.sqrt(worst / self.looks), self.largest
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+def test_score_kernel(periods):
+    worlds, generator = 30, np.random.default_rng(3)
+    task = Follow(SURFACE, [BLOCK, STEEL], paths=SHORT)
+    present = np.ones((worlds, 2), dtype=bool)
+    present[:5, 0], present[5:10, 1] = False, False
+    start = task.start(generator.random((worlds, task.draws)), present)
+    judge = Judged(task, worlds, periods)
+    judge.begin(start)
+    facts = judge.scoring.facts()
+    reference = [Reference(start.paths[w], present[w], start.pose[w], periods) for w in range(worlds)]
+    seen = {"success": 0, "missed": 0, "fallen": 0}
+    for step in range(40 // periods):
+        now = np.array([[goal[:3] for goal in each.goals(periods)] for each in reference])
+        clumsy = generator.random((worlds, 1, 1)) < 0.02
+        pose = now + np.array([1e-3, 1e-3, 0.03]) * np.where(clumsy, 8.0, 0.4) * generator.standard_normal(now.shape)
+        pose[..., 2] += math.pi * generator.integers(-3, 4, pose.shape[:2])
+        fallen = ~present | (generator.random(present.shape) < 0.002)
+        judge.score(pose, 0.0, fallen)
+        for w in range(worlds):
+            terms, success, rms, largest = reference[w].step(pose[w], fallen[w], False)
+            assert judge.episode.terms[w] == pytest.approx([terms[name] for name in task.TERMS], abs=1e-8), (step, w)
+            assert judge.episode.success[w] == success
+            assert facts["path_error"][w] == pytest.approx(rms, abs=1e-12)
+            assert facts["largest_path_error"][w] == pytest.approx(largest, abs=1e-12)
+        seen["success"] += judge.episode.success.sum()
+        seen["fallen"] += judge.episode.fallen.sum()
+    seen["missed"] = sum(each.missed for each in reference)
+    assert min(seen.values()) > 0
+
+
+def test_goals_and_their_motion_are_those_of_the_paths():
+    task = Follow(SURFACE, [BLOCK, STEEL], paths={"heading": "along", "speed": 0.08})
+    start = task.start(np.random.default_rng(0).random((4, task.draws)))
+    judge = Judged(task, 4)
+    judge.begin(start)
+    for step in range(40):
+        for w, k in np.ndindex(4, 2):
+            times = SURFACE.period * (step + np.arange(PREVIEW + 1))
+            motion = route.sample(start.paths[w, k], times)
+            assert (judge.episode.goal[w, k] == motion[0, :3]).all()
+            said = judge.episode.motion[w, k]
+            assert said.shape == (MOTION,) and (said[:3] == motion[0, 3:6]).all()
+            assert said[3:].reshape(PREVIEW, 3) == pytest.approx(motion[1:, :3] - motion[0, :3], abs=1e-14)
+        judge.score(judge.episode.goal)
+
+
+def test_success_comes_ten_periods_after_the_end_and_not_without_the_way():
+    task = Follow(SURFACE, [BLOCK], paths=SHORT[:1])
+    start = task.start(np.full((2, 1), 0.5))
+    judge = Judged(task, 2)
+    judge.begin(start)
+    periods = math.ceil(task.lasts / SURFACE.period - 1e-9)
+    end = route.sample(start.paths[0, 0], np.array([task.lasts]))[0, :3]
+    for step in range(1, periods + 12):
+        path = route.sample(start.paths[0, 0], np.array([step * SURFACE.period]))[0, :3]
+        judge.score(np.array([[path], [end]]))  # the second one goes to the end at once, and waits there
+        assert judge.episode.success.tolist() == [step >= periods + 9, False]
+
+
+def test_several_worlds_begin_alone():
+    task = Follow(SURFACE, [BLOCK, STEEL])
+    start = task.start(np.random.default_rng(0).random((3, task.draws)))
+    judge = Judged(task, 3)
+    judge.begin(start)
+    for _ in range(5):
+        judge.score(judge.episode.goal)
+    own = {name: values.copy() for name, values in judge.scoring.own_state().items()}
+    goal = judge.episode.goal.copy()
+    judge.begin(type(start)(*(each[1:2] for each in start)), [1])
+    for name, values in judge.scoring.own_state().items():
+        assert (values[[0, 2]] == own[name][[0, 2]]).all()
+    assert (judge.episode.goal[[0, 2]] == goal[[0, 2]]).all() and (judge.episode.goal[1] == start.goal[1]).all()
+    assert judge.scoring.own_state()["clock"].tolist() == [5, 0, 5]
+
+
+def test_parts_start_at_rest_where_their_paths_begin():
+    task = Follow(SURFACE, [BLOCK, STEEL, BLOCK])
+    start = task.start(np.random.default_rng(1).random((20, task.draws)))
+    assert (start.pose == start.goal).all() and start.present.all()
+    headings = start.pose[..., 2]
+    assert np.abs(headings).max() <= math.pi and headings.std() > 1.0
+    absent = task.start(np.random.default_rng(1).random((20, task.draws)), np.tile([True, False, True], (20, 1)))
+    assert (absent.pose[:, 1, :2] < 0).all() and (absent.pose[:, ::2] == start.pose[:, ::2]).all()
+
+
+def test_a_heading_of_ones_own_is_kept_along_the_path():
+    task = Follow(SURFACE, [BLOCK], paths=SHORT[:1])
+    start = task.start(np.full((1, 1), 0.9))
+    pose = start.pose + [0.003, -0.003, 0.7]
+    there = task.put_down(start, pose)
+    assert (there.pose == pose).all() and there.goal[0, 0, 2] == pose[0, 0, 2]
+    assert there.goal[0, 0, :2] == pytest.approx([0.1, 0.08])
+    assert route.sample(there.paths[0, 0], np.array([0.5]))[0, 2] == pose[0, 0, 2]
+    assert start.goal[0, 0, 2] != pose[0, 0, 2]  # nothing else has changed
+    with pytest.raises(
+        ValueError, match=r"^options\['pose'\]: got .*; allowed: centres within 5 mm of .*\[0.1, 0.08\]"
+    ):
+        task.put_down(start, start.pose + [0.006, 0.0, 0.0])
+
+
+@pytest.mark.parametrize("paths", ["circle", 3, b"x", np.zeros(())])
+def test_bad_paths(paths):
+    with pytest.raises(ValueError, match="^paths: got .*; allowed: a list with a mapping for each part"):
+        Follow(SURFACE, [BLOCK], paths=paths)

@@ -1,0 +1,167 @@
+"""Which element does what when every part wants its own: phasors of all elements from the pushes that all parts want.
+
+Near rest a part's acceleration is the mean of the pushes of the elements under it, weighted by the area that rests on each, and
+its angular acceleration follows from their moments (first-order average, thesis eqs. 5.60 and 5.61). An element under one part
+serves it alone; parts that share elements are served together, so that each gets what it wants from all its elements.
+
+Below a smallest amplitude d an element does little or nothing. Where it does less than it is told, but something, it is told
+more. Where it does nothing, elements rest or move with an amplitude of at least d, some against others, found by
+:mod:`vibgym.allocation.projections`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.actuators import DataSheet
+from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
+from vibgym.allocation.effect import effects, reaches
+from vibgym.allocation.projections import SPREAD, Limits, Work, new_work, serve, start_table
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.simulation import threads as workers
+
+MARGIN = 0.1
+"""Share of a hard dead zone by which elements stay clear of it: no two are alike."""
+
+INVERSES: Mapping[str, Callable[[np.ndarray], np.ndarray]] = {"soft": np.sqrt, "cubic": np.cbrt}
+"""What to command, over d, for an amplitude below d: dead zones that make ``a^2 / d`` or ``a^3 / d^2`` of an amplitude a."""
+
+
+def strongest(surface: Surface, sheet: DataSheet) -> float:
+    """Largest amplitude of the elements over the surface's."""
+    assert surface.max_amplitude is not None
+    return min(sheet.limit / surface.max_amplitude, 1.0) if surface.max_amplitude > 0.0 else 1.0
+
+
+class Allocator:
+    """Turns pushes that parts want into phasors of the elements under them, within what these can do.
+
+    A push is a mean acceleration as a fraction of what full amplitude gives at rest.
+
+    Args:
+        surface, parts: the scene.
+        sheet: what is known of the elements: largest amplitude, dead zone, resolution.
+        threads: None uses all processors of this process; results do not depend on it.
+
+    Attributes:
+        most: largest amplitude, over the surface's.
+        least: smallest one of elements that move, likewise.
+        gyration: (parts,) radii, m.
+    """
+
+    def __init__(self, surface: Surface, parts: Sequence[Part], sheet: DataSheet, threads: int | None = None) -> None:
+        self.surface, self.parts = surface, tuple(parts)
+        self.outlines = outlines_of(surface, self.parts)
+        self.gyration = self.outlines.gyration
+        largest = surface.max_amplitude
+        assert largest is not None
+        self.most, self.least, self._made_up = strongest(surface, sheet), 0.0, None
+        if sheet.dead_zone > 0.0 and sheet.dead_zone_form == "hard":
+            # Commands are rounded to the resolution before the dead zone takes what is small.
+            least = ((1.0 + MARGIN) * sheet.dead_zone + 0.5 * sheet.resolution) / largest
+            self.least = min(least, self.most)
+        elif sheet.dead_zone > 0.0:
+            self._made_up = sheet.dead_zone / largest, INVERSES[sheet.dead_zone_form]
+        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
+        self._scratch = workers.Pool(partial(_scratch, surface, self.parts))
+        self._limits = Limits(self.least, self.most, start_table(self.least))
+        self._usual = np.tile([[1.0], [SPREAD]], surface.rows * surface.columns)[:, None]
+
+    def pushes(
+        self,
+        pose: np.ndarray,
+        present: np.ndarray,
+        wanted: np.ndarray,
+        gain: np.ndarray | None = None,
+        spread: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Pushes (worlds, rows, columns, 2) of the elements that do what the parts want as nearly as they can.
+
+        Each is zero or of a length between :attr:`least` and :attr:`most`. Elements rest under parts that want nothing, but
+        where these share elements with others.
+
+        Args:
+            pose: (worlds, parts, 3).
+            present: (worlds, parts) bool.
+            wanted: (worlds, parts, 3) x, y, and angular acceleration times radius of gyration.
+            gain: (worlds, rows * columns) what the elements make of their phasors; None: all that they are told.
+            spread: (worlds, rows * columns) expected error of an element's push over its size; None:
+                :data:`vibgym.allocation.projections.SPREAD`.
+        """
+        surface, worlds = self.surface, len(pose)
+        push = np.empty((worlds, surface.rows, surface.columns, 2))
+        usual = self._defaults(worlds)
+        gain, spread = usual[0] if gain is None else gain, usual[1] if spread is None else spread
+        given = [np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread)]
+
+        def work(start: int, stop: int) -> None:
+            scratch = self._scratch.borrow()
+            try:
+                serve(start, stop, self.outlines, self._limits, *given, *scratch, push)
+            finally:
+                self._scratch.give_back(scratch)
+
+        workers.share(work, worlds, self._threads)
+        return push
+
+    def effect(
+        self, pose: np.ndarray, present: np.ndarray, push: np.ndarray, gain: np.ndarray | None = None
+    ) -> np.ndarray:
+        """What parts get of the elements' pushes, (worlds, parts, 3) as they are wanted from :meth:`pushes`: near rest.
+
+        Args:
+            pose, present, gain: see :meth:`pushes`.
+            push: (worlds, rows, columns, 2), of :meth:`pushes`.
+        """
+        worlds = len(push)
+        effect = np.empty((worlds, len(self.parts), 3))
+        given = (np.ascontiguousarray(each) for each in (pose, present, push.reshape(worlds, -1, 2)))
+        gain = np.ascontiguousarray(self._defaults(worlds)[0] if gain is None else gain)
+        effects(self.outlines, *given, gain, new_pieces(self.surface, self.parts), effect)
+        return effect
+
+    def reach(self, pose: np.ndarray) -> np.ndarray:
+        """Largest push that turns a part (worlds, parts), of all elements under it at :attr:`most`, each square to its lever.
+
+        No choice of phasors does more near rest. Nothing is said of the mean push that is left over, which moves the part.
+        """
+        reach = np.empty(pose.shape[:2])
+        present = np.ones(reach.shape, dtype=bool)
+        reaches(self.outlines, np.ascontiguousarray(pose), present, new_pieces(self.surface, self.parts), reach)
+        return self.most * reach
+
+    def _defaults(self, worlds: int) -> np.ndarray:
+        """Gain and spread (2, worlds, elements) of elements of which nothing is known."""
+        usual = self._usual  # of its own: several threads may use an allocator
+        if usual.shape[1] < worlds:
+            usual = self._usual = np.repeat(usual[:, :1], worlds, axis=1)
+        return usual
+
+    def actions(
+        self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, gain: np.ndarray | None = None
+    ) -> np.ndarray:
+        """``"phasor"`` actions (worlds, n) float32 that do what :meth:`pushes` says."""
+        return self.commands(self.pushes(pose, present, wanted, gain))
+
+    def commands(self, push: np.ndarray) -> np.ndarray:
+        """``"phasor"`` actions (worlds, n) float32 of pushes (worlds, rows, columns, 2)."""
+        if self._made_up is not None:
+            width, inverse = self._made_up
+            share = np.sqrt((push**2).sum(axis=-1, keepdims=True)) / width
+            inside = (share > 0.0) & (share < 1.0)
+            share[~inside] = 1.0
+            push = push * (inverse(share) / share)
+        action = np.empty(push.shape, dtype=np.float32)
+        np.negative(push[..., ::-1], out=action, casting="same_kind")
+        return action.reshape(len(push), -1)
+
+
+def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Work]:
+    """What one thread needs."""
+    pieces = new_pieces(surface, parts)
+    return pieces, new_work(len(parts), surface.rows * surface.columns, len(pieces.part))

@@ -1,0 +1,338 @@
+"""The frictional process and its inverse: which push of the elements gives a part the mean acceleration that I want?
+
+The thesis's "oscillation parameter calculation" (section 5.2.2, figs. 5.16 and 5.18): put before the real plant it leaves a
+double integrator to the controller. Here it is of second order in ``eps = mu g / (a_h w^2)``. Friction is the same in all
+directions, so in the frame of the mean velocity (first axis along it) all depends on its length alone: with ``s`` that length
+over the table's speed ``V``, a push ``(p, q)`` in m/s^2 and ``k = mu / (w V)``
+
+    a_1 / mu = -g d + Q p + k q (A0 g + A1 p)
+    a_2 / mu = P q + k (B00 g^2 + B01 g p + B11 p^2 + B22 q^2)
+
+The first order are the thesis's eqs. 5.60 and 5.61, the second what :func:`vibgym.physics.averaged.averages.second_order` says
+of a push that is the same everywhere under the part. That takes care of what the push loses with speed, of the drag, and of the
+angle by which pushes run ahead of their first-order direction.
+
+Spin has a channel of its own, to first order and for a part as good as round: ``P`` and ``Q`` count half each, and the drag on
+spin is the divergence of the force, ``mu / (2 V) (g <1 / |n|> + p <cos / |n|>)`` with ``|n|`` the slip over ``V``. Of fast
+spin, at which a part's rim is not much slower than the table, both are changed as those of a ring that slides along itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
+from vibgym.physics.core.jit import borrowing
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, mean_coefficients, slips
+from vibgym.simulation.schemes import check_sliding
+
+NEWTON = 8
+"""Most iterations; three or four do where the averaged model holds."""
+
+CLOSE = 1e-10
+"""Error of a solution, over ``g``."""
+
+ROUNDS, STILL = 8, 1e-4
+"""In which the velocity ahead is found, most, and its change over the table's speed after which it counts as found."""
+
+GUESS = 2.0
+"""Pushes are first looked for within so many limits (to first order), where Newton's method is sure to find them."""
+
+
+class Inverse(NamedTuple):
+    """What the elements shall do, and what the parts will get of it."""
+
+    push: np.ndarray  # (batch, parts, 3) over full amplitude: x, y, and the push that turns; see FrictionalInverse
+    acceleration: np.ndarray  # (batch, parts, 3) m/s^2, m/s^2, rad/s^2: mean acceleration under this push
+    holds: np.ndarray  # (batch, parts) bool: slip stays clear of zero, so the averaged model may be relied on
+
+
+class Numbers(NamedTuple):
+    """Of surface and parts, for the kernels."""
+
+    table: np.ndarray  # (2, nodes, 11), see coefficients()
+    friction: np.ndarray  # (parts,)
+    gyration: np.ndarray  # (parts,) radii, m
+    rim: np.ndarray  # (parts,) m, see rim_of()
+    second: np.ndarray  # (parts,) k = mu / (w V), s^2/m
+    gravity: float
+    speed: float  # V, m/s
+    full: float  # a_v w^2 at the surface's largest amplitude, m/s^2
+    limit: float  # largest push, m/s^2
+    ahead: float  # s, after which the velocity counts
+
+
+@lru_cache(maxsize=1)
+def coefficients() -> np.ndarray:
+    """``d, P, Q, A0, A1, B00, B01, B11, B22, <1 / |n|>, <cos(theta) / |n|>`` over slip, (2, nodes, 11).
+
+    Nodes as in :mod:`vibgym.simulation.averages_tables`: parts slower and parts faster than the table.
+    """
+    s = slips(COUPLING_STEP, COUPLING_NODES)
+    ratio, difference, total = np.moveaxis(mean_coefficients(s), -1, 0)
+    d, p = ratio * s, 0.5 * (total - difference * s * s)
+    inverse_slip = (total - s * d) / (1.0 - s * s)
+    # c[j, a, k] as in coupling_coefficients(): of which the shapes' products survive that have a uniform push.
+    c = np.moveaxis(averages().coupling.reshape(*s.shape, 3, 3, 3), (2, 3, 4), (0, 1, 2))
+    second = [
+        c[0, 0, 0] + c[1, 0, 2] + c[0, 2, 0] + c[1, 2, 1],
+        c[0, 1, 0] + c[1, 1, 2] + c[0, 2, 1] + c[1, 2, 2],
+        c[1, 0, 0] + c[2, 0, 1],
+        c[1, 0, 1] + c[2, 0, 2] + c[1, 1, 0] + c[2, 1, 1],
+        c[1, 1, 1] + c[2, 1, 2],
+        c[1, 2, 0] + c[2, 2, 2],
+    ]
+    table = [d, p, total - p, *(-each for each in second), inverse_slip, s * inverse_slip - d]
+    result = np.ascontiguousarray(np.stack(table, axis=-1))
+    # At rest no direction is marked, so these vanish; of what rounding leaves, elements would move where nothing is wanted.
+    result[0, 0, [0, 4, 5, 7, 8, 10]] = 0.0
+    return result
+
+
+@borrowing
+def force(c, gravity, second, p, q):
+    """Mean acceleration over ``mu`` along and across the velocity under a push (p, q), all m/s^2."""
+    along = -gravity * c[0] + c[2] * p + second * q * (c[3] * gravity + c[4] * p)
+    across = c[1] * q + second * (c[5] * gravity * gravity + c[6] * gravity * p + c[7] * p * p + c[8] * q * q)
+    return along, across
+
+
+@borrowing
+def newton(c, gravity, second, limit, along, across, idle, idle_across, p, q):
+    """The push (p, q) whose force is (along, across), from a first guess.
+
+    With a ``limit`` > 0, the push of that length whose force lies between (idle, idle_across) and (along, across): one
+    more unknown, the share of the way, and one more equation.
+    """
+    change, change_across = along - idle, across - idle_across
+    share = 1.0
+    if limit > 0.0:
+        length = math.sqrt(p * p + q * q)
+        share = limit / length
+        p, q = share * p, share * q
+    for _ in range(NEWTON):
+        now, now_across = force(c, gravity, second, p, q)
+        left, left_across = idle + share * change - now, idle_across + share * change_across - now_across
+        over = 0.5 * (limit * limit - p * p - q * q) if limit > 0.0 else 0.0
+        if abs(left) + abs(left_across) < CLOSE * gravity and abs(over) < CLOSE * limit * gravity + 1e-300:
+            break
+        xx, xy = c[2] + second * q * c[4], second * (c[3] * gravity + c[4] * p)
+        yx, yy = second * (c[6] * gravity + 2.0 * c[7] * p), c[1] + 2.0 * second * c[8] * q
+        determinant = xx * yy - xy * yx
+        if abs(determinant) < 1e-3 * c[1] * c[2]:
+            break
+        inverse = 1.0 / determinant
+        step_p, step_q = inverse * (left * yy - left_across * xy), inverse * (left_across * xx - left * yx)
+        if limit > 0.0:
+            per_p, per_q = inverse * (change * yy - change_across * xy), inverse * (change_across * xx - change * yx)
+            slope = p * per_p + q * per_q
+            if slope <= 0.0:  # far beyond where the averaged model holds
+                break
+            more = (over - p * step_p - q * step_q) / slope
+            share, step_p, step_q = share + more, step_p + more * per_p, step_q + more * per_q
+        p, q = p + step_p, q + step_q
+    return p, q
+
+
+def rim_of(part: Part) -> float:
+    """Radius (m) at which a part's points are as fast, in the mean, as friction feels: ``<r^4> / <r^2> = r_rim^2``.
+
+    Torque is ``<r f(r spin)>``. Of an f that is odd, a ring of this radius gets the linear and the cubic term right.
+    """
+    ax, ay = part.outline.T
+    bx, by = np.roll(part.outline, -1, axis=0).T
+    # Over the triangles of the centre and an edge, r^2 = |s a + t b|^2: int s^i t^j = i! j! / (i + j + 2)!.
+    cross, a, c, m = ax * by - bx * ay, ax * ax + ay * ay, bx * bx + by * by, ax * bx + ay * by
+    fourth = cross @ ((a * a + c * c) / 30.0 + (a + c) * m / 30.0 + (4.0 * m * m + 2.0 * a * c) / 180.0)
+    return math.sqrt(fourth / (0.5 * cross.sum()) / part.gyration)
+
+
+@borrowing
+def spun(numbers, k, spin, scratch):
+    """Factors by which spin changes friction against it and pushes that turn part ``k``: 1 and 1 near rest."""
+    slip = abs(spin) * numbers.rim[k] / numbers.speed
+    interpolate(numbers.table, 1.0 / COUPLING_STEP, slip, scratch)
+    return 2.0 * scratch.values[0] / slip if slip > 1e-6 else 1.0, 2.0 * scratch.values[2]
+
+
+@borrowing
+def respond(numbers, k, c, spin, friction, p, q):
+    """Mean accelerations along, across (m/s^2) and angular (rad/s^2) of part ``k`` under a push (m/s^2) that does not turn it;
+    ``friction``: the factor of :func:`spun`."""
+    mu = numbers.friction[k]
+    along, across = force(c, numbers.gravity, numbers.second[k], p, q)
+    drag = 0.5 * mu / numbers.speed * (numbers.gravity * c[9] + c[10] * p)
+    return mu * along, mu * across, -friction * drag * spin
+
+
+@borrowing
+def clear_of_sticking(numbers, k, length, p, q):
+    """Whether the wobble cannot carry slip through zero, see :func:`vibgym.physics.averaged.averages.slip_margin`."""
+    return abs(length / numbers.speed - 1.0) > numbers.second[k] * (numbers.gravity + math.sqrt(p * p + q * q))
+
+
+@borrowing
+def forward_part(numbers, k, velocity, push, scratch, acceleration):
+    """Mean acceleration (3,) of part ``k`` under a push (3,) over full amplitude, overwritten; returns whether it holds."""
+    c, full = scratch.values, numbers.full
+    friction, turning = spun(numbers, k, velocity[2], scratch)
+    length, cosine, sine = direction(velocity[0], velocity[1])
+    interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+    x, y, turn = full * push[0], full * push[1], full * push[2]
+    p, q = cosine * x + sine * y, cosine * y - sine * x
+    along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
+    angular += 0.5 * turning * numbers.friction[k] * (c[1] + c[2]) * turn / numbers.gyration[k]
+    acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
+    acceleration[2] = angular
+    return clear_of_sticking(numbers, k, length, p, q)
+
+
+@borrowing
+def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
+    """Push (3,) over full amplitude of part ``k`` for a wanted mean acceleration and what it does, see forward_part()."""
+    c, limit, gravity, full = scratch.values, numbers.limit, numbers.gravity, numbers.full
+    mu, second = numbers.friction[k], numbers.second[k]
+    friction, turning = spun(numbers, k, velocity[2], scratch)
+    length, cosine, sine = direction(velocity[0], velocity[1])
+    interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
+    x, y = wanted[0] / mu, wanted[1] / mu
+    along, across = cosine * x + sine * y, cosine * y - sine * x
+    idle, idle_across = force(c, gravity, second, 0.0, 0.0)
+    p, q = (along - idle) / c[2], (across - idle_across) / c[1]
+    if p * p + q * q < GUESS * GUESS * limit * limit:
+        p, q = newton(c, gravity, second, 0.0, along, across, idle, idle_across, p, q)
+    if p * p + q * q > limit * limit:
+        p, q = newton(c, gravity, second, limit, along, across, idle, idle_across, p, q)
+        shorter = min(limit / math.sqrt(p * p + q * q), 1.0)  # of what Newton's method leaves, rounding or more
+        p, q = p * shorter, q * shorter
+    turning *= 0.5 * mu * (c[1] + c[2]) / numbers.gyration[k]
+    along, across, angular = respond(numbers, k, c, velocity[2], friction, p, q)
+    turn = min(max((wanted[2] - angular) / turning, -limit), limit)
+    push[0], push[1], push[2] = (cosine * p - sine * q) / full, (sine * p + cosine * q) / full, turn / full
+    acceleration[0], acceleration[1] = cosine * along - sine * across, sine * along + cosine * across
+    acceleration[2] = angular + turning * turn
+    return clear_of_sticking(numbers, k, length, p, q)
+
+
+@borrowing
+def look_ahead(numbers, velocity, acceleration, later):
+    """Velocity (3,) at which friction acts, into ``later`` (3,); returns by how much it has moved, over the table's speed."""
+    moved = 0.0
+    for j in range(3):
+        now = velocity[j] + numbers.ahead * acceleration[j]
+        moved += abs(now - later[j]) if j < 2 else 0.1 * abs(now - later[j])  # rad/s: of a lever of a decimetre
+        later[j] = now
+    return moved / numbers.speed
+
+
+@borrowing
+def forward(numbers, velocity, push, scratch, later, acceleration, holds):
+    """Mean accelerations (batch, parts, 3) under pushes (batch, parts, 3) over full amplitude, overwritten."""
+    for i in range(velocity.shape[0]):
+        for k in range(velocity.shape[1]):
+            at, given = velocity[i, k], acceleration[i, k]
+            later[0], later[1], later[2] = at[0], at[1], at[2]
+            holds[i, k] = forward_part(numbers, k, at, push[i, k], scratch, given)
+            for _ in range(ROUNDS):
+                if look_ahead(numbers, at, given, later) < STILL:
+                    break
+                holds[i, k] = forward_part(numbers, k, later, push[i, k], scratch, given)
+
+
+@borrowing
+def invert(numbers, velocity, wanted, scratch, later, push, acceleration, holds):
+    """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten."""
+    for i in range(velocity.shape[0]):
+        for k in range(velocity.shape[1]):
+            at, given = velocity[i, k], acceleration[i, k]
+            later[0], later[1], later[2] = at[0], at[1], at[2]
+            holds[i, k] = invert_part(numbers, k, at, wanted[i, k], scratch, push[i, k], given)
+            for _ in range(ROUNDS):
+                if look_ahead(numbers, at, given, later) < STILL:
+                    break
+                holds[i, k] = invert_part(numbers, k, later, wanted[i, k], scratch, push[i, k], given)
+
+
+class FrictionalInverse:
+    """From wanted mean accelerations to pushes, for parts that always slide.
+
+    A push counts as the allocators take it, over what full amplitude does: x and y in the first-order direction of the
+    elements' push at rest (phasor ``(C, S) = -full_scale (y, x)``), the third the moment of the elements' pushes about the
+    centre of mass over the radius of gyration. No lead angle is to be taken off afterwards: the second order has done that.
+
+    What is beyond the limit is cut down as in :func:`vibgym.allocation.phasors_for`: the change against elements at rest keeps
+    its direction and is scaled until the push is as long as the limit. The push that turns is limited by itself.
+
+    Args:
+        surface, parts: the scene.
+        limit: m, largest amplitude of the elements; None: the surface's. It is never more than that.
+        ahead: s, at most a period. Friction is that of the velocity which the part will have so much later, for accelerations
+            change it meanwhile: with half a step, accelerations are means over the step. At 0 they are those at the velocity
+            given, of which half a period of friction takes an eighth on the prototype.
+
+    Raises:
+        ValueError: a pair that can stick, a part without friction, or elements that cannot move.
+    """
+
+    def __init__(
+        self, surface: Surface, parts: Part | Sequence[Part], *, limit: float | None = None, ahead: float = 0.0
+    ) -> None:
+        checks.instance("surface", surface, Surface)
+        if not isinstance(parts, (Part, list, tuple)):
+            raise checks.refuse("parts", parts, "a Part, or a list of them")
+        self.surface, self.parts = surface, (parts,) if isinstance(parts, Part) else tuple(parts)
+        largest = surface.max_amplitude
+        assert largest is not None
+        for part in self.parts:
+            checks.instance("parts", part, Part)
+            check_sliding(surface, part.static_friction, argument="parts", value=part.name)
+            checks.number(f"friction of part {part.name!r}", part.friction, above=0.0)
+        if limit is not None:
+            limit = checks.number("limit", limit, above=0.0)
+        elif largest == 0.0:
+            raise checks.refuse("surface.max_amplitude", largest, "> 0: elements at rest push nothing")
+        self.limit = largest if limit is None else min(limit, largest)
+        friction = np.array([part.friction for part in self.parts])
+        self._numbers = Numbers(
+            coefficients(),
+            friction,
+            np.sqrt([part.gyration for part in self.parts]),
+            np.array([rim_of(part) for part in self.parts]),
+            friction / (surface.angular_frequency * surface.table_speed),
+            surface.gravity,
+            surface.table_speed,
+            surface.full_scale,
+            self.limit * surface.angular_frequency**2,
+            checks.number("ahead", ahead, least=0.0, most=surface.period),
+        )
+
+    def push(self, velocity: np.ndarray, wanted: np.ndarray) -> Inverse:
+        """Pushes that give the parts what they want, as far as the limit lets them.
+
+        Args:
+            velocity: (batch, parts, 3) mean velocities, m/s and rad/s; not those of one instant.
+            wanted: (batch, parts, 3) mean accelerations, m/s^2 and rad/s^2, friction included: what the part shall get.
+        """
+        velocity, wanted = _rows(velocity), _rows(wanted)
+        result = Inverse(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
+        invert(self._numbers, velocity, wanted, new_scratch(), np.empty(3), *result)
+        return result
+
+    def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The other way round: mean accelerations (batch, parts, 3) under pushes, and where the averaged model holds."""
+        velocity, push = _rows(velocity), _rows(push)
+        acceleration, holds = np.empty_like(velocity), np.empty(velocity.shape[:2], dtype=bool)
+        forward(self._numbers, velocity, push, new_scratch(), np.empty(3), acceleration, holds)
+        return acceleration, holds
+
+
+def _rows(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, dtype=np.float64)

@@ -1,0 +1,380 @@
+"""Alternating projections: phasors that do what parts want, of elements that rest or move far enough. Compiled.
+
+The wish is projected onto what elements can do, what is then missing is added to the wish as the phasors of least norm, and so
+on from several starts, spread over the disc of pushes that elements cannot do. Of all that was come by, the one with the least
+expected error is taken: what is missing, and what the spread of the elements' gains and phases makes of each piece's push.
+
+Parts that share elements are served together, as a group; all others by themselves. A world's phasors are the same bits alone
+and in a batch: the starts are a fixed table.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.allocation.cut import cut_parts
+from vibgym.physics.core.jit import borrowing, inlined
+
+DAMPING = 0.003
+"""Share of the mean square by which conflicting wishes are softened."""
+
+STARTS, ROUNDS = 64, 16
+"""Starts, the least-norm phasors first, and projections from each, where less is wanted than an element's smallest amplitude
+gives: then nearly all depends on which elements work against each other. Starts lie side by side in the innermost index, so
+that loops over them become vector instructions."""
+
+FEW_STARTS, FEW_ROUNDS = 8, 8
+"""The same where more is wanted."""
+
+HALVING = 4
+"""After so many projections the better half of the starts goes on alone, where there are many."""
+
+SPREAD = 0.16
+"""Expected error of an element's push over its size: 5 % of gain and 5 degrees of phase are 0.10. A little more makes parts
+rest for longer at a goal: pulses of many elements against each other are not worth what they spoil."""
+
+SLOTS = 64
+"""Elements of a group that start differently; a start does not depend on what else is on the table."""
+
+TINY = 1e-300  # instead of the length of no push at all
+
+
+class Limits(NamedTuple):
+    """What elements can do, as shares of full amplitude, and how it is looked for."""
+
+    least: float  # smallest amplitude but rest
+    most: float
+    start: np.ndarray  # (SLOTS, 2, STARTS), what is added to the least-norm phasors
+    starts: int = STARTS  # numbers that kernels take at run time: loops over constants are unrolled, not vectorised
+    rounds: int = ROUNDS
+    few_starts: int = FEW_STARTS
+    few_rounds: int = FEW_ROUNDS
+
+
+class Work(NamedTuple):
+    """Scratch of one world."""
+
+    group: np.ndarray  # (parts,) int64: the first part with which each shares elements, directly or not
+    slot: np.ndarray  # (elements,) int64: where an element stands in the list of its group; -1: not under a part
+    element: np.ndarray  # (room,) int64: the list
+    covered: np.ndarray  # (room,) share of parts on it
+    at: np.ndarray  # (parts,) int64: where a part stands in its group
+    row: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
+    on: np.ndarray  # (room,) int64: ... where its element stands ...
+    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element ...
+    doubt: np.ndarray  # (room,) ... and the expected error of its push, squared, over the element's, squared
+    inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
+    wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
+    missing: np.ndarray  # (3 parts, STARTS) ... what they do not get ...
+    command: np.ndarray  # (3 parts, STARTS) ... and the strengths of the fields that would give it to them
+    wish: np.ndarray  # (room, 2, STARTS) phasors, accumulated
+    expected: np.ndarray  # (STARTS,) error, squared
+    best: np.ndarray  # (room, 2)
+
+
+def new_work(parts: int, elements: int, room: int) -> Work:
+    """Scratch for worlds of so many parts, elements and pieces."""
+    return Work(
+        group=np.zeros(parts, dtype=np.int64),
+        slot=np.full(elements, -1, dtype=np.int64),
+        element=np.zeros(room, dtype=np.int64),
+        covered=np.zeros(room),
+        at=np.zeros(parts, dtype=np.int64),
+        row=np.zeros(room, dtype=np.int64),
+        on=np.zeros(room, dtype=np.int64),
+        arm=np.zeros((room, 3)),
+        doubt=np.zeros(room),
+        inverse=np.zeros((3 * parts, 3 * parts)),
+        wanted=np.zeros(3 * parts),
+        missing=np.zeros((3 * parts, STARTS)),
+        command=np.zeros((3 * parts, STARTS)),
+        wish=np.zeros((room, 2, STARTS)),
+        expected=np.zeros(STARTS),
+        best=np.zeros((room, 2)),
+    )
+
+
+def start_table(size: float) -> np.ndarray:
+    """Vectors (SLOTS, 2, STARTS), spread evenly over the disc of radius ``size``, those of the first start zero."""
+    k = np.arange(STARTS * SLOTS, dtype=np.float64).reshape(STARTS, SLOTS).T
+    # Kronecker's sequence; powers of the plastic number fill the square evenly (M. Roberts 2018).
+    radius, turn = size * np.sqrt(k * 0.7548776662466927 % 1.0), 2.0 * math.pi * (k * 0.5698402909980532 % 1.0)
+    table = np.stack([radius * np.cos(turn), radius * np.sin(turn)], axis=1)
+    table[..., 0] = 0.0
+    return table
+
+
+@borrowing
+def group_parts(pieces, count, parts, group, slot):
+    """Number the parts by the groups that share elements; leaves -1 in ``slot``."""
+    for p in range(parts):
+        group[p] = p
+    for i in range(count):
+        e, p = pieces.element[i], pieces.part[i]
+        if slot[e] < 0:
+            slot[e] = p
+        elif group[slot[e]] != group[p]:
+            low, high = min(group[slot[e]], group[p]), max(group[slot[e]], group[p])
+            for q in range(parts):
+                if group[q] == high:
+                    group[q] = low
+    for i in range(count):
+        slot[pieces.element[i]] = -1
+
+
+@borrowing
+def invert(matrix, n):
+    """Invert a positive definite matrix (n, n) in place: Gauss and Jordan, which then need no pivots."""
+    for k in range(n):
+        pivot = 1.0 / matrix[k, k]
+        matrix[k, k] = 1.0
+        for j in range(n):
+            matrix[k, j] *= pivot
+        for i in range(n):
+            if i != k:
+                share = matrix[i, k]
+                matrix[i, k] = 0.0
+                for j in range(n):
+                    matrix[i, j] -= share * matrix[k, j]
+
+
+@borrowing
+def gather(pieces, count, own, wanted, gain, spread, work):
+    """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
+
+    Part p's field is a uniform push and one that turns. Of all pushes with the wanted effect those that are found have
+    the least mean square over the covered area, so that a part alone gets the same push from all its elements.
+    """
+    group, slot, inverse = work.group, work.slot, work.inverse
+    parts, elements, n = 0, 0, 0
+    for p in range(group.shape[0]):
+        if group[p] == own:
+            work.at[p] = parts
+            for k in range(3):
+                work.wanted[3 * parts + k] = wanted[p, k]
+            parts += 1
+    for i in range(count):
+        p, e = pieces.part[i], pieces.element[i]
+        if group[p] != own:
+            continue
+        if slot[e] < 0:
+            slot[e] = elements
+            work.element[elements], work.covered[elements] = e, 0.0
+            elements += 1
+        work.covered[slot[e]] += pieces.share[i]
+        work.row[n], work.on[n] = 3 * work.at[p], slot[e]
+        work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = (
+            gain[e] * pieces.share[i], gain[e] * pieces.lever[i, 0], gain[e] * pieces.lever[i, 1]
+        )  # fmt: skip
+        work.doubt[n] = (
+            spread[e] * spread[e] * (pieces.share[i] ** 2 + pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2)
+        )
+        n += 1
+    for i in range(3 * parts):
+        for j in range(3 * parts):
+            inverse[i, j] = DAMPING if i == j else 0.0
+    for i in range(n):
+        p, a, ax, ay = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        weight = 1.0 / work.covered[work.on[i]]
+        for j in range(n):
+            if work.on[j] != work.on[i]:
+                continue
+            q, b, bx, by = work.row[j], work.arm[j, 0], work.arm[j, 1], work.arm[j, 2]
+            inverse[p, q] += weight * a * b
+            inverse[p + 1, q + 1] += weight * a * b
+            inverse[p, q + 2] -= weight * a * by
+            inverse[p + 1, q + 2] += weight * a * bx
+            inverse[p + 2, q] -= weight * ay * b
+            inverse[p + 2, q + 1] += weight * ax * b
+            inverse[p + 2, q + 2] += weight * (ax * bx + ay * by)
+    invert(inverse, 3 * parts)
+    return parts, elements, n
+
+
+@borrowing
+def try_out(limits, work, parts, n, lanes):
+    """What the group's parts lack under the nearest to each start's wish that elements can do, and the expected error.
+
+    Into ``work.missing`` and ``work.expected`` (squared).
+    """
+    wish, missing, expected = work.wish, work.missing, work.expected
+    least, half, most = limits.least, 0.5 * limits.least, limits.most
+    for lane in range(lanes):
+        expected[lane] = 0.0
+    for k in range(3 * parts):
+        wanted = work.wanted[k]
+        for lane in range(lanes):
+            missing[k, lane] = wanted
+    for i in range(n):
+        p, j, a, ax, ay = work.row[i], work.on[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        doubt = work.doubt[i]
+        for lane in range(lanes):
+            x, y = wish[j, 0, lane], wish[j, 1, lane]
+            length = math.sqrt(x * x + y * y)
+            allowed = nearest(length, least, half, most)
+            scale = allowed / (length + TINY)
+            x, y = scale * x, scale * y
+            missing[p, lane] -= a * x
+            missing[p + 1, lane] -= a * y
+            missing[p + 2, lane] -= ax * y - ay * x
+            expected[lane] += doubt * allowed * allowed
+    for k in range(3 * parts):
+        for lane in range(lanes):
+            expected[lane] += missing[k, lane] * missing[k, lane]
+
+
+@inlined
+def nearest(length, least, half, most):
+    """The nearest amplitude that elements can do, 0 or within the limits; ``half`` of the least is as far from both."""
+    allowed = length if length > least else least
+    allowed = allowed if allowed < most else most
+    return allowed if length > half else 0.0
+
+
+@borrowing
+def miss(work, parts, n, lanes):
+    """What the group's parts lack if each start's wish is done, in ``work.missing``."""
+    wish, missing = work.wish, work.missing
+    for k in range(3 * parts):
+        wanted = work.wanted[k]
+        for lane in range(lanes):
+            missing[k, lane] = wanted
+    for i in range(n):
+        p, j, a, ax, ay = work.row[i], work.on[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
+        for lane in range(lanes):
+            x, y = wish[j, 0, lane], wish[j, 1, lane]
+            missing[p, lane] -= a * x
+            missing[p + 1, lane] -= a * y
+            missing[p + 2, lane] -= ax * y - ay * x
+
+
+@borrowing
+def add_missing(work, parts, n, lanes):
+    """Add to each start's wish the phasors of least mean square over the covered area that do what is missing."""
+    command, missing, wish = work.command, work.missing, work.wish
+    for k in range(3 * parts):
+        for lane in range(lanes):
+            command[k, lane] = 0.0
+        for j in range(3 * parts):
+            share = work.inverse[k, j]
+            for lane in range(lanes):
+                command[k, lane] += share * missing[j, lane]
+    for i in range(n):
+        p, j = work.row[i], work.on[i]
+        weight = 1.0 / work.covered[j]
+        a, ax, ay = weight * work.arm[i, 0], weight * work.arm[i, 1], weight * work.arm[i, 2]
+        for lane in range(lanes):
+            turn = command[p + 2, lane]
+            wish[j, 0, lane] += a * command[p, lane] - ay * turn
+            wish[j, 1, lane] += a * command[p + 1, lane] + ax * turn
+
+
+@borrowing
+def untouched(limits, work, elements):
+    """Whether the elements can do what is wished at the first start."""
+    for j in range(elements):
+        x, y = work.wish[j, 0, 0], work.wish[j, 1, 0]
+        square = x * x + y * y
+        moves = x != 0.0 or y != 0.0
+        if square > limits.most * limits.most or (moves and square < limits.least * limits.least):
+            return False
+    return True
+
+
+@borrowing
+def keep_best(limits, work, elements, lanes, least):
+    """Keep in ``work.best`` what the elements do at the start of least expected error, if that is less than ``least``.
+
+    Returns:
+        The least expected error so far, squared.
+    """
+    best = -1
+    for lane in range(lanes):
+        if work.expected[lane] < least:
+            best, least = lane, work.expected[lane]
+    if best >= 0:
+        for j in range(elements):
+            x, y = work.wish[j, 0, best], work.wish[j, 1, best]
+            length = math.sqrt(x * x + y * y)
+            scale = nearest(length, limits.least, 0.5 * limits.least, limits.most) / (length + TINY)
+            work.best[j, 0], work.best[j, 1] = scale * x, scale * y
+    return least
+
+
+@borrowing
+def halve(work, parts, elements, lanes):
+    """Let every start in the first half meet one in the second, and the better one stay; returns how many there are left."""
+    half = lanes // 2
+    for lane in range(half):
+        if work.expected[lane + half] < work.expected[lane]:
+            for j in range(elements):
+                for k in range(2):
+                    work.wish[j, k, lane] = work.wish[j, k, lane + half]
+            for k in range(3 * parts):
+                work.missing[k, lane] = work.missing[k, lane + half]
+    return half
+
+
+@borrowing
+def serve_group(limits, pieces, count, own, wanted, gain, spread, work):
+    """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
+    parts, elements, n = gather(pieces, count, own, wanted, gain, spread, work)
+    size = 0.0
+    for k in range(3 * parts):
+        size += work.wanted[k] * work.wanted[k]
+    small = size < parts * limits.least * limits.least
+    lanes, rounds = (limits.starts, limits.rounds) if small else (limits.few_starts, limits.few_rounds)
+    for j in range(elements):
+        for k in range(2):
+            for lane in range(lanes):
+                work.wish[j, k, lane] = limits.start[j % SLOTS, k, lane]
+    miss(work, parts, n, lanes)
+    add_missing(work, parts, n, lanes)
+    if untouched(limits, work, elements):  # those of least norm will do
+        for j in range(elements):
+            work.best[j, 0], work.best[j, 1] = work.wish[j, 0, 0], work.wish[j, 1, 0]
+        return elements
+    least = math.inf
+    for turn in range(rounds):
+        try_out(limits, work, parts, n, lanes)
+        least = keep_best(limits, work, elements, lanes, least)
+        if small and turn % HALVING == HALVING - 1:
+            lanes = halve(work, parts, elements, lanes)
+        add_missing(work, parts, n, lanes)
+    return elements
+
+
+@borrowing
+def serve(start, stop, outlines, limits, pose, present, wanted, gain, spread, pieces, work, push):
+    """Pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
+
+    Args:
+        outlines: of :func:`vibgym.allocation.cut.outlines_of`.
+        limits: of the elements.
+        pose, wanted: (worlds, parts, 3).  present: (worlds, parts) bool.
+        gain: (worlds, elements) what elements make of their phasors.
+        spread: (worlds, elements) expected error of an element's push over its size.
+        pieces, work: scratch.
+        push: (worlds, rows, columns, 2), overwritten.
+    """
+    for w in range(start, stop):
+        push[w] = 0.0
+        count = cut_parts(outlines, pose[w], present[w], pieces)
+        group_parts(pieces, count, pose.shape[1], work.group, work.slot)
+        for own in range(pose.shape[1]):
+            if work.group[own] != own or not present[w, own]:
+                continue
+            moves = False
+            for p in range(pose.shape[1]):
+                if work.group[p] == own and present[w, p]:
+                    moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
+            if not moves:
+                continue
+            elements = serve_group(limits, pieces, count, own, wanted[w], gain[w], spread[w], work)
+            for j in range(elements):
+                row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
+                push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]
+                work.slot[work.element[j]] = -1

@@ -1,0 +1,103 @@
+"""Dynamic programming on a grid of two state variables: the most that can be gained in so many periods."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics.core.jit import borrowing, jit
+
+
+class Moves(NamedTuple):
+    """What one period can do from every node of the grid.
+
+    Attributes:
+        gain: (n, m, controls) what is added to the quantity that counts.
+        reached: (n, m, controls, 2) where the state is then, in nodes of the grid from its first one.
+        cyclic: whether the first axis closes on itself.
+    """
+
+    gain: np.ndarray
+    reached: np.ndarray
+    cyclic: bool
+
+
+@borrowing
+def _weights(at):
+    """Lagrange's weights of four nodes at -1, 0, 1, 2 for a place ``at`` in [0, 1]."""
+    below, above, far = at + 1.0, 1.0 - at, 2.0 - at
+    return -at * above * far / 6.0, below * above * far / 2.0, below * at * far / 2.0, -below * at * above / 6.0
+
+
+@borrowing
+def interpolated(value, cyclic, row, column):
+    """``value`` (n, m) at a place given in nodes, by cubics; beyond an edge that does not close, its value at the edge."""
+    n, m = value.shape
+    if cyclic:
+        low = math.floor(row)
+        first, u = int(low) - 1, row - low
+    else:
+        inside = min(max(row, 0.0), n - 1.0)
+        first = min(max(int(inside) - 1, 0), n - 4)
+        u = inside - first - 1.0
+    inside = min(max(column, 0.0), m - 1.0)
+    left = min(max(int(inside) - 1, 0), m - 4)
+    v0, v1, v2, v3 = _weights(inside - left - 1.0)
+    w = _weights(u)
+    total = 0.0
+    for k in range(4):
+        i = (first + k) % n
+        total += w[k] * (
+            v0 * value[i, left] + v1 * value[i, left + 1] + v2 * value[i, left + 2] + v3 * value[i, left + 3]
+        )
+    return total
+
+
+@jit
+def best(gain, reached, cyclic, sign, value, result):
+    """``result = max over controls of sign * gain + value`` at what is reached, for every node.
+
+    Args:
+        gain, reached, cyclic: see :class:`Moves`.
+        value: (n, m).  result: (n, m), overwritten.
+    """
+    for i in range(value.shape[0]):
+        for j in range(value.shape[1]):
+            most = -math.inf
+            for k in range(gain.shape[2]):
+                there = interpolated(value, cyclic, reached[i, j, k, 0], reached[i, j, k, 1])
+                most = max(most, sign * gain[i, j, k] + there)
+            result[i, j] = most
+
+
+def overshoots(moves: Moves, instants: int, stride: int) -> np.ndarray:
+    """Least distance by which the state goes on before it can be kept, (n, m).
+
+    Only what is gained at ``instants`` moments counts, ``stride`` periods apart; the first one is now and counts as zero.
+    """
+    room = np.zeros(moves.gain.shape[:2])
+    result = np.empty_like(room)
+    for _ in range(instants - 1):
+        for _ in range(stride):
+            best(moves.gain, moves.reached, moves.cyclic, -1.0, room, result)
+            room, result = result, room
+        np.minimum(room, 0.0, out=room)
+    return -room
+
+
+def furthest(moves: Moves, overshoot: np.ndarray, allowed: float, price: float, periods: int) -> np.ndarray:
+    """Most that can be gained in 0, 1, ..., ``periods`` periods before the state can be kept within ``allowed``.
+
+    An end that is too fast is not forbidden but costs ``price`` for each unit by which its overshoot exceeds what is allowed.
+    So the result is never less than with the constraint, whatever the price.
+
+    Returns:
+        (periods + 1, n, m) for every state to start from.
+    """
+    value = np.empty((periods + 1, *overshoot.shape))
+    value[0] = -price * np.maximum(overshoot - allowed, 0.0)
+    for k in range(periods):
+        best(moves.gain, moves.reached, moves.cyclic, 1.0, value[k], value[k + 1])
+    return value

@@ -1,0 +1,255 @@
+"""How far a part can get in so many periods: tables by dynamic programming, for ways and for turns."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.bounds.moving import moves
+from vibgym.bounds.programme import Moves, furthest, interpolated, overshoots
+from vibgym.bounds.turning import Scratch, Turner, turns
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+PERIODS = 24
+"""Of the tables. By then every period adds the same."""
+
+WAY_MARGIN = 0.001
+"""Added to what a period does to the velocity, as a share of ``mu g T / 2``; see docs/bound.md."""
+
+WOBBLE = 1.0
+"""Added to every way, in units of ``mu g / w^2``, and to every turn, in these over ``k``: the size of what goes to and fro
+within a period."""
+
+TURN_MARGIN = 0.005
+"""Added to what a period does to the spin, as a share of ``mu g T / (2 k)``; see docs/bound.md."""
+
+PRICE = 30.0
+"""Of an end that is too fast, see :func:`vibgym.bounds.programme.furthest`."""
+
+DIRECTIONS = 8
+"""Of ways: what the first and the last period add depends on where the table moves just then, by up to a millimetre."""
+
+PHASES = 48
+STEPS = 24  # of a period, for ways
+SPEEDS = (-0.25, 0.95, 41)  # along the way, in units of the table's speed: least, most, nodes
+SLIPS = (-0.40, 0.40, 21)  # across it
+
+HEADINGS = 12  # of a quarter turn, after which the elements look the same
+SPINS = (-0.40, 0.95, 28)  # in units of the table's speed over the radius of gyration
+PLACES = 4  # of the centre of mass in its element, along each side
+TURN_STEPS = 12  # of a period, for turns
+POINTS = 10  # along the longer side of the part, at least
+
+_AIMS = np.array([[1.0, 1.0], [1.0, 0.3], [0.3, 1.0], [1.0, -0.3], [-0.3, 1.0]])
+WEIGHTS = np.concatenate([_AIMS, -_AIMS, _AIMS[:1], -_AIMS[:1], _AIMS[:1]])
+"""Of the angular acceleration at the start and the end of a period, that controls are to make large; see ``turning.aim``."""
+
+SHARES = np.concatenate([np.ones(2 * len(_AIMS)), [0.5, 0.5, 0.0]])
+"""Of the amplitude, for each of them."""
+
+
+class Hold(NamedTuple):
+    """What it takes to stay at the goal: ``instants`` at which the part is looked at, ``stride`` periods apart."""
+
+    instants: int
+    stride: int
+
+
+class Values(NamedTuple):
+    """What can still be gained, over a grid of states.
+
+    Attributes:
+        value: (PERIODS + 1, n, m) with 0, 1, ... periods left; -``PRICE`` a unit that the end overshoots.
+        first, step: (2,) the state at the first node, and between two nodes; a first axis of headings closes on itself.
+        cyclic: whether it does.
+    """
+
+    value: np.ndarray
+    first: np.ndarray
+    step: np.ndarray
+    cyclic: bool
+
+    def at(self, periods: int, state: np.ndarray) -> np.ndarray:
+        """With so many periods left, for states (k, 2)."""
+        nodes = (np.asarray(state) - self.first) / self.step
+        return np.array([interpolated(self.value[periods], self.cyclic, *each) for each in nodes.tolist()])
+
+
+class Reach(NamedTuple):
+    """Largest way or turn from rest at the instant at which the hold begins.
+
+    Attributes:
+        most: (angles, PERIODS + 1) m or rad, after 0, 1, ... periods: of directions of the way, or of headings at the start.
+        circle: rad, over which these angles are spread.
+        pace: of one more period.
+    """
+
+    most: np.ndarray
+    circle: float
+    pace: float
+
+    def periods(self, angle: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """Fewest periods, int64 of the shape of ``way``, for a way or turn that is left, with a direction or heading (rad).
+
+        The angle lies between two of the table; the one at which the part gets further counts.
+        """
+        most = np.maximum.accumulate(self.most, axis=1)
+        at = np.asarray(angle) / self.circle * len(most)
+        low = np.floor(at).astype(np.int64)
+        table = np.maximum(most[low % len(most)], most[(low + 1) % len(most)])
+        inside = (table < way[..., None]).sum(axis=-1)
+        beyond = np.ceil(np.maximum(way - table[..., -1], 0.0) / self.pace).astype(np.int64)
+        return np.where(inside > PERIODS, PERIODS + beyond, inside)
+
+
+def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
+    """Of the centre of mass, m; ``amplitude`` m is the largest, ``tolerance`` m that of the goal."""
+    directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
+    found = [way_values(surface, friction, amplitude, tolerance, hold, each) for each in directions]
+    rest = np.zeros((1, 2))
+    most = np.array([[each.at(periods, rest)[0] for periods in range(PERIODS + 1)] for each in found])
+    return _reach(most + _wobble(surface, friction), 2.0 * math.pi)
+
+
+def way_values(
+    surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold, direction: float
+) -> Values:
+    """Of ways in a direction (rad), by velocity along and across it beyond that of a part which slides in place, m/s."""
+    along, across = np.linspace(*SPEEDS) * surface.table_speed, np.linspace(*SLIPS) * surface.table_speed
+    first, step = np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
+    kick = WAY_MARGIN * friction * surface.gravity * surface.period / 2.0
+    found = _way_moves(surface, friction, amplitude, direction)
+    value = _values(found, kick * surface.period, [kick / step[0], 0.0], tolerance, hold)
+    return Values(value, first, step, False)
+
+
+@functools.lru_cache(maxsize=64)
+def _way_moves(surface: Surface, friction: float, amplitude: float, direction: float) -> Moves:
+    """What a period does on the grid of :func:`way_values`."""
+    table, period = surface.table_speed, surface.period
+    full = amplitude * surface.angular_frequency**2
+    along, across = np.linspace(*SPEEDS) * table, np.linspace(*SLIPS) * table
+    phases = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)
+    phasors = full * np.concatenate([phases, *(share * phases[::4] for share in (0.75, 0.5, 0.25)), [0.0]])
+    phasor = np.column_stack([phasors.real, phasors.imag])
+    idle = surface.idle_velocity(friction)
+    axes = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
+    velocity = idle + along[:, None, None] * axes[0] + across[None, :, None] * axes[1]
+    nodes = (len(along), len(across), len(phasor))
+    travelled, after = np.empty((2, nodes[0] * nodes[1], nodes[2], 2))
+    at = math.pi / STEPS * np.arange(2 * STEPS + 1)
+    drive = friction, surface.gravity, table, period
+    moves(*drive, np.cos(at), np.sin(at), velocity.reshape(-1, 2), phasor, travelled, after)
+    first, step = np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
+    reached = (((after - idle) @ axes.T - first) / step).reshape(*nodes, 2)
+    return Moves(np.ascontiguousarray((travelled @ axes[0]).reshape(nodes)), reached, False)
+
+
+def turn_reach(surface: Surface, part: Part, amplitude: float, tolerance: float, hold: Hold) -> tuple[Reach, Reach]:
+    """Of the heading, rad: counter-clockwise, and clockwise; the other arguments as for :func:`way_reach`."""
+    points = sample(part, surface.element_size)
+    mirrored = points * [1.0, -1.0]
+    same = np.allclose(_sorted(points), _sorted(mirrored))
+    reaches = []
+    for each in (points,) if same else (points, mirrored):
+        found = turn_values(surface, part, each, amplitude, tolerance, hold)
+        rest = np.column_stack([found.step[0] * np.arange(HEADINGS), np.zeros(HEADINGS)])
+        most = np.array([found.at(periods, rest) for periods in range(PERIODS + 1)]).T
+        reaches.append(_reach(most + _wobble(surface, part.friction) / math.sqrt(part.gyration), 0.5 * math.pi))
+    return reaches[0], reaches[-1]
+
+
+def sample(part: Part, element: float) -> np.ndarray:
+    """Points (n, 2) m that stand for the contact area: about its centroid, with its planar inertia."""
+    low, high = part.outline.min(axis=0), part.outline.max(axis=0)
+    spacing = min((high - low).max() / POINTS, element / 4.0)
+    x, y = (
+        a + (np.arange(n) + 0.5) * (b - a) / n
+        for a, b, n in zip(low, high, np.ceil((high - low) / spacing - 1e-9).astype(int), strict=True)
+    )
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    ends = np.roll(part.outline, -1, axis=0)
+    rises = (part.outline[:, 1] > grid[:, 1:]) != (ends[:, 1] > grid[:, 1:])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = (grid[:, 1:] - part.outline[:, 1]) / (ends[:, 1] - part.outline[:, 1])
+        crossing = part.outline[:, 0] + share * (ends[:, 0] - part.outline[:, 0])
+    inside = grid[(rises & (grid[:, :1] < crossing)).sum(axis=1) % 2 == 1]
+    inside = inside - inside.mean(axis=0)
+    return inside * math.sqrt(part.gyration / np.mean((inside**2).sum(axis=1)))
+
+
+def turner_for(surface: Surface, friction: float, gyration: float, amplitude: float, points: np.ndarray) -> Turner:
+    """A part, by its points, on the table as the kernels take it."""
+    return Turner(
+        points=np.ascontiguousarray(points),
+        lever=friction / gyration,
+        gravity=surface.gravity,
+        most=amplitude * surface.angular_frequency**2,
+        speed=surface.table_speed,
+        idle=surface.idle_velocity(friction),
+        element=surface.element_size,
+        reach=math.ceil(np.hypot(*points.T).max() / surface.element_size) + 1,
+        period=surface.period,
+    )
+
+
+def scratch_for(turner: Turner) -> Scratch:
+    """Of its kernels."""
+    cells = (2 * turner.reach + 1) ** 2
+    return Scratch(np.zeros(TURN_STEPS), np.zeros(TURN_STEPS), np.zeros(cells), np.zeros(cells))
+
+
+def turn_values(
+    surface: Surface, part: Part, points: np.ndarray, amplitude: float, tolerance: float, hold: Hold
+) -> Values:
+    """Of turns counter-clockwise, by heading (rad, over a quarter turn) and spin (rad/s)."""
+    radius = math.sqrt(part.gyration)
+    even = part.symmetry > 0 and part.symmetry % 2 == 0
+    found = _turn_moves(surface, part.friction, part.gyration, amplitude, even, points.tobytes())
+    spins = np.linspace(*SPINS) * surface.table_speed / radius
+    first, step = np.array([0.0, spins[0]]), np.array([0.5 * math.pi / HEADINGS, spins[1] - spins[0]])
+    kick = TURN_MARGIN * part.friction * surface.gravity * surface.period / (2.0 * radius)
+    value = _values(found, kick * surface.period, [0.0, kick / step[1]], tolerance, hold)
+    return Values(value, first, step, True)
+
+
+@functools.lru_cache(maxsize=16)
+def _turn_moves(
+    surface: Surface, friction: float, gyration: float, amplitude: float, even: bool, points: bytes
+) -> Moves:
+    """What a period does on the grid of :func:`turn_values`; ``even``: a half turn leaves the part the same."""
+    turner = turner_for(surface, friction, gyration, amplitude, np.frombuffer(points).reshape(-1, 2))
+    place = np.stack(np.meshgrid(np.arange(PLACES), np.arange(PLACES)), axis=-1).reshape(-1, 2)
+    if even:  # and mirrors the place in its element
+        place = place[place @ [PLACES, 1] <= (-place % PLACES) @ [PLACES, 1]]
+    headings = np.arange(HEADINGS) * 0.5 * math.pi / HEADINGS
+    spins = np.linspace(*SPINS) * surface.table_speed / math.sqrt(gyration)
+    gain, after = np.empty((2, len(headings), len(spins), len(SHARES)))
+    offsets = place / PLACES * surface.element_size
+    turns(turner, scratch_for(turner), offsets, WEIGHTS, SHARES, headings, spins, gain, after)
+    first, step = np.array([0.0, spins[0]]), np.array([headings[1], spins[1] - spins[0]])
+    return Moves(gain, (np.stack([headings[:, None, None] + gain, after], axis=-1) - first) / step, True)
+
+
+def _values(found: Moves, more: float, faster: list[float], tolerance: float, hold: Hold) -> np.ndarray:
+    """What can still be gained, with margins for either end: ``more`` gained and ``faster`` (nodes) in every period."""
+    ahead = found._replace(gain=found.gain + more, reached=found.reached + faster)
+    back = found._replace(gain=found.gain - more, reached=found.reached - faster)
+    return furthest(ahead, overshoots(back, hold.instants, hold.stride), 2.0 * tolerance, PRICE, PERIODS)
+
+
+def _wobble(surface: Surface, friction: float) -> float:
+    return WOBBLE * friction * surface.gravity / surface.angular_frequency**2
+
+
+def _reach(most: np.ndarray, circle: float) -> Reach:
+    return Reach(most, circle, float((most[:, -1] - most[:, -11]).max()) / 10.0)
+
+
+def _sorted(points: np.ndarray) -> np.ndarray:
+    rounded = np.round(points, 9) + 0.0
+    return rounded[np.lexsort(rounded.T)]

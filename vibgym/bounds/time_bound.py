@@ -1,0 +1,159 @@
+"""Least time from rest at one pose to success at another."""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.bounds.tables import Hold, Reach, turn_reach, way_reach
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+MOST_HOLD = 10_000
+MOST_LATENCY = 10_000
+
+
+LARGEST = 1e9
+"""Of poses, m and rad: a table's length is some of them, and squares of larger numbers lose what is looked for."""
+
+
+class TimeBound:
+    """Fewest steps, and least time, in which one part alone can succeed: from rest into tolerance, and held there.
+
+    It holds for every policy, on the planar model and a level table, where the elements do what they like within
+    ``amplitude``. Way and turn are bounded each for itself, and the longer one counts. Making one computes tables, which takes
+    some seconds the first time for a scene and its tolerances.
+
+    Args:
+        surface: the table.
+        part: on which it lies.
+        position_tolerance: m, from the goal's centre.
+        heading_tolerance: rad; infinite where headings do not count.
+        heading_period: rad, turn that leaves the goal the same; 0 where headings are not wrapped.
+        hold: oscillation periods in a row, by their ends, within the tolerances that make success.
+        periods_per_step: oscillation periods of a step; the part is looked at when a step ends.
+        amplitude: m, largest vertical amplitude that an element may reach; None: the surface's.
+        latency: periods before the first command acts; until then the elements rest.
+
+    Raises:
+        ValueError: a bad argument, or a part that might stick.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        part: Part,
+        *,
+        position_tolerance: float,
+        heading_tolerance: float = math.inf,
+        heading_period: float = 0.0,
+        hold: int = 10,
+        periods_per_step: int = 1,
+        amplitude: float | None = None,
+        latency: int = 0,
+    ) -> None:
+        checks.instance("surface", surface, Surface)
+        checks.instance("part", part, Part)
+        assert surface.max_amplitude is not None
+        self.surface, self.part = surface, part
+        self.position_tolerance = checks.number("position_tolerance", position_tolerance, above=0.0)
+        if not isinstance(heading_tolerance, float) or heading_tolerance != math.inf:
+            heading_tolerance = checks.number("heading_tolerance", heading_tolerance, above=0.0)
+        self.heading_tolerance = heading_tolerance
+        self.heading_period = checks.number("heading_period", heading_period, least=0.0)
+        self.hold = checks.count("hold", hold, most=MOST_HOLD)
+        self.stride = checks.count("periods_per_step", periods_per_step, most=checks.MOST_PERIODS)
+        most = surface.max_amplitude
+        amplitude = most if amplitude is None else checks.number("amplitude", amplitude, least=0.0, most=most)
+        self.latency = checks.count("latency", latency, least=0, most=MOST_LATENCY)
+        strongest = part.static_friction * (surface.gravity + amplitude * surface.angular_frequency**2)
+        if part.friction == 0.0 or surface.horizontal_amplitude * surface.angular_frequency**2 <= strongest:
+            allowed = "parts that slide all the time: mu > 0 and a_h w^2 > mu_0 (g + a_v w^2)"
+            raise checks.refuse("part", f"friction {part.friction:g} (static: {part.static_friction:g})", allowed)
+        self._hold = Hold(-(-self.hold // self.stride), self.stride)
+        self._ways = _ways(surface, part.friction, amplitude, self.position_tolerance, self._hold)
+        self._turns: tuple[Reach, Reach] | None = None
+        if 0.0 < self.heading_period <= 2.0 * heading_tolerance:
+            heading_tolerance = math.inf  # no heading is ever off
+        if heading_tolerance < math.inf:
+            self._turns = _turns(surface, _Key(part), amplitude, heading_tolerance, self._hold)
+
+    @property
+    def step_time(self) -> float:
+        """s."""
+        return self.stride * self.surface.period
+
+    def steps(self, start: Any, goal: Any) -> np.ndarray:
+        """Fewest steps to success, int64 (n,), the hold's own included.
+
+        Args:
+            start, goal: (n, 3) poses, m and rad; one row stands for all.
+
+        Raises:
+            ValueError: numbers that are not finite, or shapes that do not fit.
+        """
+        start, goal = _rows("start", start), _rows("goal", goal)
+        shape = (max(len(start), len(goal)), 3)
+        start, goal = checks.array("start", start, shape), checks.array("goal", goal, shape)
+        x, y = (goal - start)[:, :2].T
+        periods = self._ways.periods(np.arctan2(y, x), np.hypot(x, y) - self.position_tolerance)
+        if self._turns is not None:
+            periods = np.maximum(periods, self._turning(start[:, 2], goal[:, 2] - start[:, 2]))
+        arrival = np.maximum(-(-(periods + np.where(periods > 0, self.latency, 0)) // self.stride), 1)
+        return arrival + self._hold.instants - 1
+
+    def seconds(self, start: Any, goal: Any) -> np.ndarray:
+        """Least time to success, s (n,); see :meth:`steps`."""
+        return self.step_time * self.steps(start, goal)
+
+    def _turning(self, heading: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """Fewest periods to within the heading's tolerance, by the shorter way round where there are two."""
+        assert self._turns is not None
+        period = self.heading_period
+        ways_round = (turn,)
+        if period > 0.0:
+            turn = np.mod(turn, period)
+            ways_round = (turn, turn - period)
+        found = []
+        for each in ways_round:
+            left = np.abs(each) - self.heading_tolerance
+            counter, clockwise = self._turns[0].periods(heading, left), self._turns[1].periods(-heading, left)
+            found.append(np.where(each >= 0.0, counter, clockwise))
+        return np.min(found, axis=0)
+
+
+def _rows(name: str, value: Any) -> np.ndarray:
+    """Poses (n, 3)."""
+    try:
+        rows = np.atleast_2d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise checks.refuse(name, value, "real numbers of shape (n, 3)") from None
+    return checks.array(name, rows, (len(rows), 3), least=-LARGEST, most=LARGEST)
+
+
+class _Key:
+    """A part by its values: parts themselves compare by identity."""
+
+    def __init__(self, part: Part) -> None:
+        self.part = part
+        self._values = part.outline.tobytes(), part.friction
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self._values == other._values
+
+    def __hash__(self) -> int:
+        return hash(self._values)
+
+
+@functools.lru_cache(maxsize=64)
+def _ways(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
+    return way_reach(surface, friction, amplitude, tolerance, hold)
+
+
+@functools.lru_cache(maxsize=64)
+def _turns(surface: Surface, key: _Key, amplitude: float, tolerance: float, hold: Hold) -> tuple[Reach, Reach]:
+    return turn_reach(surface, key.part, amplitude, tolerance, hold)

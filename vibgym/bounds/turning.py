@@ -1,0 +1,138 @@
+"""What one oscillation period can do to the spin and the heading of a part, at the place that suits it best."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics.core.jit import borrowing, jit
+
+
+class Turner(NamedTuple):
+    """A part on a table, as the kernels of this file take it."""
+
+    points: np.ndarray  # (n, 2) m, of equal share, about the centre of mass
+    lever: float  # friction over gyration, m^-2
+    gravity: float  # m/s^2
+    most: float  # m/s^2, largest phasor
+    speed: float  # m/s, of the table
+    idle: np.ndarray  # (2,) m/s, velocity at the start of a period of a part that slides in place
+    element: float  # m
+    reach: int  # elements to each side of its own that the part may touch
+    period: float  # s
+
+
+class Scratch(NamedTuple):
+    """Of one period in ``steps``."""
+
+    spin: np.ndarray  # (steps,) rad/s in the middle of each step
+    heading: np.ndarray  # (steps,) rad
+    c: np.ndarray  # ((2 reach + 1)^2,) phasors, m/s^2
+    s: np.ndarray
+
+
+@borrowing
+def _torque(turner, x, y, vx, vy, spin, tx, ty):
+    """Angular acceleration (per load g = 1) that friction gives at a point, ``r x n mu / k^2``."""
+    ux, uy = tx - vx + spin * y, ty - vy - spin * x
+    return turner.lever * (x * uy - y * ux) / math.sqrt(ux * ux + uy * uy + 1e-12)
+
+
+@borrowing
+def _element(turner, x, y):
+    """Which element is at a place, m from the corner of the centre's own."""
+    row, column = int(math.floor(y / turner.element)), int(math.floor(x / turner.element))
+    return (2 * turner.reach + 1) * (row + turner.reach) + column + turner.reach
+
+
+@borrowing
+def aim(turner, scratch, ox, oy, early, late):
+    """Set the phasors that do most for ``early + late`` times the angular acceleration along the path in ``scratch``.
+
+    The weights are those at the start and at the end of the period. Along a given path that is linear in the phasors, so each
+    element takes its own gradient at full amplitude.
+    """
+    steps, n = scratch.spin.shape[0], turner.points.shape[0]
+    c, s = scratch.c, scratch.s
+    for e in range(c.shape[0]):
+        c[e], s[e] = 0.0, 0.0
+    for k in range(steps):
+        at = (k + 0.5) / steps
+        co, si = math.cos(2.0 * math.pi * at), math.sin(2.0 * math.pi * at)
+        vx, vy = co * turner.idle[0] - si * turner.idle[1], si * turner.idle[0] + co * turner.idle[1]
+        weight, spin = early * (1.0 - at) + late * at, scratch.spin[k]
+        cp, sp = math.cos(scratch.heading[k]), math.sin(scratch.heading[k])
+        for i in range(n):
+            px, py = turner.points[i, 0], turner.points[i, 1]
+            x, y = cp * px - sp * py, sp * px + cp * py
+            torque = weight * _torque(turner, x, y, vx, vy, spin, -turner.speed * si, turner.speed * co)
+            e = _element(turner, x + ox, y + oy)
+            c[e] -= co * torque
+            s[e] += si * torque
+    for e in range(c.shape[0]):
+        size = math.sqrt(c[e] * c[e] + s[e] * s[e])
+        scale = turner.most / size if size > 0.0 else 0.0
+        c[e], s[e] = scale * c[e], scale * s[e]
+
+
+@borrowing
+def follow(turner, scratch, ox, oy, heading, spin, share):
+    """Move through a period with a share of the phasors in ``scratch``, and write the path there; returns turn and spin."""
+    steps, n = scratch.spin.shape[0], turner.points.shape[0]
+    h = turner.period / steps
+    turned = 0.0
+    rate = 0.0
+    for k in range(steps):
+        at = (k + 0.5) / steps
+        co, si = math.cos(2.0 * math.pi * at), math.sin(2.0 * math.pi * at)
+        vx, vy = co * turner.idle[0] - si * turner.idle[1], si * turner.idle[0] + co * turner.idle[1]
+        middle = spin + 0.5 * h * rate
+        there = heading + turned + 0.5 * h * spin + 0.125 * h * h * rate
+        scratch.spin[k], scratch.heading[k] = middle, there
+        cp, sp = math.cos(there), math.sin(there)
+        rate = 0.0
+        for i in range(n):
+            px, py = turner.points[i, 0], turner.points[i, 1]
+            x, y = cp * px - sp * py, sp * px + cp * py
+            torque = _torque(turner, x, y, vx, vy, middle, -turner.speed * si, turner.speed * co)
+            e = _element(turner, x + ox, y + oy)
+            rate += torque * (turner.gravity + share * (scratch.s[e] * si - scratch.c[e] * co))
+        rate /= n
+        turned += h * spin + 0.5 * h * h * rate
+        spin += h * rate
+    return turned, spin
+
+
+@jit
+def turns(turner, scratch, offsets, weights, shares, headings, spins, gain, after):
+    """Turn and spin after a period from every heading and spin, for every control at the offset that suits it best.
+
+    Args:
+        offsets: (m, 2) m, places of the centre of mass in its element.
+        weights: (controls, 2) what is asked for, see :func:`aim`.
+        shares: (controls,) of the amplitude.
+        headings, spins: (h,), (w,) rad, rad/s.
+        gain, after: (h, w, controls) overwritten: rad, rad/s.
+    """
+    h = turner.period
+    steps = scratch.spin.shape[0]
+    for a in range(headings.shape[0]):
+        for b in range(spins.shape[0]):
+            for k in range(weights.shape[0]):
+                best = -math.inf
+                early, late = weights[k, 0], weights[k, 1]
+                for m in range(offsets.shape[0]):
+                    ox, oy = offsets[m, 0], offsets[m, 1]
+                    for i in range(steps):
+                        scratch.spin[i] = spins[b]
+                        scratch.heading[i] = headings[a] + (i + 0.5) / steps * h * spins[b]
+                    for _ in range(2):
+                        aim(turner, scratch, ox, oy, early, late)
+                        turned, spin = follow(turner, scratch, ox, oy, headings[a], spins[b], shares[k])
+                    # of the weights' integral: late counts for the spin, the difference for what it has turned by then
+                    worth = late * (spin - spins[b]) + (early - late) * (turned / h - spins[b])
+                    if worth > best:
+                        best = worth
+                        gain[a, b, k], after[a, b, k] = turned, spin

@@ -1,0 +1,178 @@
+"""Episodes whose goals move along paths: where the goals are at each instant, and how far off them the parts have been."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.physics.core.jit import borrowing
+from vibgym.physics.core.records import State
+from vibgym.physics.core.reference import Layout, Pinned
+from vibgym.tasks.episode import BARRED, HEADING, MOTION, POSITION, PREVIEW, Episode, Relations, Rules, Start
+from vibgym.tasks.paths import route
+from vibgym.tasks.scoring import Scored, Scoring
+
+LINE_SPACING = 0.004
+"""m between the points of a path in a picture."""
+
+MOST_LINE = 4000
+
+RMS, LARGEST, LEFT = range(3)  # of Pursuit.error
+
+
+class Pursuit(NamedTuple):
+    """Progress along the paths of all worlds, pinned in memory and changed in place."""
+
+    path: np.ndarray  # (worlds, parts, rows, 6), see vibgym.tasks.paths.route
+    clock: np.ndarray  # (worlds,) int64, periods since the episode's start
+    looks: np.ndarray  # (worlds,) int64, ends of steps at which errors were noted
+    squares: np.ndarray  # (worlds, parts) m^2, sum of the squared distances to the goal at these
+    error: np.ndarray  # (worlds, 3): rms of the part that was worst (m), largest (m), 1: a tolerance has been left
+    motion: np.ndarray  # (9,) scratch
+    periods: int  # of a step
+    period: float  # s
+    episode: Episode
+    relations: Relations
+    rules: Rules
+
+
+PURSUIT: Layout[Pursuit] = Layout("PURSUIT", __name__)
+pursuit_at = PURSUIT.at
+
+
+@borrowing
+def place_goals(all_of, world):
+    """Put the goals of one world where its clock says, with their motion."""
+    episode, motion, period = all_of.episode, all_of.motion, all_of.period
+    time = all_of.clock[world] * period
+    waiting = all_of.error[world, LEFT] > 0.0
+    for i in range(episode.goal.shape[1]):
+        path, goal, said = all_of.path[world, i], episode.goal[world, i], episode.motion[world, i]
+        # The last look of a path of so many periods is at its end, whatever the rounding.
+        if episode.present[world, i] and time < route.duration(path[0]) - 1e-9 * period:
+            waiting = True
+        route.motion_at(path, time, motion)
+        for axis in range(3):
+            goal[axis], said[axis] = motion[axis], motion[3 + axis]
+        for ahead in range(1, PREVIEW + 1):
+            route.motion_at(path, (all_of.clock[world] + ahead) * period, motion)
+            for axis in range(3):
+                said[3 * ahead + axis] = motion[axis] - goal[axis]
+    episode.flag[world, BARRED] = waiting
+
+
+@borrowing
+def begin_pursuit(worlds, pursuit):
+    """Start the clocks of ``worlds`` (n,), whose paths and parts have been set.
+
+    Args:
+        pursuit: address of a pinned :class:`Pursuit`.
+    """
+    all_of = pursuit_at(pursuit)
+    for k in range(worlds.shape[0]):
+        world = worlds[k]
+        all_of.clock[world], all_of.looks[world] = 0, 0
+        for i in range(all_of.squares.shape[1]):
+            all_of.squares[world, i] = 0.0
+        for i in range(3):
+            all_of.error[world, i] = 0.0
+        place_goals(all_of, world)
+
+
+@borrowing
+def move_goals(pursuit):
+    """Move the goals of all worlds on by one step."""
+    all_of = pursuit_at(pursuit)
+    for world in range(all_of.clock.shape[0]):
+        all_of.clock[world] += all_of.periods
+        place_goals(all_of, world)
+
+
+@borrowing
+def note_errors(pursuit):
+    """Note how far the parts are from their goals at the end of a step, by relations that have been brought up to date."""
+    all_of = pursuit_at(pursuit)
+    error, limit, present = all_of.relations.error, all_of.rules.limit, all_of.episode.present
+    for world in range(all_of.clock.shape[0]):
+        all_of.looks[world] += 1
+        worst, noted = 0.0, all_of.error[world]
+        for i in range(error.shape[1]):
+            if not present[world, i]:
+                continue
+            ex, ey = error[world, i, 0], error[world, i, 1]
+            square = ex * ex + ey * ey
+            away = math.sqrt(square)
+            all_of.squares[world, i] += square
+            worst = max(worst, all_of.squares[world, i])
+            noted[LARGEST] = max(noted[LARGEST], away)
+            if away > limit[POSITION] or abs(error[world, i, 2]) > limit[HEADING]:
+                noted[LEFT] = 1.0
+        noted[RMS] = math.sqrt(worst / all_of.looks[world])
+
+
+class PursuitScoring(Scoring):
+    """Scores episodes whose goals move along the paths of their starts.
+
+    An episode cannot succeed while a goal moves, nor after a part has left the tolerances at the end of some step.
+
+    Args:
+        task: with its parts.
+        state: true state of the worlds.
+        periods: oscillation periods of a step.
+        period: s of one.
+        shape: of a world's paths, (parts, rows, 6).
+    """
+
+    def __init__(self, task: Scored, state: State, periods: int, period: float, shape: tuple[int, int, int]) -> None:
+        super().__init__(task, state, periods, MOTION)
+        worlds, parts = state.pose.shape[:2]
+        still = np.zeros(shape)
+        # Until the first reset all goals stand at the origin.
+        still[:, 0] = [route.SMALL, 1.0, 1.0, 1.0, 0.0, 0.0]
+        self._pursuit = Pinned(
+            PURSUIT,
+            Pursuit(
+                path=np.tile(still, (worlds, 1, 1, 1)),
+                clock=np.zeros(worlds, dtype=np.int64),
+                looks=np.zeros(worlds, dtype=np.int64),
+                squares=np.zeros((worlds, parts)),
+                error=np.zeros((worlds, 3)),
+                motion=np.zeros(len(route.MOTION)),
+                periods=periods,
+                period=period,
+                episode=self.episode,
+                relations=self.relations,
+                rules=self._rules,
+            ),
+        )
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        record = self._pursuit.record
+        return {
+            "paths": record.path, "clock": record.clock, "looks": record.looks, "squares": record.squares,
+            "path_errors": record.error,
+        }  # fmt: skip
+
+    def facts(self) -> dict[str, np.ndarray]:
+        error = self._pursuit.record.error
+        return {"path_error": error[:, RMS], "largest_path_error": error[:, LARGEST]}
+
+    def lines(self, world: int) -> list[np.ndarray]:
+        lines = []
+        for path in self._pursuit.record.path[world]:
+            count = int(min(path[0, route.LENGTH] / LINE_SPACING + 2, MOST_LINE))
+            lines.append(route.sample(path, np.linspace(0.0, route.duration(path[0]), count))[:, :2])
+        return lines
+
+    def begin(self, worlds: np.ndarray, start: Start) -> None:
+        self._pursuit.record.path[worlds], self.episode.present[worlds] = start.paths, start.present
+        if len(worlds):
+            begin_pursuit(worlds, self._pursuit.address)
+        super().begin(worlds, start)
+
+    def score(self) -> None:
+        move_goals(self._pursuit.address)
+        super().score()
+        note_errors(self._pursuit.address)
