@@ -186,4 +186,6 @@ def test_mutated_files(document: tuple[str, bytes]) -> None:
             assert re.match(shape, text), text
         else:
             count("accepted")
-        assert time.process_time() - began < 3.0  # s of this process: a second where nothing else runs
+        # s of this process. The shipped report makes a hundred policies, which takes two where nothing else runs; what a bad
+        # number of worlds or steps would take has no end.
+        assert time.process_time() - began < 10.0
