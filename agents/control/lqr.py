@@ -52,6 +52,10 @@ class LqrLaw:
         self.drag = plant_of(info).drag
         self.gains = np.empty((len(info.parts), 2, 2))
         for part, drag in enumerate(self.drag):
+            same = int(np.flatnonzero(self.drag == drag)[0])
+            if same < part:
+                self.gains[part] = self.gains[same]
+                continue
             plant = sampled(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
             for k, (name, chosen) in enumerate(
                 (("state_weights", state_weights), ("heading_weights", heading_weights))

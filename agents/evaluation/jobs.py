@@ -137,11 +137,14 @@ def _study(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
     for case, arguments in asked.arguments().items():
         environment = laid_over(settings.environment, arguments)
         plain = _told(asked.task, environment, f"evaluation.effects.cases.{case}")
+        told: list[tuple[dict[str, Any], TaskInfo]] = [(environment, plain)]  # columns share sensors
         for column in asked.columns(list(contents)):
-            own, info, field = environment, plain, f"evaluation.effects.policies ({column.name} in {case})"
-            if column.sensor:
-                own = with_sensor(environment, column.sensor)
+            field = f"evaluation.effects.policies ({column.name} in {case})"
+            own = with_sensor(environment, column.sensor) if column.sensor else environment
+            info = next((known for each, known in told if each == own), None)
+            if info is None:
                 info = _told(asked.task, own, field)
+                told.append((own, info))
             content = contents[column.policy]
             with _Field(field):
                 policy = make_policy(content, info, seeds[0])

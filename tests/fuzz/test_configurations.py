@@ -168,6 +168,13 @@ def numpy_warns_of_nothing() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory):
+    """Kernels are loaded once a process; what a file takes is timed after that."""
+    KINDS["evaluations"](Path("configs/evaluations/report.yaml"), tmp_path_factory.mktemp("loaded") / "out")
+
+
+@pytest.mark.usefixtures("loaded")
 @fuzz(examples=150, seconds_share=2.0)
 @given(documents())
 def test_mutated_files(document: tuple[str, bytes]) -> None:
@@ -186,6 +193,4 @@ def test_mutated_files(document: tuple[str, bytes]) -> None:
             assert re.match(shape, text), text
         else:
             count("accepted")
-        # s of this process. The shipped report makes a hundred policies, which takes two where nothing else runs; what a bad
-        # number of worlds or steps would take has no end.
-        assert time.process_time() - began < 10.0
+        assert time.process_time() - began < 3.0  # s of this process: a good second where nothing else runs
