@@ -20,16 +20,18 @@ class StableBaselinesAdapter(VecEnv):
     length), as SB3's Monitor would give; the infos of running worlds are empty.
 
     Args:
-        env: made with ``autoreset_mode="SameStep"`` and a flat state observation.
+        env: made with ``autoreset_mode="SameStep"``.
+
+    Attributes:
+        part_reward: (worlds, parts) what the last step was worth to every part.
     """
 
     def __init__(self, env: VibgymVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"env: autoreset_mode is {env.autoreset_mode}; allowed: {AutoresetMode.SAME_STEP}")
-        if not isinstance(env.single_observation_space, gym.spaces.Box):
-            raise ValueError("env: observation is not a box; allowed: observation='state' or 'image'")
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.part_reward = np.zeros((env.num_envs, len(env.parts)))
         self._seed: int | None = None
         self._actions = np.zeros(env.action_space.shape or (), dtype=np.float32)
         self._return = np.zeros(env.num_envs)
@@ -57,6 +59,9 @@ class StableBaselinesAdapter(VecEnv):
         self._length += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         worlds = np.flatnonzero(done)
+        self.part_reward = info["parts"]["reward"]
+        if len(worlds):
+            self.part_reward[worlds] = info["final_info"]["parts"]["reward"][worlds]
         for world in worlds.tolist():
             infos[world] = {
                 "terminal_observation": info["final_obs"][world],
