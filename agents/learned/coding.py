@@ -33,17 +33,27 @@ class Coding:
         surface, parts: the scene.
         layout: ``env.unwrapped.parts_layout``.
         action: the environment's ``action=``.
+        columns: names and widths of the columns that a network reads; None: all. A scene may tell more, such as how old a
+            measurement is, of which a network that was trained without knows nothing.
 
     Attributes:
         shape: what a network has to know.
+        columns: names and widths of what it reads.
 
     Raises:
-        ValueError: an action that has neither rows of parts nor elements.
+        ValueError: an action that has neither rows of parts nor elements, or columns that this scene does not have.
     """
 
     observation = "parts"
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], layout: Sequence[Any], action: str) -> None:
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        layout: Sequence[Any],
+        action: str,
+        columns: Sequence[Sequence[Any]] | None = None,
+    ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
         whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
         side = patch_size(surface, self.parts)
@@ -54,6 +64,9 @@ class Coding:
             size = whole // len(self.parts)
         else:
             raise checks.refuse("action", action, ", ".join(map(repr, (*BY_PART, *CODES))))
+        self._all = sum(row.width for row in layout)
+        self._pick, layout = picked(layout, columns)
+        self.columns = [[row.name, row.width] for row in layout]
         self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
         self._position = next(row.start for row in layout if row.name == "position")
 
@@ -63,7 +76,7 @@ class Coding:
         Raises:
             ValueError: not an observation by parts.
         """
-        n, columns = len(self.parts), self.shape.columns
+        n, columns = len(self.parts), self._all
         allowed = f"a dictionary of 'parts' (..., {n} or more, {columns}) and 'mask' (..., {n} or more)"
         try:
             rows = np.asarray(observation["parts"], dtype=np.float32)
@@ -74,7 +87,8 @@ class Coding:
             rows, mask = rows[None], mask[None]
         if rows.ndim != 3 or mask.shape != rows.shape[:2] or rows.shape[1] < n or rows.shape[2] != columns:
             raise checks.refuse("observation", f"arrays of shapes {rows.shape} and {mask.shape}", allowed)
-        return Seen(rows[:, :n], mask[:, :n])
+        rows = rows[:, :n] if self._pick is None else rows[:, :n, self._pick]
+        return Seen(rows, mask[:, :n])
 
     def actions(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
         """The environment's actions (worlds, n) float32 of the parts' (worlds, parts, size)."""
@@ -116,6 +130,24 @@ class Coding:
             nearest[at] = distance[nearer]
             table[at] = patches[world[nearer], part, i[nearer], j[nearer]]
         return table
+
+
+def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tuple[np.ndarray | None, list[Any]]:
+    """Which numbers of a row a network reads, None for all, and what they mean, as it counts them.
+
+    Raises:
+        ValueError: the row has them not, or in another order.
+    """
+    if columns is None or list(map(list, columns)) == [[row.name, row.width] for row in layout]:
+        return None, list(layout)
+    wanted = [tuple(each) for each in columns]
+    kept = [row for row in layout if (row.name, row.width) in wanted]
+    if [(row.name, row.width) for row in kept] != wanted:
+        missing = [each for each in wanted if each not in [(row.name, row.width) for row in kept]]
+        raise checks.refuse("columns", missing or wanted, f"{[(row.name, row.width) for row in layout]}, in this order")
+    starts = np.cumsum([0, *(row.width for row in kept)])
+    numbers = np.concatenate([np.arange(row.start, row.start + row.width) for row in kept])
+    return numbers, [row._replace(start=int(start)) for row, start in zip(kept, starts[:-1], strict=True)]
 
 
 def phasor_code(table: np.ndarray) -> np.ndarray:

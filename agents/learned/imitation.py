@@ -7,7 +7,7 @@ the expert's way back to where it wants to be.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,58 +21,41 @@ from vibgym.envs import VibgymVectorEnv
 
 
 class Demonstrations(NamedTuple):
-    """What was seen, and what the expert would have done: (steps * worlds, parts, ...)."""
+    """What was seen, and what the expert would have done: (samples, parts, ...)."""
 
     rows: np.ndarray
     mask: np.ndarray
     action: np.ndarray
 
 
-class Imitation:
-    """Teaches a policy's actor what an expert does.
+class Demonstrator:
+    """One scene in which an expert is asked what to do.
 
     Args:
-        policy: its actor is taught.
         expert: speaks the environment's action, reads the flat state.
         env: in same-step autoreset mode, with observations by parts.
-        settings: how long, and how.
-        seed: of the episodes, the disturbances and the minibatches.
+        coding: of the network that learns.
+        generator: of the disturbances.
     """
 
-    def __init__(
-        self, policy: PartsPolicy, expert: Policy, env: VibgymVectorEnv, settings: ImitationSettings, seed: int
-    ) -> None:
-        self.policy, self.expert, self.env, self.settings = policy, expert, env, settings
-        self.coding: Coding = policy.coding
-        self.generator = np.random.default_rng(seed)
-        self.steps = 0
-        self._found: list[Demonstrations] = []
-        self._observation, _ = env.reset(seed=seed)
+    def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding, generator: np.random.Generator) -> None:
+        self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._memory: Any = None
         self._new = np.ones(env.num_envs, dtype=bool)
+        self._observation: Any = None
 
-    def rounds(self, tell: Callable[[str], None] = lambda text: None) -> Iterator[int]:
-        """Collect and learn, round after round; yields the steps of all worlds made so far."""
-        settings = self.settings
-        optimizer = torch.optim.Adam(self.policy.actor.parameters(), lr=settings.learning_rate, fused=True)
-        for number in range(settings.rounds):
-            share = 0.0 if number == 0 else settings.own_share
-            self._found.append(self._collect(share))
-            last = number == settings.rounds - 1
-            rate = settings.learning_rate * (1.0 if not last else 0.5)
-            loss = self._learn(optimizer, rate, settings.epochs * (2 if last else 1))
-            tell(f"imitation, round {number + 1}: loss {loss:.2e}")
-            yield self.steps
+    def begin(self, seed: int) -> None:
+        """Reset all worlds."""
+        self._observation, _ = self.env.reset(seed=seed)
 
-    def _collect(self, share: float) -> Demonstrations:
-        """Steps of all worlds, in a ``share`` of which the network itself acts."""
-        worlds, steps, settings = self.env.num_envs, self.settings.steps, self.settings
-        parts, shape = len(self.coding.parts), self.coding.shape
+    def collect(self, policy: PartsPolicy, steps: int, noise: float, share: float) -> Demonstrations:
+        """Make so many steps in all worlds, in a ``share`` of which the network itself acts."""
+        worlds, parts, shape = self.env.num_envs, len(self.coding.parts), self.coding.shape
         rows = np.zeros((steps, worlds, parts, shape.columns), dtype=np.float32)
         mask = np.zeros((steps, worlds, parts), dtype=np.float32)
         wanted = np.zeros((steps, worlds, parts, shape.action), dtype=np.float32)
         own = self.generator.random(worlds) < share
-        disturbed = settings.noise * self.generator.random((worlds, 1, 1))
+        disturbed = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
         for step in range(steps):
             seen = self.coding.see(self._observation)
             action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
@@ -80,36 +63,76 @@ class Imitation:
             wanted[step] = action.reshape(worlds, parts, -1)
             acted = wanted[step].copy()
             if own.any():
-                acted[own] = self._act(Seen(seen.rows[own], seen.mask[own]))
-            noise = self.generator.standard_normal(acted.shape, dtype=np.float32)
-            acted = np.clip(acted + disturbed * noise, -1.0, 1.0).astype(np.float32)
-            self._observation, _, terminated, truncated, _ = self.env.step(self.coding.actions(seen, acted))
+                acted[own] = _act(policy, Seen(seen.rows[own], seen.mask[own]))
+            acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
+            self._observation, _, terminated, truncated, _ = self.env.step(
+                self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
+            )
             self._new = terminated | truncated
-            self.steps += worlds
         flat = (each.reshape(-1, *each.shape[2:]) for each in (rows, mask, wanted))
         return Demonstrations(*flat)
 
-    def _act(self, seen: Seen) -> np.ndarray:
-        with torch.no_grad():
-            return self.policy.actor(torch.from_numpy(seen.rows))[0].clamp(-1.0, 1.0).numpy()
 
-    def _learn(self, optimizer: torch.optim.Optimizer, rate: float, epochs: int) -> float:
+def _act(policy: PartsPolicy, seen: Seen) -> np.ndarray:
+    with torch.no_grad():
+        return policy.actor(torch.from_numpy(seen.rows))[0].clamp(-1.0, 1.0).numpy()
+
+
+class Imitation:
+    """Teaches a policy's actor what an expert does.
+
+    Args:
+        policy: its actor is taught.
+        scenes: an expert and an environment each; all have the same rows and actions.
+        settings: how long, and how.
+        seed: of the episodes, the disturbances and the minibatches.
+
+    Attributes:
+        steps: of all worlds, made so far.
+    """
+
+    def __init__(
+        self,
+        policy: PartsPolicy,
+        scenes: Sequence[tuple[Policy, VibgymVectorEnv]],
+        settings: ImitationSettings,
+        seed: int,
+    ) -> None:
+        self.policy, self.settings, self.seed, self.steps = policy, settings, seed, 0
+        self.generator = np.random.default_rng(seed)
+        self.scenes = [Demonstrator(expert, env, policy.coding, self.generator) for expert, env in scenes]
+        self._found: list[Demonstrations] = []
+
+    def rounds(self) -> Iterator[float]:
+        """Collect and learn, round after round; yields the last epoch's mean squared error."""
+        settings, first = self.settings, self.seed
+        for scene in self.scenes:
+            scene.begin(first)
+            first += scene.env.num_envs
+        optimizer = torch.optim.Adam(self.policy.actor.parameters(), lr=settings.learning_rate, fused=True)
+        for number in range(settings.rounds):
+            share = 0.0 if number == 0 else settings.own_share
+            for scene in self.scenes:
+                found = scene.collect(self.policy, settings.steps, settings.noise, share)
+                self._found.append(found)
+                self.steps += len(found.mask)
+            yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
+
+    def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
         """Fit the actor's mean to all that has been found; returns the last epoch's mean squared error."""
         rows, mask, wanted = (torch.from_numpy(np.concatenate(each)) for each in zip(*self._found, strict=True))
-        size = max(self.settings.batch_size // mask.shape[1], 1)
-        total, all_in_all = 0.0, epochs * -(-len(rows) // size)
-        done = 0
+        size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
+        updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):
-            order = torch.from_numpy(self.generator.permutation(len(rows)))
-            total, count = 0.0, 0.0
-            for chosen in order.split(size):
-                for group in optimizer.param_groups:  # to a tenth, by a cosine
-                    group["lr"] = rate * (0.55 + 0.45 * float(np.cos(np.pi * done / all_in_all)))
+            total = 0.0
+            for chosen in torch.from_numpy(self.generator.permutation(len(rows))).split(size):
+                for group in optimizer.param_groups:  # a cosine, to a tenth
+                    group["lr"] = rate * (0.55 + 0.45 * float(np.cos(np.pi * done / updates)))
                 here = mask[chosen]
                 mean, _ = self.policy.actor(rows[chosen])
                 error = (((mean - wanted[chosen]) ** 2).mean(dim=-1) * here).sum() / here.sum().clamp(min=1.0)
                 optimizer.zero_grad()
                 error.backward()
                 optimizer.step()
-                total, count, done = total + float(error.detach()), count + 1.0, done + 1
-        return total / count
+                total, done = total + float(error.detach()) * len(chosen) / len(rows), done + 1
+        return total

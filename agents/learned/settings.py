@@ -20,10 +20,10 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 
 
 class PPOSettings(Settings):
-    """Stable-Baselines3's PPO; defaults are what trained fastest on two cores."""
+    """PPO with parts as samples; defaults are what trained fastest on two cores."""
 
     n_steps: int = Field(32, ge=1, le=1_000_000)
-    batch_size: int = Field(4096, ge=2, le=100_000_000)
+    batch_size: int = Field(4096, ge=2, le=100_000_000)  # parts
     n_epochs: int = Field(3, ge=1, le=1000)
     learning_rate: Rate = 1e-3
     final_learning_rate: Rate = 1e-4  # reached linearly at the end
@@ -31,9 +31,43 @@ class PPOSettings(Settings):
     gae_lambda: float = Field(0.95, gt=0, le=1)
     clip_range: float = Field(0.2, gt=0, le=10)
     ent_coef: float = Field(0.0, ge=0, le=100)
-    log_std_init: float = Field(-0.5, ge=-20, le=5)
+    target_kl: float | None = Field(None, gt=0, le=100)  # an update ends beyond 1.5 times it
+    log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+    critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
     activation: Literal["tanh", "relu"] = "tanh"
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)
+    critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
+    attention: Width = 32
+    network: Literal["parts", "elements"] = "parts"
+
+
+class ImitationSettings(Settings):
+    """What an expert teaches beforehand, see :class:`agents.learned.imitation.Imitation`."""
+
+    expert: Any  # a policy that speaks the environment's action
+    rounds: int = Field(4, ge=1, le=1000)
+    steps: int = Field(100, ge=1, le=1_000_000)  # of each world, in a round
+    epochs: int = Field(4, ge=1, le=10_000)  # after each round, over all that has been found
+    batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
+    learning_rate: Rate = 1e-3
+    noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of what disturbs those who act
+    own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
+
+
+class JudgingSettings(Settings):
+    """How a learning curve is measured: deterministic episodes on the same seeds every time."""
+
+    episodes: int = Field(100, ge=1, le=1_000_000)
+    first_seed: int = Field(500_000, ge=0, le=2**31)
+    every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
+
+
+class ServesSettings(Settings):
+    """What else a policy may act on than what it was trained on."""
+
+    tasks: list[str] | None = None  # names; None: the one that it was trained on
+    surface: Literal["same", "any"] = "same"
+    parts: Literal["same", "any"] = "same"  # their number
 
 
 class TrainSettings(Settings):
@@ -50,6 +84,11 @@ class TrainSettings(Settings):
     seed: int = Field(0, ge=0, lt=2**32)  # NumPy's old generator, which Stable-Baselines3 seeds, takes no more
     checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
     output: str | None = None  # directory; default: runs/<name of the file>
+    scenes: list[dict[str, Any]] = Field([], max_length=10_000)  # arguments on top of environment; worlds are dealt out
+    start: str | None = None  # path of a policy to begin with
+    imitation: ImitationSettings | None = None
+    judging: JudgingSettings | None = None
+    serves: ServesSettings = ServesSettings()
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
 
     @property

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-NEIGHBOUR = "there"
-"""Name of the first column of each neighbour's block in ``env.unwrapped.parts_layout``."""
+NEIGHBOUR = "_there"
+"""How the name of the first column of each neighbour's block in ``env.unwrapped.parts_layout`` ends."""
 
 
 class Shape(NamedTuple):
@@ -33,7 +33,7 @@ class Shape(NamedTuple):
     def of(cls, layout: Sequence[Any], action: int, side: int = 0) -> Shape:
         """Of an environment's ``parts_layout``."""
         columns = sum(row.width for row in layout)
-        blocks = [row.start for row in layout if row.name == NEIGHBOUR]
+        blocks = [row.start for row in layout if row.name.endswith(NEIGHBOUR)]
         place = next(row.start for row in layout if row.name == "element")
         width = (columns - blocks[0]) // len(blocks) if blocks else 0
         return cls(columns, len(blocks), width, action, side, place)
