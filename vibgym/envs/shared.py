@@ -12,6 +12,7 @@ from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.envs.core import Core
 from vibgym.envs.layout import Numbers
+from vibgym.envs.row_layout import RowLayout
 from vibgym.envs.starting import KEYS, Starting, starting_from
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -94,6 +95,14 @@ class SharedInterface:
     def observation_layout(self) -> tuple[Numbers, ...]:
         """What every number of the state observation means: name, width, unit, scale, range, part and place, in order."""
         return self.core.observation.layout.rows
+
+    @property
+    def parts_layout(self) -> tuple[Numbers, ...]:
+        """What the numbers of a row of the observation by parts mean, in order; the same for every part.
+
+        :class:`vibgym.envs.row_layout.RowLayout` turns numbers back into quantities.
+        """
+        return RowLayout.of(self.core.task).rows
 
     @property
     def truth(self) -> Truth:
