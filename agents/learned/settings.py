@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
+from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.tasks import TASKS
 
@@ -106,9 +107,71 @@ class TrainSettings(Settings):
         return task
 
 
-def load_settings(path: Path) -> TrainSettings:
-    """Read a training file; the first fault is a one-line ValueError that names file and field."""
-    data = load_yaml(path)
-    if isinstance(data.get("ppo"), dict):
-        data["ppo"] = parse(PPOSettings, data["ppo"], f"{path}: ppo")
-    return parse(TrainSettings, data, str(path))
+PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
+    "ppo": PPOSettings,
+    "imitation": ImitationSettings,
+    "judging": JudgingSettings,
+    "serves": ServesSettings,
+}
+
+
+def load_settings(path: Path, agent: str | None = None, seed: int | None = None) -> TrainSettings:
+    """Read a training file; the first fault is a one-line ValueError that names file and field.
+
+    A file holds the settings of one run, or of many agents: then its keys are the ids of environments, such as
+    ``vibgym/Align-v0``, under each of which the settings of its agents stand by name. What stands under ``defaults`` counts for
+    all of them.
+
+    Args:
+        path: of the YAML file.
+        agent: ``"Align/prototype"``: that of this name under ``vibgym/Align-v0``; only for files of many agents.
+        seed: instead of the file's.
+    """
+    data, where = load_yaml(path), str(path)
+    if "task" not in data:
+        data, where = _of_agent(data, where, agent)
+    elif agent is not None:
+        raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
+    if seed is not None:
+        data = {**data, "seed": seed}
+    for name, model in PARTS_OF_SETTINGS.items():
+        if isinstance(data.get(name), dict):
+            data[name] = parse(model, data[name], f"{where}: {name}")
+    return parse(TrainSettings, data, where)
+
+
+def agents_in(path: Path) -> tuple[str, ...]:
+    """Names of the agents in a file of many."""
+    return tuple(_agents(load_yaml(path), str(path)))
+
+
+def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
+    found = {}
+    for key, named in data.items():
+        if key == "defaults":
+            continue
+        spec = gym.registry.get(key) if isinstance(key, str) else None
+        if spec is None or not isinstance(named, dict):
+            raise checks.refuse(where, key, "'task', for one run; or 'defaults' and ids of environments, with mappings")
+        for name, settings in named.items():
+            if not isinstance(settings, dict) or "task" in settings:
+                raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
+            task = spec.name if spec.namespace == "vibgym" else key
+            found[f"{spec.name}/{name}"] = {"task": task, **settings}
+    return found
+
+
+def _of_agent(data: dict[str, Any], where: str, agent: str | None) -> tuple[dict[str, Any], str]:
+    """Settings of one agent of a file, and what to call them."""
+    defaults, agents = data.get("defaults", {}), _agents(data, where)
+    if not isinstance(defaults, dict):
+        raise checks.refuse(f"{where}: defaults", defaults, "a mapping of settings")
+    if agent not in agents:
+        raise checks.refuse("--agent", agent, f"one of {', '.join(agents)}")
+    own = agents[agent]
+    merged = {**defaults, **own}
+    for name in PARTS_OF_SETTINGS:
+        if isinstance(defaults.get(name), dict) and isinstance(own.get(name), dict):
+            merged[name] = {**defaults[name], **own[name]}
+    merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{merged.get('seed', 0)}")
+    return merged, f"{where}: {agent}"
