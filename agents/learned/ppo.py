@@ -108,7 +108,7 @@ class PartsPPO(PPO):
         value = self.policy.critic(part["rows"], mask)
         value_loss = (((value - part["target"]) ** 2) * mask).sum() / count
         if not acts:
-            return value_loss, {"policy": 0.0, "value": float(value_loss), "kl": 0.0, "clipped": 0.0}
+            return value_loss, {"policy": 0.0, "value": float(value_loss.detach()), "kl": 0.0, "clipped": 0.0}
         mean, log_std = self.policy.actor(part["rows"])
         difference = log_probability(part["actions"], mean, log_std) - part["log_prob"]
         ratio = difference.exp()
@@ -121,4 +121,4 @@ class PartsPPO(PPO):
         with torch.no_grad():
             kl = float((((ratio - 1.0) - difference) * mask).sum() / count)
             clipped = float((((ratio - 1.0).abs() > clip) * mask).sum() / count)
-        return loss, {"policy": float(policy_loss), "value": float(value_loss), "kl": kl, "clipped": clipped}
+        return loss, {"policy": float(policy_loss.detach()), "value": float(value_loss.detach()), "kl": kl, "clipped": clipped}
