@@ -13,7 +13,7 @@ from vibgym import checks
 
 
 class LocalFieldPolicy(Steering):
-    """Every part steered straight to its target, whatever is in the way, as ``"phasor"`` actions or others of :mod:`agents.control.outputs`.
+    """Every part steered straight to its target, whatever is in the way.
 
     The target is the goal position; or the point of the own zone nearest to the part, a margin inside; or, where parts shall
     only be apart, it lies straight away from the other parts that are too near.
@@ -21,7 +21,7 @@ class LocalFieldPolicy(Steering):
     Args:
         info: task and scene.
         margin: m, how far inside zones and borders targets lie.
-        **law: ``law`` of :class:`Steering`, and that law's settings.
+        **law: ``law`` and ``action`` of :class:`Steering`, and that law's settings.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.

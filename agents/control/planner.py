@@ -42,7 +42,7 @@ class Memory(NamedTuple):
 
 
 class PlannerPolicy(Steering):
-    """Local fields whose targets are given out and whose parts keep their distance on the way, as ``"phasor"`` actions or others of :mod:`agents.control.outputs`.
+    """Local fields whose targets are given out and whose parts keep their distance on the way.
 
     Parts with goal poses of their own have their targets; the others' are places in their zones, or far enough apart.
 
@@ -56,7 +56,7 @@ class PlannerPolicy(Steering):
         faithful: s, what another motion must be better than the last one.
         edge: m, distance of centres from the surface's border.
         inset: m, distance of targets from the other borders of their zones.
-        **law: ``law`` of :class:`Steering`, and that law's settings.
+        **law: ``law`` and ``action`` of :class:`Steering`, and that law's settings.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.
