@@ -3,7 +3,9 @@
 import warnings
 
 import numpy as np
+import pettingzoo
 import pytest
+from gymnasium.error import ResetNeeded
 from pettingzoo.test import parallel_api_test, parallel_seed_test
 
 import vibgym
@@ -72,6 +74,12 @@ def test_agents_get_their_part_of_everything(action):
     many.close()
 
 
+def test_pettingzoo_makes_them_by_their_ids():
+    made = pettingzoo.make("parallel", "vibgym/SortTwelve-v0", action="field")
+    assert isinstance(made, PartsParallelEnv) and made.max_num_agents == 12
+    assert made.action_space("part_11").shape == (6,) and made.metadata["name"] == "vibgym/SortTwelve-v0"
+
+
 def test_options_of_a_start_go_through_and_others_are_named():
     many = vibgym.parallel_env("Sort")
     many.reset(seed=1, options={"parts": [1, 4]})
@@ -93,8 +101,6 @@ def test_bad_input():
     with pytest.raises(ValueError, match="^env: got .*observation='parts'"):
         PartsParallelEnv(single("Sort"))
     many = vibgym.parallel_env("Sort", randomize={"parts": [2, 2]})
-    from gymnasium.error import ResetNeeded
-
     with pytest.raises(ResetNeeded):
         many.step({})
     many.reset(seed=0)

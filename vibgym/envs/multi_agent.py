@@ -1,4 +1,7 @@
-"""Each part an agent: environments as PettingZoo's parallel API has them. PettingZoo is the extra ``multiagent``."""
+"""Each part an agent: environments as PettingZoo's parallel API has them. PettingZoo is the extra ``multiagent``.
+
+Once this module is imported, ``pettingzoo.make("parallel", "vibgym/Sort-v0")`` makes them, too.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from pettingzoo import ParallelEnv
+from pettingzoo import ParallelEnv, parallel_registry, register
 
 from vibgym import checks
 from vibgym.envs.row_observation import PartsObservation
@@ -193,3 +196,8 @@ class PartsParallelEnv(ParallelEnv):
                 "is_success": info["is_success"],
             }
         return infos
+
+
+for _name in ENVIRONMENTS:
+    if f"vibgym/{_name}-v0" not in parallel_registry:  # a module that is loaded again must not warn
+        register("parallel", f"vibgym/{_name}-v0", entry_point=parallel_env, kwargs={"name": _name})
