@@ -28,6 +28,8 @@ def parser() -> argparse.ArgumentParser:
     training.add_argument(
         "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
     )
+    training.add_argument("--agent", metavar="NAME", help="which one of a file of many, such as Align/prototype")
+    training.add_argument("--seed", type=int, metavar="N", help="of the training, instead of the file's")
     for command in (evaluating, training):
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
@@ -81,7 +83,7 @@ def train(arguments: argparse.Namespace) -> int:
 
     output = None if arguments.output is None else Path(arguments.output)
     try:
-        train(arguments.config, output=output, quiet=arguments.quiet, policy=arguments.policy)
+        train(arguments.config, output, arguments.quiet, arguments.policy, arguments.agent, arguments.seed)
     except ValueError as error:
         return refused(error)
     except (TrainingError, WriteError) as error:

@@ -9,16 +9,20 @@ import numpy as np
 import torch
 from stable_baselines3 import PPO
 
+from agents.learned.coding import Coding
+from agents.learned.parts_policy import trained_tensors
 from agents.learned.settings import MOST_STEPS, TrainSettings
 from agents.learned.storage import as_float32, load_set, save_set
+from agents.learned.trained import ANY, described
 from agents.learned.trained import KIND as POLICY_KIND
+from agents.learned.trained import VERSION as POLICY_VERSION
 from agents.task_info import TaskInfo
 from vibgym import checks
 
 KIND = "vibgym-checkpoint"
 FILE = "checkpoint.json"
 ADAM = ("step", "exp_avg", "exp_avg_sq")
-FREE = {"steps", "checkpoint_steps", "output"}
+FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
 """Settings that may change between the sittings of a run."""
 
 
@@ -111,22 +115,24 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
     return seconds
 
 
-def save_policy(path: Path, model: PPO, settings: TrainSettings, training: dict[str, Any]) -> None:
+def save_policy(path: Path, model: PPO, settings: TrainSettings, env: Any, training: dict[str, Any]) -> None:
     """Write the acting part of the model for :func:`agents.learned.trained.load_trained`.
 
     Raises:
         Diverged: a weight is not finite; an older policy stays.
     """
-    tensors = {"log_std": _numpy(model.policy.log_std)}
-    linear = [each for each in model.policy.mlp_extractor.policy_net if isinstance(each, torch.nn.Linear)]
-    for k, layer in enumerate([*linear, model.policy.action_net]):
-        assert isinstance(layer, torch.nn.Linear)
-        tensors[f"layer{k}.weight"], tensors[f"layer{k}.bias"] = _numpy(layer.weight), _numpy(layer.bias)
+    tensors = trained_tensors(model.policy.actor)  # type: ignore[arg-type]
     _refuse_infinite(tensors)
+    serves, info = settings.serves, TaskInfo.of(env)
+    coding: Coding = model.policy.coding  # type: ignore[assignment]
     record = {
-        "task": TaskInfo.of(model.get_env().env).name,  # type: ignore[union-attr]
-        "action": settings.environment.get("action", "element"),
+        "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
+        "surface": ANY if serves.surface == ANY else described(info.surface),
+        "parts": ANY if serves.parts == ANY else len(info.parts),
+        "columns": coding.columns,
+        "action": coding.action,
+        "network": settings.ppo.network,
         "activation": settings.ppo.activation,
         "training": training,
     }
-    save_set(path, POLICY_KIND, tensors, record)
+    save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)

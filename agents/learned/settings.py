@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
+from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.tasks import TASKS
 
@@ -20,10 +21,10 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 
 
 class PPOSettings(Settings):
-    """Stable-Baselines3's PPO; defaults are what trained fastest on two cores."""
+    """PPO with parts as samples; defaults are what trained fastest on two cores."""
 
     n_steps: int = Field(32, ge=1, le=1_000_000)
-    batch_size: int = Field(4096, ge=2, le=100_000_000)
+    batch_size: int = Field(4096, ge=2, le=100_000_000)  # parts
     n_epochs: int = Field(3, ge=1, le=1000)
     learning_rate: Rate = 1e-3
     final_learning_rate: Rate = 1e-4  # reached linearly at the end
@@ -31,9 +32,43 @@ class PPOSettings(Settings):
     gae_lambda: float = Field(0.95, gt=0, le=1)
     clip_range: float = Field(0.2, gt=0, le=10)
     ent_coef: float = Field(0.0, ge=0, le=100)
-    log_std_init: float = Field(-0.5, ge=-20, le=5)
+    target_kl: float | None = Field(None, gt=0, le=100)  # an update ends beyond 1.5 times it
+    log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+    critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
     activation: Literal["tanh", "relu"] = "tanh"
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)
+    critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
+    attention: Width = 32
+    network: Literal["parts", "elements"] = "parts"
+
+
+class ImitationSettings(Settings):
+    """What an expert teaches beforehand, see :class:`agents.learned.imitation.Imitation`."""
+
+    expert: Any  # a policy that speaks the environment's action
+    rounds: int = Field(4, ge=1, le=1000)
+    steps: int = Field(100, ge=1, le=1_000_000)  # of each world, in a round
+    epochs: int = Field(4, ge=1, le=10_000)  # after each round, over all that has been found
+    batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
+    learning_rate: Rate = 1e-3
+    noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of what disturbs those who act
+    own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
+
+
+class JudgingSettings(Settings):
+    """How a learning curve is measured: deterministic episodes on the same seeds every time."""
+
+    episodes: int = Field(100, ge=1, le=1_000_000)
+    first_seed: int = Field(500_000, ge=0, le=2**31)
+    every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
+
+
+class ServesSettings(Settings):
+    """What else a policy may act on than what it was trained on."""
+
+    tasks: list[str] | None = None  # names; None: the one that it was trained on
+    surface: Literal["same", "any"] = "same"
+    parts: Literal["same", "any"] = "same"  # their number
 
 
 class TrainSettings(Settings):
@@ -50,6 +85,11 @@ class TrainSettings(Settings):
     seed: int = Field(0, ge=0, lt=2**32)  # NumPy's old generator, which Stable-Baselines3 seeds, takes no more
     checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
     output: str | None = None  # directory; default: runs/<name of the file>
+    scenes: list[dict[str, Any]] = Field([], max_length=10_000)  # arguments on top of environment; worlds are dealt out
+    start: str | None = None  # path of a policy to begin with
+    imitation: ImitationSettings | None = None
+    judging: JudgingSettings | None = None
+    serves: ServesSettings = ServesSettings()
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
 
     @property
@@ -67,9 +107,71 @@ class TrainSettings(Settings):
         return task
 
 
-def load_settings(path: Path) -> TrainSettings:
-    """Read a training file; the first fault is a one-line ValueError that names file and field."""
-    data = load_yaml(path)
-    if isinstance(data.get("ppo"), dict):
-        data["ppo"] = parse(PPOSettings, data["ppo"], f"{path}: ppo")
-    return parse(TrainSettings, data, str(path))
+PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
+    "ppo": PPOSettings,
+    "imitation": ImitationSettings,
+    "judging": JudgingSettings,
+    "serves": ServesSettings,
+}
+
+
+def load_settings(path: Path, agent: str | None = None, seed: int | None = None) -> TrainSettings:
+    """Read a training file; the first fault is a one-line ValueError that names file and field.
+
+    A file holds the settings of one run, or of many agents: then its keys are the ids of environments, such as
+    ``vibgym/Align-v0``, under each of which the settings of its agents stand by name. What stands under ``defaults`` counts for
+    all of them.
+
+    Args:
+        path: of the YAML file.
+        agent: ``"Align/prototype"``: that of this name under ``vibgym/Align-v0``; only for files of many agents.
+        seed: instead of the file's.
+    """
+    data, where = load_yaml(path), str(path)
+    if "task" not in data:
+        data, where = _of_agent(data, where, agent)
+    elif agent is not None:
+        raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
+    if seed is not None:
+        data = {**data, "seed": seed}
+    for name, model in PARTS_OF_SETTINGS.items():
+        if isinstance(data.get(name), dict):
+            data[name] = parse(model, data[name], f"{where}: {name}")
+    return parse(TrainSettings, data, where)
+
+
+def agents_in(path: Path) -> tuple[str, ...]:
+    """Names of the agents in a file of many."""
+    return tuple(_agents(load_yaml(path), str(path)))
+
+
+def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
+    found = {}
+    for key, named in data.items():
+        if key == "defaults":
+            continue
+        spec = gym.registry.get(key) if isinstance(key, str) else None
+        if spec is None or not isinstance(named, dict):
+            raise checks.refuse(where, key, "'task', for one run; or 'defaults' and ids of environments, with mappings")
+        for name, settings in named.items():
+            if not isinstance(settings, dict) or "task" in settings:
+                raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
+            task = spec.name if spec.namespace == "vibgym" else key
+            found[f"{spec.name}/{name}"] = {"task": task, **settings}
+    return found
+
+
+def _of_agent(data: dict[str, Any], where: str, agent: str | None) -> tuple[dict[str, Any], str]:
+    """Settings of one agent of a file, and what to call them."""
+    defaults, agents = data.get("defaults", {}), _agents(data, where)
+    if not isinstance(defaults, dict):
+        raise checks.refuse(f"{where}: defaults", defaults, "a mapping of settings")
+    if agent not in agents:
+        raise checks.refuse("--agent", agent, f"one of {', '.join(agents)}")
+    own = agents[agent]
+    merged = {**defaults, **own}
+    for name in PARTS_OF_SETTINGS:
+        if isinstance(defaults.get(name), dict) and isinstance(own.get(name), dict):
+            merged[name] = {**defaults[name], **own[name]}
+    merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{merged.get('seed', 0)}")
+    return merged, f"{where}: {agent}"

@@ -1,4 +1,4 @@
-"""Training: PPO on one task from one file, with logs, checkpoints, and going on after an interruption."""
+"""Training: PPO on one task from one file, with or without an expert's lessons before, with logs, checkpoints, and going on after an interruption."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
-from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from tqdm import tqdm
@@ -20,8 +19,18 @@ import vibgym
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.checkpoint import Diverged
+from agents.learned.coding import Coding
+from agents.learned.imitation import Imitation
+from agents.learned.judging import Judge
+from agents.learned.parts_policy import PartsPolicy
+from agents.learned.ppo import PartsPPO
 from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
+from agents.learned.trained import load_trained
+from agents.policy import Policy
+from agents.evaluation.provenance import processor, versions
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
 from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
 from vibgym.files import WriteError, output_directory, output_files, reason
@@ -31,39 +40,53 @@ MOST_ROLLOUT = 4e9
 
 POLICY = "policy.json"
 
-ACTIVATIONS = {"tanh": torch.nn.Tanh, "relu": torch.nn.ReLU}
-
-
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
-    """The batch of worlds that a run trains on; policies are trained and act on the flat state."""
-    checks.choice("observation", settings.environment.get("observation", "state"), ("state",))
-    arguments: dict[str, Any] = {"num_envs": settings.worlds, "autoreset_mode": "SameStep", **settings.environment}
+    """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on observations by parts."""
+    checks.choice("observation", settings.environment.get("observation", "parts"), ("parts",))
+    scenes = settings.scenes or [{}]
+    if settings.worlds < len(scenes):
+        raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
+    shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
+    return StableBaselinesAdapter(*(_scene(settings, *each) for each in zip(scenes, shares, strict=True)))
+
+
+def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VibgymVectorEnv:
+    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": "parts"}
+    arguments.setdefault("autoreset_mode", "SameStep")
     name = settings.environment_name
     env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
     assert isinstance(env, VibgymVectorEnv)
-    return StableBaselinesAdapter(env)
+    return env
 
 
-def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PPO:
-    """An untrained PPO model.
+def action_of(settings: TrainSettings) -> str:
+    """What the policy speaks: the environment's action, or its default."""
+    return settings.environment.get("action", "element")
+
+
+def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO:
+    """An untrained model.
 
     Raises:
         ValueError: a rollout that is too short to learn from, or too large to keep.
     """
-    ppo = settings.ppo
+    ppo, base = settings.ppo, env.env
     if ppo.n_steps * settings.worlds < 2:
         raise checks.refuse("ppo.n_steps", ppo.n_steps, "2 or more with one world")
-    numbers = sum(math.prod(space.shape or ()) for space in (env.observation_space, env.action_space)) + 6
+    coding = Coding(base.surface, base.parts, base.parts_layout, action_of(settings))
+    numbers = len(base.parts) * (coding.shape.columns + coding.shape.action + 6)
     size = 4 * numbers * ppo.n_steps * settings.worlds
     if size > MOST_ROLLOUT:
         allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
         raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
+    if ppo.network == "elements" and not coding.shape.side:
+        raise checks.refuse("ppo.network", ppo.network, "'parts': this action has no elements")
 
     def learning_rate(remaining: float) -> float:
         return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
 
-    return PPO(
-        "MlpPolicy",
+    return PartsPPO(
+        PartsPolicy,
         env,
         n_steps=ppo.n_steps,
         batch_size=ppo.batch_size,
@@ -73,10 +96,16 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PPO:
         gae_lambda=ppo.gae_lambda,
         clip_range=ppo.clip_range,
         ent_coef=ppo.ent_coef,
+        target_kl=ppo.target_kl,
+        critic_steps=ppo.critic_steps,
         policy_kwargs={
-            "net_arch": list(ppo.net),
-            "activation_fn": ACTIVATIONS[ppo.activation],
-            "log_std_init": ppo.log_std_init,
+            "coding": coding,
+            "actor": ppo.network,
+            "net": list(ppo.net),
+            "critic_net": list(ppo.critic_net),
+            "activation": ppo.activation,
+            "attention": ppo.attention,
+            "log_std": ppo.log_std_init,
         },
         seed=settings.seed,
         device="cpu",
@@ -90,9 +119,11 @@ class TrainingError(RuntimeError):
 class Progress(BaseCallback):
     """Progress bar, and a checkpoint at a rollout's end when one is due."""
 
-    def __init__(self, settings: TrainSettings, directory: Path, seconds_before: float, quiet: bool) -> None:
+    def __init__(
+        self, settings: TrainSettings, directory: Path, seconds_before: float, quiet: bool, judge: Judge | None = None
+    ) -> None:
         super().__init__()
-        self.settings, self.directory = settings, directory
+        self.settings, self.directory, self.judge = settings, directory, judge
         self.seconds_before, self.began = seconds_before, time.perf_counter()
         self.bar: Any = tqdm(total=settings.steps, unit="step", unit_scale=True, disable=quiet)
         self.saved_at = 0  # steps of the checkpoint on disk
@@ -118,14 +149,16 @@ class Progress(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         # Here the last update is complete, so weights and optimizer belong together.
-        assert isinstance(self.model, PPO)
+        assert isinstance(self.model, PartsPPO)
         checkpoint.check_finite(self.model)
+        if self.judge is not None and self.judge.due(self.num_timesteps):
+            self.judge.judge(self.model.policy, self.num_timesteps, self.seconds, "ppo")
         if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
             self.save()
 
     def save(self) -> None:
         """Write a checkpoint of the present state."""
-        assert isinstance(self.model, PPO)
+        assert isinstance(self.model, PartsPPO)
         checkpoint.save(self.directory, self.model, self.settings, self.seconds)
         self.saved_at = self.num_timesteps
 
@@ -139,17 +172,26 @@ def _saved(directory: Path) -> str:
     return f"{steps} steps are saved in {directory}; the same command goes on from there"
 
 
-def train(config: Path, output: Path | None = None, quiet: bool = False, policy: Path | None = None) -> Path:
+def train(
+    config: Path,
+    output: Path | None = None,
+    quiet: bool = False,
+    policy: Path | None = None,
+    agent: str | None = None,
+    seed: int | None = None,
+) -> Path:
     """Train as the file ``config`` says, from its last checkpoint if there is one.
 
-    Writes ``checkpoint.json`` with its tensors, ``progress.csv`` and TensorBoard events, and at the end the policy: a
-    JSON file with its tensors beside it.
+    Writes ``checkpoint.json`` with its tensors, ``progress.csv`` and TensorBoard events, ``curve.csv`` where the settings ask
+    for a learning curve, and at the end the policy: a JSON file with its tensors beside it.
 
     Args:
-        config: YAML file of :class:`TrainSettings`.
+        config: YAML file, see :func:`agents.learned.settings.load_settings`.
         output: directory, instead of the file's.
         quiet: no progress bar, no closing line.
         policy: path of the policy's file, instead of ``policy.json`` in the directory.
+        agent: which one of a file of many.
+        seed: instead of the file's.
 
     Returns:
         Path of the policy's file.
@@ -160,7 +202,7 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
         TrainingError: the training diverged; the last checkpoint and the last policy stay.
         WriteError: no space is left, or the like.
     """
-    settings = load_settings(config)
+    settings = load_settings(config, agent, seed)
     directory = output or Path(settings.output or Path("runs") / config.stem)
     try:
         env = make_env(settings)
@@ -169,12 +211,19 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
     with contextlib.closing(env):
         try:
             model = make_model(settings, env)
+            scenes = experts(settings, env)
+            begin_with(settings, model, env)
+            judge = None if settings.judging is None else Judge(settings, model.policy.coding, directory)
         except ValueError as error:
             raise ValueError(f"{config}: {error}") from None
         path = policy_path(directory, policy)
         with locks.one_run(directory):
-            progress = Progress(settings, directory, checkpoint.restore(directory, model, settings), quiet)
+            progress = Progress(settings, directory, checkpoint.restore(directory, model, settings), quiet, judge)
             try:
+                if judge is not None:
+                    judge.begin(model.num_timesteps)
+                if model.num_timesteps == 0:
+                    imitate(model, scenes, settings, progress)
                 learn(model, settings, progress)
             except (Diverged, ValueError) as error:
                 raise failure(error, model, progress) from error
@@ -183,21 +232,74 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_saved(directory)) from None
             training = {
-                "algorithm": "PPO (Stable-Baselines3)",
+                "algorithm": "PPO with parts as samples (on Stable-Baselines3)",
                 "settings": settings.model_dump(mode="json"),
                 "steps": model.num_timesteps,
                 "minutes": round(progress.seconds / 60.0, 2),
-                "vibgym": vibgym.__version__,
+                "threads": torch.get_num_threads(),
+                "processor": processor(),
+                "versions": versions(),
             }
             # Others may write policies beside this one, and train elsewhere: a moment's lock, not the directory's.
             with locks.one_run(path.parent, "--policy", f".{path.name}.lock", patience=60.0):
-                checkpoint.save_policy(path, model, settings, training)
+                checkpoint.save_policy(path, model, settings, env.env, training)
     if not quiet:
         rate = model.num_timesteps / progress.seconds
         print(
             f"{path}: {model.num_timesteps} steps in {progress.seconds:.0f} s, {rate:.0f} steps/s, everything included"
         )
     return path
+
+
+def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[Policy, VibgymVectorEnv]]:
+    """Whom the run imitates in each of its scenes; none without imitation.
+
+    Raises:
+        ValueError: an expert that does not serve the task, or does not speak its actions.
+    """
+    if settings.imitation is None:
+        return []
+    found = []
+    for scene in env.envs:
+        expert = make_policy(settings.imitation.expert, TaskInfo.of(scene), settings.seed)
+        if expert.action != action_of(settings) or expert.observation != "state":
+            got = f"one that speaks {expert.action!r} and reads {expert.observation!r}"
+            allowed = f"one that speaks {action_of(settings)!r} and reads 'state'"
+            raise checks.refuse("imitation.expert", got, allowed)
+        found.append((expert, scene))
+    return found
+
+
+def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAdapter) -> None:
+    """Take the actor over from the policy that the settings name, if they do.
+
+    Raises:
+        ValueError: a policy of another form, or for another task.
+    """
+    if settings.start is None:
+        return
+    tensors = load_trained(Path(settings.start), TaskInfo.of(env.env)).tensors
+    mine = model.policy.actor.state_dict()
+    if {name: tuple(value.shape) for name, value in mine.items()} != {n: v.shape for n, v in tensors.items()}:
+        raise checks.refuse("start", settings.start, "a policy with a network as the settings have it")
+    model.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+
+
+def imitate(
+    model: PartsPPO, scenes: list[tuple[Policy, VibgymVectorEnv]], settings: TrainSettings, progress: Progress
+) -> None:
+    """Let the actor learn from the experts; the steps count."""
+    if settings.imitation is None:
+        return
+    lessons = Imitation(model.policy, scenes, settings.imitation, settings.seed)
+    for loss in lessons.rounds():
+        model.num_timesteps = lessons.steps
+        checkpoint.check_finite(model)
+        progress.bar.update(lessons.steps - progress.bar.n)
+        progress.bar.set_postfix_str(f"imitation, error {loss:.2e}", refresh=False)
+    if progress.judge is not None:
+        progress.judge.judge(model.policy, lessons.steps, progress.seconds, "imitation")
+    checkpoint.save(progress.directory, model, settings, progress.seconds)
 
 
 def policy_path(directory: Path, policy: Path | None) -> Path:
@@ -218,7 +320,7 @@ def policy_path(directory: Path, policy: Path | None) -> Path:
     return policy
 
 
-def learn(model: PPO, settings: TrainSettings, progress: Progress) -> None:
+def learn(model: PartsPPO, settings: TrainSettings, progress: Progress) -> None:
     """Train to the end, and write the last checkpoint."""
     progress.saved_at = model.num_timesteps  # what was restored
     sitting = progress.directory / f"log-from-{model.num_timesteps}"
@@ -229,13 +331,16 @@ def learn(model: PPO, settings: TrainSettings, progress: Progress) -> None:
         if model.num_timesteps < settings.steps:
             todo = settings.steps - model.num_timesteps
             model.learn(todo, callback=progress, log_interval=1, reset_num_timesteps=False)
+            checkpoint.check_finite(model)
+            if progress.judge is not None:
+                progress.judge.judge(model.policy, model.num_timesteps, progress.seconds, "ppo")
         checkpoint.save(progress.directory, model, settings, progress.seconds)
     finally:
         progress.bar.close()
         model.logger.close()
 
 
-def failure(error: Exception, model: PPO, progress: Progress) -> RuntimeError:
+def failure(error: Exception, model: PartsPPO, progress: Progress) -> RuntimeError:
     """What ended a training whose settings were fine."""
     steps = model.num_timesteps
     try:

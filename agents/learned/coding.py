@@ -1,0 +1,167 @@
+"""From observations by parts to the rows that networks read, and from the parts' actions to the environment's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.learned.networks.shape import Shape
+from vibgym import Part, Surface, checks
+from vibgym.envs.actions import ACTIONS, patch_size
+
+BY_PART = ("wrench", "field", "patch")
+"""Actions that have a row for every part."""
+
+
+class Seen(NamedTuple):
+    """A batch of observations, as networks read it."""
+
+    rows: np.ndarray  # (worlds, parts, columns) float32
+    mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
+
+
+class Coding:
+    """Turns observations by parts into rows, and actions of single parts into the environment's.
+
+    With ``"element"`` and ``"phasor"`` a part's action is for the square of elements around it, as with ``"patch"``, and all
+    others rest.
+
+    Args:
+        surface, parts: the scene.
+        layout: ``env.unwrapped.parts_layout``.
+        action: the environment's ``action=``.
+        columns: names and widths of the columns that a network reads; None: all. A scene may tell more, such as how old a
+            measurement is, of which a network that was trained without knows nothing.
+
+    Attributes:
+        shape: what a network has to know.
+        columns: names and widths of what it reads.
+
+    Raises:
+        ValueError: an action that has neither rows of parts nor elements, or columns that this scene does not have.
+    """
+
+    observation = "parts"
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        layout: Sequence[Any],
+        action: str,
+        columns: Sequence[Sequence[Any]] | None = None,
+    ) -> None:
+        self.surface, self.parts, self.action = surface, tuple(parts), action
+        whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
+        side = patch_size(surface, self.parts)
+        self._code: Callable[[np.ndarray], np.ndarray] | None = None
+        if action in CODES:
+            size, self._code = 2 * side**2, CODES[action]
+        elif action in BY_PART:
+            size = whole // len(self.parts)
+        else:
+            raise checks.refuse("action", action, ", ".join(map(repr, (*BY_PART, *CODES))))
+        self._all = sum(row.width for row in layout)
+        self._pick, layout = picked(layout, columns)
+        self.columns = [[row.name, row.width] for row in layout]
+        self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
+        self._position = next(row.start for row in layout if row.name == "position")
+
+    def see(self, observation: Any) -> Seen:
+        """Rows and mask of the parts; of one observation a batch of one.
+
+        Raises:
+            ValueError: not an observation by parts.
+        """
+        n, columns = len(self.parts), self._all
+        allowed = f"a dictionary of 'parts' (..., {n} or more, {columns}) and 'mask' (..., {n} or more)"
+        try:
+            rows = np.asarray(observation["parts"], dtype=np.float32)
+            mask = np.asarray(observation["mask"], dtype=np.float32)
+        except (TypeError, KeyError, IndexError, ValueError):
+            raise checks.refuse("observation", observation, allowed) from None
+        if rows.ndim == 2:
+            rows, mask = rows[None], mask[None]
+        if rows.ndim != 3 or mask.shape != rows.shape[:2] or rows.shape[1] < n or rows.shape[2] != columns:
+            raise checks.refuse("observation", f"arrays of shapes {rows.shape} and {mask.shape}", allowed)
+        rows = rows[:, :n] if self._pick is None else rows[:, :n, self._pick]
+        return Seen(rows, mask[:, :n])
+
+    def actions(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
+        """The environment's actions (worlds, n) float32 of the parts' (worlds, parts, size)."""
+        if self._code is None:
+            return of_parts.reshape(len(of_parts), -1)
+        side, surface = self.shape.side, self.surface
+        place = seen.rows[..., self._position : self._position + 2].astype(np.float64)
+        # In elements; where the centre lies in its element says it more finely than where it lies on the table.
+        within = 0.5 * (seen.rows[..., self.shape.place : self.shape.place + 2].astype(np.float64) + 1.0)
+        size = np.array([surface.columns, surface.rows])
+        whole = np.rint(0.5 * (place + 1.0) * size - within)
+        first = (whole + np.floor(within + (0.5 - 0.5 * side))).astype(np.int64)
+        return self._code(self._on_table(first, whole + within, seen.mask > 0.5, of_parts))
+
+    def _on_table(self, first: np.ndarray, centre: np.ndarray, present: np.ndarray, of_parts: np.ndarray) -> np.ndarray:
+        """Phasors (worlds, rows, columns, 2) of all elements; one in several patches obeys the part that is nearest.
+
+        Args:
+            first: (worlds, parts, 2) column and row of each patch's first element.
+            centre: (worlds, parts, 2) of the parts, in elements.
+            present: (worlds, parts) bool.
+            of_parts: (worlds, parts, side * side * 2).
+        """
+        worlds, parts = present.shape
+        rows, columns, side = self.surface.rows, self.surface.columns, self.shape.side
+        table = np.zeros((worlds, rows, columns, 2), dtype=np.float32)
+        nearest = np.full((worlds, rows, columns), np.inf)
+        patches = of_parts.reshape(worlds, parts, side, side, 2)
+        steps = np.arange(side)
+        for part in range(parts):
+            x, y = first[:, part, 0, None, None] + steps, first[:, part, 1, None, None] + steps[:, None]
+            away = (x + 0.5 - centre[:, part, 0, None, None]) ** 2 + (y + 0.5 - centre[:, part, 1, None, None]) ** 2
+            inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows) & present[:, part, None, None]
+            world, i, j = np.nonzero(np.broadcast_to(inside, (worlds, side, side)))
+            at = world, np.broadcast_to(y, (worlds, side, side))[world, i, j], x.repeat(side, 1)[world, i, j]
+            distance = away[world, i, j]
+            nearer = distance < nearest[at]
+            at = tuple(index[nearer] for index in at)
+            nearest[at] = distance[nearer]
+            table[at] = patches[world[nearer], part, i[nearer], j[nearer]]
+        return table
+
+
+def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tuple[np.ndarray | None, list[Any]]:
+    """Which numbers of a row a network reads, None for all, and what they mean, as it counts them.
+
+    Raises:
+        ValueError: the row has them not, or in another order.
+    """
+    if columns is None or list(map(list, columns)) == [[row.name, row.width] for row in layout]:
+        return None, list(layout)
+    wanted = [tuple(each) for each in columns]
+    kept = [row for row in layout if (row.name, row.width) in wanted]
+    if [(row.name, row.width) for row in kept] != wanted:
+        missing = [each for each in wanted if each not in [(row.name, row.width) for row in kept]]
+        raise checks.refuse("columns", missing or wanted, f"{[(row.name, row.width) for row in layout]}, in this order")
+    starts = np.cumsum([0, *(row.width for row in kept)])
+    numbers = np.concatenate([np.arange(row.start, row.start + row.width) for row in kept])
+    return numbers, [row._replace(start=int(start)) for row, start in zip(kept, starts[:-1], strict=True)]
+
+
+def phasor_code(table: np.ndarray) -> np.ndarray:
+    """``"phasor"`` actions of phasors (worlds, rows, columns, 2)."""
+    return table.reshape(len(table), -1)
+
+
+def element_code(table: np.ndarray) -> np.ndarray:
+    """``"element"`` actions of phasors (worlds, rows, columns, 2): amplitude and phase, as numbers in [-1, 1]."""
+    amplitude = np.minimum(np.hypot(table[..., 0], table[..., 1]), 1.0)
+    phase = np.arctan2(table[..., 1], table[..., 0])
+    coded = np.stack([2.0 * amplitude - 1.0, phase / math.pi], axis=-1)
+    return coded.astype(np.float32).reshape(len(table), -1)
+
+
+CODES = {"phasor": phasor_code, "element": element_code}
+"""Actions that have numbers for every element of the table, of the phasors of all."""

@@ -1,0 +1,124 @@
+"""PPO with parts as samples, on Stable-Baselines3: its own loop and logs, leaner steps and updates.
+
+Every part of every world is a sample with its own reward and advantage, so that what one part does well or badly is not charged
+to all (learning.md). What costs time in SB3's loop for many worlds is done in batch: no dictionaries of worlds that have not
+ended, values of a whole rollout at once, few and large minibatches.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
+
+from agents.learned.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
+from agents.learned.rollout import PartsBuffer
+
+
+class PartsPPO(PPO):
+    """PPO (Schulman et al. 2017) over :class:`agents.learned.parts_policy.PartsPolicy`; see the module.
+
+    Args:
+        policy, env, **settings: as SB3's; ``env`` is a :class:`agents.learned.adapter.StableBaselinesAdapter` over worlds with
+            observations by parts. ``batch_size`` counts parts.
+        critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to
+            be spoilt by values that mean nothing yet.
+    """
+
+    policy: PartsPolicy
+    rollout_buffer: PartsBuffer
+
+    def __init__(self, policy: Any, env: Any, *, critic_steps: int = 0, **settings: Any) -> None:
+        coding = settings["policy_kwargs"]["coding"]
+        buffer = {"rollout_buffer_class": PartsBuffer, "rollout_buffer_kwargs": {"coding": coding}}
+        super().__init__(policy, env, **buffer, **settings)
+        self.critic_steps = critic_steps
+
+    def collect_rollouts(self, env: Any, callback: BaseCallback, rollout_buffer: Any, n_rollout_steps: int) -> bool:
+        """Let all worlds make ``n_rollout_steps`` steps; False where the callback ends the training."""
+        coding, buffer, actor = self.policy.coding, rollout_buffer, self.policy.actor
+        buffer.reset()
+        callback.on_rollout_start()
+        for _ in range(n_rollout_steps):
+            seen = coding.see(self._last_obs)
+            with torch.no_grad():
+                mean, log_std = actor(torch.from_numpy(seen.rows))
+                noise = torch.randn_like(mean)
+                action = mean + log_std.exp() * noise
+                log_prob = -(0.5 * noise * noise + log_std + HALF_LOG_TAU).sum(dim=-1)
+            action, asked = action.numpy(), action.clamp(-1.0, 1.0).numpy()
+            observation, _, done, infos = env.step(coding.actions(seen, asked))
+            buffer.write(seen, action, log_prob.numpy(), env.part_reward, done)
+            self.num_timesteps += env.num_envs
+            for world in np.flatnonzero(done).tolist():
+                if infos[world]["TimeLimit.truncated"]:
+                    buffer.cut_off(world, coding.see(infos[world]["terminal_observation"]))
+            self._update_info_buffer([infos[world] for world in np.flatnonzero(done)])
+            self._last_obs = observation
+            if not callback.on_step():
+                return False
+        buffer.finish(coding.see(self._last_obs), self.policy.critic)
+        callback.update_locals(locals())
+        callback.on_rollout_end()
+        return True
+
+    def train(self) -> None:
+        """Update actor and critic from the last rollout."""
+        assert isinstance(self.clip_range, FloatSchedule) or callable(self.clip_range)
+        update_learning_rate(self.policy.optimizer, self.lr_schedule(self._current_progress_remaining))
+        clip = self.clip_range(self._current_progress_remaining)
+        samples, acts = self.rollout_buffer.samples(), self.num_timesteps > self.critic_steps
+        here = samples["mask"] > 0.5
+        of_parts = samples["advantage"][here]
+        samples["advantage"] = (samples["advantage"] - of_parts.mean()) / (of_parts.std() + 1e-8)
+        worlds = len(samples["mask"])
+        size = max(self.batch_size // samples["mask"].shape[1], 1)
+        losses: dict[str, list[float]] = {"policy": [], "value": [], "kl": [], "clipped": []}
+        far = False
+        for _ in range(self.n_epochs):
+            order = torch.randperm(worlds)
+            for chosen in order.split(size):
+                if len(chosen) * 2 < size and worlds >= size:  # a last, small minibatch would be noise
+                    continue
+                part = {name: each[chosen] for name, each in samples.items()}
+                loss, facts = self._loss(part, clip, acts)
+                if self.target_kl is not None and acts and facts["kl"] > 1.5 * self.target_kl:
+                    far = True
+                    break
+                for name, value in facts.items():
+                    losses[name].append(value)
+                self.policy.optimizer.zero_grad()
+                loss.backward()
+                torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
+                self.policy.optimizer.step()
+            if far:
+                break
+            self._n_updates += 1
+        for name, values in losses.items():
+            self.logger.record(f"train/{name}", float(np.mean(values)) if values else float("nan"))
+
+    def _loss(self, part: dict[str, torch.Tensor], clip: float, acts: bool) -> tuple[torch.Tensor, dict[str, float]]:
+        """Loss of a minibatch, and what to tell of it."""
+        mask = part["mask"]
+        count = mask.sum().clamp(min=1.0)
+        value = self.policy.critic(part["rows"], mask)
+        value_loss = (((value - part["target"]) ** 2) * mask).sum() / count
+        if not acts:
+            return value_loss, {"policy": 0.0, "value": float(value_loss.detach()), "kl": 0.0, "clipped": 0.0}
+        mean, log_std = self.policy.actor(part["rows"])
+        difference = log_probability(part["actions"], mean, log_std) - part["log_prob"]
+        ratio = difference.exp()
+        advantage = part["advantage"]
+        gain = torch.min(advantage * ratio, advantage * ratio.clamp(1.0 - clip, 1.0 + clip))
+        policy_loss = -(gain * mask).sum() / count
+        loss = policy_loss + self.vf_coef * value_loss
+        if self.ent_coef > 0.0:
+            loss = loss - self.ent_coef * (log_std.sum(dim=-1) * mask).sum() / count
+        with torch.no_grad():
+            kl = float((((ratio - 1.0) - difference) * mask).sum() / count)
+            clipped = float((((ratio - 1.0).abs() > clip) * mask).sum() / count)
+        return loss, {"policy": float(policy_loss.detach()), "value": float(value_loss.detach()), "kl": kl, "clipped": clipped}
