@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from agents.learned.coding import Coding, Seen
+from agents.learned.coding import Coding
 from agents.learned.parts_policy import PartsPolicy
 from agents.learned.settings import ImitationSettings
 from agents.policy import Policy
@@ -59,11 +59,11 @@ class Demonstrator:
         for step in range(steps):
             seen = self.coding.see(self._observation)
             action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
-            rows[step], mask[step] = seen
-            wanted[step] = action.reshape(worlds, parts, -1)
+            rows[step], mask[step] = seen.rows, seen.mask
+            wanted[step] = self.coding.to_rows(seen, action.reshape(worlds, parts, -1))
             acted = wanted[step].copy()
             if own.any():
-                acted[own] = _act(policy, Seen(seen.rows[own], seen.mask[own]))
+                acted[own] = _act(policy, seen.rows[own])
             acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
             self._observation, _, terminated, truncated, _ = self.env.step(
                 self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
@@ -73,9 +73,9 @@ class Demonstrator:
         return Demonstrations(*flat)
 
 
-def _act(policy: PartsPolicy, seen: Seen) -> np.ndarray:
+def _act(policy: PartsPolicy, rows: np.ndarray) -> np.ndarray:
     with torch.no_grad():
-        return policy.actor(torch.from_numpy(seen.rows))[0].clamp(-1.0, 1.0).numpy()
+        return policy.actor(torch.from_numpy(rows))[0].clamp(-1.0, 1.0).numpy()
 
 
 class Imitation:

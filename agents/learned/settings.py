@@ -40,6 +40,8 @@ class PPOSettings(Settings):
     critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
     attention: Width = 32
     network: Literal["parts", "elements"] = "parts"
+    turned: bool = False  # rows are turned by quarter turns until their way leads to the right and up
+    blind: list[str] = Field([], max_length=100)  # names of columns that the network does not read
 
 
 class ImitationSettings(Settings):
