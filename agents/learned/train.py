@@ -92,8 +92,9 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     if size > MOST_ROLLOUT:
         allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
         raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
-    if ppo.network == "elements" and not coding.shape.side:
-        raise checks.refuse("ppo.network", ppo.network, "'parts': this action has no elements")
+    if ppo.network == "elements" and not coding.shape.has_elements:
+        why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
+        raise checks.refuse("ppo.network", ppo.network, f"'parts': {why}")
 
     def learning_rate(remaining: float) -> float:
         return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
