@@ -119,9 +119,10 @@ class Imitation:
             yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
-        """Fit the actor's mean to all that has been found; returns the last epoch's mean squared error."""
+        """Fit the actor's mean to all that has been found; returns the last epoch's mean error, squared and relative."""
         rows, mask, wanted = (torch.from_numpy(np.concatenate(each)) for each in zip(*self._found, strict=True))
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
+        floor = self.settings.floor**2
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):
             total = 0.0
@@ -130,7 +131,10 @@ class Imitation:
                     group["lr"] = rate * (0.55 + 0.45 * float(np.cos(np.pi * done / updates)))
                 here = mask[chosen]
                 mean, _ = self.policy.actor(rows[chosen])
-                error = (((mean - wanted[chosen]) ** 2).mean(dim=-1) * here).sum() / here.sum().clamp(min=1.0)
+                sought = wanted[chosen]
+                # In part relative to what is wanted: at the goal small pushes are all that counts.
+                scale = 1.0 / (floor + (sought**2).mean(dim=-1))
+                error = (((mean - sought) ** 2).mean(dim=-1) * scale * here).sum() / here.sum().clamp(min=1.0)
                 optimizer.zero_grad()
                 error.backward()
                 optimizer.step()

@@ -54,6 +54,7 @@ class ImitationSettings(Settings):
     batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
     learning_rate: Rate = 1e-3
     noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of what disturbs those who act
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
     own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
 
 
