@@ -63,6 +63,13 @@ def trained(info: TaskInfo, *, path: str) -> Policy:
     return load_trained(Path(path.replace("{task}", info.name.lower())), info)
 
 
+def residual(info: TaskInfo, **arguments: Any) -> Policy:
+    """See :func:`agents.learned.residual.residual`."""
+    from agents.learned import residual as learned  # safetensors is an extra
+
+    return learned.residual(info, **arguments)
+
+
 CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
     "controller",
     {
@@ -77,6 +84,7 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
         "pid": lawful("pid"),
         "state_space": lawful("state_space"),
         "trained": trained,
+        "residual": residual,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.
