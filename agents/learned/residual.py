@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.learned.networks.shape import NEIGHBOUR
+from agents.learned.trained import TrainedPolicy, load_trained
 from agents.policy import Policy
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -118,30 +119,14 @@ class ResidualPolicy:
         return (action[0] if single else action), Memory(base, learned)
 
 
-def residual(info: TaskInfo, *, base: Any, path: str, scale: float = SCALE) -> ResidualPolicy:
-    """A base policy with the correction in a trained policy's file.
-
-    Args:
-        base: as for :func:`agents.registry.make_policy`; it is made to speak ``"wrench"``.
-        path: of the file; ``{task}`` is replaced by the task's name in lower case.
-        scale: as in training.
+def load_correction(path: Path, info: TaskInfo) -> TrainedPolicy:
+    """The network in a trained correction's file, which reads rows with the base's action.
 
     Raises:
-        ValueError: a base that does not fit, or a file that holds no correction for this task.
+        ValueError: the file holds no correction for this task.
     """
-    from agents.learned.trained import load_trained
-    from agents.registry import make_policy  # which knows this function by its name
-
-    if isinstance(base, str):
-        base = {"kind": base}
-    if isinstance(base, dict):
-        base = {"action": "wrench", **base}
-    if not isinstance(path, str):
-        raise checks.refuse("policy.path", path, "the path of a trained correction's JSON file")
-    made = make_policy(base, info)
-    wide = replace(info, parts_layout=with_base(info.parts_layout))
-    learned = load_trained(Path(path.replace("{task}", info.name.lower())), wide)
+    learned = load_trained(path, replace(info, parts_layout=with_base(info.parts_layout)))
     if [NAME, NUMBERS] not in learned.coding.columns:
         raise checks.refuse(f"{path}: columns", learned.coding.columns, f"columns with {[NAME, NUMBERS]}")
     checks.choice(f"{path}: action", learned.action, ("wrench",))
-    return ResidualPolicy(info, made, learned, scale=scale)
+    return learned

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from agents.learned.residual import NUMBERS, SCALE, Base
+from agents.learned.residual import SCALE, Base
 from agents.policy import Policy
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -49,13 +49,12 @@ class ResidualEnv(VectorWrapper):
             raise checks.refuse("env.action", type(inner.core.action).__name__, "that of action='wrench'")
         self.base = Base(base, TaskInfo.of(env), scale)
         self.parts, self.parts_layout, self.autoreset_mode = inner.parts, self.base.layout, inner.autoreset_mode
-        slots, columns = space["parts"].shape  # type: ignore[misc]
-        self.single_observation_space = spaces.Dict(
-            {"parts": spaces.Box(-1.0, 1.0, (slots, columns + NUMBERS), np.float32), "mask": space["mask"]}
-        )
+        columns = sum(row.width for row in self.base.layout)
+        rows = spaces.Box(-1.0, 1.0, (inner.task.slots, columns), np.float32)
+        self.single_observation_space = spaces.Dict({"parts": rows, "mask": space["mask"]})
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, env.num_envs)
         self._memory: Any = None
-        self._said = np.zeros((env.num_envs, *env.single_action_space.shape), dtype=np.float32)
+        self._said = np.zeros((env.num_envs, inner.core.action.size), dtype=np.float32)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin all worlds; ``options`` as the environment has them, but ``reset_mask``, which is for another mode."""

@@ -75,7 +75,7 @@ def test_corrections_are_added_and_cut_off():
 
 
 def test_the_base_remembers_what_was_done():
-    """Told of a correction, it counts on the acceleration that the environment counts on; parts left alone stay as they were."""
+    """Told of a correction, it counts on what the environment counts on; of parts left alone nothing changes."""
     env = worlds("Sort")
     info = TaskInfo.of(env)
     policy = make_policy(PLANNER, info)
