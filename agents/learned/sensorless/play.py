@@ -52,10 +52,11 @@ def play(
     surface: Surface,
     hardware: Any,
     seconds: float,
-    model: str = "averaged",
+    model: str = "planar",
+    periods: int = 1,
     threads: int | None = None,
 ) -> np.ndarray:
-    """Poses (periods + 1, schedules, trials, 3) at the ends of periods, the start included.
+    """Poses (steps + 1, schedules, trials, 3) at the ends of steps, the start included.
 
     Args:
         schedules: to compare, of any number of segments.
@@ -63,12 +64,13 @@ def play(
         part, surface: the scene.
         hardware: as ``actuators=`` of an environment.
         seconds: to simulate.
-        model: of the simulator.
+        model: of the simulator; ``"averaged"`` takes a step in one stride.
+        periods: oscillation periods of a step; commands stay the same in it.
         threads: of the simulator.
     """
     each = max(MOST_WORLDS // len(trials.pose), 1)
     chunks = [schedules[k : k + each] for k in range(0, len(schedules), each)]
-    return np.concatenate([_play(chunk, trials, part, surface, hardware, seconds, model, threads) for chunk in chunks], 1)
+    return np.concatenate([_play(chunk, trials, part, surface, hardware, seconds, model, periods, threads) for chunk in chunks], 1)
 
 
 def _play(
@@ -79,29 +81,31 @@ def _play(
     hardware: Any,
     seconds: float,
     model: str,
+    periods: int,
     threads: int | None,
 ) -> np.ndarray:
     count, many = len(schedules), len(trials.pose)
     worlds, size = count * many, 2 * surface.rows * surface.columns
-    simulator = Simulator(surface, part, worlds=worlds, model=model, threads=threads)
-    stage = actuators_from(hardware, surface, worlds, 1)
+    knobs = {"stride": periods} if model == "averaged" else {}
+    simulator = Simulator(surface, part, worlds=worlds, model=model, threads=threads, **knobs)
+    stage = actuators_from(hardware, surface, worlds, periods)
     stage.prepare(phasor_drive(np.zeros((worlds, size), np.float32), surface.columns, surface.full_scale))
     stage.reset(np.arange(worlds), np.tile(trials.machine, (count, 1)))
     idle = np.array([[*surface.idle_velocity(part.friction * factor), 0.0] for factor in trials.friction.tolist()])
     simulator.reset(np.tile(trials.pose, (count, 1))[:, None], np.tile(idle, (count, 1))[:, None])
     simulator.set_conditions(slice(None), friction=np.tile(trials.friction, count)[:, None])
+    step = periods * surface.period
+    steps = math.ceil(seconds / step - 1e-9)
+    shares = [schedule.shares(step * np.arange(steps), step) for schedule in schedules]
+    changes = np.any([np.any(np.diff(each, axis=0, prepend=-1.0) != 0.0, axis=1) for each in shares], axis=0)
     phasors = [schedule.phasors(surface).reshape(-1, size) for schedule in schedules]
-    periods = math.ceil(seconds / surface.period - 1e-9)
-    poses, before, drive = [simulator.pose[:, 0]], None, None
-    for period in range(periods):
-        now = np.array([period * surface.period])
-        shares = [schedule.shares(now, surface.period)[0] for schedule in schedules]
-        changed = before is None or any((a != b).any() for a, b in zip(shares, before))
-        if changed:
-            command = np.array([share @ fields for share, fields in zip(shares, phasors)], dtype=np.float32)
+    poses, drive = [simulator.pose[:, 0]], None
+    for k in range(steps):
+        if changes[k]:
+            command = np.array([share[k] @ fields for share, fields in zip(shares, phasors)], dtype=np.float32)
             drive = phasor_drive(np.repeat(command, many, axis=0), surface.columns, surface.full_scale)
-        before = shares
-        for each, stretch in stage.apply(drive):  # type: ignore[arg-type]
+        assert drive is not None  # the first step always changes
+        for each, stretch in stage.apply(drive):
             simulator.run(each, stretch)
         poses.append(simulator.pose[:, 0])
-    return np.array(poses).reshape(periods + 1, count, many, 3)
+    return np.array(poses).reshape(steps + 1, count, many, 3)

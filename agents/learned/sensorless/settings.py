@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
@@ -17,18 +17,19 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class SensorlessSettings(Settings):
-    """One search a part and seed, and the judgement of all that they find."""
+    """One search a part, hardware and seed, and the judgement of all that they find."""
 
     parts: list[str] = Field(["aluminium_block", "steel_block"], min_length=1)
     goal: list[float] = Field([0.416, 0.104, 0.0], min_length=3, max_length=3)  # m, m, rad
     seconds: float = Field(3.2, gt=0, le=100)  # that a schedule may last
     segments: int = Field(3, ge=1, le=20)
-    hardware: str | dict[str, Any] = "prototype"  # on which it is sought: actuators= of an environment
+    hardware: list[Literal["ideal", "prototype"]] = Field(["ideal", "prototype"], min_length=1)  # a search on each
     friction: list[float] = Field([0.9, 1.1], min_length=2, max_length=2)  # range of factors, drawn for every start
     model: Literal["averaged", "planar"] = "averaged"  # of the search; judged is with "planar"
-    starts: int = Field(64, ge=2, le=100_000)  # of each schedule
-    population: int = Field(16, ge=4, le=10_000)
-    generations: int = Field(250, ge=1, le=1_000_000)
+    periods: int = Field(4, ge=1, le=1000)  # of a step of the search, at whose ends fields may change
+    starts: int = Field(32, ge=2, le=100_000)  # of each schedule
+    population: int = Field(14, ge=4, le=10_000)
+    generations: int = Field(200, ge=1, le=1_000_000)
     sigma: float = Field(0.5, gt=0, le=10)
     seeds: list[Seed] = Field([1, 2, 3], min_length=1)
     judged: int = Field(1000, ge=1, le=1_000_000)  # fresh starts
