@@ -1,7 +1,7 @@
 """The thesis's squeeze fields (fig. 4.4), put together by hand: what a search has to beat.
 
-Each family is tried with lines turned, centred and ramped in a few ways, since on this table no squeeze field aligns a part with its
-own line: friction makes pushes run ahead of the table's motion, which turns parts by up to 40 degrees.
+Each family is tried with lines turned, centred and ramped in a few ways, since on this table no squeeze field aligns a part
+with its own line: friction makes pushes run ahead of the table's motion, which turns parts by up to 40 degrees.
 """
 
 from __future__ import annotations
@@ -26,12 +26,17 @@ FAMILIES: dict[str, Callable[[float], Rows]] = {
 }
 """Share of the time, push towards the line, and push along it, of every segment; ``along`` is the weaker squeeze's strength."""
 
+PLACING = tuple(FAMILIES)[1:]
+"""Those that leave no direction free: the others cannot bring a part to a place, however tuned."""
+
 ANGLES = np.radians(np.arange(-48.0, 49.0, 6.0))
 REACHES = (0.013, 0.026, 0.052)
 ALONG = (0.25, 0.5, 0.8)
 
 
-def made(family: str, goal: np.ndarray, seconds: float, friction: float, turned: float, reach: float, along: float) -> Schedule:
+def made(
+    family: str, goal: np.ndarray, seconds: float, friction: float, turned: float, reach: float, along: float
+) -> Schedule:
     """A schedule of a family; ``turned``: of the lines from the goal's heading, rad, in the last segment."""
     rows = FAMILIES[family](along)
     fields = np.array([[goal[0], goal[1], goal[2] + turned, push, other, 0.0, reach] for _, push, other in rows])
@@ -73,4 +78,3 @@ def tuned(
     off = np.median(ends[best, :, :2], axis=0) - goal[:2]
     moved = [shifted(schedules[best], -share * off) for share in (0.0, 0.5, 1.0, 1.5)]
     return moved[int(judged(moved)[0].argmin())]
-

@@ -70,7 +70,9 @@ def play(
     """
     each = max(MOST_WORLDS // len(trials.pose), 1)
     chunks = [schedules[k : k + each] for k in range(0, len(schedules), each)]
-    return np.concatenate([_play(chunk, trials, part, surface, hardware, seconds, model, periods, threads) for chunk in chunks], 1)
+    return np.concatenate(
+        [_play(chunk, trials, part, surface, hardware, seconds, model, periods, threads) for chunk in chunks], 1
+    )
 
 
 def _play(
@@ -86,7 +88,7 @@ def _play(
 ) -> np.ndarray:
     count, many = len(schedules), len(trials.pose)
     worlds, size = count * many, 2 * surface.rows * surface.columns
-    knobs = {"stride": periods} if model == "averaged" else {}
+    knobs: dict[str, Any] = {"stride": periods} if model == "averaged" else {}
     simulator = Simulator(surface, part, worlds=worlds, model=model, threads=threads, **knobs)
     stage = actuators_from(hardware, surface, worlds, periods)
     stage.prepare(phasor_drive(np.zeros((worlds, size), np.float32), surface.columns, surface.full_scale))

@@ -24,6 +24,7 @@ MOST_LOG = 5.0  # of reach and duration, from where the search begins
 VALIDATION = 8  # times as many starts as a schedule has in the search
 NUMBERS = 8  # of a segment: its field's, and its duration
 
+
 @dataclass(frozen=True, eq=False)
 class Found:
     """What a search found."""
@@ -53,7 +54,7 @@ def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: flo
 
 
 def encoded(schedule: Schedule, segments: int, seconds: float) -> np.ndarray:
-    """The point (segments * 8,) of the search that plays ``schedule``, its longest segments cut in halves until there are enough."""
+    """The point (segments * 8,) of the search that plays ``schedule``, its longest segments halved until there are enough."""
     fields, lasts = list(schedule.fields), list(schedule.seconds)
     while len(lasts) < segments:
         k = int(np.argmax(lasts))
@@ -123,9 +124,7 @@ def search(
     history = []
     for generation in tqdm(range(settings.generations), desc=f"{part.name}, {hardware}, seed {seed}", disable=quiet):
         points = strategy.ask()
-        trials = draw_trials(
-            part, surface, hardware, settings.friction_range, settings.starts, (0, seed, generation)
-        )
+        trials = draw_trials(part, surface, hardware, settings.friction_range, settings.starts, (0, seed, generation))
         values = costs([schedule_of(point) for point in points], trials, part, surface, settings, hardware)
         strategy.tell(points, values.tolist())
         history.append(values.min())

@@ -21,7 +21,7 @@ class SensorlessSettings(Settings):
 
     parts: list[str] = Field(["aluminium_block", "steel_block"], min_length=1)
     goal: list[float] = Field([0.416, 0.104, 0.0], min_length=3, max_length=3)  # m, m, rad
-    seconds: float = Field(3.2, gt=0, le=100)  # that a schedule may last
+    seconds: float = Field(4.0, gt=0, le=100)  # that a schedule may last
     segments: int = Field(3, ge=1, le=20)
     hardware: list[Literal["ideal", "prototype"]] = Field(["ideal", "prototype"], min_length=1)  # a search on each
     friction: list[float] = Field([0.9, 1.1], min_length=2, max_length=2)  # range of factors, drawn for every start
@@ -30,10 +30,11 @@ class SensorlessSettings(Settings):
     starts: int = Field(32, ge=2, le=100_000)  # of each schedule
     population: int = Field(14, ge=4, le=10_000)
     generations: int = Field(200, ge=1, le=1_000_000)
-    sigma: float = Field(0.5, gt=0, le=10)
+    sigma: float = Field(0.2, gt=0, le=10)
     seeds: list[Seed] = Field([1, 2, 3], min_length=1)
     judged: int = Field(1000, ge=1, le=1_000_000)  # fresh starts
-    threads: int | None = Field(None, ge=1, le=4096)
+    threads: int = Field(1, ge=1, le=4096)  # of a process
+    processes: int = Field(2, ge=1, le=1024)  # each at one part on one hardware
 
     @property
     def friction_range(self) -> tuple[float, float]:
