@@ -63,6 +63,19 @@ def trained(info: TaskInfo, *, path: str) -> Policy:
     return load_trained(Path(path.replace("{task}", info.name.lower())), info)
 
 
+def schedule(info: TaskInfo, *, path: str) -> Policy:
+    """The sensorless schedule in a JSON file.
+
+    Raises:
+        ValueError: the file holds none, or none for this surface.
+    """
+    from agents.learned.schedule import load_schedule  # safetensors is an extra
+
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a schedule's JSON file")
+    return load_schedule(Path(path), info)
+
+
 CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
     "controller",
     {
@@ -77,6 +90,7 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
         "pid": lawful("pid"),
         "state_space": lawful("state_space"),
         "trained": trained,
+        "schedule": schedule,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.

@@ -93,7 +93,8 @@ class Schedule:
         ends = np.append(np.cumsum(self.seconds), math.inf)
         begins = np.append(0.0, ends[:-1])
         now = np.asarray(time, dtype=np.float64)[:, None]
-        return np.clip(np.minimum(ends, now + step) - np.maximum(begins, now), 0.0, None) / step
+        shares = np.clip(np.minimum(ends, now + step) - np.maximum(begins, now), 0.0, None) / step
+        return np.round(shares, 9)  # a whole step is whole, however late it is
 
 
 class Clock(NamedTuple):

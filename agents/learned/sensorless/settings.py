@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
-from vibgym import checks
+from vibgym import Surface, checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.scene.parts import SHIPPED
 
@@ -60,7 +60,8 @@ def load_settings(path: Path) -> SensorlessSettings:
     """Read a configuration file; the first fault is a one-line ValueError that names file and field."""
     settings = parse(SensorlessSettings, load_yaml(path), str(path))
     checks.interval(f"{path}.friction", settings.friction, 0.01, 100.0)
-    for name, value, most in (("x", settings.goal[0], 100.0), ("y", settings.goal[1], 100.0)):
+    surface = Surface()
+    for name, value, most in (("x", settings.goal[0], surface.width), ("y", settings.goal[1], surface.height)):
         checks.number(f"{path}.goal: {name}", value, least=0.0, most=most)
     checks.number(f"{path}.goal: heading", settings.goal[2], least=-math.pi, most=math.pi)
     return settings

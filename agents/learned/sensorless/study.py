@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -36,9 +38,13 @@ def study(settings: SensorlessSettings, config: str, output: Path, quiet: bool =
     """
     surface, began = Surface(), time.perf_counter()
     given = [(part, hardware) for part in settings.parts for hardware in settings.hardware]
-    with ProcessPoolExecutor(settings.processes, mp_context=get_context("spawn")) as pool:
-        waiting = [pool.submit(_case, part, hardware, surface, settings, output) for part, hardware in given]
-        cases = [each.result() for each in tqdm(waiting, unit="case", disable=quiet)]
+    task = partial(_case, surface=surface, settings=settings, output=output)
+    with contextlib.ExitStack() as held:
+        several = map
+        if settings.processes > 1:
+            pool = ProcessPoolExecutor(settings.processes, mp_context=get_context("spawn"))
+            several = held.enter_context(pool).map
+        cases = list(tqdm(several(task, *zip(*given)), total=len(given), unit="case", disable=quiet))
     lasted = (time.perf_counter() - began) / 60.0
     machine = (
         f"Machine: {processor()}, {settings.processes} processes of {settings.threads} threads; "
