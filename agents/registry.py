@@ -85,6 +85,19 @@ def residual(info: TaskInfo, *, base: Any, path: str, **arguments: Any) -> Polic
     return ResidualPolicy(info, made, learned, **arguments)
 
 
+def schedule(info: TaskInfo, *, path: str) -> Policy:
+    """The sensorless schedule in a JSON file.
+
+    Raises:
+        ValueError: the file holds none, or none for this surface.
+    """
+    from agents.learned.schedule import load_schedule  # safetensors is an extra
+
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a schedule's JSON file")
+    return load_schedule(Path(path), info)
+
+
 CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
     "controller",
     {
@@ -100,6 +113,7 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
         "state_space": lawful("state_space"),
         "trained": trained,
         "residual": residual,
+        "schedule": schedule,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.
