@@ -17,17 +17,20 @@ class StableBaselinesAdapter(VecEnv):
     """A ``VecEnv`` over ``VibgymVectorEnv`` in same-step autoreset mode.
 
     A finished world's info holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success`` and ``episode`` (return and
-    length), as SB3's Monitor would give; the infos of running worlds are empty.
+    length), as SB3's Monitor would give, and ``fallen`` where the task tells it; the infos of running worlds are empty. Of dictionary observations,
+    such as those of ``observation="goal"``, every entry is a batch.
 
     Args:
-        env: made with ``autoreset_mode="SameStep"`` and a flat state observation.
+        env: made with ``autoreset_mode="SameStep"`` and an observation that is a box or a dictionary of boxes.
     """
 
     def __init__(self, env: VibgymVectorEnv) -> None:
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(f"env: autoreset_mode is {env.autoreset_mode}; allowed: {AutoresetMode.SAME_STEP}")
-        if not isinstance(env.single_observation_space, gym.spaces.Box):
-            raise ValueError("env: observation is not a box; allowed: observation='state' or 'image'")
+        space = env.single_observation_space
+        boxes = space.values() if isinstance(space, gym.spaces.Dict) else (space,)
+        if not all(isinstance(each, gym.spaces.Box | gym.spaces.MultiBinary) for each in boxes):
+            raise ValueError(f"env: observation is {space}; allowed: a box, or a dictionary of boxes and binary arrays")
         self.env = env
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._seed: int | None = None
@@ -64,6 +67,8 @@ class StableBaselinesAdapter(VecEnv):
                 "is_success": bool(info["final_info"]["is_success"][world]),
                 "episode": {"r": float(self._return[world]), "l": int(self._length[world]), "t": 0.0},
             }
+            if "fallen" in info["final_info"]:
+                infos[world]["fallen"] = bool(info["final_info"]["fallen"][world])
         self._return[worlds] = 0.0
         self._length[worlds] = 0
         return observation, reward.astype(np.float32), done, infos
@@ -79,6 +84,9 @@ class StableBaselinesAdapter(VecEnv):
         setattr(self.env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """What a method says of the worlds, one by one; a batch of rewards, which is of no world, whole for each of them."""
+        if method_name == "compute_reward":
+            return [self.env.compute_reward(*args, **kwargs) for _ in self._get_indices(indices)]
         return self._of(self.env.call(method_name, *args, **kwargs), indices)
 
     def _of(self, values: Sequence[Any], indices: Any) -> list[Any]:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from agents.control.measured import check_state
+from agents.learned.goal_policy import NETWORK as GOAL
+from agents.learned.goal_policy import GoalPolicy, goal_policy
 from agents.learned.storage import as_float32, load_set
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -72,7 +74,7 @@ class TrainedPolicy:
         return np.clip(x, -1.0, 1.0), state
 
 
-def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
+def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
     """Load a policy file and check that it fits.
 
     Raises:
@@ -81,6 +83,8 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
     """
     tensors, record = load_set(path, KIND)
     name = str(path)
+    if record.get("network") == GOAL:
+        return goal_policy(name, tensors, record, info)
     if record.get("task") != info.name:
         raise checks.refuse(f"{name}: task", record.get("task"), f"{info.name!r}")
     tensors = as_float32(name, tensors)
