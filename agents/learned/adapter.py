@@ -16,9 +16,9 @@ from vibgym.envs import VibgymVectorEnv
 class StableBaselinesAdapter(VecEnv):
     """A ``VecEnv`` over ``VibgymVectorEnv`` in same-step autoreset mode.
 
-    A finished world's info holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success`` and ``episode`` (return and
-    length), as SB3's Monitor would give, and ``fallen`` where the task tells it; the infos of running worlds are empty. Of dictionary observations,
-    such as those of ``observation="goal"``, every entry is a batch.
+    A finished world's info holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, ``fallen`` where the task
+    tells it, and ``episode`` (return and length), as SB3's Monitor would give; the infos of running worlds are empty. Of
+    dictionary observations every entry is a batch.
 
     Args:
         env: made with ``autoreset_mode="SameStep"`` and an observation that is a box or a dictionary of boxes.

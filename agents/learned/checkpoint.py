@@ -18,7 +18,7 @@ from vibgym import checks
 KIND = "vibgym-checkpoint"
 FILE = "checkpoint.json"
 ADAM = ("step", "exp_avg", "exp_avg_sq")
-FREE = {"steps", "checkpoint_steps", "output"}
+FREE = {"steps", "checkpoint_steps", "output", "judging"}
 """Settings that may change between the sittings of a run."""
 
 

@@ -35,7 +35,9 @@ class GoalFeatures:
 
     def __init__(self, info: TaskInfo) -> None:
         if not info.has_goal or len(info.parts) != 1 or info.goal_moves:
-            raise checks.refuse("network", "goal", f"tasks with one part and a goal pose that stays; {info.name} has not")
+            raise checks.refuse(
+                "network", "goal", f"tasks with one part and a goal pose that stays; {info.name} has not"
+            )
         self.layout = info.layout
         rows = [row for row in self.layout.rows if row.name not in OF_THE_GOAL]
         self.kept = np.concatenate([np.arange(row.start, row.start + row.width) for row in rows])

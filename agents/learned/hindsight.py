@@ -11,7 +11,7 @@ from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.type_aliases import DictReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-GOALS = ("achieved_goal", "desired_goal")
+from vibgym import checks
 
 
 def buffer_bytes(size: int, worlds: int, observation_space: spaces.Dict, action_space: spaces.Box) -> int:
@@ -24,9 +24,9 @@ class HindsightBuffer(DictReplayBuffer):
     """Transitions of goal observations; a share of each batch gets a goal that its episode reached later ("future").
 
     It follows Andrychowicz et al., "Hindsight Experience Replay", 2017 (https://arxiv.org/abs/1707.01495), as
-    Stable-Baselines3's ``HerReplayBuffer`` does, and differs from that in four points. A fall stays a fall whatever goal is
+    Stable-Baselines3's ``HerReplayBuffer`` does, and differs from that in five points. A fall stays a fall whatever goal is
     meant: the reward function is told of it, where theirs would pay for the goal on the floor. Episodes count as soon as
-    they have begun, by the goals reached so far. Storing and drawing are array operations over all worlds, and the cost of a
+    they have begun, by the goals reached so far. Goals lie no further ahead than the horizon. Storing and drawing are array operations over all worlds, and the cost of a
     batch does not grow with the buffer. Only the two goals are kept apart; whatever else an observation says of the goal
     would be that of the goal first meant, so a network must not see it: see :class:`agents.learned.goal_features.GoalFeatures`.
 
@@ -39,6 +39,9 @@ class HindsightBuffer(DictReplayBuffer):
         optimize_memory_usage, handle_timeout_termination: as Stable-Baselines3 calls them; the first must be false.
         env: whose ``compute_reward(achieved, desired, {"fallen": bool array})`` rewards a batch, asked through ``env_method``.
         hindsight: share of a batch with replaced goals, 0 to 1.
+        horizon: steps that such a goal is reached later at most. Parts that have come to rest stay where they are: goals from
+            the rest of a long episode would mostly be where the part is already.
+        seed: of what is drawn.
     """
 
     def __init__(
@@ -53,12 +56,15 @@ class HindsightBuffer(DictReplayBuffer):
         *,
         env: VecEnv,
         hindsight: float = 0.8,
+        horizon: int = 50,
+        seed: int = 0,
     ) -> None:
         super().__init__(
             buffer_size, observation_space, action_space, device, n_envs, optimize_memory_usage,
             handle_timeout_termination,
         )  # fmt: skip
-        self.env, self.hindsight = env, hindsight
+        self.env, self.hindsight, self.horizon = env, hindsight, horizon
+        self.generator = np.random.default_rng(seed)
         self.fallen = np.zeros((self.buffer_size, n_envs), dtype=bool)
         self.length = np.zeros((self.buffer_size, n_envs), dtype=np.int64)
         """Steps from a transition to the last of its episode; -1 while that goes on."""
@@ -99,8 +105,8 @@ class HindsightBuffer(DictReplayBuffer):
 
     def sample(self, batch_size: int, env: VecNormalize | None = None) -> DictReplayBufferSamples:  # type: ignore[override]
         """Uniformly drawn transitions; the first ``hindsight`` share of them with a goal reached later."""
-        rows = np.random.randint(0, self.size(), size=batch_size)
-        worlds = np.random.randint(0, self.n_envs, size=batch_size)
+        rows = self.generator.integers(0, self.size(), size=batch_size)
+        worlds = self.generator.integers(0, self.n_envs, size=batch_size)
         seen = {key: value[rows, worlds] for key, value in self.observations.items()}
         after = {key: value[rows, worlds] for key, value in self.next_observations.items()}
         reward = self.rewards[rows, worlds]
@@ -109,7 +115,7 @@ class HindsightBuffer(DictReplayBuffer):
             past, where = rows[:changed], worlds[:changed]
             left = self.length[past, where]
             left = np.where(left < 0, (self.pos - 1 - past) % self.buffer_size, left)
-            reached = (past + np.random.randint(0, left + 1)) % self.buffer_size
+            reached = (past + self.generator.integers(0, np.minimum(left, self.horizon) + 1)) % self.buffer_size
             goal = self.next_observations["achieved_goal"][reached, where]
             seen["desired_goal"][:changed] = after["desired_goal"][:changed] = goal
             fallen = {"fallen": self.fallen[past, where]}
@@ -125,9 +131,47 @@ class HindsightBuffer(DictReplayBuffer):
         )
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """What has been stored, as arrays (rows, worlds, ...); views, in the order of the memory."""
-        state = {f"observations.{key}": value for key, value in self.observations.items()}
-        state |= {f"next_observations.{key}": value for key, value in self.next_observations.items()}
-        for name in ("actions", "rewards", "dones", "timeouts", "fallen", "length"):
-            state[name] = getattr(self, name)
-        return {name: value[: self.size()] for name, value in state.items()}
+        """What has been stored: arrays (rows, worlds, ...), views in the order of the memory, and ``begun`` (worlds,)."""
+        state = {name: value[: self.size()] for name, value in self._memory().items()}
+        return {**state, "begun": self._begun}
+
+    def check_state(self, name: str, state: dict[str, np.ndarray], position: int, full: bool) -> None:
+        """Whether :meth:`set_state` can take ``state``.
+
+        Args:
+            name: what errors call it.
+            state: as :meth:`get_state` gave it.
+            position: row that is written next.
+            full: whether all rows have been written.
+
+        Raises:
+            ValueError: arrays of other shapes or types, numbers that are not finite, or episodes that cannot be.
+        """
+        rows = self.buffer_size if full else position
+        wanted = {key: ((rows, *value.shape[1:]), value.dtype) for key, value in self._memory().items()}
+        wanted["begun"] = ((self.n_envs,), self._begun.dtype)
+        for key, (shape, kind) in wanted.items():
+            got = state.get(key)
+            if got is None or got.shape != shape or got.dtype != kind:
+                found = "nothing" if got is None else f"shape {got.shape}, {got.dtype}"
+                raise checks.refuse(f"{name}.{key}", found, f"shape {shape}, {kind}")
+            if kind.kind == "f" and not np.isfinite(got).all():
+                raise checks.refuse(f"{name}.{key}", "NaN or infinity", "finite numbers")
+        length, begun = state["length"], state["begun"]
+        if ((length < -1) | (length >= max(rows, 1))).any() or (begun < 0).any():
+            raise checks.refuse(f"{name}.length", "an episode beyond what is stored", f"-1 to {rows - 1}")
+
+    def set_state(self, state: dict[str, np.ndarray], position: int, full: bool) -> None:
+        """Go on from a checked ``state``; episodes that were under way end there, see :meth:`close_all`."""
+        self.pos, self.full = position, full
+        for name, value in self._memory().items():
+            value[: self.size()] = state[name]
+        self._begun[:] = state["begun"]
+        self.close_all()
+
+    def _memory(self) -> dict[str, np.ndarray]:
+        both = {"observations": self.observations, "next_observations": self.next_observations}
+        kept = {f"{name}.{key}": value for name, of in both.items() for key, value in of.items()}
+        return kept | {
+            name: getattr(self, name) for name in ("actions", "rewards", "dones", "timeouts", "fallen", "length")
+        }

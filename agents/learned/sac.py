@@ -10,14 +10,15 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.utils import polyak_update
 from torch.nn import functional
 
+from agents.learned.checkpoint import Diverged
+
 
 class LeanSAC(SAC):
     """SAC for small networks on one core, where most of an update's time goes into calls and not into numbers.
 
     The update is that of Haarnoja et al., "Soft Actor-Critic Algorithms and Applications", 2018
-    (https://arxiv.org/abs/1812.05905), as Stable-Baselines3 has it, with three differences in what is computed when: features of
-    a batch are made once and not for each network, which asks for an extractor without weights; the critics' weights
-    get no gradients from the actor's loss, which would be thrown away; and actor and entropy coefficient learn at every
+    (https://arxiv.org/abs/1812.05905), as Stable-Baselines3 has it, with three differences in what is computed when:
+    features of a batch are made once and not for each network, which asks for an extractor without weights; the critics' weights get no gradients from the actor's loss, which would be thrown away; and actor and entropy coefficient learn at every
     ``policy_delay``-th update of the critics only (as in TD3, https://arxiv.org/abs/1802.09477).
 
     Values that rewards cannot come to are cut off, as Andrychowicz et al. do for rewards of -1 and 0; what is worse than
@@ -39,7 +40,11 @@ class LeanSAC(SAC):
             raise ValueError("policy: its features extractor has weights, or the entropy coefficient is not learned")
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
-        """Draw ``gradient_steps`` batches of ``batch_size`` transitions and learn from each."""
+        """Draw ``gradient_steps`` batches of ``batch_size`` transitions and learn from each.
+
+        Raises:
+            Diverged: numbers that are not finite.
+        """
         assert self.replay_buffer is not None and self.ent_coef_optimizer is not None and self.log_ent_coef is not None
         self.policy.set_training_mode(True)
         self._update_learning_rate([self.actor.optimizer, self.critic.optimizer, self.ent_coef_optimizer])
@@ -78,6 +83,8 @@ class LeanSAC(SAC):
                 coefficients.append(coefficient)
             with torch.no_grad():
                 polyak_update(weights, targets, self.tau)
+        if not torch.isfinite(critic_losses[-1]):
+            raise Diverged("NaN or infinity in what the critics lose")
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         for name, values in (("critic_loss", critic_losses), ("actor_loss", actor_losses), ("ent_coef", coefficients)):
             if values:

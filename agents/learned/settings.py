@@ -52,7 +52,18 @@ class SACSettings(Settings):
     ent_coef: float = Field(0.1, gt=0, le=100)  # at the beginning; learned from there
     target_entropy: float | None = Field(None, ge=-1e6, le=1e6)  # default: minus the number of actions
     hindsight: float = Field(0.8, ge=0, le=1)  # share of a batch with goals that were reached later
+    horizon: int = Field(50, ge=0, le=1_000_000)  # steps that these were reached later at most
+    noise: float = Field(0.3, ge=0, le=10)  # standard deviation of what is added to actions in training ...
+    noise_steps: float = Field(5.0, ge=1, le=1e6)  # ... and steps that it lasts
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)
+
+
+class JudgingSettings(Settings):
+    """How a learning curve is measured: deterministic episodes on the same seeds every time."""
+
+    episodes: int = Field(100, ge=1, le=1_000_000)
+    first_seed: int = Field(500_000, ge=0, le=2**31)
+    every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
 
 
 class TrainSettings(Settings):
@@ -69,6 +80,7 @@ class TrainSettings(Settings):
     seed: int = Field(0, ge=0, lt=2**32)  # NumPy's old generator, which Stable-Baselines3 seeds, takes no more
     checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
     output: str | None = None  # directory; default: runs/<name of the file>
+    judging: JudgingSettings | None = None
     algorithm: Literal["ppo", "sac"] = "ppo"
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
     sac: SACSettings = SACSettings()  # type: ignore[call-arg]
@@ -91,7 +103,7 @@ class TrainSettings(Settings):
 def load_settings(path: Path) -> TrainSettings:
     """Read a training file; the first fault is a one-line ValueError that names file and field."""
     data = load_yaml(path)
-    for name, settings in (("ppo", PPOSettings), ("sac", SACSettings)):
+    for name, settings in (("ppo", PPOSettings), ("sac", SACSettings), ("judging", JudgingSettings)):
         if isinstance(data.get(name), dict):
             data[name] = parse(settings, data[name], f"{path}: {name}")
     return parse(TrainSettings, data, str(path))

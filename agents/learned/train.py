@@ -17,7 +17,7 @@ from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
 import vibgym
-from agents.learned import checkpoint
+from agents.learned import checkpoint, sac_run
 from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.checkpoint import Diverged
 from agents.learned.settings import TrainSettings, load_settings
@@ -162,6 +162,8 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
     """
     settings = load_settings(config)
     directory = output or Path(settings.output or Path("runs") / config.stem)
+    if settings.algorithm == "sac":
+        return sac_run.train(settings, directory, lambda: policy_path(directory, policy), quiet)
     try:
         env = make_env(settings)
     except ValueError as error:
