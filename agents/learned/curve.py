@@ -6,9 +6,9 @@ import csv
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.rollout import outcomes
 from agents.learned.settings import TrainSettings
 from agents.policy import Policy
 from vibgym import checks
@@ -33,14 +33,13 @@ class Curve:
         self.judging, self.path, self._last = settings.judging, directory / FILE, 0
         if not settings.environment_name.startswith("vibgym/"):
             raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
-        self.task = settings.environment_name.removeprefix("vibgym/").removesuffix("-v0")
-        spoken = ("action", "observation", "autoreset_mode")
-        self.environment = {name: value for name, value in settings.environment.items() if name not in spoken}
-        self.seeds = [self.judging.first_seed + k for k in range(self.judging.episodes)]
+        own = {**settings.environment, "autoreset_mode": "Disabled"}
+        self._make = lambda: gym.make_vec(settings.environment_name, num_envs=self.judging.episodes, **own)
+        self._env: Any = None  # made when it is first needed, and kept
 
     def begin(self, steps: int) -> None:
         """A run begins, or goes on from so many steps: rows of steps that were lost go."""
-        rows = []
+        rows: list[dict[Any, Any]] = []
         if steps and self.path.exists():
             with self.path.open(newline="") as file:
                 rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
@@ -60,22 +59,51 @@ class Curve:
             phase: of the training, such as ``"sac"``.
         """
         self._last = steps
-        found = outcomes(policy, self.task, self.seeds, self.environment, quiet=True)
-        reached = found.time_to_goal[found.success]
+        self._env = self._env or self._make()
+        success, steps_taken, returns = play(policy, self._env, self.judging.first_seed)
+        reached = self._env.unwrapped.step_time * steps_taken[success]
         row = {
             "steps": steps,
             "seconds": round(seconds, 1),
             "phase": phase,
-            "success": round(float(found.success.mean()), 4),
+            "success": round(float(success.mean()), 4),
             "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
-            "return_": round(float(np.median(found.returns)), 4),
+            "return_": round(float(np.median(returns)), 4),
         }
         self._write([row], "a")
         return row
 
-    def _write(self, rows: list[dict[str, Any]], mode: str) -> None:
+    def _write(self, rows: list[dict[Any, Any]], mode: str) -> None:
         with self.path.open(mode, newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
             if mode == "w":
                 writer.writeheader()
             writer.writerows(rows)
+
+
+def play(policy: Policy, env: Any, first_seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """One deterministic episode in every world of ``env``, of which world k begins with ``first_seed + k``.
+
+    Args:
+        policy: as it acts.
+        env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
+
+    Returns:
+        Each (worlds,): success, bool; steps that the episode took; sum of its rewards.
+    """
+    observation, _ = env.reset(seed=first_seed)
+    playing, start = np.ones(env.num_envs, dtype=bool), np.ones(env.num_envs, dtype=bool)
+    success, steps, returns = np.zeros_like(playing), np.zeros(env.num_envs, dtype=np.int64), np.zeros(env.num_envs)
+    state: Any = None
+    while True:
+        action, state = policy.predict(observation, state, start, deterministic=True)
+        observation, reward, terminated, truncated, info = env.step(action)
+        start = terminated | truncated
+        steps += playing
+        returns += np.where(playing, reward, 0.0)
+        success |= playing & info["is_success"]
+        playing &= ~start
+        if not playing.any():
+            return success, steps, returns
+        if start.any():  # the worlds that have ended play on, and nobody looks
+            observation, _ = env.reset(options={"reset_mask": start})

@@ -24,11 +24,13 @@ class HindsightBuffer(DictReplayBuffer):
     """Transitions of goal observations; a share of each batch gets a goal that its episode reached later ("future").
 
     It follows Andrychowicz et al., "Hindsight Experience Replay", 2017 (https://arxiv.org/abs/1707.01495), as
-    Stable-Baselines3's ``HerReplayBuffer`` does, and differs from that in five points. A fall stays a fall whatever goal is
-    meant: the reward function is told of it, where theirs would pay for the goal on the floor. Episodes count as soon as
-    they have begun, by the goals reached so far. Goals lie no further ahead than the horizon. Storing and drawing are array operations over all worlds, and the cost of a
-    batch does not grow with the buffer. Only the two goals are kept apart; whatever else an observation says of the goal
-    would be that of the goal first meant, so a network must not see it: see :class:`agents.learned.goal_features.GoalFeatures`.
+    Stable-Baselines3's ``HerReplayBuffer`` does, and differs from that in four points. A fall stays a fall whatever goal is
+    meant: the reward function is told of it, where theirs would pay for the goal on the floor. Goals lie no further ahead than
+    a horizon. Episodes count as soon as they have begun, by the goals reached so far. Storing and drawing are array operations
+    over all worlds, and the cost of a batch does not grow with the buffer.
+
+    Only the two goals are kept apart; whatever else an observation says of the goal would be that of the goal first meant, so
+    a network must not see it: see :class:`agents.learned.goal_features.GoalFeatures`.
 
     Args:
         buffer_size: transitions of all worlds; at least one for each is kept.

@@ -102,7 +102,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
 
 
 def _wandering(spread: float, steps: float, size: int) -> OrnsteinUhlenbeckActionNoise | None:
-    """Noise of standard deviation ``spread`` that lasts for about ``steps``: what changes its mind at every step gets nowhere."""
+    """Noise of standard deviation ``spread`` that lasts for about ``steps``: white noise gets nowhere."""
     if not spread:
         return None
     theta = 1.0 / steps

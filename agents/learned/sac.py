@@ -11,14 +11,16 @@ from stable_baselines3.common.utils import polyak_update
 from torch.nn import functional
 
 from agents.learned.checkpoint import Diverged
+from agents.learned.goal_policy import LEAST_LOG_STD, MOST_LOG_STD
 
 
 class LeanSAC(SAC):
     """SAC for small networks on one core, where most of an update's time goes into calls and not into numbers.
 
     The update is that of Haarnoja et al., "Soft Actor-Critic Algorithms and Applications", 2018
-    (https://arxiv.org/abs/1812.05905), as Stable-Baselines3 has it, with three differences in what is computed when:
-    features of a batch are made once and not for each network, which asks for an extractor without weights; the critics' weights get no gradients from the actor's loss, which would be thrown away; and actor and entropy coefficient learn at every
+    (https://arxiv.org/abs/1812.05905), as Stable-Baselines3 has it, with three differences in what is computed when. Features
+    of a batch are made once and not for each network, which asks for an extractor without weights. The critics' weights get no
+    gradients from the actor's loss, which would be thrown away. Actor and entropy coefficient learn at every
     ``policy_delay``-th update of the critics only (as in TD3, https://arxiv.org/abs/1802.09477).
 
     Values that rewards cannot come to are cut off, as Andrychowicz et al. do for rewards of -1 and 0; what is worse than
@@ -98,7 +100,7 @@ class LeanSAC(SAC):
         """
         latent = self.actor.latent_pi(features)
         mean = self.actor.mu(latent)
-        spread = self.actor.log_std(latent).clamp(-20.0, 2.0)  # Stable-Baselines3's limits
+        spread = self.actor.log_std(latent).clamp(LEAST_LOG_STD, MOST_LOG_STD)  # type: ignore[operator]
         noise = torch.randn_like(mean)
         before = mean + spread.exp() * noise
         narrowing = 2.0 * (LOG_2 - before - functional.softplus(-2.0 * before))

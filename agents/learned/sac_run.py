@@ -17,7 +17,7 @@ from tqdm import tqdm
 import vibgym
 from agents.learned import checkpoint, off_policy
 from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.checkpoint import Diverged
+from agents.learned.checkpoint import Diverged, TrainingError
 from agents.learned.curve import Curve
 from agents.learned.sac import LeanSAC
 from agents.learned.settings import TrainSettings
@@ -28,10 +28,6 @@ from vibgym.files import WriteError, reason
 
 EPISODES_A_LINE = 500
 """Between two lines of the log."""
-
-
-class TrainingError(RuntimeError):
-    """A training that ended before its time, for no fault of the program's."""
 
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
@@ -101,10 +97,13 @@ class Progress(BaseCallback):
         self.saved_at = self.num_timesteps
 
 
-def train(settings: TrainSettings, directory: Path, policy: Callable[[], Path], quiet: bool = False) -> Path:
+def train(
+    where: str, settings: TrainSettings, directory: Path, policy: Callable[[], Path], quiet: bool = False
+) -> Path:
     """Train as ``settings`` say, from the last checkpoint in ``directory`` if there is one.
 
     Args:
+        where: what errors call the settings.
         settings: with ``algorithm: sac``.
         directory: for checkpoint, logs and learning curve.
         policy: gives the path of the policy's file, once it is clear that all can be written.
@@ -118,9 +117,16 @@ def train(settings: TrainSettings, directory: Path, policy: Callable[[], Path], 
         TrainingError: the training diverged; the last checkpoint and the last policy stay.
         WriteError: no space is left, or the like.
     """
-    with contextlib.closing(make_env(settings)) as env:
-        model = off_policy.make_model(settings, env)
-        curve = None if settings.judging is None else Curve(settings, directory)
+    try:
+        env = make_env(settings)
+    except ValueError as error:
+        raise ValueError(f"{where}: environment: {error}") from None
+    with contextlib.closing(env):
+        try:
+            model = off_policy.make_model(settings, env)
+            curve = None if settings.judging is None else Curve(settings, directory)
+        except ValueError as error:
+            raise ValueError(f"{where}: {error}") from None
         path = policy()
         with locks.one_run(directory):
             before = off_policy.restore(directory, model, settings)

@@ -19,7 +19,7 @@ from tqdm import tqdm
 import vibgym
 from agents.learned import checkpoint, sac_run
 from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.checkpoint import Diverged
+from agents.learned.checkpoint import Diverged, TrainingError
 from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
 from vibgym import checks, locks
@@ -81,10 +81,6 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PPO:
         seed=settings.seed,
         device="cpu",
     )
-
-
-class TrainingError(RuntimeError):
-    """A training that ended before its time, for no fault of the program's."""
 
 
 class Progress(BaseCallback):
@@ -163,7 +159,7 @@ def train(config: Path, output: Path | None = None, quiet: bool = False, policy:
     settings = load_settings(config)
     directory = output or Path(settings.output or Path("runs") / config.stem)
     if settings.algorithm == "sac":
-        return sac_run.train(settings, directory, lambda: policy_path(directory, policy), quiet)
+        return sac_run.train(str(config), settings, directory, lambda: policy_path(directory, policy), quiet)
     try:
         env = make_env(settings)
     except ValueError as error:
