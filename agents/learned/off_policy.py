@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.noise import OrnsteinUhlenbeckActionNoise
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from agents.learned.adapter import StableBaselinesAdapter
@@ -16,6 +15,7 @@ from agents.learned.checkpoint import ADAM, FILE, FREE, KIND, Diverged
 from agents.learned.goal_features import GoalFeatures
 from agents.learned.goal_policy import NETWORK, GoalPolicy
 from agents.learned.hindsight import HindsightBuffer, buffer_bytes
+from agents.learned.noise import Wandering
 from agents.learned.sac import LeanSAC
 from agents.learned.settings import MOST_STEPS, TrainSettings
 from agents.learned.storage import as_float32, load_set, save_set
@@ -87,7 +87,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
         values=(-1.0 / (1.0 - sac.gamma), 0.0),
         replay_buffer_class=HindsightBuffer,
         replay_buffer_kwargs={"env": env, "hindsight": sac.hindsight, "horizon": sac.horizon, "seed": settings.seed},
-        action_noise=_wandering(sac.noise, sac.noise_steps, actions),
+        action_noise=Wandering(env.num_envs, actions, sac.noise, sac.noise_steps, settings.seed),
         ent_coef=f"auto_{sac.ent_coef}",
         target_entropy="auto" if sac.target_entropy is None else sac.target_entropy,
         policy_kwargs={
@@ -99,15 +99,6 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
         seed=settings.seed,
         device="cpu",
     )
-
-
-def _wandering(spread: float, steps: float, size: int) -> OrnsteinUhlenbeckActionNoise | None:
-    """Noise of standard deviation ``spread`` that lasts for about ``steps``: white noise gets nowhere."""
-    if not spread:
-        return None
-    theta = 1.0 / steps
-    sigma = np.full(size, spread * np.sqrt(theta * (2.0 - theta)))
-    return OrnsteinUhlenbeckActionNoise(np.zeros(size), sigma, theta=theta, dt=1.0)
 
 
 def acting(model: LeanSAC, settings: TrainSettings) -> GoalPolicy:

@@ -53,7 +53,7 @@ class SACSettings(Settings):
     target_entropy: float | None = Field(None, ge=-1e6, le=1e6)  # default: minus the number of actions
     hindsight: float = Field(0.8, ge=0, le=1)  # share of a batch with goals that were reached later
     horizon: int = Field(50, ge=0, le=1_000_000)  # steps that these were reached later at most
-    noise: float = Field(0.3, ge=0, le=10)  # standard deviation of what is added to actions in training ...
+    noise: float = Field(0.3, ge=0, le=10)  # standard deviation of what is added to actions in the loudest world ...
     noise_steps: float = Field(5.0, ge=1, le=1e6)  # ... and steps that it lasts
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)
 
