@@ -33,8 +33,7 @@ class Curve:
         self.judging, self.path, self._last = settings.judging, directory / FILE, 0
         if not settings.environment_name.startswith("vibgym/"):
             raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
-        own = {**settings.environment, "autoreset_mode": "Disabled"}
-        self._make = lambda: gym.make_vec(settings.environment_name, num_envs=self.judging.episodes, **own)
+        self.name, self.environment = settings.environment_name, settings.environment
         self._env: Any = None  # made when it is first needed, and kept
 
     def begin(self, steps: int) -> None:
@@ -59,7 +58,9 @@ class Curve:
             phase: of the training, such as ``"sac"``.
         """
         self._last = steps
-        self._env = self._env or self._make()
+        if self._env is None:
+            own = {**self.environment, "observation": policy.observation, "autoreset_mode": "Disabled"}
+            self._env = gym.make_vec(self.name, num_envs=self.judging.episodes, **own)
         success, steps_taken, returns = play(policy, self._env, self.judging.first_seed)
         reached = self._env.unwrapped.step_time * steps_taken[success]
         row = {

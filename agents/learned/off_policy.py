@@ -183,10 +183,11 @@ def restore(directory: Path, model: LeanSAC, settings: TrainSettings) -> float:
         for index, parameter in enumerate(p for group in optimizer.param_groups for p in group["params"]):
             prefix = f"adam.{which}.{index}"
             if f"{prefix}.step" in tensors:
-                shapes |= {f"{prefix}.step": (), **{f"{prefix}.{n}": tuple(parameter.shape) for n in ADAM[1:]}}
+                shapes |= {f"{prefix}.step": (1,), **{f"{prefix}.{n}": tuple(parameter.shape) for n in ADAM[1:]}}
                 states[which]["state"][index] = {
-                    n: torch.from_numpy(np.array(tensors[f"{prefix}.{n}"])) for n in ADAM if f"{prefix}.{n}" in tensors
+                    n: torch.from_numpy(tensors[f"{prefix}.{n}"]) for n in ADAM if f"{prefix}.{n}" in tensors
                 }
+                states[which]["state"][index]["step"].squeeze_()  # numbers come back as arrays of one
     if any(name not in tensors or tensors[name].shape != shape for name, shape in shapes.items()):
         raise checks.refuse(str(path), "tensors of another network", "a checkpoint of the same settings")
     weights = {name[7:]: torch.from_numpy(value) for name, value in tensors.items() if name.startswith("policy.")}

@@ -37,7 +37,7 @@ class PPOSettings(Settings):
 
 
 class SACSettings(Settings):
-    """Stable-Baselines3's SAC with hindsight; defaults are what learned Align fastest on one core."""
+    """Stable-Baselines3's SAC with hindsight, see :mod:`agents.learned.off_policy`."""
 
     buffer_size: int = Field(300_000, ge=1, le=1_000_000_000)  # transitions of all worlds
     learning_starts: int = Field(2_000, ge=0, le=MOST_STEPS)  # steps with random actions

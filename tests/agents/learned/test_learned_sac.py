@@ -52,12 +52,14 @@ def test_the_update_is_that_of_stable_baselines(made):
     model, settings = made(steps=32, sac={"policy_delay": 1, "hindsight": 0.5})
     other, _ = made(steps=0, sac={"policy_delay": 1})
     other.policy.load_state_dict(model.policy.state_dict())
-    for mine, theirs in ((model.actor, other.actor), (model.critic, other.critic)):
-        theirs.optimizer.load_state_dict(mine.optimizer.state_dict())
     with torch.no_grad():
         other.log_ent_coef.copy_(model.log_ent_coef)
-    other.ent_coef_optimizer.load_state_dict(model.ent_coef_optimizer.state_dict())
     for each in (model, other):
+        # Plain steps along the gradient: Adam would blow up what is almost zero.
+        each.actor.optimizer = torch.optim.SGD(each.actor.parameters(), 1.0)
+        each.critic.optimizer = torch.optim.SGD(each.critic.parameters(), 1.0)
+        each.ent_coef_optimizer = torch.optim.SGD([each.log_ent_coef], 1.0)
+        each.lr_schedule = lambda _: 1e-2
         each.values = (-np.inf, np.inf)
         each._logger = model.logger
     batch = model.replay_buffer.sample(64)
@@ -70,13 +72,12 @@ def test_the_update_is_that_of_stable_baselines(made):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch, "randn_like", lambda like: torch.full_like(like, 0.3))
         patch.setattr("torch.distributions.normal._standard_normal", constant)
-        for each in (model, other):
-            each._current_progress_remaining = 0.5
         model.train(1, 64)
         SAC.train(other, 1, 64)
     for name, value in model.policy.state_dict().items():
-        assert value.numpy() == pytest.approx(other.policy.state_dict()[name].numpy(), abs=2e-5), name
-    assert any((before[name] != value).any() for name, value in model.policy.state_dict().items() if "actor" in name)
+        mine, theirs = ((each - before[name]).numpy() for each in (value, other.policy.state_dict()[name]))
+        assert mine == pytest.approx(theirs, rel=1e-2, abs=1e-2 * float(np.abs(theirs).max())), name
+        assert np.abs(theirs).max() > 0.0, name
     assert model.log_ent_coef.item() == pytest.approx(other.log_ent_coef.item(), abs=1e-6)
 
 
@@ -200,6 +201,6 @@ def test_a_run_writes_curve_checkpoint_and_policy_and_goes_on(tmp_path):
     config.write_text(yaml.safe_dump({**SMALL, "steps": 128}))
     longer = json.loads(train(config, output, quiet=True).read_text())
     assert longer["training"]["steps"] == 128 and curve() == [40, 80, 96, 128]
-    with pytest.raises(ValueError, match="checkpoint.json: got other sac"):
+    with pytest.raises(ValueError, match="checkpoint.json: got .other .*sac"):
         config.write_text(yaml.safe_dump({**SMALL, "sac": {**SMALL["sac"], "tau": 0.5}}))
         train(config, output, quiet=True)
