@@ -30,6 +30,10 @@ class Diverged(RuntimeError):
     """A model has numbers that are not finite; nothing has been written."""
 
 
+class TrainingError(RuntimeError):
+    """A training that ended before its time, for no fault of the program's."""
+
+
 def check_finite(model: PPO) -> None:
     """Raise :class:`Diverged` where a weight, or what the optimizer remembers of it, is not finite."""
     _refuse_infinite(_weights(model) | _optimizer(model))

@@ -1,4 +1,4 @@
-"""Learning curves: deterministic episodes on the same seeds, every so many steps, written down beside the run."""
+"""Learning curves: deterministic episodes on the same seeds every so many steps, written down beside the run."""
 
 from __future__ import annotations
 
@@ -6,13 +6,11 @@ import csv
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.rollout import outcomes
-from agents.learned.coding import Coding
-from agents.learned.parts_policy import PartsPolicy, trained_tensors
 from agents.learned.settings import TrainSettings
-from agents.learned.trained import TrainedPolicy
+from agents.policy import Policy
 from vibgym import checks
 
 FILE = "curve.csv"
@@ -20,31 +18,34 @@ COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "return_")
 
 
 class Judge:
-    """Plays the policy of a run and writes ``curve.csv``: a row each time, with share of successes and medians.
+    """Plays a policy and writes ``curve.csv``: share of successes, median time to the goal (s) and median return.
 
     Args:
-        settings: of the run.
-        coding: of its network.
+        settings: of the run; its ``judging`` says when and how long.
         directory: of the run.
 
     Raises:
         ValueError: an environment that is not one of vibgym's.
     """
 
-    def __init__(self, settings: TrainSettings, coding: Coding, directory: Path) -> None:
+    def __init__(self, settings: TrainSettings, directory: Path) -> None:
         assert settings.judging is not None
-        self.settings, self.judging, self.coding = settings, settings.judging, coding
+        self.judging, self.path, self._last = settings.judging, directory / FILE, 0
+        self._envs: list[tuple[Any, int]] = []
         if not settings.environment_name.startswith("vibgym/"):
             raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
-        self.task = settings.environment_name.removeprefix("vibgym/").removesuffix("-v0")
-        self.path, self._last = directory / FILE, 0
-        own = {name: value for name, value in settings.environment.items() if name not in ("action", "observation")}
-        own.pop("autoreset_mode", None)
-        self._scenes = [{**own, **scene} for scene in settings.scenes] or [own]
+        self.name = settings.environment_name
+        scenes = settings.scenes or [{}]
+        shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
+        self._scenes = [
+            ({**settings.environment, **scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
+            for scene, share in zip(scenes, shares, strict=True)
+            if len(share)
+        ]
 
     def begin(self, steps: int) -> None:
         """A run begins, or goes on from so many steps: rows of steps that were lost go."""
-        rows = []
+        rows: list[dict[Any, Any]] = []
         if steps and self.path.exists():
             with self.path.open(newline="") as file:
                 rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
@@ -55,42 +56,64 @@ class Judge:
         """Whether it is time again."""
         return steps - self._last >= self.judging.every
 
-    def judge(self, policy: PartsPolicy, steps: int, seconds: float, phase: str) -> dict[str, Any]:
+    def judge(self, policy: Policy, steps: int, seconds: float, phase: str) -> dict[str, Any]:
         """Play, write a row, and return it.
 
         Args:
-            policy: of which the actor plays.
+            policy: as it acts.
             steps, seconds: of the training so far.
-            phase: ``"imitation"`` or ``"ppo"``.
+            phase: of the training, ``"imitation"``, ``"ppo"`` or ``"sac"``.
         """
         self._last = steps
-        network = policy.actor.kind
-        acting = TrainedPolicy(trained_tensors(policy.actor), network, self.settings.ppo.activation, self.coding)
-        success, time, returns = [], [], []
-        first = self.judging.first_seed
-        for scene, share in zip(
-            self._scenes, np.array_split(np.arange(self.judging.episodes), len(self._scenes)), strict=True
-        ):
-            if len(share):
-                found = outcomes(acting, self.task, [first + int(k) for k in share], scene, quiet=True)
-                success.append(found.success)
-                time.append(found.time_to_goal)
-                returns.append(found.returns)
-        times = np.concatenate(time)
+        if not self._envs:
+            for arguments, first in self._scenes:
+                env = gym.make_vec(self.name, **{**arguments, "observation": policy.observation})
+                self._envs.append((env, self.judging.first_seed + first))
+        found = [play(policy, env, seed) for env, seed in self._envs]
+        success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))
+        reached = self._envs[0][0].unwrapped.step_time * steps_taken[success]
         row = {
             "steps": steps,
             "seconds": round(seconds, 1),
             "phase": phase,
-            "success": round(float(np.concatenate(success).mean()), 4),
-            "time_to_goal": round(float(np.nanmedian(times)), 4) if np.isfinite(times).any() else "",
-            "return_": round(float(np.median(np.concatenate(returns))), 4),
+            "success": round(float(success.mean()), 4),
+            "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
+            "return_": round(float(np.median(returns)), 4),
         }
         self._write([row], "a")
         return row
 
-    def _write(self, rows: list[dict[str, Any]], mode: str) -> None:
+    def _write(self, rows: list[dict[Any, Any]], mode: str) -> None:
         with self.path.open(mode, newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
             if mode == "w":
                 writer.writeheader()
             writer.writerows(rows)
+
+
+def play(policy: Policy, env: Any, first_seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """One deterministic episode in every world of ``env``, of which world k begins with ``first_seed + k``.
+
+    Args:
+        policy: as it acts.
+        env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
+
+    Returns:
+        Each (worlds,): success, bool; steps that the episode took; sum of its rewards.
+    """
+    observation, _ = env.reset(seed=first_seed)
+    playing, start = np.ones(env.num_envs, dtype=bool), np.ones(env.num_envs, dtype=bool)
+    success, steps, returns = np.zeros_like(playing), np.zeros(env.num_envs, dtype=np.int64), np.zeros(env.num_envs)
+    state: Any = None
+    while True:
+        action, state = policy.predict(observation, state, start, deterministic=True)
+        observation, reward, terminated, truncated, info = env.step(action)
+        start = terminated | truncated
+        steps += playing
+        returns += np.where(playing, reward, 0.0)
+        success |= playing & info["is_success"]
+        playing &= ~start
+        if not playing.any():
+            return success, steps, returns
+        if start.any():  # the worlds that have ended play on, and nobody looks
+            observation, _ = env.reset(options={"reset_mask": start})

@@ -17,15 +17,15 @@ from tqdm import tqdm
 from agents.evaluation.provenance import processor, versions
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.checkpoint import Diverged
+from agents.learned.checkpoint import Diverged, TrainingError
 from agents.learned.coding import Coding
 from agents.learned.imitation import Imitation
 from agents.learned.judging import Judge
-from agents.learned.parts_policy import PartsPolicy
+from agents.learned.parts_policy import PartsPolicy, trained_tensors
 from agents.learned.ppo import PartsPPO
 from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
-from agents.learned.trained import load_trained
+from agents.learned.trained import TrainedPolicy, load_trained
 from agents.policy import Policy
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
@@ -125,8 +125,10 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     )
 
 
-class TrainingError(RuntimeError):
-    """A training that ended before its time, for no fault of the program's."""
+def acting(model: PartsPPO, settings: TrainSettings) -> TrainedPolicy:
+    """The model as it acts without torch."""
+    actor, coding = model.policy.actor, model.policy.coding
+    return TrainedPolicy(trained_tensors(actor), actor.kind, settings.ppo.activation, coding)
 
 
 class Progress(BaseCallback):
@@ -165,7 +167,7 @@ class Progress(BaseCallback):
         assert isinstance(self.model, PartsPPO)
         checkpoint.check_finite(self.model)
         if self.judge is not None and self.judge.due(self.num_timesteps):
-            self.judge.judge(self.model.policy, self.num_timesteps, self.seconds, "ppo")
+            self.judge.judge(acting(self.model, self.settings), self.num_timesteps, self.seconds, "ppo")
         if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
             self.save()
 
@@ -217,6 +219,8 @@ def train(
     """
     settings = load_settings(config, agent, seed)
     directory = output or Path(settings.output or Path("runs") / config.stem)
+    if settings.algorithm == "sac":
+        return sac_run.train(str(config), settings, directory, lambda: policy_path(directory, policy), quiet)
     try:
         env = make_env(settings)
     except ValueError as error:
@@ -226,7 +230,7 @@ def train(
             model = make_model(settings, env)
             scenes = experts(settings, env)
             begin_with(settings, model, env)
-            judge = None if settings.judging is None else Judge(settings, model.policy.coding, directory)
+            judge = None if settings.judging is None else Judge(settings, directory)
         except ValueError as error:
             raise ValueError(f"{config}: {error}") from None
         path = policy_path(directory, policy)
@@ -311,7 +315,7 @@ def imitate(
         progress.bar.update(lessons.steps - progress.bar.n)
         progress.bar.set_postfix_str(f"imitation, error {loss:.2e}", refresh=False)
     if progress.judge is not None:
-        progress.judge.judge(model.policy, lessons.steps, progress.seconds, "imitation")
+        progress.judge.judge(acting(model, settings), lessons.steps, progress.seconds, "imitation")
     checkpoint.save(progress.directory, model, settings, progress.seconds)
 
 
@@ -346,7 +350,7 @@ def learn(model: PartsPPO, settings: TrainSettings, progress: Progress) -> None:
             model.learn(todo, callback=progress, log_interval=1, reset_num_timesteps=False)
             checkpoint.check_finite(model)
             if progress.judge is not None:
-                progress.judge.judge(model.policy, model.num_timesteps, progress.seconds, "ppo")
+                progress.judge.judge(acting(model, settings), model.num_timesteps, progress.seconds, "ppo")
         checkpoint.save(progress.directory, model, settings, progress.seconds)
     finally:
         progress.bar.close()
