@@ -10,7 +10,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from agents.learned.adapter import StableBaselinesAdapter
+from agents.training.adapter import StableBaselinesAdapter
 from tests.envs.helpers import SMALL, batch, single
 
 WORLDS = 3

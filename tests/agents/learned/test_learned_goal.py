@@ -9,10 +9,10 @@ import torch
 
 from agents.learned.goal_features import GoalFeatures
 from agents.learned.goal_policy import GoalPolicy
-from agents.learned.off_policy import GoalExtractor
 from agents.learned.storage import load_set, save_set
 from agents.learned.trained import KIND, load_trained
 from agents.registry import make_policy
+from agents.training.off_policy import GoalExtractor
 from tests.agents.helpers import POSE_TASKS, episodes, info_of
 from tests.envs.helpers import batch
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.hindsight import HindsightBuffer, buffer_bytes
+from agents.training.adapter import StableBaselinesAdapter
+from agents.training.hindsight import HindsightBuffer, buffer_bytes
 from tests.envs.helpers import SMALL, batch
 
 WORLDS, SIZE = 3, 40

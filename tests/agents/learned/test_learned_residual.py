@@ -6,14 +6,14 @@ import torch
 from gymnasium.vector import AutoresetMode
 
 from agents.learned.coding import Coding
-from agents.learned.networks.parts import PartsActor
-from agents.learned.parts_policy import trained_tensors
 from agents.learned.residual import Base, ResidualPolicy, with_base
-from agents.learned.residual_env import ResidualEnv
 from agents.learned.storage import save_set
 from agents.learned.trained import KIND, VERSION, described
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
+from agents.training.networks.parts import PartsActor
+from agents.training.parts_policy import trained_tensors
+from agents.training.residual_env import ResidualEnv
 from tests.agents.helpers import info_of
 from tests.envs.helpers import batch
 

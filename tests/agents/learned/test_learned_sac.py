@@ -9,12 +9,12 @@ import torch
 import yaml
 from stable_baselines3 import SAC
 
-from agents.learned import off_policy, sac_run
-from agents.learned.checkpoint import FILE, KIND, Diverged
-from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import load_set, save_set
-from agents.learned.train import train
 from agents.registry import make_policy
+from agents.training import off_policy, sac_run
+from agents.training.checkpoint import FILE, KIND, Diverged
+from agents.training.settings import TrainSettings, load_settings
+from agents.training.train import train
 from tests.agents.helpers import info_of
 
 SMALL = {

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from agents.learned.schedule import Schedule, SchedulePolicy, read_schedule
-from agents.learned.sensorless.__main__ import main
-from agents.learned.sensorless.errors import COARSE, FINE, cost, errors_of
-from agents.learned.sensorless.handmade import FAMILIES, made, plain, shifted
-from agents.learned.sensorless.play import Trials, draw_trials, play
-from agents.learned.sensorless.search import costs, decoded, encoded, search
-from agents.learned.sensorless.settings import SensorlessSettings
+from agents.training.sensorless.__main__ import main
+from agents.training.sensorless.errors import COARSE, FINE, cost, errors_of
+from agents.training.sensorless.handmade import FAMILIES, made, plain, shifted
+from agents.training.sensorless.play import Trials, draw_trials, play
+from agents.training.sensorless.search import costs, decoded, encoded, search
+from agents.training.sensorless.settings import SensorlessSettings
 from tests.agents.helpers import ALUMINIUM, DISC, SURFACE, info_of
 from tests.envs.helpers import batch
 

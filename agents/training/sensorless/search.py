@@ -12,9 +12,9 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.learned.schedule import LEAST_REACH, MOST_REACH, Schedule
-from agents.learned.sensorless.errors import cost, errors_of
-from agents.learned.sensorless.play import Trials, draw_trials, play
-from agents.learned.sensorless.settings import SensorlessSettings
+from agents.training.sensorless.errors import cost, errors_of
+from agents.training.sensorless.play import Trials, draw_trials, play
+from agents.training.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 from vibgym.fields import DEFAULT_REACH
 
@@ -78,7 +78,7 @@ def _factor(numbers: np.ndarray) -> np.ndarray:
 def costs(
     schedules: list[Schedule], trials: Trials, part: Part, surface: Surface, settings: SensorlessSettings, hardware: str
 ) -> np.ndarray:
-    """Cost (schedules,) of each from these starts, see :func:`agents.learned.sensorless.errors.cost`."""
+    """Cost (schedules,) of each from these starts, see :func:`agents.training.sensorless.errors.cost`."""
     poses = play(
         schedules, trials, part, surface, hardware, settings.seconds, settings.model, settings.periods,
         settings.threads,

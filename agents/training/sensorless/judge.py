@@ -10,10 +10,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from agents.learned.schedule import Schedule, SchedulePolicy
-from agents.learned.sensorless.errors import COARSE, FINE, errors_of
-from agents.learned.sensorless.play import draw_trials, play
-from agents.learned.sensorless.settings import SensorlessSettings
 from agents.task_info import TaskInfo
+from agents.training.sensorless.errors import COARSE, FINE, errors_of
+from agents.training.sensorless.play import draw_trials, play
+from agents.training.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 
 FRESH = 7_100_000  # seeds of the judgement's episodes, which nothing else uses

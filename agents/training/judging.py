@@ -9,8 +9,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.learned.settings import TrainSettings
 from agents.policy import Policy
+from agents.training.settings import TrainSettings
 from vibgym import checks
 
 FILE = "curve.csv"

@@ -15,13 +15,13 @@ from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
 import vibgym
-from agents.learned import checkpoint, off_policy
-from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.checkpoint import Diverged, TrainingError
-from agents.learned.judging import Judge
-from agents.learned.sac import LeanSAC
-from agents.learned.settings import TrainSettings
 from agents.learned.storage import load_set
+from agents.training import checkpoint, off_policy
+from agents.training.adapter import StableBaselinesAdapter
+from agents.training.checkpoint import Diverged, TrainingError
+from agents.training.judging import Judge
+from agents.training.sac import LeanSAC
+from agents.training.settings import TrainSettings
 from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
 from vibgym.files import WriteError, reason

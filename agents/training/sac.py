@@ -10,8 +10,8 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.utils import polyak_update
 from torch.nn import functional
 
-from agents.learned.checkpoint import Diverged
 from agents.learned.goal_policy import LEAST_LOG_STD, MOST_LOG_STD
+from agents.training.checkpoint import Diverged
 
 
 class LeanSAC(SAC):

@@ -45,7 +45,7 @@ class PPOSettings(Settings):
 
 
 class ImitationSettings(Settings):
-    """What an expert teaches beforehand, see :class:`agents.learned.imitation.Imitation`."""
+    """What an expert teaches beforehand, see :class:`agents.training.imitation.Imitation`."""
 
     expert: Any  # a policy that speaks the environment's action
     rounds: int = Field(4, ge=1, le=1000)
@@ -75,7 +75,7 @@ class ServesSettings(Settings):
 
 
 class SACSettings(Settings):
-    """Stable-Baselines3's SAC with hindsight, see :mod:`agents.learned.off_policy`."""
+    """Stable-Baselines3's SAC with hindsight, see :mod:`agents.training.off_policy`."""
 
     buffer_size: int = Field(300_000, ge=1, le=1_000_000_000)  # transitions of all worlds
     learning_starts: int = Field(2_000, ge=0, le=MOST_STEPS)  # steps with random actions

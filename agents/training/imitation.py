@@ -14,9 +14,9 @@ import numpy as np
 import torch
 
 from agents.learned.coding import Coding
-from agents.learned.parts_policy import PartsPolicy
-from agents.learned.settings import ImitationSettings
 from agents.policy import Policy
+from agents.training.parts_policy import PartsPolicy
+from agents.training.settings import ImitationSettings
 from vibgym.envs import VibgymVectorEnv
 
 

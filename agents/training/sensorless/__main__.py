@@ -1,4 +1,4 @@
-"""Command line: ``python -m agents.learned.sensorless CONFIG``.
+"""Command line: ``python -m agents.training.sensorless CONFIG``.
 
 Searches schedules, judges them beside hand-made ones, and writes the best of each part and hardware and a page. Exit codes are
 those of ``python -m agents``.
@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents.learned.sensorless.settings import load_settings
+from agents.training.sensorless.settings import load_settings
 from vibgym import interrupts
 from vibgym.files import WriteError, output_directory, write_atomically
 
@@ -19,7 +19,7 @@ from vibgym.files import WriteError, output_directory, write_atomically
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m agents.learned.sensorless", description="Find sensorless schedules."
+        prog="python -m agents.training.sensorless", description="Find sensorless schedules."
     )
     parser.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/agents/sensorless.yaml")
     parser.add_argument("--output", type=Path, metavar="DIR", default=Path("runs/sensorless"), help="of the schedules")
@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from agents.learned.sensorless.study import study
+    from agents.training.sensorless.study import study
 
     try:
         settings = load_settings(arguments.config)

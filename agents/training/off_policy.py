@@ -10,17 +10,17 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.checkpoint import ADAM, FILE, FREE, KIND, Diverged
 from agents.learned.goal_features import GoalFeatures
 from agents.learned.goal_policy import NETWORK, GoalPolicy
-from agents.learned.hindsight import HindsightBuffer, buffer_bytes
-from agents.learned.noise import Wandering
-from agents.learned.sac import LeanSAC
-from agents.learned.settings import MOST_STEPS, TrainSettings
 from agents.learned.storage import as_float32, load_set, save_set
 from agents.learned.trained import KIND as POLICY_KIND
 from agents.task_info import TaskInfo
+from agents.training.adapter import StableBaselinesAdapter
+from agents.training.checkpoint import ADAM, FILE, FREE, KIND, Diverged
+from agents.training.hindsight import HindsightBuffer, buffer_bytes
+from agents.training.noise import Wandering
+from agents.training.sac import LeanSAC
+from agents.training.settings import MOST_STEPS, TrainSettings
 from vibgym import checks
 
 MOST_BUFFER = 2e9

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.learned.schedule import Schedule
-from agents.learned.sensorless.judge import Judgement
-from agents.learned.sensorless.settings import SensorlessSettings
+from agents.training.sensorless.judge import Judgement
+from agents.training.sensorless.settings import SensorlessSettings
 from vibgym import Surface
 
 AFTER = 1.25
@@ -61,7 +61,7 @@ from the line that should align them.
 
 All figures are of {judged} fresh starts on the planar model, {after:g} s after the start. "Varied" is friction {friction}, and
 distance and heading are of these. Align's episodes have varied friction, too, and the environment's own starts.
-Command: `python -m agents.learned.sensorless {config}`
+Command: `python -m agents.training.sensorless {config}`
 """
 
 

@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 
 from agents.learned.schedule import Schedule
-from agents.learned.sensorless.errors import cost, errors_of
-from agents.learned.sensorless.play import Trials, play
-from agents.learned.sensorless.settings import SensorlessSettings
+from agents.training.sensorless.errors import cost, errors_of
+from agents.training.sensorless.play import Trials, play
+from agents.training.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
 
 Rows = list[tuple[float, float, float]]

@@ -15,12 +15,12 @@ from tqdm import tqdm
 
 import vibgym
 from agents.learned.schedule import Schedule, save_schedule
-from agents.learned.sensorless.handmade import FAMILIES, PLACING, plain, tuned
-from agents.learned.sensorless.judge import episodes, judge
-from agents.learned.sensorless.page import AFTER, Case, Entry, section, text
-from agents.learned.sensorless.play import draw_trials
-from agents.learned.sensorless.search import Found, costs, search, validation_trials
-from agents.learned.sensorless.settings import SensorlessSettings
+from agents.training.sensorless.handmade import FAMILIES, PLACING, plain, tuned
+from agents.training.sensorless.judge import episodes, judge
+from agents.training.sensorless.page import AFTER, Case, Entry, section, text
+from agents.training.sensorless.play import draw_trials
+from agents.training.sensorless.search import Found, costs, search, validation_trials
+from agents.training.sensorless.settings import SensorlessSettings
 from vibgym import Surface
 from vibgym.accuracy.provenance import processor
 from vibgym.files import write_atomically

@@ -1,4 +1,4 @@
-"""Training: PPO on one task from one file, with or without an expert's lessons before, with logs, checkpoints, and going on after an interruption."""
+"""Training: PPO on one task from one file, with or without an expert's lessons before; logs, checkpoints, going on."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
 from agents.evaluation.provenance import processor, versions
-from agents.learned import checkpoint
-from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.checkpoint import Diverged, TrainingError
 from agents.learned.coding import Coding
-from agents.learned.imitation import Imitation
-from agents.learned.judging import Judge
-from agents.learned.parts_policy import PartsPolicy, trained_tensors
-from agents.learned.ppo import PartsPPO
-from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
 from agents.learned.trained import TrainedPolicy, load_trained
 from agents.policy import Policy
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
+from agents.training import checkpoint, sac_run
+from agents.training.adapter import StableBaselinesAdapter
+from agents.training.checkpoint import Diverged, TrainingError
+from agents.training.imitation import Imitation
+from agents.training.judging import Judge
+from agents.training.parts_policy import PartsPolicy, trained_tensors
+from agents.training.ppo import PartsPPO
+from agents.training.settings import TrainSettings, load_settings
 from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
 from vibgym.files import WriteError, output_directory, output_files, reason
@@ -201,7 +201,7 @@ def train(
     for a learning curve, and at the end the policy: a JSON file with its tensors beside it.
 
     Args:
-        config: YAML file, see :func:`agents.learned.settings.load_settings`.
+        config: YAML file, see :func:`agents.training.settings.load_settings`.
         output: directory, instead of the file's.
         quiet: no progress bar, no closing line.
         policy: path of the policy's file, instead of ``policy.json`` in the directory.
