@@ -78,7 +78,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
 def train(arguments: argparse.Namespace) -> int:
     """Train a policy."""
-    from agents.learned.train import TrainingError, train
+    from agents.training.checkpoint import TrainingError
+    from agents.training.train import train
     from vibgym.files import WriteError
 
     output = None if arguments.output is None else Path(arguments.output)

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from agents.learned.coding import BY_PART, CODES, Coding
+from agents.learned.goal_policy import NETWORK as GOAL
+from agents.learned.goal_policy import GoalPolicy, goal_policy
 from agents.learned.networks.acting import ACTING, ACTIVATIONS
 from agents.learned.storage import as_float32, load_set
 from agents.task_info import TaskInfo
@@ -60,7 +62,7 @@ def described(surface: Surface) -> dict[str, Any]:
     return {name: getattr(surface, name) for name in ("rows", "columns", "element_size", "frequency")}
 
 
-def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
+def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
     """Load a policy file and check that it fits.
 
     Raises:
@@ -76,6 +78,8 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
         theirs = record.get(what)
         if theirs not in (ANY, mine) or isinstance(theirs, bool):  # True would be 1 part
             raise checks.refuse(f"{name}: {what}", theirs, f"{mine!r}, as this scene has it")
+    if record.get("network") == GOAL:
+        return goal_policy(name, tensors, record, info)
     tensors = as_float32(name, tensors)
     action = checks.choice(f"{name}: action", record.get("action"), (*BY_PART, *CODES))
     network = checks.choice(f"{name}: network", record.get("network"), tuple(ACTING))

@@ -1,1 +1,1 @@
-"""Networks that act on parts: torch for training, NumPy for acting; the same numbers from the same tensors."""
+"""Networks as they act: what torch has trained, in NumPy, under the same names of tensors."""

@@ -36,7 +36,7 @@ def hidden(tensors: Tensors, name: str, activation: str, x: np.ndarray) -> np.nd
 
 
 def attend(tensors: Tensors, name: str, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """See :class:`agents.learned.networks.layers.Attention`."""
+    """See :class:`agents.training.networks.layers.Attention`."""
     there = others[..., 0] > 0.5
     encoded = _relu(linear(tensors, f"{name}.encode", others))
     key, query = linear(tensors, f"{name}.key", encoded), linear(tensors, f"{name}.query", own)
@@ -48,7 +48,7 @@ def attend(tensors: Tensors, name: str, own: np.ndarray, others: np.ndarray) -> 
 
 
 def look(tensors: Tensors, shape: Shape, rows: np.ndarray) -> np.ndarray:
-    """See :class:`agents.learned.networks.parts.Eyes`."""
+    """See :class:`agents.training.networks.parts.Eyes`."""
     if not shape.neighbours:
         return rows
     own = rows[..., : shape.own]
@@ -57,13 +57,13 @@ def look(tensors: Tensors, shape: Shape, rows: np.ndarray) -> np.ndarray:
 
 
 def parts(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and log std, see :class:`agents.learned.networks.parts.PartsActor`."""
+    """Mean and log std, see :class:`agents.training.networks.parts.PartsActor`."""
     seen = hidden(tensors, "hidden", activation, look(tensors, shape, rows))
     return linear(tensors, "mean", seen), np.clip(linear(tensors, "log_std", seen), *LOG_STD_RANGE)
 
 
 def elements(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and log std, see :class:`agents.learned.networks.elements.ElementsActor`."""
+    """Mean and log std, see :class:`agents.training.networks.elements.ElementsActor`."""
     seen = hidden(tensors, "hidden", activation, look(tensors, shape, rows))
     coefficients = linear(tensors, "coefficients", seen)
     coefficients = coefficients.reshape(*coefficients.shape[:-1], -1, 2)

@@ -4,12 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from agents.learned.adapter import StableBaselinesAdapter
+from agents.training.adapter import StableBaselinesAdapter
 from tests.envs.helpers import SMALL, batch, single
 
 WORLDS = 3
@@ -19,10 +20,26 @@ def adapter(task="Align", worlds=WORLDS, **settings):
     return StableBaselinesAdapter(batch(task, worlds, autoreset_mode="SameStep", **settings))
 
 
+def same(one, other):
+    """Whether two observations are the same bits."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    return one.dtype == other.dtype and one.shape == other.shape and bool((one == other).all())
+
+
+def of_world(observation, world):
+    return (
+        {key: value[world] for key, value in observation.items()}
+        if isinstance(observation, dict)
+        else observation[world]
+    )
+
+
 @pytest.mark.parametrize("settings", [
     {"action": "patch", "max_episode_steps": 7},
     {"action": "field", "max_episode_steps": 60, "surface": SMALL},
     {"action": "field", "max_episode_steps": 5, "observation": "image"},
+    {"action": "field", "max_episode_steps": 60, "surface": SMALL, "observation": "goal"},
 ])  # fmt: skip
 def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(settings):
     mine = adapter(**settings)
@@ -30,7 +47,7 @@ def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(set
     assert mine.num_envs == theirs.num_envs == WORLDS
     assert mine.action_space == theirs.action_space and mine.observation_space == theirs.observation_space
     mine.seed(5), theirs.seed(5)
-    assert (mine.reset() == theirs.reset()).all()
+    assert same(mine.reset(), theirs.reset())
     generator = np.random.default_rng(0)
     push = np.zeros((WORLDS, mine.action_space.shape[0]), dtype=np.float32)
     truncated = terminated = 0
@@ -39,7 +56,7 @@ def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(set
         np.clip(push, -1, 1, out=push)
         observation, reward, done, infos = mine.step(push)
         expected, rewards, dones, their_infos = theirs.step(push)
-        assert (observation == expected).all() and observation.dtype == expected.dtype
+        assert same(observation, expected)
         assert (reward == rewards).all() and reward.dtype == rewards.dtype == np.float32
         assert (done == dones).all() and done.dtype == bool
         for world in range(WORLDS):
@@ -47,8 +64,9 @@ def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(set
                 assert infos[world] == {}
                 continue
             got, want = infos[world], their_infos[world]
-            assert (got["terminal_observation"] == want["terminal_observation"]).all()
-            assert (got["terminal_observation"] != observation[world]).any()
+            assert same(got["terminal_observation"], want["terminal_observation"])
+            assert not same(got["terminal_observation"], of_world(observation, world))
+            assert got["fallen"] is want["fallen"]
             assert got["TimeLimit.truncated"] is want["TimeLimit.truncated"]
             assert got["is_success"] is want["is_success"]
             assert got["episode"]["r"] == pytest.approx(want["episode"]["r"], abs=1e-6)
@@ -91,8 +109,10 @@ def test_attributes_and_methods():
 def test_other_environments_are_refused():
     with pytest.raises(ValueError, match="^env: .*autoreset_mode"):
         StableBaselinesAdapter(batch("Align", 2))
+    env = batch("Align", 2, autoreset_mode="SameStep")
+    env.unwrapped.single_observation_space = spaces.Discrete(3)
     with pytest.raises(ValueError, match="^env: .*observation"):
-        StableBaselinesAdapter(batch("Align", 2, observation="goal", autoreset_mode="SameStep"))
+        StableBaselinesAdapter(env)
 
 
 def test_stable_baselines_learns_and_evaluates_on_it():
@@ -104,3 +124,16 @@ def test_stable_baselines_learns_and_evaluates_on_it():
         warnings.filterwarnings("ignore", message="Evaluation environment is not wrapped")
         returns, lengths = evaluate_policy(model, env, n_eval_episodes=3, return_episode_rewards=True)
     assert lengths == [5, 5, 5] and np.isfinite(returns).all()
+
+
+def test_rewards_of_a_batch_come_whole():
+    """Whatever its size: that many worlds is no exception."""
+    env = adapter(action="field", observation="goal")
+    desired = np.zeros((WORLDS, 3))
+    achieved = desired + np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    for rows in (slice(None), slice(2)):
+        got = env.env_method("compute_reward", achieved[rows], desired[rows], {}, indices=[0, 2])
+        assert [each.tolist() for each in got] == [[0.0, -1.0, 0.0][rows]] * 2
+    assert env.env_method("compute_reward", achieved, desired, {"fallen": np.array([True, False, True])}, indices=[0])[
+        0
+    ].tolist() == [-50.0, -1.0, -50.0]

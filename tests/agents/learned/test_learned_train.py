@@ -19,14 +19,14 @@ import torch
 from stable_baselines3 import PPO
 
 from agents import __main__ as command
-from agents.learned import checkpoint
-from agents.learned.settings import load_settings
 from agents.learned.storage import load_set, save_set
-from agents.learned.train import Progress, make_env, make_model, train
 from agents.learned.trained import KIND as POLICY
 from agents.learned.trained import VERSION, load_trained
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
+from agents.training import checkpoint
+from agents.training.settings import load_settings
+from agents.training.train import Progress, make_env, make_model, train
 from tests.agents.helpers import info_of
 from tests.envs.helpers import single
 from vibgym import locks
@@ -152,7 +152,7 @@ def test_an_interruption_says_what_the_checkpoint_holds(config, tmp_path, monkey
 
 def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, monkeypatch):
     run = tmp_path / "run"
-    monkeypatch.setattr("agents.learned.train.Progress", Interrupted)
+    monkeypatch.setattr("agents.training.train.Progress", Interrupted)
     with pytest.raises(KeyboardInterrupt, match="2048 steps are saved"):
         train(config, run, quiet=True)
     monkeypatch.undo()
@@ -205,7 +205,7 @@ def test_sigkill_leaves_files_that_load_and_the_run_goes_on(tmp_path):
     config, run = tmp_path / "long.yaml", tmp_path / "run"
     config.write_text(TEXT.replace("steps: 8192", "steps: 100000000"))
     code = (
-        f"from pathlib import Path; from agents.learned.train import train; train(Path({str(config)!r}), "
+        f"from pathlib import Path; from agents.training.train import train; train(Path({str(config)!r}), "
         f"Path({str(run)!r}), quiet=True)"
     )
     process = subprocess.Popen(

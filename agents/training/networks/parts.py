@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from agents.learned.networks.layers import Attention, hidden, linear
 from agents.learned.networks.shape import Shape
+from agents.training.networks.layers import Attention, hidden, linear
 
 LOG_STD_RANGE = (-5.0, 0.5)
 """Of the exploration's standard deviation, a number of each action that depends on what the part sees."""

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learned.adapter import StableBaselinesAdapter
+from agents.training.adapter import StableBaselinesAdapter
 from agents.learned.coding import NEVER, NOWHERE, Seen
-from agents.learned.parts_policy import PartsPolicy
-from agents.learned.ppo import PartsPPO
-from agents.learned.rollout import PartsBuffer
+from agents.training.parts_policy import PartsPolicy
+from agents.training.ppo import PartsPPO
+from agents.training.rollout import PartsBuffer
 from agents.task_info import TaskInfo
 from tests.agents.helpers import info_of
 from tests.agents.learned.helpers import coding_for

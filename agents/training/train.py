@@ -1,4 +1,4 @@
-"""Training: PPO on one task from one file, with or without an expert's lessons before, with logs, checkpoints, and going on after an interruption."""
+"""Training: PPO on one task from one file, with or without an expert's lessons before; logs, checkpoints, going on."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
 from agents.evaluation.provenance import processor, versions
-from agents.learned import checkpoint
-from agents.learned.adapter import StableBaselinesAdapter
-from agents.learned.checkpoint import Diverged
 from agents.learned.coding import Coding
-from agents.learned.imitation import Imitation
-from agents.learned.judging import Judge
-from agents.learned.parts_policy import PartsPolicy
-from agents.learned.ppo import PartsPPO
-from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
-from agents.learned.trained import load_trained
+from agents.learned.trained import TrainedPolicy, load_trained
 from agents.policy import Policy
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
+from agents.training import checkpoint, sac_run
+from agents.training.adapter import StableBaselinesAdapter
+from agents.training.checkpoint import Diverged, TrainingError
+from agents.training.imitation import Imitation
+from agents.training.judging import Judge
+from agents.training.parts_policy import PartsPolicy, trained_tensors
+from agents.training.ppo import PartsPPO
+from agents.training.settings import TrainSettings, load_settings
 from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
 from vibgym.files import WriteError, output_directory, output_files, reason
@@ -126,8 +126,10 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     )
 
 
-class TrainingError(RuntimeError):
-    """A training that ended before its time, for no fault of the program's."""
+def acting(model: PartsPPO, settings: TrainSettings) -> TrainedPolicy:
+    """The model as it acts without torch."""
+    actor, coding = model.policy.actor, model.policy.coding
+    return TrainedPolicy(trained_tensors(actor), actor.kind, settings.ppo.activation, coding)
 
 
 class Progress(BaseCallback):
@@ -166,7 +168,7 @@ class Progress(BaseCallback):
         assert isinstance(self.model, PartsPPO)
         checkpoint.check_finite(self.model)
         if self.judge is not None and self.judge.due(self.num_timesteps):
-            self.judge.judge(self.model.policy, self.num_timesteps, self.seconds, "ppo")
+            self.judge.judge(acting(self.model, self.settings), self.num_timesteps, self.seconds, "ppo")
         if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
             self.save()
 
@@ -200,7 +202,7 @@ def train(
     for a learning curve, and at the end the policy: a JSON file with its tensors beside it.
 
     Args:
-        config: YAML file, see :func:`agents.learned.settings.load_settings`.
+        config: YAML file, see :func:`agents.training.settings.load_settings`.
         output: directory, instead of the file's.
         quiet: no progress bar, no closing line.
         policy: path of the policy's file, instead of ``policy.json`` in the directory.
@@ -218,6 +220,8 @@ def train(
     """
     settings = load_settings(config, agent, seed)
     directory = output or Path(settings.output or Path("runs") / config.stem)
+    if settings.algorithm == "sac":
+        return sac_run.train(str(config), settings, directory, lambda: policy_path(directory, policy), quiet)
     try:
         env = make_env(settings)
     except ValueError as error:
@@ -227,7 +231,7 @@ def train(
             model = make_model(settings, env)
             scenes = experts(settings, env)
             begin_with(settings, model, env)
-            judge = None if settings.judging is None else Judge(settings, model.policy.coding, directory)
+            judge = None if settings.judging is None else Judge(settings, directory)
         except ValueError as error:
             raise ValueError(f"{config}: {error}") from None
         path = policy_path(directory, policy)
@@ -312,7 +316,7 @@ def imitate(
         progress.bar.update(lessons.steps - progress.bar.n)
         progress.bar.set_postfix_str(f"imitation, error {loss:.2e}", refresh=False)
     if progress.judge is not None:
-        progress.judge.judge(model.policy, lessons.steps, progress.seconds, "imitation")
+        progress.judge.judge(acting(model, settings), lessons.steps, progress.seconds, "imitation")
     checkpoint.save(progress.directory, model, settings, progress.seconds)
 
 
@@ -347,7 +351,7 @@ def learn(model: PartsPPO, settings: TrainSettings, progress: Progress) -> None:
             model.learn(todo, callback=progress, log_interval=1, reset_num_timesteps=False)
             checkpoint.check_finite(model)
             if progress.judge is not None:
-                progress.judge.judge(model.policy, model.num_timesteps, progress.seconds, "ppo")
+                progress.judge.judge(acting(model, settings), model.num_timesteps, progress.seconds, "ppo")
         checkpoint.save(progress.directory, model, settings, progress.seconds)
     finally:
         progress.bar.close()

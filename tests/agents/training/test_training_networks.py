@@ -5,10 +5,10 @@ import pytest
 import torch
 
 from agents.learned.networks.acting import ACTING
-from agents.learned.networks.elements import elements_about
-from agents.learned.networks.parts import PartsCritic
+from agents.training.networks.elements import elements_about
+from agents.training.networks.parts import PartsCritic
 from agents.learned.networks.shape import Shape, offsets
-from agents.learned.parts_policy import ACTORS, trained_tensors
+from agents.training.parts_policy import ACTORS, trained_tensors
 
 OWN, WIDTH, PLACE = 9, 4, 3
 NUMBERS, SIDE = 6, 5

@@ -13,8 +13,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from agents.learned.coding import Coding
-from agents.learned.networks.elements import ElementsActor
-from agents.learned.networks.parts import PartsActor, PartsCritic
+from agents.training.networks.elements import ElementsActor
+from agents.training.networks.parts import PartsActor, PartsCritic
 
 ACTORS: dict[str, type[PartsActor] | type[ElementsActor]] = {"parts": PartsActor, "elements": ElementsActor}
 """Networks by name: one that gives a part's action as a whole, and one that is applied to every element around it."""
@@ -34,7 +34,7 @@ class WholeObservation(BaseFeaturesExtractor):
 
 
 class PartsPolicy(ActorCriticPolicy):
-    """Actor and critic over observations by parts; for :class:`agents.learned.ppo.PartsPPO`, and for SB3's own PPO.
+    """Actor and critic over observations by parts; for :class:`agents.training.ppo.PartsPPO`, and for SB3's own PPO.
 
     For the latter a world is one sample: log-probabilities add up over its parts, and its value is their mean.
 

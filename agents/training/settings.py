@@ -45,7 +45,7 @@ class PPOSettings(Settings):
 
 
 class ImitationSettings(Settings):
-    """What an expert teaches beforehand, see :class:`agents.learned.imitation.Imitation`."""
+    """What an expert teaches beforehand, see :class:`agents.training.imitation.Imitation`."""
 
     expert: Any  # a policy that speaks the environment's action
     rounds: int = Field(4, ge=1, le=1000)
@@ -54,6 +54,7 @@ class ImitationSettings(Settings):
     batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
     learning_rate: Rate = 1e-3
     noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of what disturbs those who act
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
     own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
 
 
@@ -71,6 +72,28 @@ class ServesSettings(Settings):
     tasks: list[str] | None = None  # names; None: the one that it was trained on
     surface: Literal["same", "any"] = "same"
     parts: Literal["same", "any"] = "same"  # their number
+
+
+class SACSettings(Settings):
+    """Stable-Baselines3's SAC with hindsight, see :mod:`agents.training.off_policy`."""
+
+    buffer_size: int = Field(300_000, ge=1, le=1_000_000_000)  # transitions of all worlds
+    learning_starts: int = Field(2_000, ge=0, le=MOST_STEPS)  # steps with random actions
+    train_freq: int = Field(1, ge=1, le=100_000)  # steps of each world between updates
+    gradient_steps: int = Field(4, ge=1, le=100_000)  # at each update
+    policy_delay: int = Field(2, ge=1, le=1000)  # gradient steps of the critics for one of the actor
+    batch_size: int = Field(256, ge=1, le=10_000_000)
+    learning_rate: Rate = 1e-3
+    final_learning_rate: Rate = 1e-4  # reached linearly at the end
+    gamma: float = Field(0.95, gt=0, lt=1)
+    tau: Rate = 0.02  # of the target network
+    ent_coef: float = Field(0.1, gt=0, le=100)  # at the beginning; learned from there
+    target_entropy: float | None = Field(None, ge=-1e6, le=1e6)  # default: minus the number of actions
+    hindsight: float = Field(0.8, ge=0, le=1)  # share of a batch with goals that were reached later
+    horizon: int = Field(50, ge=0, le=1_000_000)  # steps that these were reached later at most
+    noise: float = Field(0.3, ge=0, le=10)  # standard deviation of what is added to actions in the loudest world ...
+    noise_steps: float = Field(5.0, ge=1, le=1e6)  # ... and steps that it lasts
+    net: list[Width] = Field([128, 128], min_length=1, max_length=8)
 
 
 class TrainSettings(Settings):
@@ -92,7 +115,9 @@ class TrainSettings(Settings):
     imitation: ImitationSettings | None = None
     judging: JudgingSettings | None = None
     serves: ServesSettings = ServesSettings()
+    algorithm: Literal["ppo", "sac"] = "ppo"
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
+    sac: SACSettings = SACSettings()  # type: ignore[call-arg]
 
     @property
     def environment_name(self) -> str:
@@ -111,6 +136,7 @@ class TrainSettings(Settings):
 
 PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
     "ppo": PPOSettings,
+    "sac": SACSettings,
     "imitation": ImitationSettings,
     "judging": JudgingSettings,
     "serves": ServesSettings,

@@ -10,13 +10,13 @@ import torch
 from stable_baselines3 import PPO
 
 from agents.learned.coding import Coding
-from agents.learned.parts_policy import trained_tensors
-from agents.learned.settings import MOST_STEPS, TrainSettings
 from agents.learned.storage import as_float32, load_set, save_set
 from agents.learned.trained import ANY, described
 from agents.learned.trained import KIND as POLICY_KIND
 from agents.learned.trained import VERSION as POLICY_VERSION
 from agents.task_info import TaskInfo
+from agents.training.parts_policy import trained_tensors
+from agents.training.settings import MOST_STEPS, TrainSettings
 from vibgym import checks
 
 KIND = "vibgym-checkpoint"
@@ -28,6 +28,10 @@ FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
 
 class Diverged(RuntimeError):
     """A model has numbers that are not finite; nothing has been written."""
+
+
+class TrainingError(RuntimeError):
+    """A training that ended before its time, for no fault of the program's."""
 
 
 def check_finite(model: PPO) -> None:

@@ -15,15 +15,15 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
-from agents.learned.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
-from agents.learned.rollout import PartsBuffer
+from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
+from agents.training.rollout import PartsBuffer
 
 
 class PartsPPO(PPO):
-    """PPO (Schulman et al. 2017) over :class:`agents.learned.parts_policy.PartsPolicy`; see the module.
+    """PPO (Schulman et al. 2017) over :class:`agents.training.parts_policy.PartsPolicy`; see the module.
 
     Args:
-        policy, env, **settings: as SB3's; ``env`` is a :class:`agents.learned.adapter.StableBaselinesAdapter` over worlds with
+        policy, env, **settings: as SB3's; ``env`` is a :class:`agents.training.adapter.StableBaselinesAdapter` over worlds with
             observations by parts. ``batch_size`` counts parts.
         critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to
             be spoilt by values that mean nothing yet.

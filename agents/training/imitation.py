@@ -14,9 +14,9 @@ import numpy as np
 import torch
 
 from agents.learned.coding import Coding
-from agents.learned.parts_policy import PartsPolicy
-from agents.learned.settings import ImitationSettings
 from agents.policy import Policy
+from agents.training.parts_policy import PartsPolicy
+from agents.training.settings import ImitationSettings
 from vibgym.envs import VibgymVectorEnv
 
 
@@ -41,6 +41,8 @@ class Demonstrator:
     def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding, generator: np.random.Generator) -> None:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._memory: Any = None
+        # Of a law that speaks wrench: what it sees next comes of what was done, not of what it said.
+        self._told = getattr(expert, "acted", None) if expert.action == "wrench" else None
         self._new = np.ones(env.num_envs, dtype=bool)
         self._observation: Any = None
 
@@ -65,9 +67,10 @@ class Demonstrator:
             if own.any():
                 acted[own] = _act(policy, seen.rows[own])
             acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
-            self._observation, _, terminated, truncated, _ = self.env.step(
-                self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
-            )
+            done = self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
+            if self._told is not None:
+                self._memory = self._told(self._memory, action, done)
+            self._observation, _, terminated, truncated, _ = self.env.step(done)
             self._new = terminated | truncated
         flat = (each.reshape(-1, *each.shape[2:]) for each in (rows, mask, wanted))
         return Demonstrations(*flat)
@@ -119,9 +122,10 @@ class Imitation:
             yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
-        """Fit the actor's mean to all that has been found; returns the last epoch's mean squared error."""
+        """Fit the actor's mean to all that has been found; returns the last epoch's mean error, squared and relative."""
         rows, mask, wanted = (torch.from_numpy(np.concatenate(each)) for each in zip(*self._found, strict=True))
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
+        floor = self.settings.floor**2
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):
             total = 0.0
@@ -130,7 +134,10 @@ class Imitation:
                     group["lr"] = rate * (0.55 + 0.45 * float(np.cos(np.pi * done / updates)))
                 here = mask[chosen]
                 mean, _ = self.policy.actor(rows[chosen])
-                error = (((mean - wanted[chosen]) ** 2).mean(dim=-1) * here).sum() / here.sum().clamp(min=1.0)
+                sought = wanted[chosen]
+                # In part relative to what is wanted: at the goal small pushes are all that counts.
+                scale = 1.0 / (floor + (sought**2).mean(dim=-1))
+                error = (((mean - sought) ** 2).mean(dim=-1) * scale * here).sum() / here.sum().clamp(min=1.0)
                 optimizer.zero_grad()
                 error.backward()
                 optimizer.step()

@@ -10,9 +10,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from agents.learned.networks.layers import hidden, linear
-from agents.learned.networks.parts import LOG_STD_RANGE, Eyes
 from agents.learned.networks.shape import Shape
+from agents.training.networks.layers import hidden, linear
+from agents.training.networks.parts import LOG_STD_RANGE, Eyes
 
 BASIS = 24
 """Basis functions of an element's place."""
@@ -26,7 +26,7 @@ class ElementsActor(nn.Module):
 
     Exploration has one standard deviation a part.
 
-    Args: see :class:`agents.learned.networks.parts.PartsActor`.
+    Args: see :class:`agents.training.networks.parts.PartsActor`.
     """
 
     kind = "elements"

@@ -68,7 +68,7 @@ class PartsBuffer(BaseBuffer):
 
         Args:
             seen: after the last step.
-            critic: see :class:`agents.learned.networks.parts.PartsCritic`.
+            critic: see :class:`agents.training.networks.parts.PartsCritic`.
         """
         self.rows[-1], self.mask[-1] = seen.rows, seen.mask
         steps, worlds, parts = self.reward.shape
