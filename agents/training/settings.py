@@ -157,7 +157,7 @@ def load_settings(path: Path, agent: str | None = None, seed: int | None = None)
     """
     data, where = load_yaml(path), str(path)
     if "task" not in data:
-        data, where = _of_agent(data, where, agent)
+        data, where = _of_agent(data, where, agent, seed)
     elif agent is not None:
         raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
     if seed is not None:
@@ -185,11 +185,13 @@ def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
             if not isinstance(settings, dict) or "task" in settings:
                 raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
             task = spec.name if spec.namespace == "vibgym" else key
+            if f"{spec.name}/{name}" in found:
+                raise checks.refuse(f"{where}: {key}", name, "a name that no other environment of this name has")
             found[f"{spec.name}/{name}"] = {"task": task, **settings}
     return found
 
 
-def _of_agent(data: dict[str, Any], where: str, agent: str | None) -> tuple[dict[str, Any], str]:
+def _of_agent(data: dict[str, Any], where: str, agent: str | None, seed: int | None) -> tuple[dict[str, Any], str]:
     """Settings of one agent of a file, and what to call them."""
     defaults, agents = data.get("defaults", {}), _agents(data, where)
     if not isinstance(defaults, dict):
@@ -201,5 +203,6 @@ def _of_agent(data: dict[str, Any], where: str, agent: str | None) -> tuple[dict
     for name in PARTS_OF_SETTINGS:
         if isinstance(defaults.get(name), dict) and isinstance(own.get(name), dict):
             merged[name] = {**defaults[name], **own[name]}
-    merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{merged.get('seed', 0)}")
+    own_seed = merged.get("seed", 0) if seed is None else seed
+    merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{own_seed}")
     return merged, f"{where}: {agent}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -296,11 +297,27 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
     """
     if settings.start is None:
         return
-    tensors = load_trained(Path(settings.start), TaskInfo.of(env.env)).tensors
-    mine = model.policy.actor.state_dict()
-    if {name: tuple(value.shape) for name, value in mine.items()} != {n: v.shape for n, v in tensors.items()}:
-        raise checks.refuse("start", settings.start, "a policy with a network as the settings have it")
+    found, mine = load_trained(Path(settings.start), TaskInfo.of(env.env)), acting(model, settings)
+    if not isinstance(found, TrainedPolicy):
+        raise checks.refuse("start", settings.start, "a policy that PPO has trained")
+    # Weights may fit and yet mean something else: numbers of other columns, or another action.
+    for name, theirs, ours in (
+        ("action", found.action, mine.action),
+        ("columns", found.coding.columns, mine.coding.columns),
+        ("ppo.turned", found.coding.turned, mine.coding.turned),
+        ("ppo.network", found.network, mine.network),
+        ("ppo.activation", found.activation, mine.activation),
+        ("layers", _shapes(found.tensors), _shapes(mine.tensors)),
+    ):
+        if theirs != ours:
+            got = f"{settings.start} (other {name})"
+            raise checks.refuse("start", got, "a policy with a network as the settings have it")
+    tensors = found.tensors
     model.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+
+
+def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
+    return {name: value.shape for name, value in tensors.items()}
 
 
 def imitate(
