@@ -54,7 +54,10 @@ def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> Vibgy
     arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": "parts"}
     arguments.setdefault("autoreset_mode", "SameStep")
     name = settings.environment_name
-    env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
+    try:
+        env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
+    except TypeError as error:
+        raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({error})") from None
     assert isinstance(env, VibgymVectorEnv)
     return env
 

@@ -2,6 +2,7 @@
 
 import warnings
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -111,8 +112,55 @@ def test_other_environments_are_refused():
         StableBaselinesAdapter(batch("Align", 2))
     env = batch("Align", 2, autoreset_mode="SameStep")
     env.unwrapped.single_observation_space = spaces.Discrete(3)
-    with pytest.raises(ValueError, match="^env: .*observation"):
-        StableBaselinesAdapter(env)
+    other = batch("Align", 2, autoreset_mode="SameStep")
+    other.single_observation_space = gym.spaces.Dict({"pose": gym.spaces.Discrete(3)})
+    with pytest.raises(ValueError, match="^env: observation is .*Discrete"):
+        StableBaselinesAdapter(other)
+
+
+@pytest.mark.parametrize("settings", [{"action": "patch"}, {"observation": "state"}, {"surface": SMALL}])
+def test_scenes_that_look_different_are_refused(settings):
+    first = {"action": "field", "observation": "parts", "autoreset_mode": "SameStep"}
+    envs = batch("Align", 2, **first), batch("Align", 2, **{**first, **settings})
+    if "surface" in settings:  # rows by parts are of any surface
+        assert StableBaselinesAdapter(*envs).num_envs == 4
+        return
+    with pytest.raises(ValueError, match="^scenes: got .*; allowed: scenes with the same spaces"):
+        StableBaselinesAdapter(*envs)
+
+
+def test_dictionaries_are_batches_and_parts_have_rewards_of_their_own():
+    """Of several scenes as of each by itself; of an episode's last step its own reward, not that of the next one."""
+    parts = {"parts": ["steel_block", "aluminium_block"], "action": "field", "observation": "parts"}
+    settings = [{**parts, "max_episode_steps": 4}, {**parts, "max_episode_steps": 6, "walls": ["left"]}]
+    both = StableBaselinesAdapter(
+        *(batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True))
+    )
+    alone = [batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True)]
+    both.seed(5)
+    seen, first = both.reset(), [env.reset(seed=seed)[0] for env, seed in zip(alone, (5, 7), strict=True)]
+    assert both.num_envs == 5 and set(seen) == {"parts", "mask"}
+    generator, ends = np.random.default_rng(0), 0
+    for step in range(12):
+        for name in seen:
+            assert (seen[name] == np.concatenate([each[name] for each in first])).all()
+        push = generator.uniform(-1, 1, (5, 12)).astype(np.float32)
+        seen, _, done, infos = both.step(push)
+        found = [env.step(each) for env, each in zip(alone, (push[:2], push[2:]), strict=True)]
+        first, expected = [each[0] for each in found], []
+        for *_, info in found:
+            reward = info["parts"]["reward"].copy()
+            if "final_info" in info:
+                ended = info["_final_info"]
+                reward[ended] = info["final_info"]["parts"]["reward"][ended]
+            expected.append(reward)
+        assert (both.part_reward == np.concatenate(expected)).all() and both.part_reward.shape == (5, 2)
+        assert done.tolist() == [(step + 1) % 4 == 0] * 2 + [(step + 1) % 6 == 0] * 3
+        for world in np.flatnonzero(done):
+            last = infos[world]["terminal_observation"]
+            assert (last["parts"] != seen["parts"][world]).any() and last["parts"].shape == seen["parts"][world].shape
+            ends += 1
+    assert ends == 3 * 2 + 2 * 3
 
 
 def test_stable_baselines_learns_and_evaluates_on_it():

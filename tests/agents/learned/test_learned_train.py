@@ -423,7 +423,8 @@ def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e300])
 @pytest.mark.parametrize(
-    "name", ["policy.actor.log_std.bias", "policy.critic.value.bias", "adam.0.exp_avg", "adam.2.exp_avg_sq", "adam.1.step"]
+    "name",
+    ["policy.actor.log_std.bias", "policy.critic.value.bias", "adam.0.exp_avg", "adam.2.exp_avg_sq", "adam.1.step"],
 )
 def test_a_checkpoint_that_is_not_finite_is_refused(trained, tmp_path, name, number):
     path, run = trained

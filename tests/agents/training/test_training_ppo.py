@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training.adapter import StableBaselinesAdapter
 from agents.learned.coding import NEVER, NOWHERE, Seen
+from agents.task_info import TaskInfo
+from agents.training.adapter import StableBaselinesAdapter
 from agents.training.parts_policy import PartsPolicy
 from agents.training.ppo import PartsPPO
 from agents.training.rollout import PartsBuffer
-from agents.task_info import TaskInfo
 from tests.agents.helpers import info_of
 from tests.agents.learned.helpers import coding_for
 from tests.envs.helpers import batch
@@ -93,7 +93,9 @@ def test_advantages_are_those_of_a_plain_loop(coding):
                 total, weight = 0.0, 1.0
                 for k in range(step, STEPS):
                     last = done[k, world]
-                    after = finals[k, world][part] if (k, world) in finals else 0.0 if last else value[k + 1, world, part]
+                    after = (
+                        finals[k, world][part] if (k, world) in finals else 0.0 if last else value[k + 1, world, part]
+                    )
                     total += weight * (reward[k, world, part] + GAMMA * after - value[k, world, part])
                     weight *= GAMMA * LAMBDA
                     if last:
