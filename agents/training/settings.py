@@ -157,10 +157,10 @@ def load_settings(path: Path, agent: str | None = None, seed: int | None = None)
     """
     data, where = load_yaml(path), str(path)
     if "task" not in data:
-        data, where = _of_agent(data, where, agent)
+        data, where = _of_agent(data, where, agent, seed)
     elif agent is not None:
         raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
-    if seed is not None:
+    elif seed is not None:
         data = {**data, "seed": seed}
     for name, model in PARTS_OF_SETTINGS.items():
         if isinstance(data.get(name), dict):
@@ -189,7 +189,7 @@ def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _of_agent(data: dict[str, Any], where: str, agent: str | None) -> tuple[dict[str, Any], str]:
+def _of_agent(data: dict[str, Any], where: str, agent: str | None, seed: int | None) -> tuple[dict[str, Any], str]:
     """Settings of one agent of a file, and what to call them."""
     defaults, agents = data.get("defaults", {}), _agents(data, where)
     if not isinstance(defaults, dict):
@@ -201,5 +201,7 @@ def _of_agent(data: dict[str, Any], where: str, agent: str | None) -> tuple[dict
     for name in PARTS_OF_SETTINGS:
         if isinstance(defaults.get(name), dict) and isinstance(own.get(name), dict):
             merged[name] = {**defaults[name], **own[name]}
+    if seed is not None:
+        merged["seed"] = seed
     merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{merged.get('seed', 0)}")
     return merged, f"{where}: {agent}"

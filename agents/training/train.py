@@ -288,7 +288,7 @@ def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[
 
 
 def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAdapter) -> None:
-    """Take the actor over from the policy that the settings name, if they do.
+    """Take the actor over from the policy that the settings name, if they do; how much it explores is theirs to say.
 
     Raises:
         ValueError: a policy of another form, or for another task.
@@ -299,7 +299,8 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
     mine = model.policy.actor.state_dict()
     if {name: tuple(value.shape) for name, value in mine.items()} != {n: v.shape for n, v in tensors.items()}:
         raise checks.refuse("start", settings.start, "a policy with a network as the settings have it")
-    model.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+    kept = {name: value for name, value in tensors.items() if not name.startswith("log_std")}
+    model.policy.actor.load_state_dict({**mine, **{name: torch.from_numpy(each.copy()) for name, each in kept.items()}})
 
 
 def imitate(
