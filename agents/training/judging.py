@@ -38,7 +38,7 @@ class Judge:
         scenes = settings.scenes or [{}]
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
-            ({**_usual(settings.environment), **scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
+            ({**usual(settings.environment), **scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
             for scene, share in zip(scenes, shares, strict=True)
             if len(share)
         ]
@@ -91,7 +91,7 @@ class Judge:
             writer.writerows(rows)
 
 
-def _usual(environment: dict[str, Any]) -> dict[str, Any]:
+def usual(environment: dict[str, Any]) -> dict[str, Any]:
     """Without the longer hold that a policy may be trained with."""
     own = {name: value for name, value in environment.get("task_settings", {}).items() if name != "hold"}
     return {**environment, "task_settings": own} if own else {k: v for k, v in environment.items() if k != "task_settings"}
