@@ -31,6 +31,9 @@ class Observation(ABC):
     goal_reward: bool = False
     """Whether the reward is that of a goal observation (GoalEnv)."""
 
+    beside: bool = True
+    """Whether it can also be had beside another one, from any step on; not if a sensor has to note something for it."""
+
     def __init__(self, task: Task) -> None:
         self.task = task
         self.layout = Layout(task.surface, task.parts, task.features, task.slots)

@@ -238,6 +238,8 @@ class ImageObservation(Observation):
 class CameraObservation(Observation):
     """uint8 image (lines, columns): what the camera saw at the look that is due, with all its noise and distortion."""
 
+    beside = False
+
     def watch(self, sensor: Sensor) -> None:
         if not isinstance(sensor, CameraSensor):
             raise checks.refuse(

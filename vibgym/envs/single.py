@@ -227,7 +227,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
-        return self._observation(), self._info()
+        return self._own(self.core.observe()), self._info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -246,7 +246,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._draw()
         truncated = self._limit is not None and self._steps >= self._limit
         episode = core.episode
-        return self._observation(), episode.reward.item(), episode.ended.item(), truncated, self._info()
+        return self._own(core.observe()), episode.reward.item(), episode.ended.item(), truncated, self._info()
 
     @property
     def compute_reward(self) -> Any:
@@ -301,8 +301,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self.render_mode == "human":
             self._viewer.show(0)
 
-    def _observation(self) -> Any:
-        seen = self.core.observe()
+    def _own(self, seen: Any) -> Any:
         if isinstance(seen, dict):
             return {key: value[0] for key, value in seen.items()}
         return seen[0]
@@ -311,11 +310,18 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
         info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
-        for group, details in core.details.items():  # arrays, as batches of single environments stack them
-            info[group] = {
-                name: values[0].item() if values.ndim == 1 else values[0].copy() for name, values in details.items()
-            }
-        return info
+        return info | _first(core.details)
+
+
+def _first(details: Mapping[str, Any]) -> dict[str, Any]:
+    """Details of the first world: numbers, and arrays as batches of single environments stack them."""
+    first: dict[str, Any] = {}
+    for name, values in details.items():
+        if isinstance(values, dict):
+            first[name] = _first(values)
+        else:
+            first[name] = values[0].item() if values.ndim == 1 else values[0].copy()
+    return first
 
 
 if VibgymEnv.__doc__ is not None:  # python -OO has none
