@@ -40,7 +40,7 @@ class Judge:
         self.path, self._last = directory / FILE, 0
         own = {name: value for name, value in settings.environment.items() if name not in ("action", "observation")}
         own.pop("autoreset_mode", None)
-        self._scenes = [{**own, **scene} for scene in settings.scenes] or [own]
+        self._scenes = [{**own, **scene} for scene in settings.all_scenes]
 
     def begin(self, steps: int) -> None:
         """A run begins, or goes on from so many steps: rows of steps that were lost go."""

@@ -43,7 +43,7 @@ POLICY = "policy.json"
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on observations by parts."""
     checks.choice("observation", settings.environment.get("observation", "parts"), ("parts",))
-    scenes = settings.scenes or [{}]
+    scenes = settings.all_scenes
     if settings.worlds < len(scenes):
         raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
     shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
