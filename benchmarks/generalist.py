@@ -2,8 +2,8 @@
 
 Every policy plays the same episodes of Align with parts of random outlines (:mod:`agents.learned.outlines`), half of them from
 families that no policy is trained on, with ideal elements and with a share of them dead, drawn anew for every episode. Printed
-are shares of successes by family, friction and size, with 95 % intervals for outlines drawn anew (bootstrap over outlines, since
-episodes with one part are alike), and the median time to the goal. A policy is a name, the path of a trained one, or a
+are shares of successes by family, friction and size, with 95 % intervals for outlines drawn anew (bootstrap over outlines,
+since episodes with one part are alike), and the median time to the goal. A policy is a name, the path of a trained one, or a
 JSON mapping such as ``{"kind": "pose", "action": "wrench"}``.
 """
 
