@@ -272,10 +272,10 @@ def scales(surface: Surface) -> np.ndarray:
     return np.array([by_name.get(name, (1.0, 1.0)) for name in NAMES])
 
 
-def table(features: Sequence[str], of: Sequence[Feature] = FEATURES) -> str:
+def table(features: Sequence[str]) -> str:
     """The table of a block with these features, in Markdown, for documentation."""
     lines, start = ["| index | feature | meaning | unit of 1 |", "|---|---|---|---|"], 0
-    for feature in of:
+    for feature in FEATURES:
         if feature.name in features:
             index = ", ".join(str(start + k) for k in range(feature.width))
             lines.append(f"| {index} | {feature.name} | {feature.meaning} | {feature.unit} |")

@@ -225,3 +225,10 @@ def traits_of(parts: Sequence[Part]) -> np.ndarray:
     """(parts, 4) what a row says of friction, radius, radius of gyration and extent, at most 1."""
     values = [(part.friction, part.radius, math.sqrt(part.gyration), math.sqrt(part.area)) for part in parts]
     return np.minimum(np.array(values) / np.array(TRAITS), 1.0)
+
+
+def table(features: Sequence[Feature]) -> str:
+    """The table of these features, in Markdown, for documentation; how many numbers each has, since places vary."""
+    lines = ["| numbers | feature | meaning | unit of 1 |", "|---|---|---|---|"]
+    lines += [f"| {each.width} | {each.name} | {each.meaning} | {each.unit} |" for each in features]
+    return "\n".join(lines)
