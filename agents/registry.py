@@ -63,6 +63,41 @@ def trained(info: TaskInfo, *, path: str) -> Policy:
     return load_trained(Path(path.replace("{task}", info.name.lower())), info)
 
 
+def residual(info: TaskInfo, *, base: Any, path: str, **arguments: Any) -> Policy:
+    """A base policy with a learned correction (:class:`agents.learned.residual.ResidualPolicy`).
+
+    Args:
+        info: task and scene.
+        base: as for :func:`make_policy`, told to speak ``"wrench"`` where it is a name or a mapping.
+        path: as for :func:`trained`.
+        **arguments: the policy's own.
+
+    Raises:
+        ValueError: a base that does not fit, or a file that holds no correction for this task.
+    """
+    from agents.learned.residual import ResidualPolicy, load_correction  # safetensors is an extra
+
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a trained correction's JSON file")
+    base = {"kind": base} if isinstance(base, str) else base
+    made = make_policy({"action": "wrench", **base} if isinstance(base, Mapping) else base, info)
+    learned = load_correction(Path(path.replace("{task}", info.name.lower())), info)
+    return ResidualPolicy(info, made, learned, **arguments)
+
+
+def schedule(info: TaskInfo, *, path: str) -> Policy:
+    """The sensorless schedule in a JSON file.
+
+    Raises:
+        ValueError: the file holds none, or none for this surface.
+    """
+    from agents.learned.schedule import load_schedule  # safetensors is an extra
+
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a schedule's JSON file")
+    return load_schedule(Path(path), info)
+
+
 CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
     "controller",
     {
@@ -77,6 +112,8 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
         "pid": lawful("pid"),
         "state_space": lawful("state_space"),
         "trained": trained,
+        "residual": residual,
+        "schedule": schedule,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.

@@ -82,9 +82,10 @@ class PhasorOutput:
 
 
 class Accelerations(NamedTuple):
-    """What :class:`WrenchOutput` hands on from step to step."""
+    """What :class:`WrenchOutput` hands on from step to step: (batch, parts, 3) each."""
 
-    given: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the environment's action counts on in the last step
+    given: np.ndarray  # m/s^2 and rad/s^2, that the environment's action counts on in the last step
+    velocity: np.ndarray  # m/s and rad/s, at which it did that
 
 
 class WrenchOutput:
@@ -112,7 +113,7 @@ class WrenchOutput:
 
     def begin(self, batch: int) -> Accelerations:
         """Nothing has been given yet."""
-        return Accelerations(np.zeros((batch, self.parts, 3)))
+        return Accelerations(*np.zeros((2, batch, self.parts, 3)))
 
     def give(self, order: Order, memory: Accelerations) -> tuple[np.ndarray, np.ndarray, Accelerations]:
         """See :class:`Output`."""
@@ -126,7 +127,14 @@ class WrenchOutput:
         # As the environment does it, which allocates for where a part was measured.
         pose = pose_of(order.measured) - self.ahead * order.velocity
         given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, push))
-        return action.reshape(len(present), -1), given, Accelerations(np.where(served[..., None], counted, 0.0))
+        memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity)
+        return action.reshape(len(present), -1), given, memory
+
+    def counted(self, action: np.ndarray, memory: Accelerations) -> np.ndarray:
+        """What the environment counts on (batch, parts, 3) if the last step's action was another one."""
+        action = np.clip(action, -1.0, 1.0).reshape(memory.given.shape)
+        _, counted, holds = self.process.push(memory.velocity, action * self.scale)
+        return np.where(holds[..., None], counted, 0.0)
 
 
 def pose_of(measured: Measured) -> np.ndarray:

@@ -142,3 +142,7 @@ class PlannerPolicy(Steering):
         workers.share(choose, batch, self.threads)
         action, steered = self.steer(measured, self.law.lead * velocity, steered)
         return action, Memory(target, motion, waited, steered)
+
+    def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
+        """See :meth:`agents.control.steering.Steering.acted`."""
+        return memory._replace(steering=super().acted(memory.steering, said, done))

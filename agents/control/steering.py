@@ -129,6 +129,29 @@ class Steering:
         memory = Memory(acceleration, self.law.applied(seen, told, law), spin, output)
         return (action[0] if measured.single else action), memory
 
+    def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
+        """The memory of a step in which others have changed the action, ``"wrench"``: what parts were given is what was done.
+
+        What a law remembers stays, such as the sum of errors that a PID keeps.
+
+        Args:
+            memory: that :meth:`predict` returned.
+            said: (batch, n) the action that it returned.
+            done: (batch, n) the one that the environment got.
+
+        Raises:
+            ValueError: the policy speaks another action.
+        """
+        checks.choice("action", self.action, ("wrench",))
+        shape = memory.acceleration.shape
+        changed = (said.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
+        if not changed.any():
+            return memory
+        given = np.where(changed, self.output.counted(done, memory.output), memory.output.given)
+        acceleration = np.where(changed, given, memory.acceleration)
+        spin = memory.spin + self.gained * (acceleration - memory.acceleration)[..., 2]
+        return memory._replace(acceleration=acceleration, spin=spin, output=memory.output._replace(given=given))
+
     def _turn(self, measured: Measured) -> np.ndarray:
         """Turn that is left, (batch, parts) rad. Where headings do not count, several parts are turned straight (heading 0,
         modulo their symmetry), so that they take little of the table's width."""

@@ -130,6 +130,7 @@ def save_policy(path: Path, model: PPO, settings: TrainSettings, env: Any, train
         "surface": ANY if serves.surface == ANY else described(info.surface),
         "parts": ANY if serves.parts == ANY else len(info.parts),
         "columns": coding.columns,
+        "turned": coding.turned,
         "action": coding.action,
         "network": settings.ppo.network,
         "activation": settings.ppo.activation,

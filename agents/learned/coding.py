@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.learned.networks.shape import Shape
+from agents.learned.symmetry import Turns
 from vibgym import Part, Surface, checks
 from vibgym.envs.actions import ACTIONS, patch_size
 
@@ -21,6 +22,11 @@ class Seen(NamedTuple):
 
     rows: np.ndarray  # (worlds, parts, columns) float32
     mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
+    quarters: np.ndarray  # (worlds, parts) quarter turns by which the rows were turned; empty where they never are
+    where: np.ndarray  # (2, worlds, parts, 2) columns position and element; empty where actions need them not
+
+
+NEVER, NOWHERE = np.zeros((0, 0), dtype=np.int64), np.zeros((2, 0, 0, 2), dtype=np.float32)
 
 
 class Coding:
@@ -35,6 +41,8 @@ class Coding:
         action: the environment's ``action=``.
         columns: names and widths of the columns that a network reads; None: all. A scene may tell more, such as how old a
             measurement is, of which a network that was trained without knows nothing.
+        turned: whether rows are turned by quarter turns until their way leads to the right and up, and actions turned back:
+            networks are then the same in all four directions by construction (:mod:`agents.learned.symmetry`).
 
     Attributes:
         shape: what a network has to know.
@@ -53,6 +61,7 @@ class Coding:
         layout: Sequence[Any],
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
+        turned: bool = False,
     ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
         whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
@@ -65,10 +74,12 @@ class Coding:
         else:
             raise checks.refuse("action", action, ", ".join(map(repr, (*BY_PART, *CODES))))
         self._all = sum(row.width for row in layout)
+        self._at = [next(row.start for row in layout if row.name == name) for name in ("position", "element")]
         self._pick, layout = picked(layout, columns)
         self.columns = [[row.name, row.width] for row in layout]
         self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
-        self._position = next(row.start for row in layout if row.name == "position")
+        self.turned = turned
+        self._turns = Turns(self.columns, self.parts, action, self.shape) if turned else None
 
     def see(self, observation: Any) -> Seen:
         """Rows and mask of the parts; of one observation a batch of one.
@@ -87,17 +98,30 @@ class Coding:
             rows, mask = rows[None], mask[None]
         if rows.ndim != 3 or mask.shape != rows.shape[:2] or rows.shape[1] < n or rows.shape[2] != columns:
             raise checks.refuse("observation", f"arrays of shapes {rows.shape} and {mask.shape}", allowed)
+        where = NOWHERE
+        if self._code is not None:
+            where = np.stack([rows[:, :n, first : first + 2] for first in self._at])
         rows = rows[:, :n] if self._pick is None else rows[:, :n, self._pick]
-        return Seen(rows, mask[:, :n])
+        quarters = NEVER
+        if self._turns is not None:
+            quarters = self._turns.ahead(rows)
+            rows = self._turns.turn_rows(quarters, rows)
+        return Seen(rows, mask[:, :n], quarters, where)
+
+    def to_rows(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
+        """What networks shall say of turned rows for actions (worlds, parts, size) that parts are to take on the table."""
+        return of_parts if self._turns is None else self._turns.turn_actions(seen.quarters, of_parts)
 
     def actions(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
-        """The environment's actions (worlds, n) float32 of the parts' (worlds, parts, size)."""
+        """The environment's actions (worlds, n) float32 of what networks say (worlds, parts, size)."""
+        if self._turns is not None:
+            of_parts = self._turns.turn_actions(-seen.quarters, of_parts)
         if self._code is None:
             return of_parts.reshape(len(of_parts), -1)
         side, surface = self.shape.side, self.surface
-        place = seen.rows[..., self._position : self._position + 2].astype(np.float64)
         # In elements; where the centre lies in its element says it more finely than where it lies on the table.
-        within = 0.5 * (seen.rows[..., self.shape.place : self.shape.place + 2].astype(np.float64) + 1.0)
+        place, element = seen.where.astype(np.float64)
+        within = 0.5 * (element + 1.0)
         size = np.array([surface.columns, surface.rows])
         whole = np.rint(0.5 * (place + 1.0) * size - within)
         first = (whole + np.floor(within + (0.5 - 0.5 * side))).astype(np.int64)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from agents.learned.coding import Coding, Seen
+from agents.learned.coding import Coding
 from agents.learned.parts_policy import PartsPolicy
 from agents.learned.settings import ImitationSettings
 from agents.policy import Policy
@@ -59,11 +59,11 @@ class Demonstrator:
         for step in range(steps):
             seen = self.coding.see(self._observation)
             action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
-            rows[step], mask[step] = seen
-            wanted[step] = action.reshape(worlds, parts, -1)
+            rows[step], mask[step] = seen.rows, seen.mask
+            wanted[step] = self.coding.to_rows(seen, action.reshape(worlds, parts, -1))
             acted = wanted[step].copy()
             if own.any():
-                acted[own] = _act(policy, Seen(seen.rows[own], seen.mask[own]))
+                acted[own] = _act(policy, seen.rows[own])
             acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
             self._observation, _, terminated, truncated, _ = self.env.step(
                 self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
@@ -73,9 +73,9 @@ class Demonstrator:
         return Demonstrations(*flat)
 
 
-def _act(policy: PartsPolicy, seen: Seen) -> np.ndarray:
+def _act(policy: PartsPolicy, rows: np.ndarray) -> np.ndarray:
     with torch.no_grad():
-        return policy.actor(torch.from_numpy(seen.rows))[0].clamp(-1.0, 1.0).numpy()
+        return policy.actor(torch.from_numpy(rows))[0].clamp(-1.0, 1.0).numpy()
 
 
 class Imitation:
@@ -119,9 +119,10 @@ class Imitation:
             yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
-        """Fit the actor's mean to all that has been found; returns the last epoch's mean squared error."""
+        """Fit the actor's mean to all that has been found; returns the last epoch's mean error, squared and relative."""
         rows, mask, wanted = (torch.from_numpy(np.concatenate(each)) for each in zip(*self._found, strict=True))
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
+        floor = self.settings.floor**2
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):
             total = 0.0
@@ -130,7 +131,10 @@ class Imitation:
                     group["lr"] = rate * (0.55 + 0.45 * float(np.cos(np.pi * done / updates)))
                 here = mask[chosen]
                 mean, _ = self.policy.actor(rows[chosen])
-                error = (((mean - wanted[chosen]) ** 2).mean(dim=-1) * here).sum() / here.sum().clamp(min=1.0)
+                sought = wanted[chosen]
+                # In part relative to what is wanted: at the goal small pushes are all that counts.
+                scale = 1.0 / (floor + (sought**2).mean(dim=-1))
+                error = (((mean - sought) ** 2).mean(dim=-1) * scale * here).sum() / here.sum().clamp(min=1.0)
                 optimizer.zero_grad()
                 error.backward()
                 optimizer.step()

@@ -121,4 +121,9 @@ class PartsPPO(PPO):
         with torch.no_grad():
             kl = float((((ratio - 1.0) - difference) * mask).sum() / count)
             clipped = float((((ratio - 1.0).abs() > clip) * mask).sum() / count)
-        return loss, {"policy": float(policy_loss.detach()), "value": float(value_loss.detach()), "kl": kl, "clipped": clipped}
+        return loss, {
+            "policy": float(policy_loss.detach()),
+            "value": float(value_loss.detach()),
+            "kl": kl,
+            "clipped": clipped,
+        }

@@ -52,12 +52,10 @@ class PartsBuffer(BaseBuffer):
         super().reset()
         self.cut = []
 
-    def write(
-        self, seen: Seen, action: np.ndarray, log_prob: np.ndarray, reward: np.ndarray, done: np.ndarray
-    ) -> None:
+    def write(self, seen: Seen, action: np.ndarray, log_prob: np.ndarray, reward: np.ndarray, done: np.ndarray) -> None:
         """Add a step: what was seen, what was done, and what came of it, (worlds, parts, ...)."""
         step = self.pos
-        self.rows[step], self.mask[step] = seen
+        self.rows[step], self.mask[step] = seen.rows, seen.mask
         self.actions[step], self.log_prob[step], self.reward[step], self.done[step] = action, log_prob, reward, done
         self.pos += 1
 
@@ -72,7 +70,7 @@ class PartsBuffer(BaseBuffer):
             seen: after the last step.
             critic: see :class:`agents.learned.networks.parts.PartsCritic`.
         """
-        self.rows[-1], self.mask[-1] = seen
+        self.rows[-1], self.mask[-1] = seen.rows, seen.mask
         steps, worlds, parts = self.reward.shape
         with torch.no_grad():
             flat = torch.from_numpy(self.rows.reshape(-1, *self.rows.shape[2:]))

@@ -41,6 +41,8 @@ class PPOSettings(Settings):
     critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
     attention: Width = 32
     network: Literal["parts", "elements"] = "parts"
+    turned: bool = False  # rows are turned by quarter turns until their way leads to the right and up
+    blind: list[str] = Field([], max_length=100)  # names of columns that the network does not read
 
 
 class ImitationSettings(Settings):
@@ -53,6 +55,7 @@ class ImitationSettings(Settings):
     batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
     learning_rate: Rate = 1e-3
     noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of what disturbs those who act
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
     own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
 
 

@@ -22,9 +22,7 @@ from vibgym import checks
 from vibgym.files import reason, write_atomically
 
 
-def save_set(
-    path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any], version: int = 1
-) -> None:
+def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any], version: int = 1) -> None:
     """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``.
 
     One process at a time: what another one has just written for a set of the same name may go.

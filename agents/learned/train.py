@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import time
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
-import vibgym
+from agents.evaluation.provenance import processor, versions
 from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.checkpoint import Diverged
@@ -28,7 +27,6 @@ from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
 from agents.learned.trained import load_trained
 from agents.policy import Policy
-from agents.evaluation.provenance import processor, versions
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from vibgym import checks, locks
@@ -39,6 +37,7 @@ MOST_ROLLOUT = 4e9
 """Bytes of a rollout: what Stable-Baselines3 keeps of ``ppo.n_steps`` steps of all worlds before it learns from them."""
 
 POLICY = "policy.json"
+
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on observations by parts."""
@@ -64,6 +63,20 @@ def action_of(settings: TrainSettings) -> str:
     return settings.environment.get("action", "element")
 
 
+def coding_of(settings: TrainSettings, env: VibgymVectorEnv) -> Coding:
+    """How the run's network reads and acts in an environment.
+
+    Raises:
+        ValueError: columns to be blind to that there are not.
+    """
+    layout, blind = env.parts_layout, settings.ppo.blind
+    names = [row.name for row in layout]
+    for name in blind:
+        checks.choice("ppo.blind", name, tuple(names))
+    columns = [[row.name, row.width] for row in layout if row.name not in blind]
+    return Coding(env.surface, env.parts, layout, action_of(settings), columns, settings.ppo.turned)
+
+
 def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO:
     """An untrained model.
 
@@ -73,7 +86,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     ppo, base = settings.ppo, env.env
     if ppo.n_steps * settings.worlds < 2:
         raise checks.refuse("ppo.n_steps", ppo.n_steps, "2 or more with one world")
-    coding = Coding(base.surface, base.parts, base.parts_layout, action_of(settings))
+    coding = coding_of(settings, base)
     numbers = len(base.parts) * (coding.shape.columns + coding.shape.action + 6)
     size = 4 * numbers * ppo.n_steps * settings.worlds
     if size > MOST_ROLLOUT:

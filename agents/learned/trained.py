@@ -83,7 +83,8 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy:
     if not isinstance(columns, list) or not all(isinstance(each, list) and len(each) == 2 for each in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
     try:
-        coding = Coding(info.surface, info.parts, info.parts_layout, action, columns)
+        turned = checks.flag("turned", record.get("turned"))
+        coding = Coding(info.surface, info.parts, info.parts_layout, action, columns, turned)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     policy = TrainedPolicy(tensors, network, activation, coding)

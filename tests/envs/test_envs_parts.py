@@ -224,3 +224,22 @@ def test_checkers(task):
     check_sb3_env(env, warn=True, skip_render_check=True)
     space = env.observation_space["parts"]
     assert isinstance(space, gym.spaces.Box) and space.dtype == np.float32
+
+
+@pytest.mark.parametrize("task", ["Align", "Sort"])
+def test_parts_and_state_are_both_of_the_same_instant(task):
+    """Just as each is by itself, of one world and of many."""
+    settings = {"action": "wrench", "actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+    many = batch(task, 3, observation="parts_and_state", **settings)
+    seen, _ = many.reset(seed=1)
+    one = single(task, observation="parts_and_state", **settings)
+    alone, _ = one.reset(seed=1)
+    for _ in range(4):
+        action = many.action_space.sample()
+        seen, *_ = many.step(action)
+        alone, *_ = one.step(action[0])
+        assert many.observation_space.contains(seen) and one.observation_space.contains(alone)
+        assert all((seen[name][0] == alone[name]).all() for name in ("parts", "mask", "state"))
+        parts = many.observed("parts")
+        assert (seen["parts"] == parts["parts"]).all() and (seen["mask"] == parts["mask"]).all()
+        assert (seen["state"] == many.observed("state")).all()

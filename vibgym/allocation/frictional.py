@@ -31,8 +31,8 @@ from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
 from vibgym.physics.core.jit import borrowing
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, mean_coefficients, slips
 from vibgym.simulation import threads as workers
+from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, mean_coefficients, slips
 from vibgym.simulation.schemes import check_sliding
 
 NEWTON = 8

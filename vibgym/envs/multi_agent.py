@@ -86,11 +86,11 @@ class PartsParallelEnv(ParallelEnv):
         self.state_space = spaces.Box(-1.0, 1.0, (base.task.slots, size), np.float32)
         self._rows = np.zeros((base.task.slots, size), dtype=np.float32)
 
-    def observation_space(self, agent: str) -> spaces.Box:
+    def observation_space(self, agent: str) -> spaces.Space:
         """Of an agent; always the same object."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> spaces.Box:
+    def action_space(self, agent: str) -> spaces.Space:
         """Of an agent; always the same object."""
         return self.action_spaces[agent]
 

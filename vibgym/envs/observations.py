@@ -160,6 +160,26 @@ class StateObservation(Observation):
         return out
 
 
+class PartsAndState(Observation):
+    """The dictionary of ``"parts"``, and the flat ``state`` besides: for a policy of two that read one each."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self._parts, self._state = PartsObservation(task), StateObservation(task)
+
+    def watch(self, sensor: Sensor) -> None:
+        self._parts.watch(sensor)
+        self._state.watch(sensor)
+
+    @property
+    def space(self) -> spaces.Space:
+        return spaces.Dict({**self._parts.space.spaces, "state": self._state.space})  # type: ignore[attr-defined]
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        state = self._state.observe(measurement, relations, episode)
+        return {**self._parts.observe(measurement, relations, episode), "state": state}
+
+
 class GoalObservation(StateObservation):
     """GoalEnv dictionary: ``observation`` (the flat state), ``achieved_goal`` and ``desired_goal`` in m and rad."""
 
@@ -261,6 +281,7 @@ OBSERVATIONS: Registry[type[Observation]] = Registry(
     {
         "state": StateObservation,
         "parts": PartsObservation,
+        "parts_and_state": PartsAndState,
         "goal": GoalObservation,
         "image": ImageObservation,
         "camera": CameraObservation,

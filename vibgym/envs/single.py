@@ -123,17 +123,18 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     ## Episode end
     Success (within tolerance, or all parts done, for 10 periods in a row, or as many as ``hold`` says), a fallen part or a
-    diverged simulation terminate it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
-    where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where ``randomize`` draws any, ``drawn``: the
-    factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the acceleration x, y (m/s^2) of what lies on
-    the tilted table. Observations do not show them. With ``action="wrench"``, ``commanded`` says which parts' wishes the
-    elements do not serve, and why (``unserved``, (parts,), an index of :data:`vibgym.envs.actions.REASONS`).
+    diverged simulation terminate it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m),
+    ``heading_error`` (rad, magnitude, where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where
+    ``randomize`` draws any, ``drawn``: the factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the
+    acceleration x, y (m/s^2) of what lies on the tilted table. Observations do not show them. With ``action="wrench"``,
+    ``commanded`` says which parts' wishes the elements do not serve, and why (``unserved``, (parts,), an index of
+    :data:`vibgym.envs.actions.REASONS`).
 
     ``parts`` holds what is true of each part, arrays (parts,): ``done``, ``fallen`` and ``present`` (in this episode),
-    ``reward`` and ``reward_terms``. The terms are the world's, of that part alone: its own distance, turn, place and distance to the
-    nearest; ``fallen`` of the part that fell; ``time`` and ``success`` as they are; 0 of absent parts. Their mean over the
-    present parts is the world's term for distance, turn, inside (of zones), clearance, time and success, unless a part is at a
-    term's bound. With ``observation="goal"`` they are the goal reward.
+    ``reward`` and ``reward_terms``. The terms are the world's, of that part alone: its own distance, turn, place and distance
+    to the nearest; ``fallen`` of the part that fell; ``time`` and ``success`` as they are; 0 of absent parts. Their mean over
+    the present parts is the world's term for distance, turn, inside (of zones), clearance, time and success, unless a part is
+    at a term's bound. With ``observation="goal"`` they are the goal reward.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, or one that you have
