@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from agents.learned import outlines
+from agents.learned.imitation import Imitation
 from agents.learned.settings import TrainSettings, load_settings
-from agents.learned.train import make_env
+from agents.learned.train import experts, make_env, make_model
 from vibgym.config import part_from
 from vibgym.scene.outlines import is_convex
 
@@ -112,3 +113,15 @@ def test_parts_of_all_families_can_be_played_with():
         env.reset(seed=0)
         assert env.observation_space.contains(env.step(np.ones(3, dtype=np.float32))[0])
         env.close()
+
+
+def test_the_critic_learns_alone_after_the_lessons(tmp_path):
+    lessons = {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 3}
+    path = write(tmp_path, worlds=4, outlines={"count": 2}, imitation=lessons, ppo={"critic_steps": 50})
+    settings = load_settings(path)
+    env = make_env(settings)
+    model = make_model(settings, env)
+    taught = Imitation(model.policy, experts(settings, env), settings.imitation, seed=0)
+    list(taught.rounds())
+    assert model.critic_steps == taught.steps + 50
+    env.close()
