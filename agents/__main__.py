@@ -30,9 +30,13 @@ def parser() -> argparse.ArgumentParser:
     )
     training.add_argument("--agent", metavar="NAME", help="which one of a file of many, such as Align/prototype")
     training.add_argument("--seed", type=int, metavar="N", help="of the training, instead of the file's")
-    tabulating = commands.add_parser("tabulate", help="play the seeds of trained agents, write their table, ship the best")
+    tabulating = commands.add_parser(
+        "tabulate", help="play the seeds of trained agents, write their table, ship the best"
+    )
     tabulating.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of agents")
-    tabulating.add_argument("--agent", action="append", metavar="NAME", help="only this one; may be given several times")
+    tabulating.add_argument(
+        "--agent", action="append", metavar="NAME", help="only this one; may be given several times"
+    )
     tabulating.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="of the trainings")
     tabulating.add_argument("--episodes", type=int, default=500, metavar="N", help="of each policy")
     tabulating.add_argument("--output", type=Path, default=Path("results/agents.csv"), metavar="FILE")
@@ -107,9 +111,7 @@ def tabulate(arguments: argparse.Namespace) -> int:
 
     try:
         names = selected(arguments.config, arguments.agent, agents_in(arguments.config))
-        rows = tabulate(
-            arguments.config, names, arguments.seeds, arguments.episodes, arguments.output, arguments.ship
-        )
+        rows = tabulate(arguments.config, names, arguments.seeds, arguments.episodes, arguments.output, arguments.ship)
     except ValueError as error:
         return refused(error)
     except WriteError as error:
@@ -151,7 +153,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
     return interrupts.run(
-        lambda: {"evaluate": evaluate, "train": train, "tabulate": tabulate, "replicate": replicate}[arguments.command](arguments)
+        lambda: {"evaluate": evaluate, "train": train, "tabulate": tabulate, "replicate": replicate}[arguments.command](
+            arguments
+        )
     )
 
 

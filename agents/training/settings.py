@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
+from agents.training import outlines
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.tasks import TASKS
@@ -66,6 +67,16 @@ class JudgingSettings(Settings):
     every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
 
 
+class OutlineSettings(Settings):
+    """Scenes of one part each, of random outline, size and friction, see :func:`agents.training.outlines.scenes`."""
+
+    count: int = Field(48, ge=1, le=10_000)
+    seed: int = Field(0, ge=0, lt=2**63)
+    families: list[str] = list(outlines.TRAINING)
+    size: list[float] = Field([0.020, 0.080], min_length=2, max_length=2)  # m, of the largest dimension
+    friction: list[float] = Field([0.3, 0.9], min_length=2, max_length=2)
+
+
 class ServesSettings(Settings):
     """What else a policy may act on than what it was trained on."""
 
@@ -111,6 +122,7 @@ class TrainSettings(Settings):
     checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
     output: str | None = None  # directory; default: runs/<name of the file>
     scenes: list[dict[str, Any]] = Field([], max_length=10_000)  # arguments on top of environment; worlds are dealt out
+    outlines: OutlineSettings | None = None  # scenes that are drawn, in the place of those
     start: str | None = None  # path of a policy to begin with
     imitation: ImitationSettings | None = None
     judging: JudgingSettings | None = None
@@ -123,6 +135,19 @@ class TrainSettings(Settings):
     def environment_name(self) -> str:
         """Under which Gymnasium may know the environment."""
         return self.task if "/" in self.task else f"vibgym/{self.task}-v0"
+
+    @property
+    def all_scenes(self) -> list[dict[str, Any]]:
+        """The scenes that a run trains on, given or drawn; one without arguments where there are neither.
+
+        Raises:
+            ValueError: outlines that cannot be drawn, or both.
+        """
+        if self.outlines is None:
+            return self.scenes or [{}]
+        if self.scenes:
+            raise checks.refuse("outlines", self.outlines.model_dump(), "nothing beside scenes")
+        return outlines.scenes(**self.outlines.model_dump())
 
     @field_validator("task")
     @classmethod
@@ -139,6 +164,7 @@ PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
     "sac": SACSettings,
     "imitation": ImitationSettings,
     "judging": JudgingSettings,
+    "outlines": OutlineSettings,
     "serves": ServesSettings,
 }
 

@@ -42,7 +42,7 @@ POLICY = "policy.json"
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on observations by parts."""
     checks.choice("observation", settings.environment.get("observation", "parts"), ("parts",))
-    scenes = settings.scenes or [{}]
+    scenes = settings.all_scenes
     if settings.worlds < len(scenes):
         raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
     shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
@@ -110,7 +110,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         clip_range=ppo.clip_range,
         ent_coef=ppo.ent_coef,
         target_kl=ppo.target_kl,
-        critic_steps=ppo.critic_steps,
+        critic_steps=ppo.critic_steps + lessons_steps(settings),
         policy_kwargs={
             "coding": coding,
             "actor": ppo.network,
@@ -123,6 +123,12 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         seed=settings.seed,
         device="cpu",
     )
+
+
+def lessons_steps(settings: TrainSettings) -> int:
+    """Steps that imitation takes before PPO begins, all worlds together."""
+    lessons = settings.imitation
+    return 0 if lessons is None else lessons.rounds * lessons.steps * settings.worlds
 
 
 def acting(model: PartsPPO, settings: TrainSettings) -> TrainedPolicy:
