@@ -152,11 +152,8 @@ def failed(error: Exception) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    return interrupts.run(
-        lambda: {"evaluate": evaluate, "train": train, "tabulate": tabulate, "replicate": replicate}[arguments.command](
-            arguments
-        )
-    )
+    run = {"evaluate": evaluate, "train": train, "tabulate": tabulate, "replicate": replicate}[arguments.command]
+    return interrupts.run(lambda: run(arguments))
 
 
 if __name__ == "__main__":

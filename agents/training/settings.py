@@ -123,7 +123,7 @@ class TrainSettings(Settings):
     output: str | None = None  # directory; default: runs/<name of the file>
     scenes: list[dict[str, Any]] = Field([], max_length=10_000)  # arguments on top of environment; worlds are dealt out
     outlines: OutlineSettings | None = None  # scenes that are drawn, in the place of those
-    start: str | None = None  # path of a policy to begin with
+    start: str | None = None  # path of a policy to begin with; {seed} in it is replaced by the run's
     imitation: ImitationSettings | None = None
     judging: JudgingSettings | None = None
     serves: ServesSettings = ServesSettings()

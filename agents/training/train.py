@@ -301,7 +301,7 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
     """
     if settings.start is None:
         return
-    tensors = load_trained(Path(settings.start), TaskInfo.of(env.env)).tensors
+    tensors = load_trained(Path(settings.start.replace("{seed}", str(settings.seed))), TaskInfo.of(env.env)).tensors
     mine = model.policy.actor.state_dict()
     if {name: tuple(value.shape) for name, value in mine.items()} != {n: v.shape for n, v in tensors.items()}:
         raise checks.refuse("start", settings.start, "a policy with a network as the settings have it")
