@@ -35,6 +35,7 @@ class PPOSettings(Settings):
     ent_coef: float = Field(0.0, ge=0, le=100)
     target_kl: float | None = Field(None, gt=0, le=100)  # an update ends beyond 1.5 times it
     log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+    touch_cost: float = Field(0.0, ge=0, le=1000)  # of a step, to a part in touch with another; in training alone
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
     activation: Literal["tanh", "relu"] = "tanh"
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)

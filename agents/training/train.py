@@ -110,6 +110,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         clip_range=ppo.clip_range,
         ent_coef=ppo.ent_coef,
         target_kl=ppo.target_kl,
+        touch_cost=ppo.touch_cost,
         critic_steps=ppo.critic_steps + lessons_steps(settings),
         policy_kwargs={
             "coding": coding,
