@@ -30,6 +30,17 @@ def parser() -> argparse.ArgumentParser:
     )
     training.add_argument("--agent", metavar="NAME", help="which one of a file of many, such as Align/prototype")
     training.add_argument("--seed", type=int, metavar="N", help="of the training, instead of the file's")
+    tabulating = commands.add_parser(
+        "tabulate", help="play the seeds of trained agents, write their table, ship the best"
+    )
+    tabulating.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of agents")
+    tabulating.add_argument(
+        "--agent", action="append", metavar="NAME", help="only this one; may be given several times"
+    )
+    tabulating.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="of the trainings")
+    tabulating.add_argument("--episodes", type=int, default=500, metavar="N", help="of each policy")
+    tabulating.add_argument("--output", type=Path, default=Path("results/agents.csv"), metavar="FILE")
+    tabulating.add_argument("--ship", type=Path, metavar="DIR", help="where the best seeds' policies go")
     for command in (evaluating, training):
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
@@ -92,6 +103,25 @@ def train(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def tabulate(arguments: argparse.Namespace) -> int:
+    """Play the seeds of trained agents and write their table."""
+    from agents.training.settings import agents_in
+    from agents.training.table import selected, tabulate
+    from vibgym.files import WriteError
+
+    try:
+        names = selected(arguments.config, arguments.agent, agents_in(arguments.config))
+        rows = tabulate(arguments.config, names, arguments.seeds, arguments.episodes, arguments.output, arguments.ship)
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    for row in rows:
+        time = row["time_to_goal_median_s"]
+        print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
+    return 0
+
+
 def replicate(arguments: argparse.Namespace) -> int:
     """Draw the thesis's figures beside ours."""
     from agents.replicate.page import write
@@ -122,9 +152,8 @@ def failed(error: Exception) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    return interrupts.run(
-        lambda: {"evaluate": evaluate, "train": train, "replicate": replicate}[arguments.command](arguments)
-    )
+    run = {"evaluate": evaluate, "train": train, "tabulate": tabulate, "replicate": replicate}[arguments.command]
+    return interrupts.run(lambda: run(arguments))
 
 
 if __name__ == "__main__":

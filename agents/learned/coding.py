@@ -26,6 +26,9 @@ class Seen(NamedTuple):
     where: np.ndarray  # (2, worlds, parts, 2) columns position and element; empty where actions need them not
 
 
+TOUCHING = 0.02
+"""Of the column that tells the distance to the nearest part, below which it is in touch: 0.7 mm on the prototype."""
+
 NEVER, NOWHERE = np.zeros((0, 0), dtype=np.int64), np.zeros((2, 0, 0, 2), dtype=np.float32)
 
 
@@ -78,6 +81,9 @@ class Coding:
         self._pick, layout = picked(layout, columns)
         self.columns = [[row.name, row.width] for row in layout]
         self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
+        starts = {row.name: row.start for row in layout}
+        nearest = [starts.get(f"neighbour_1_{name}") for name in ("there", "gap")]
+        self._nearest = None if None in nearest else nearest
         self.turned = turned
         self._turns = Turns(self.columns, self.parts, action, self.shape) if turned else None
 
@@ -107,6 +113,13 @@ class Coding:
             quarters = self._turns.ahead(rows)
             rows = self._turns.turn_rows(quarters, rows)
         return Seen(rows, mask[:, :n], quarters, where)
+
+    def touching(self, seen: Seen) -> np.ndarray:
+        """(worlds, parts) 1.0 where a part is in touch with another, or nearly; zeros where rows do not tell."""
+        if self._nearest is None:
+            return np.zeros(seen.mask.shape, dtype=np.float32)
+        there, gap = (seen.rows[..., column] for column in self._nearest)
+        return ((there > 0.5) & (gap < TOUCHING)).astype(np.float32)
 
     def to_rows(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
         """What networks shall say of turned rows for actions (worlds, parts, size) that parts are to take on the table."""

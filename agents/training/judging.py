@@ -35,10 +35,13 @@ class Judge:
         if not settings.environment_name.startswith("vibgym/"):
             raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
         self.name = settings.environment_name
-        scenes = settings.scenes or [{}]
+        scenes = settings.all_scenes
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
-            ({**settings.environment, **scene, "num_envs": len(share), "autoreset_mode": "Disabled"}, int(share[0]))
+            (
+                {**usual(settings.environment), **scene, "num_envs": len(share), "autoreset_mode": "Disabled"},
+                int(share[0]),
+            )
             for scene, share in zip(scenes, shares, strict=True)
             if len(share)
         ]
@@ -89,6 +92,14 @@ class Judge:
             if mode == "w":
                 writer.writeheader()
             writer.writerows(rows)
+
+
+def usual(environment: dict[str, Any]) -> dict[str, Any]:
+    """Without the longer hold that a policy may be trained with."""
+    own = {name: value for name, value in environment.get("task_settings", {}).items() if name != "hold"}
+    return (
+        {**environment, "task_settings": own} if own else {k: v for k, v in environment.items() if k != "task_settings"}
+    )
 
 
 def play(policy: Policy, env: Any, first_seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

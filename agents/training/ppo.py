@@ -25,6 +25,7 @@ class PartsPPO(PPO):
     Args:
         policy, env, **settings: as SB3's; ``env`` is a :class:`agents.training.adapter.StableBaselinesAdapter` over worlds with
             observations by parts. ``batch_size`` counts parts.
+        touch_cost: what a step in touch with another part costs, in training alone: tasks count touches, but do not price them.
         critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to
             be spoilt by values that mean nothing yet.
     """
@@ -32,11 +33,13 @@ class PartsPPO(PPO):
     policy: PartsPolicy
     rollout_buffer: PartsBuffer
 
-    def __init__(self, policy: Any, env: Any, *, critic_steps: int = 0, **settings: Any) -> None:
+    def __init__(
+        self, policy: Any, env: Any, *, touch_cost: float = 0.0, critic_steps: int = 0, **settings: Any
+    ) -> None:
         coding = settings["policy_kwargs"]["coding"]
         buffer = {"rollout_buffer_class": PartsBuffer, "rollout_buffer_kwargs": {"coding": coding}}
         super().__init__(policy, env, **buffer, **settings)
-        self.critic_steps = critic_steps
+        self.critic_steps, self.touch_cost = critic_steps, touch_cost
 
     def collect_rollouts(self, env: Any, callback: BaseCallback, rollout_buffer: Any, n_rollout_steps: int) -> bool:
         """Let all worlds make ``n_rollout_steps`` steps; False where the callback ends the training."""
@@ -52,7 +55,8 @@ class PartsPPO(PPO):
                 log_prob = -(0.5 * noise * noise + log_std + HALF_LOG_TAU).sum(dim=-1)
             action, asked = action.numpy(), action.clamp(-1.0, 1.0).numpy()
             observation, _, done, infos = env.step(coding.actions(seen, asked))
-            buffer.write(seen, action, log_prob.numpy(), env.part_reward, done)
+            reward = env.part_reward - self.touch_cost * coding.touching(seen)
+            buffer.write(seen, action, log_prob.numpy(), reward, done)
             self.num_timesteps += env.num_envs
             for world in np.flatnonzero(done).tolist():
                 if infos[world]["TimeLimit.truncated"]:

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
+from agents.training import outlines
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.tasks import TASKS
@@ -34,6 +35,7 @@ class PPOSettings(Settings):
     ent_coef: float = Field(0.0, ge=0, le=100)
     target_kl: float | None = Field(None, gt=0, le=100)  # an update ends beyond 1.5 times it
     log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+    touch_cost: float = Field(0.0, ge=0, le=1000)  # of a step, to a part in touch with another; in training alone
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
     activation: Literal["tanh", "relu"] = "tanh"
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)
@@ -64,6 +66,16 @@ class JudgingSettings(Settings):
     episodes: int = Field(100, ge=1, le=1_000_000)
     first_seed: int = Field(500_000, ge=0, le=2**31)
     every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
+
+
+class OutlineSettings(Settings):
+    """Scenes of one part each, of random outline, size and friction, see :func:`agents.training.outlines.scenes`."""
+
+    count: int = Field(48, ge=1, le=10_000)
+    seed: int = Field(0, ge=0, lt=2**63)
+    families: list[str] = list(outlines.TRAINING)
+    size: list[float] = Field([0.020, 0.080], min_length=2, max_length=2)  # m, of the largest dimension
+    friction: list[float] = Field([0.3, 0.9], min_length=2, max_length=2)
 
 
 class ServesSettings(Settings):
@@ -111,7 +123,8 @@ class TrainSettings(Settings):
     checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
     output: str | None = None  # directory; default: runs/<name of the file>
     scenes: list[dict[str, Any]] = Field([], max_length=10_000)  # arguments on top of environment; worlds are dealt out
-    start: str | None = None  # path of a policy to begin with
+    outlines: OutlineSettings | None = None  # scenes that are drawn, in the place of those
+    start: str | None = None  # path of a policy to begin with; {seed} in it is replaced by the run's
     imitation: ImitationSettings | None = None
     judging: JudgingSettings | None = None
     serves: ServesSettings = ServesSettings()
@@ -123,6 +136,19 @@ class TrainSettings(Settings):
     def environment_name(self) -> str:
         """Under which Gymnasium may know the environment."""
         return self.task if "/" in self.task else f"vibgym/{self.task}-v0"
+
+    @property
+    def all_scenes(self) -> list[dict[str, Any]]:
+        """The scenes that a run trains on, given or drawn; one without arguments where there are neither.
+
+        Raises:
+            ValueError: outlines that cannot be drawn, or both.
+        """
+        if self.outlines is None:
+            return self.scenes or [{}]
+        if self.scenes:
+            raise checks.refuse("outlines", self.outlines.model_dump(), "nothing beside scenes")
+        return outlines.scenes(**self.outlines.model_dump())
 
     @field_validator("task")
     @classmethod
@@ -139,6 +165,7 @@ PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
     "sac": SACSettings,
     "imitation": ImitationSettings,
     "judging": JudgingSettings,
+    "outlines": OutlineSettings,
     "serves": ServesSettings,
 }
 
@@ -160,7 +187,7 @@ def load_settings(path: Path, agent: str | None = None, seed: int | None = None)
         data, where = _of_agent(data, where, agent, seed)
     elif agent is not None:
         raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
-    if seed is not None:
+    elif seed is not None:
         data = {**data, "seed": seed}
     for name, model in PARTS_OF_SETTINGS.items():
         if isinstance(data.get(name), dict):
@@ -203,6 +230,7 @@ def _of_agent(data: dict[str, Any], where: str, agent: str | None, seed: int | N
     for name in PARTS_OF_SETTINGS:
         if isinstance(defaults.get(name), dict) and isinstance(own.get(name), dict):
             merged[name] = {**defaults[name], **own[name]}
-    own_seed = merged.get("seed", 0) if seed is None else seed
-    merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{own_seed}")
+    if seed is not None:
+        merged["seed"] = seed
+    merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{merged.get('seed', 0)}")
     return merged, f"{where}: {agent}"

@@ -43,7 +43,7 @@ POLICY = "policy.json"
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on observations by parts."""
     checks.choice("observation", settings.environment.get("observation", "parts"), ("parts",))
-    scenes = settings.scenes or [{}]
+    scenes = settings.all_scenes
     if settings.worlds < len(scenes):
         raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
     shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
@@ -115,7 +115,8 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         clip_range=ppo.clip_range,
         ent_coef=ppo.ent_coef,
         target_kl=ppo.target_kl,
-        critic_steps=ppo.critic_steps,
+        touch_cost=ppo.touch_cost,
+        critic_steps=ppo.critic_steps + lessons_steps(settings),
         policy_kwargs={
             "coding": coding,
             "actor": ppo.network,
@@ -128,6 +129,12 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         seed=settings.seed,
         device="cpu",
     )
+
+
+def lessons_steps(settings: TrainSettings) -> int:
+    """Steps that imitation takes before PPO begins, all worlds together."""
+    lessons = settings.imitation
+    return 0 if lessons is None else lessons.rounds * lessons.steps * settings.worlds
 
 
 def acting(model: PartsPPO, settings: TrainSettings) -> TrainedPolicy:
@@ -293,16 +300,17 @@ def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[
 
 
 def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAdapter) -> None:
-    """Take the actor over from the policy that the settings name, if they do.
+    """Take the actor over from the policy that the settings name, if they do; how much it explores is theirs to say.
 
     Raises:
         ValueError: a policy of another form, or for another task.
     """
     if settings.start is None:
         return
-    found, mine = load_trained(Path(settings.start), TaskInfo.of(env.env)), acting(model, settings)
+    path, mine = Path(settings.start.replace("{seed}", str(settings.seed))), acting(model, settings)
+    found = load_trained(path, TaskInfo.of(env.env))
     if not isinstance(found, TrainedPolicy):
-        raise checks.refuse("start", settings.start, "a policy that PPO has trained")
+        raise checks.refuse("start", str(path), "a policy that PPO has trained")
     # Weights may fit and yet mean something else: numbers of other columns, or another action.
     for name, theirs, ours in (
         ("action", found.action, mine.action),
@@ -313,10 +321,12 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
         ("layers", _shapes(found.tensors), _shapes(mine.tensors)),
     ):
         if theirs != ours:
-            got = f"{settings.start} (other {name})"
+            got = f"{path} (other {name})"
             raise checks.refuse("start", got, "a policy with a network as the settings have it")
-    tensors = found.tensors
-    model.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+    kept = {name: value for name, value in found.tensors.items() if not name.startswith("log_std")}
+    actor = model.policy.actor
+    taken = {name: torch.from_numpy(value.copy()) for name, value in kept.items()}
+    actor.load_state_dict({**actor.state_dict(), **taken})
 
 
 def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
