@@ -177,6 +177,8 @@ def picked(layout: Sequence[Any], columns: Sequence[Sequence[Any]] | None) -> tu
     """
     if columns is None or list(map(list, columns)) == [[row.name, row.width] for row in layout]:
         return None, list(layout)
+    if not len(columns):
+        raise checks.refuse("columns", [], f"at least one of {[(row.name, row.width) for row in layout]}")
     wanted = [tuple(each) for each in columns]
     kept = [row for row in layout if (row.name, row.width) in wanted]
     if [(row.name, row.width) for row in kept] != wanted:

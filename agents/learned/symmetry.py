@@ -92,6 +92,9 @@ class Turns:
     Args:
         columns, parts: see :func:`turned_rows`.
         action, shape: see :func:`turned_actions`.
+
+    Raises:
+        ValueError: no column that says where the way leads, or parts of different symmetry.
     """
 
     def __init__(self, columns: Sequence[Sequence[Any]], parts: Sequence[Part], action: str, shape: Shape) -> None:
@@ -99,7 +102,10 @@ class Turns:
         self.rows = [np.ascontiguousarray(np.linalg.matrix_power(once, k).T) for k in range(4)]
         self.actions = [np.ascontiguousarray(np.linalg.matrix_power(acts, k).T) for k in range(4)]
         starts = np.cumsum([0, *(width for _, width in columns)])
-        self._way = int(starts[[name for name, _ in columns].index("way_far")])
+        names = [name for name, _ in columns]
+        if "way_far" not in names:
+            raise checks.refuse("columns", names, "the column 'way_far' among them, by which rows are turned")
+        self._way = int(starts[names.index("way_far")])
 
     def ahead(self, rows: np.ndarray) -> np.ndarray:
         """Quarter turns after which the way of each part leads to the right and up, or straight right: (...) of 0 to 3."""

@@ -21,6 +21,7 @@ VERSION = 2
 """Of the files; those of version 1 held networks that read the flat state."""
 
 SAME, ANY = "same", "any"
+ELEMENTS = "elements"
 
 
 class TrainedPolicy:
@@ -75,7 +76,7 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
         raise checks.refuse(f"{name}: tasks", tasks, f"a list with {info.name!r}")
     for what, mine in (("surface", described(info.surface)), ("parts", len(info.parts))):
         theirs = record.get(what)
-        if theirs not in (ANY, mine):
+        if theirs not in (ANY, mine) or isinstance(theirs, bool):  # True would be 1 part
             raise checks.refuse(f"{name}: {what}", theirs, f"{mine!r}, as this scene has it")
     if record.get("network") == GOAL:
         return goal_policy(name, tensors, record, info)
@@ -91,6 +92,8 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
         coding = Coding(info.surface, info.parts, info.parts_layout, action, columns, turned)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
+    if network == ELEMENTS and not coding.shape.has_elements:
+        raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")
     policy = TrainedPolicy(tensors, network, activation, coding)
     _try(name, policy)
     return policy

@@ -212,6 +212,8 @@ def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
             if not isinstance(settings, dict) or "task" in settings:
                 raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
             task = spec.name if spec.namespace == "vibgym" else key
+            if f"{spec.name}/{name}" in found:
+                raise checks.refuse(f"{where}: {key}", name, "a name that no other environment of this name has")
             found[f"{spec.name}/{name}"] = {"task": task, **settings}
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -92,8 +93,9 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     if size > MOST_ROLLOUT:
         allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
         raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
-    if ppo.network == "elements" and not coding.shape.side:
-        raise checks.refuse("ppo.network", ppo.network, "'parts': this action has no elements")
+    if ppo.network == "elements" and not coding.shape.has_elements:
+        why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
+        raise checks.refuse("ppo.network", ppo.network, f"'parts': {why}")
 
     def learning_rate(remaining: float) -> float:
         return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
@@ -302,12 +304,30 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
     """
     if settings.start is None:
         return
-    tensors = load_trained(Path(settings.start.replace("{seed}", str(settings.seed))), TaskInfo.of(env.env)).tensors
-    mine = model.policy.actor.state_dict()
-    if {name: tuple(value.shape) for name, value in mine.items()} != {n: v.shape for n, v in tensors.items()}:
-        raise checks.refuse("start", settings.start, "a policy with a network as the settings have it")
-    kept = {name: value for name, value in tensors.items() if not name.startswith("log_std")}
-    model.policy.actor.load_state_dict({**mine, **{name: torch.from_numpy(each.copy()) for name, each in kept.items()}})
+    path = Path(settings.start.replace("{seed}", str(settings.seed)))
+    found, mine = load_trained(path, TaskInfo.of(env.env)), acting(model, settings)
+    if not isinstance(found, TrainedPolicy):
+        raise checks.refuse("start", str(path), "a policy that PPO has trained")
+    # Weights may fit and yet mean something else: numbers of other columns, or another action.
+    for name, theirs, ours in (
+        ("action", found.action, mine.action),
+        ("columns", found.coding.columns, mine.coding.columns),
+        ("ppo.turned", found.coding.turned, mine.coding.turned),
+        ("ppo.network", found.network, mine.network),
+        ("ppo.activation", found.activation, mine.activation),
+        ("layers", _shapes(found.tensors), _shapes(mine.tensors)),
+    ):
+        if theirs != ours:
+            got = f"{path} (other {name})"
+            raise checks.refuse("start", got, "a policy with a network as the settings have it")
+    kept = {
+        name: torch.from_numpy(each.copy()) for name, each in found.tensors.items() if not name.startswith("log_std")
+    }
+    model.policy.actor.load_state_dict({**model.policy.actor.state_dict(), **kept})
+
+
+def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
+    return {name: value.shape for name, value in tensors.items()}
 
 
 def imitate(

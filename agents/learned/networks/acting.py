@@ -9,6 +9,7 @@ import numpy as np
 from agents.learned.networks.shape import Shape, offsets
 
 LOG_STD_RANGE = (-5.0, 0.5)
+ABSENT = np.float32(-1e9)  # as in agents.learned.networks.layers
 
 Tensors = Mapping[str, np.ndarray]
 
@@ -40,6 +41,7 @@ def attend(tensors: Tensors, name: str, own: np.ndarray, others: np.ndarray) -> 
     encoded = _relu(linear(tensors, f"{name}.encode", others))
     key, query = linear(tensors, f"{name}.key", encoded), linear(tensors, f"{name}.query", own)
     logit = (key * query[..., None, :]).sum(axis=-1) * np.float32(encoded.shape[-1] ** -0.5)
+    logit = np.where(there, logit, ABSENT)
     weight = np.exp(logit - logit.max(axis=-1, keepdims=True)) * there
     weight = weight / (weight.sum(axis=-1, keepdims=True) + np.float32(1e-9))
     return (weight[..., None] * encoded).sum(axis=-2)

@@ -22,19 +22,24 @@ class Shape(NamedTuple):
     width: int  # columns of a neighbour
     action: int  # numbers of an action of one part
     side: int = 0  # of the square of elements that an action is for; 0: it is not for elements
-    place: int = -1  # first of the two columns "element": where the centre lies within its element
+    place: int = -1  # first of the two columns "element": where the centre lies within its element; -1: it is not read
 
     @property
     def own(self) -> int:
         """Columns of the part itself."""
         return self.columns - self.neighbours * self.width
 
+    @property
+    def has_elements(self) -> bool:
+        """Whether a network that is applied to every element can act: it has to know where they lie."""
+        return self.side > 0 and self.place >= 0
+
     @classmethod
     def of(cls, layout: Sequence[Any], action: int, side: int = 0) -> Shape:
         """Of an environment's ``parts_layout``."""
         columns = sum(row.width for row in layout)
         blocks = [row.start for row in layout if row.name.endswith(NEIGHBOUR)]
-        place = next(row.start for row in layout if row.name == "element")
+        place = next((row.start for row in layout if row.name == "element"), -1)
         width = (columns - blocks[0]) // len(blocks) if blocks else 0
         return cls(columns, len(blocks), width, action, side, place)
 

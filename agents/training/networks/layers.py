@@ -7,6 +7,9 @@ from collections.abc import Sequence
 import torch
 from torch import nn
 
+ABSENT = -1e9
+"""Logit of neighbours that are not there: below all that a network says of one."""
+
 ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU}
 
 
@@ -51,6 +54,7 @@ class Attention(nn.Module):
         there = others[..., 0] > 0.5
         encoded = torch.relu(self.encode(others))
         logit = (self.key(encoded) @ self.query(own).unsqueeze(-1)).squeeze(-1) * self.scale
+        logit = logit.masked_fill(~there, ABSENT)  # or their largest would leave nothing of those that are there
         weight = torch.exp(logit - logit.amax(dim=-1, keepdim=True)) * there
         weight = weight / (weight.sum(dim=-1, keepdim=True) + 1e-9)
         return (weight.unsqueeze(-2) @ encoded).squeeze(-2)

@@ -20,7 +20,8 @@ from stable_baselines3 import PPO
 
 from agents import __main__ as command
 from agents.learned.storage import load_set, save_set
-from agents.learned.trained import load_trained
+from agents.learned.trained import KIND as POLICY
+from agents.learned.trained import VERSION, load_trained
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from agents.training import checkpoint
@@ -76,8 +77,10 @@ def steps_of(directory):
 def test_a_run_writes_policy_checkpoint_and_logs(trained):
     _, run = trained
     assert steps_of(run) == 8192
-    tensors, record = load_set(run / "policy.json", "vibgym-policy")
-    assert record["task"] == "Rotate" and record["action"] == "patch"
+    tensors, record = load_set(run / "policy.json", POLICY, VERSION)
+    assert record["tasks"] == ["Rotate"] and record["action"] == "patch"
+    assert record["parts"] == 1 and record["network"] == "parts" and record["turned"] is False
+    assert record["columns"] == [[row.name, row.width] for row in single("Rotate").unwrapped.parts_layout]
     assert record["training"]["steps"] == 8192 and record["training"]["settings"]["seed"] == 3
     assert all(np.isfinite(value).all() for value in tensors.values())
     (log,) = run.glob("log-from-0")
@@ -92,9 +95,9 @@ def test_a_run_writes_policy_checkpoint_and_logs(trained):
 
 def test_a_finished_run_started_again_changes_nothing(trained):
     path, run = trained
-    before = load_set(run / "policy.json", "vibgym-policy")[0]
+    before = load_set(run / "policy.json", POLICY, VERSION)[0]
     assert train(path, run, quiet=True) == run / "policy.json"
-    after = load_set(run / "policy.json", "vibgym-policy")[0]
+    after = load_set(run / "policy.json", POLICY, VERSION)[0]
     assert before.keys() == after.keys() and all((before[name] == after[name]).all() for name in before)
     assert steps_of(run) == 8192
 
@@ -104,17 +107,19 @@ def test_the_policy_on_disk_predicts_what_the_model_does(tmp_path, activation):
     path = tmp_path / "tiny.yaml"
     path.write_text(TEXT.replace("net:", f"activation: {activation}, net:"))
     settings = load_settings(path)
-    model = make_model(settings, make_env(settings))
+    env = make_env(settings)
+    model = make_model(settings, env)
     with torch.no_grad():  # an untrained one acts near zero: make it act, into the bounds, too
         for parameter in model.policy.parameters():
             parameter.add_(0.4 * torch.randn_like(parameter))
-    checkpoint.save_policy(tmp_path / "policy.json", model, settings, {})
+    checkpoint.save_policy(tmp_path / "policy.json", model, settings, env.env, {})
     policy = load_trained(tmp_path / "policy.json", info_of("Rotate"))
-    seen = np.random.default_rng(0).uniform(-1, 1, (200, 18)).astype(np.float32)
+    rows = np.random.default_rng(0).uniform(-1, 1, (200, *env.observation_space["parts"].shape)).astype(np.float32)
+    seen = {"parts": rows, "mask": np.ones((200, 1), dtype=np.int8)}
     expected, _ = model.predict(seen, deterministic=True)
     action, _ = policy.predict(seen)
     assert action.shape == (200, 32)
-    assert np.abs(action.reshape(200, -1) - expected).max() < 1e-5
+    assert np.abs(action - expected).max() < 1e-5
     assert (np.abs(expected) == 1).any() and (np.abs(expected) < 1).mean() > 0.2
 
 
@@ -161,19 +166,19 @@ def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, m
     def watch(self):
         start(self)
         began["steps"] = self.num_timesteps
-        began["weights"] = self.model.policy.action_net.weight.detach().numpy().copy()
+        began["weights"] = self.model.policy.actor.mean.weight.detach().numpy().copy()
         began["adam"] = copy.deepcopy(self.model.policy.optimizer.state_dict()["state"])
 
     monkeypatch.setattr(Progress, "_on_training_start", watch)
     train(config, run, quiet=True)
     assert began["steps"] == 2048
-    assert (began["weights"] == saved["policy.action_net.weight"]).all()
+    assert (began["weights"] == saved["policy.actor.mean.weight"]).all()
     assert (began["adam"][0]["exp_avg"].numpy() == saved["adam.0.exp_avg"]).all()
     assert float(began["adam"][0]["step"]) == float(saved["adam.0.step"].ravel()[0]) > 0
     assert steps_of(run) == 8192
     assert (run / "log-from-0" / "progress.csv").exists() and (run / "log-from-2048" / "progress.csv").exists()
     after, _ = load_set(run / "checkpoint.json", checkpoint.KIND)
-    assert (after["policy.action_net.weight"] != saved["policy.action_net.weight"]).any()
+    assert (after["policy.actor.mean.weight"] != saved["policy.actor.mean.weight"]).any()
 
 
 def test_a_restored_model_goes_on_exactly_as_the_saved_one(config, tmp_path):
@@ -270,8 +275,8 @@ def test_a_damaged_checkpoint_is_refused_by_name(config, tmp_path):
 
 
 @pytest.mark.parametrize("name, change", [
-    ("adam.0.exp_avg", None), ("adam.1.exp_avg_sq", lambda value: value[:1]), ("policy.log_std", None),
-    ("policy.action_net.weight", lambda value: value.T),
+    ("adam.0.exp_avg", None), ("adam.1.exp_avg_sq", lambda value: value[:1]), ("policy.actor.log_std.bias", None),
+    ("policy.actor.mean.weight", lambda value: value.T),
 ])  # fmt: skip
 def test_a_checkpoint_of_another_network_is_refused(trained, tmp_path, name, change):
     path, run = trained
@@ -319,9 +324,10 @@ def test_any_registered_task_can_be_trained(tmp_path, monkeypatch, task):
     config.write_text(text.replace("action: patch", "action: field").replace("batch_size: 256", "batch_size: 64"))
     path = train(config, tmp_path / "run", quiet=True)
     name = {"mine/Park-v0": "Park"}.get(task, task)
-    assert load_set(path, "vibgym-policy")[1]["task"] == name
+    assert load_set(path, POLICY, VERSION)[1]["tasks"] == [name]
     where = {"task": "Park"} if name == "Park" else {}
-    env = VibgymEnv(action="field", **where) if where else single(name, action="field")
+    acts = {"action": "field", "observation": "parts"}
+    env = VibgymEnv(**acts, **where) if where else single(name, **acts)
     policy = make_policy(str(path), TaskInfo.of(env))
     seen, _ = env.reset(seed=0)
     env.step(policy.predict(seen)[0])
@@ -369,16 +375,15 @@ def files_in(folder):
 
 
 def test_a_diverged_training_keeps_the_last_good_files(tmp_path, capsys):
-    """Entropy that is worth everything, and a step of Adam of 1: the policy's spread grows beyond all numbers."""
+    """Steps of Adam of 1 in a deep critic without bounds: its values, which feed on themselves, grow beyond all numbers."""
     config, run = tmp_path / "wild.yaml", tmp_path / "run"
-    text = TEXT.replace(
-        "net:", "log_std_init: 5.0, ent_coef: 100.0, learning_rate: 1.0, final_learning_rate: 1.0, net:"
-    )
-    config.write_text(text.replace("steps: 8192", "steps: 4096").replace("patch", "field"))
+    critic = f"activation: relu, critic_net: [{', '.join(8 * ['256'])}]"
+    text = TEXT.replace("net:", f"{critic}, learning_rate: 1.0, final_learning_rate: 1.0, net:")
+    config.write_text(text.replace("steps: 8192", "steps: 1024").replace("batch_size: 256", "batch_size: 1024"))
     arguments = ["train", str(config), "--output", str(run), "--quiet"]
     assert command.main(arguments) == 0
     before = files_in(run)
-    config.write_text(config.read_text().replace("steps: 4096", "steps: 400000"))
+    config.write_text(config.read_text().replace("\nsteps: 1024", "\nsteps: 400000"))
     capsys.readouterr()
     assert command.main(arguments) == 1
     line = capsys.readouterr().err
@@ -392,33 +397,34 @@ def test_a_diverged_training_keeps_the_last_good_files(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
-@pytest.mark.parametrize("where", ["log_std", "action_net", "value_net", "adam"])
+@pytest.mark.parametrize("where", ["actor.log_std", "actor.mean", "critic.value", "adam"])
 def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
     settings = load_settings(config)
-    model = make_model(settings, make_env(settings))
+    env = make_env(settings)
+    model = make_model(settings, env)
     for parameter in model.policy.parameters():
         parameter.grad = torch.ones_like(parameter)
     model.policy.optimizer.step()
     checkpoint.save(tmp_path, model, settings, 1.0)
-    checkpoint.save_policy(tmp_path / "policy.json", model, settings, {})
+    checkpoint.save_policy(tmp_path / "policy.json", model, settings, env.env, {})
     before = files_in(tmp_path)
     with torch.no_grad():
         if where == "adam":
             next(iter(model.policy.optimizer.state.values()))["exp_avg_sq"].view(-1)[-1] = number
         else:
-            layer = getattr(model.policy, where)
-            getattr(layer, "bias", layer)[-1] = number
+            model.policy.get_submodule(where).bias[-1] = number
     with pytest.raises(checkpoint.Diverged, match=f"in .*{where}"):
         checkpoint.save(tmp_path, model, settings, 2.0)
-    if where in ("log_std", "action_net"):
+    if where.startswith("actor"):
         with pytest.raises(checkpoint.Diverged):
-            checkpoint.save_policy(tmp_path / "policy.json", model, settings, {})
+            checkpoint.save_policy(tmp_path / "policy.json", model, settings, env.env, {})
     assert files_in(tmp_path) == before
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e300])
 @pytest.mark.parametrize(
-    "name", ["policy.log_std", "policy.value_net.bias", "adam.0.exp_avg", "adam.2.exp_avg_sq", "adam.1.step"]
+    "name",
+    ["policy.actor.log_std.bias", "policy.critic.value.bias", "adam.0.exp_avg", "adam.2.exp_avg_sq", "adam.1.step"],
 )
 def test_a_checkpoint_that_is_not_finite_is_refused(trained, tmp_path, name, number):
     path, run = trained
@@ -526,7 +532,7 @@ def test_policies_that_two_runs_write_beside_each_other_wait_for_each_other(conf
 def test_two_runs_of_one_file_are_the_same(config, tmp_path):
     config.write_text(TEXT.replace("steps: 8192", "steps: 2048"))
     runs = [train(config, tmp_path / name, quiet=True) for name in ("a", "b")]
-    first, second = (load_set(path, "vibgym-policy")[0] for path in runs)
+    first, second = (load_set(path, POLICY, VERSION)[0] for path in runs)
     assert all((first[name] == second[name]).all() for name in first)
 
 
