@@ -155,24 +155,36 @@ def _study(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
     asked, jobs = settings.effects, {}
     if asked is None:
         return jobs
-    contents = settings.named_policies()
+    contents, known = settings.named_policies(), Known()
     seeds = settings.seed_list(asked.task, asked.episodes)
     for case, arguments in asked.arguments().items():
         environment = laid_over(settings.environment, arguments)
-        plain = told(asked.task, environment, f"evaluation.effects.cases.{case}")
-        shared: list[tuple[dict[str, Any], TaskInfo]] = [(environment, plain)]  # columns share sensors
+        known.info(asked.task, environment, f"evaluation.effects.cases.{case}")
         for column in asked.columns(list(contents)):
             field = f"evaluation.effects.policies ({column.name} in {case})"
             own = with_sensor(environment, column.sensor) if column.sensor else environment
-            info = next((known for each, known in shared if each == own), None)
-            if info is None:
-                info = told(asked.task, own, field)
-                shared.append((own, info))
+            info = known.info(asked.task, own, field)
             content = contents[column.policy]
             with InField(field):
                 policy = make_policy(content, info, seeds[0])
             jobs[case, column.name] = Job(info, seeds, own, content, policy)
     return jobs
+
+
+class Known:
+    """What is public of environments, each made once, however many policies share it."""
+
+    def __init__(self) -> None:
+        self.infos: list[tuple[str, dict[str, Any], TaskInfo]] = []
+
+    def info(self, task: str, environment: dict[str, Any], field: str) -> TaskInfo:
+        """Of one; see :func:`told`."""
+        for name, arguments, info in self.infos:
+            if (name, arguments) == (task, environment):
+                return info
+        info = told(task, environment, field)
+        self.infos.append((task, environment, info))
+        return info
 
 
 def told(task: str, environment: dict[str, Any], field: str) -> TaskInfo:
