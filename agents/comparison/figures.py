@@ -13,6 +13,9 @@ from agents.comparison.curves import Curve
 from agents.comparison.profiles import Profile
 from agents.evaluation.figures import POLICY_COLOURS, name_lines, new_figure, png, style
 
+COLOURS = (*POLICY_COLOURS[1:], POLICY_COLOURS[0])
+"""The grey last: in reports it is that of the policy that does nothing."""
+
 PATTERNS: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)))
 """Of lines, when there are more policies than colours."""
 
@@ -24,8 +27,8 @@ def look_of(name: str, names: Sequence[str]) -> dict[str, Any]:
     """Colour and pattern of a policy's lines, the same on the whole page."""
     index = list(names).index(name)
     return {
-        "color": POLICY_COLOURS[index % len(POLICY_COLOURS)],
-        "linestyle": PATTERNS[index // len(POLICY_COLOURS) % len(PATTERNS)],
+        "color": COLOURS[index % len(COLOURS)],
+        "linestyle": PATTERNS[index // len(COLOURS) % len(PATTERNS)],
     }
 
 
@@ -34,9 +37,9 @@ def draw_profile(profile: Profile, names: Sequence[str]) -> bytes:
     figure = new_figure(8.6, 3.0)
     axes = figure.subplots()
     for name, (share, low, high) in profile.curves.items():
-        look = look_of(name, names)
-        axes.fill_between(profile.limits, 100.0 * low, 100.0 * high, color=look["color"], alpha=0.16, linewidth=0)
-        axes.plot(profile.limits, 100.0 * share, linewidth=1.8, label=name, **look)
+        look, band = look_of(name, names), (100.0 * low, 100.0 * high)
+        axes.fill_between(profile.limits, *band, color=look["color"], alpha=0.16, linewidth=0, step="post")
+        axes.plot(profile.limits, 100.0 * share, linewidth=1.8, label=name, drawstyle="steps-post", **look)
     limit = "limit (multiples of the time bound)" if profile.unit == "bound" else "limit (s)"
     axes.set(xlim=(profile.limits[0], profile.limits[-1]), ylim=(-2.0, 103.0))
     style(axes, xlabel=limit, ylabel="episodes solved within it (%)")

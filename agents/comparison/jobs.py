@@ -135,8 +135,8 @@ def _able(
     try:
         for entry in contender.runs():
             policy = make_policy(entry.content, info, seed)
-            spoken = {"action": policy.action, "observation": policy.observation}
-            gym.make_vec(f"vibgym/{info.name}-v0", num_envs=1, **environment, **spoken).close()
+            own = {**environment, "action": policy.action, "observation": policy.observation}
+            gym.make_vec(f"vibgym/{info.name}-v0", num_envs=1, **own).close()
             found.append((entry.name, entry.content, policy))
     except ValueError as error:
         return " ".join(str(error).split())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ def page(found: Comparison) -> str:
         for each in settings.machines()
         if any(hardware == each.name for _, hardware in found.samples)
     }
+    counted = any(math.isfinite(each.collisions.value) for each in found.differences)
     return render(
         Path(__file__).with_name("compare.html.j2"),
         settings=settings,
@@ -42,7 +44,9 @@ def page(found: Comparison) -> str:
         hardware=list(machines),
         tasks=[_task(found, task, names) for task in found.tasks],
         seeded=any(row.runs > 1 for row in found.rows),
-        differences=[_difference(each) for each in found.differences],
+        differences=[_difference(each, counted) for each in found.differences],
+        collisions=counted,
+        loads=words.loads({task: (info, len(settings.seed_list(task))) for task, info in found.tasks.items()}),
         curves=[
             {
                 "task": task,
@@ -83,7 +87,6 @@ def _task(found: Comparison, task: str, names: Sequence[str]) -> dict[str, Any]:
     return {
         "name": task,
         "asked": words.asked(info),
-        "inventory": words.inventory(info.parts),
         "limit": f"{info.step_limit * info.step_time:g} s",
         "sections": sections,
     }
@@ -105,18 +108,19 @@ def _row(row: Row) -> dict[str, Any]:
     }
 
 
-def _difference(each: Difference) -> dict[str, Any]:
+def _difference(each: Difference, collisions: bool) -> dict[str, Any]:
     return {
         "task": each.task,
         "hardware": each.hardware,
         "first": each.first,
         "second": each.second,
         "runs": each.runs,
-        "success": _estimate(each.success, 100.0, 1, ""),
-        "iqm": _estimate(each.iqm, 1.0, 3, " s"),
-        "time": _estimate(each.time, 1.0, 3, " s"),
-        "collisions": _estimate(each.collisions, 1.0, 2, ""),
-        "both": each.both,
+        "estimates": [
+            _estimate(each.success, 100.0, 1, ""),
+            _estimate(each.iqm, 1.0, 3, " s"),
+            _estimate(each.time, 1.0, 3, " s"),
+            *([_estimate(each.collisions, 1.0, 2, "")] if collisions else []),
+        ],
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from scipy import optimize, stats
@@ -39,9 +40,7 @@ def detectable_success(other: float, pairs: int, confidence: float, power: float
     most = 1.0 - 2.0 * other
     if most <= 0.0 or power_of_success(most, other, pairs, confidence) < power:
         return math.nan
-    return float(
-        optimize.brentq(lambda each: power_of_success(each, other, pairs, confidence) - power, 1e-9, most, xtol=1e-6)
-    )
+    return _root(lambda each: power_of_success(each, other, pairs, confidence) - power, 1e-9, most)
 
 
 def detectable_mean(deviation: float, pairs: int, confidence: float, power: float) -> float:
@@ -71,8 +70,7 @@ def detectable_mean(deviation: float, pairs: int, confidence: float, power: floa
     most = 1.0  # far beyond what is needed the distribution cannot be computed
     while missing(most) < 0.0:
         most *= 1.5
-    noncentrality = float(optimize.brentq(missing, 0.0, most, xtol=1e-9))
-    return noncentrality * deviation / math.sqrt(pairs)
+    return _root(missing, 0.0, most) * deviation / math.sqrt(pairs)
 
 
 def detectable_normal(error: float, confidence: float, power: float) -> float:
@@ -80,3 +78,8 @@ def detectable_normal(error: float, confidence: float, power: float) -> float:
     if not error > 0.0:
         return math.nan
     return float((stats.norm.isf(0.5 - 0.5 * confidence) + stats.norm.ppf(power)) * error)
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    """Where a rising function is zero."""
+    return float(optimize.brentq(function, low, high, xtol=1e-7))  # type: ignore[arg-type]  # full_output would give a pair

@@ -17,7 +17,7 @@ from agents.comparison.sample import Sample
 from agents.evaluation.figures import WORTH_SHOWING
 from agents.evaluation.statistics import exact
 
-POINTS = 100
+POINTS = 200
 """Of a curve."""
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from agents.comparison.curves import Curve
 from agents.comparison.differences import Difference
 from agents.comparison.profiles import Profile
-from agents.comparison.resampling import drawn, iqm, iqm_of, mean_of, percentiles
+from agents.comparison.resampling import Statistic, drawn, iqm, iqm_of, mean_of, percentiles
 from agents.comparison.sample import Sample
 from agents.comparison.settings import ComparisonSettings
 from agents.comparison.studies import Case, Line
@@ -144,7 +144,7 @@ def success_of(success: np.ndarray, level: float, resamples: int) -> Interval:
         return success_interval(success[0], level, resamples)
     if success.all() or not success.any():
         return exact(int(success[0].sum()), episodes, level)
-    return percentiles(drawn(mean_of(success), runs, episodes, resamples), level, runs)
+    return _over_runs(mean_of(success), success, level, resamples)
 
 
 def iqm_interval(table: np.ndarray, level: float, resamples: int) -> Interval | None:
@@ -153,7 +153,7 @@ def iqm_interval(table: np.ndarray, level: float, resamples: int) -> Interval | 
         return None
     if len(table) == 1:
         return bootstrap(table[0], level, resamples, iqm)
-    return percentiles(drawn(iqm_of(table), *table.shape, resamples), level, len(table))
+    return _over_runs(iqm_of(table), table, level, resamples)
 
 
 def _mean_interval(table: np.ndarray, level: float, resamples: int) -> Interval | None:
@@ -161,7 +161,12 @@ def _mean_interval(table: np.ndarray, level: float, resamples: int) -> Interval 
         return None
     if len(table) == 1:
         return bootstrap(table[0], level, resamples)
-    return percentiles(drawn(mean_of(table), *table.shape, resamples), level, len(table))
+    return _over_runs(mean_of(table), table, level, resamples)
+
+
+def _over_runs(statistic: Statistic, table: np.ndarray, level: float, resamples: int) -> Interval:
+    runs, episodes = table.shape
+    return percentiles(drawn(statistic, runs, episodes, resamples), level, runs)
 
 
 def row_of(

@@ -114,7 +114,7 @@ def page(results: Results, quiet: bool = False) -> str:
         results=results,
         settings=settings,
         surface=surface,
-        loads=_loads(results),
+        loads=words.loads({task: (info, results.episodes(task)) for task, info in results.tasks.items()}),
         goals=goals,
         together=together,
         following=any(info.goal_moves for info in results.tasks.values()),
@@ -146,17 +146,6 @@ def _kind(environment: Mapping[str, Any]) -> str:
     """Of the actuators."""
     actuators = environment.get("actuators", "ideal")
     return actuators["kind"] if isinstance(actuators, Mapping) else actuators
-
-
-def _loads(results: Results) -> list[dict[str, Any]]:
-    """Which parts the tasks have, tasks with the same ones together."""
-    found: dict[tuple[str, int], list[str]] = {}
-    for task, info in results.tasks.items():
-        found.setdefault((words.inventory(info.parts), results.episodes(task)), []).append(task)
-    return [
-        {"tasks": words.joined(tasks), "inventory": inventory, "episodes": episodes}
-        for (inventory, episodes), tasks in found.items()
-    ]
 
 
 def seeds_text(seeds: list[int]) -> str:
