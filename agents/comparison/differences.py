@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.comparison.power import detectable_mean, detectable_normal, detectable_success
-from agents.comparison.resampling import drawn, iqm, iqm_of, mean_of, mean_where, percentiles, weights
+from agents.comparison.resampling import drawn, iqm, iqm_of, mean_of, mean_where, percentiles
 from agents.comparison.sample import Sample
 from agents.evaluation.statistics import Interval, bootstrap, difference_interval
 
@@ -128,21 +128,16 @@ def _mean(gap: np.ndarray, counted: np.ndarray, confidence: float, power: float,
 
 
 def _iqm(first: np.ndarray, second: np.ndarray, confidence: float, power: float, resamples: int) -> Estimate:
-    """Of times (runs, episodes) against (1, episodes); both get the same draws of episodes."""
+    """Of times (runs, episodes) against (1, episodes); both get the same draws.
+
+    The second one is set against each run: of as many cells, so that both lose quarters that are rounded alike.
+    """
     runs, episodes = first.shape
+    second = np.repeat(second, runs, axis=0)
     value = float(iqm(first.ravel()) - iqm(second.ravel()))
     one, other = iqm_of(first), iqm_of(second)
-
-    def statistic(weight: np.ndarray) -> np.ndarray:
-        return one(weight) - other(_of_episodes(weight, runs, episodes))
-
-    draws = np.concatenate([statistic(each) for each in weights(runs, episodes, resamples)])
+    draws = drawn(lambda weight: one(weight) - other(weight), runs, episodes, resamples)
     if np.ptp(draws) < 1e-9:
         return Estimate(value, None, math.nan)
     detectable = detectable_normal(float(draws.std(ddof=1)), confidence, power)
     return Estimate(value, percentiles(draws, confidence, runs), detectable)
-
-
-def _of_episodes(weight: np.ndarray, runs: int, episodes: int) -> np.ndarray:
-    """How often each episode is drawn: the runs' weights add up to their number."""
-    return weight.reshape(len(weight), runs, episodes).sum(axis=1) / runs

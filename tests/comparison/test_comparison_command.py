@@ -94,7 +94,8 @@ def test_runs_stand_together_and_apart(found: comparison.Comparison) -> None:
         once.over_bound_iqm,
     )
     assert rows["zero", None].success_rate == 0.0 and rows["zero", None].time_iqm_s == 10.0
-    assert rows["pose", None].over_bound_iqm < once.over_bound_iqm < rows["two <seeds>", 4].over_bound_iqm
+    # The bound is one: nothing is faster, and the weaker pushes are slower.
+    assert 1.0 <= rows["pose", None].over_bound_iqm <= once.over_bound_iqm < rows["two <seeds>", 4].over_bound_iqm
 
 
 def test_learned_and_hybrid_policies_stand_against_the_best_classical_one(found: comparison.Comparison) -> None:
