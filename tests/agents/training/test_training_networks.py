@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from agents.learned.networks.acting import ACTING
+from agents.learned.networks.shape import Shape, offsets
 from agents.training.networks.elements import elements_about
 from agents.training.networks.parts import PartsCritic
-from agents.learned.networks.shape import Shape, offsets
 from agents.training.parts_policy import ACTORS, trained_tensors
 
 OWN, WIDTH, PLACE = 9, 4, 3

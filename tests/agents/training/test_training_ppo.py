@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training.adapter import StableBaselinesAdapter
 from agents.learned.coding import NEVER, NOWHERE, Seen
+from agents.task_info import TaskInfo
+from agents.training.adapter import StableBaselinesAdapter
 from agents.training.parts_policy import PartsPolicy
 from agents.training.ppo import PartsPPO
 from agents.training.rollout import PartsBuffer
-from agents.task_info import TaskInfo
 from tests.agents.helpers import info_of
 from tests.agents.learned.helpers import coding_for
 from tests.envs.helpers import batch
