@@ -31,6 +31,9 @@ class Demonstrations(NamedTuple):
 class Demonstrator:
     """One scene in which an expert is asked what to do.
 
+    The expert goes on as if all had done what it said. Told what was done instead (:meth:`agents.control.steering.Steering.acted`),
+    it would answer to something that rows do not show: Align's network then had three times the error, and 74 % success.
+
     Args:
         expert: speaks the environment's action, reads the flat state.
         env: in same-step autoreset mode, with observations by parts.
@@ -41,8 +44,6 @@ class Demonstrator:
     def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding, generator: np.random.Generator) -> None:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._memory: Any = None
-        # Of a law that speaks wrench: what it sees next comes of what was done, not of what it said.
-        self._told = getattr(expert, "acted", None) if expert.action == "wrench" else None
         self._new = np.ones(env.num_envs, dtype=bool)
         self._observation: Any = None
 
@@ -68,8 +69,6 @@ class Demonstrator:
                 acted[own] = _act(policy, seen.rows[own])
             acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
             done = self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
-            if self._told is not None:
-                self._memory = self._told(self._memory, action, done)
             self._observation, _, terminated, truncated, _ = self.env.step(done)
             self._new = terminated | truncated
         flat = (each.reshape(-1, *each.shape[2:]) for each in (rows, mask, wanted))

@@ -307,8 +307,8 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
     """
     if settings.start is None:
         return
-    path, mine = Path(settings.start.replace("{seed}", str(settings.seed))), acting(model, settings)
-    found = load_trained(path, TaskInfo.of(env.env))
+    path = Path(settings.start.replace("{seed}", str(settings.seed)))
+    found, mine = load_trained(path, TaskInfo.of(env.env)), acting(model, settings)
     if not isinstance(found, TrainedPolicy):
         raise checks.refuse("start", str(path), "a policy that PPO has trained")
     # Weights may fit and yet mean something else: numbers of other columns, or another action.
@@ -323,10 +323,10 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
         if theirs != ours:
             got = f"{path} (other {name})"
             raise checks.refuse("start", got, "a policy with a network as the settings have it")
-    kept = {name: value for name, value in found.tensors.items() if not name.startswith("log_std")}
-    actor = model.policy.actor
-    taken = {name: torch.from_numpy(value.copy()) for name, value in kept.items()}
-    actor.load_state_dict({**actor.state_dict(), **taken})
+    kept = {
+        name: torch.from_numpy(each.copy()) for name, each in found.tensors.items() if not name.startswith("log_std")
+    }
+    model.policy.actor.load_state_dict({**model.policy.actor.state_dict(), **kept})
 
 
 def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
