@@ -14,6 +14,8 @@ from agents.learned.goal_features import GoalFeatures
 from agents.learned.goal_policy import NETWORK, GoalPolicy
 from agents.learned.storage import as_float32, load_set, save_set
 from agents.learned.trained import KIND as POLICY_KIND
+from agents.learned.trained import VERSION as POLICY_VERSION
+from agents.learned.trained import described
 from agents.task_info import TaskInfo
 from agents.training.adapter import StableBaselinesAdapter
 from agents.training.checkpoint import ADAM, FILE, FREE, KIND, Diverged
@@ -121,12 +123,14 @@ def save_policy(path: Path, model: LeanSAC, settings: TrainSettings, training: d
     info = TaskInfo.of(_env(model).env)
     record = {
         "network": NETWORK,
-        "task": info.name,
+        "tasks": [info.name],
+        "surface": described(info.surface),
+        "parts": len(info.parts),
         "action": settings.environment.get("action", "element"),
         "features": GoalFeatures(info).described,
         "training": training,
     }
-    save_set(path, POLICY_KIND, tensors, record)
+    save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)
 
 
 def save(directory: Path, model: LeanSAC, settings: TrainSettings, seconds: float) -> None:

@@ -10,10 +10,10 @@ import torch
 from agents.learned.goal_features import GoalFeatures
 from agents.learned.goal_policy import GoalPolicy
 from agents.learned.storage import load_set, save_set
-from agents.learned.trained import KIND, load_trained
+from agents.learned.trained import KIND, VERSION, described, load_trained
 from agents.registry import make_policy
 from agents.training.off_policy import GoalExtractor
-from tests.agents.helpers import POSE_TASKS, episodes, info_of
+from tests.agents.helpers import POSE_TASKS, SURFACE, episodes, info_of
 from tests.envs.helpers import batch
 
 WORLDS = 20
@@ -102,8 +102,9 @@ def tensors_of(features, size=3, hidden=(16, 8), seed=0):
 
 def write(path, **changes):
     features = GoalFeatures(info_of())
-    record = {"network": "goal", "task": "Align", "action": "wrench", "features": features.described, **changes}
-    save_set(path, KIND, tensors_of(features), record)
+    scene = {"tasks": ["Align"], "surface": described(SURFACE), "parts": 1}
+    record = {"network": "goal", **scene, "action": "wrench", "features": features.described, **changes}
+    save_set(path, KIND, tensors_of(features), record, VERSION)
     return path
 
 
@@ -146,15 +147,15 @@ def changed(name, change):
 ])  # fmt: skip
 def test_damaged_tensors_are_refused(tmp_path, change, match):
     path = write(tmp_path / "policy.json")
-    tensors, record = load_set(path, KIND)
+    tensors, record = load_set(path, KIND, VERSION)
     kept = {key: value for key, value in record.items() if key not in ("format", "version", "tensors", "sha256")}
-    save_set(path, KIND, change(tensors), kept)
+    save_set(path, KIND, change(tensors), kept, VERSION)
     with pytest.raises(ValueError, match=f"policy.json: {match}"):
         load_trained(path, info_of())
 
 
 @pytest.mark.parametrize("changes, match", [
-    ({"task": "Rotate"}, "task: got 'Rotate'; allowed: 'Align'"), ({"action": "wave"}, "action: got 'wave'"),
+    ({"tasks": ["Rotate"]}, r"tasks: got \['Rotate'\]; allowed: .*'Align'"), ({"action": "wave"}, "action: got 'wave'"),
     ({"action": "patch"}, "mean"), ({"features": {"state": []}}, "features"), ({"action": None}, "action"),
 ])  # fmt: skip
 def test_files_for_others_are_refused(tmp_path, changes, match):
