@@ -38,7 +38,9 @@ def lessons(seed=5, turned=False, **settings):
     coding = coding_for(TaskInfo.of(env), turned=turned)
     torch.manual_seed(seed)
     network = {"actor": "parts", "net": [32], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -0.5}
-    policy = PartsPolicy(env.single_observation_space, env.single_action_space, lambda _: 1e-3, coding=coding, **network)
+    policy = PartsPolicy(
+        env.single_observation_space, env.single_action_space, lambda _: 1e-3, coding=coding, **network
+    )
     expert = TowardsTheGoal(TaskInfo.of(env))
     made = {
         "expert": "pose",

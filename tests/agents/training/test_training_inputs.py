@@ -196,7 +196,9 @@ def test_a_run_begins_with_the_policy_it_is_given(trained, tmp_path):
     path = train(config, tmp_path / "next", quiet=True)
     before, after = (load_set(each, KIND, VERSION)[0] for each in (start, path))
     same = {name for name in before if (before[name] == after[name]).all()}
-    assert before.keys() == after.keys() and {"hidden.0.weight", "mean.weight", "mean.bias"} <= same  # critic alone learns
+    assert (
+        before.keys() == after.keys() and {"hidden.0.weight", "mean.weight", "mean.bias"} <= same
+    )  # critic alone learns
     assert (after["log_std.bias"] == np.float32(-0.5)).all() and (before["log_std.bias"] != -0.5).any()  # explores anew
 
 
