@@ -11,6 +11,7 @@ from stable_baselines3 import PPO
 
 from agents.learned.coding import Coding
 from agents.learned.parts_policy import trained_tensors
+from agents.learned.pictures import PictureCoding
 from agents.learned.settings import MOST_STEPS, TrainSettings
 from agents.learned.storage import as_float32, load_set, save_set
 from agents.learned.trained import ANY, described
@@ -124,7 +125,7 @@ def save_policy(path: Path, model: PPO, settings: TrainSettings, env: Any, train
     tensors = trained_tensors(model.policy.actor)  # type: ignore[arg-type]
     _refuse_infinite(tensors)
     serves, info = settings.serves, TaskInfo.of(env)
-    coding: Coding = model.policy.coding  # type: ignore[assignment]
+    coding: Coding | PictureCoding = model.policy.coding  # type: ignore[assignment]
     record = {
         "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
         "surface": ANY if serves.surface == ANY else described(info.surface),

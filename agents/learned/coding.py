@@ -22,6 +22,10 @@ class Seen(NamedTuple):
     rows: np.ndarray  # (worlds, parts, columns) float32
     mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
 
+    def of(self, worlds: Any) -> Seen:
+        """Of some of the worlds, or of one, which stays a batch."""
+        return Seen(*(each[np.atleast_1d(worlds)] for each in self))
+
 
 class Coding:
     """Turns observations by parts into rows, and actions of single parts into the environment's.
@@ -45,6 +49,7 @@ class Coding:
     """
 
     observation = "parts"
+    dtype = np.float32  # of rows
 
     def __init__(
         self,
@@ -70,8 +75,12 @@ class Coding:
         self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
         self._position = next(row.start for row in layout if row.name == "position")
 
-    def see(self, observation: Any) -> Seen:
+    def see(self, observation: Any, before: Seen | None = None, start: np.ndarray | None = None) -> Seen:
         """Rows and mask of the parts; of one observation a batch of one.
+
+        Args:
+            observation: a dictionary, of one world or many.
+            before, start: what was seen at the last step, and where an episode has begun since; rows say all by themselves.
 
         Raises:
             ValueError: not an observation by parts.
@@ -89,6 +98,10 @@ class Coding:
             raise checks.refuse("observation", f"arrays of shapes {rows.shape} and {mask.shape}", allowed)
         rows = rows[:, :n] if self._pick is None else rows[:, :n, self._pick]
         return Seen(rows, mask[:, :n])
+
+    def single(self, observation: Any) -> bool:
+        """Whether it is one observation, and no batch."""
+        return np.ndim(observation["mask"]) == 1
 
     def actions(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
         """The environment's actions (worlds, n) float32 of the parts' (worlds, parts, size)."""

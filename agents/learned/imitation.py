@@ -14,10 +14,16 @@ import numpy as np
 import torch
 
 from agents.learned.coding import Coding, Seen
+from agents.learned.pictures import PictureCoding
 from agents.learned.parts_policy import PartsPolicy
 from agents.learned.settings import ImitationSettings
 from agents.policy import Policy
+from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
+
+
+MOST_FOUND = 4e9
+"""Bytes of demonstrations."""
 
 
 class Demonstrations(NamedTuple):
@@ -38,11 +44,12 @@ class Demonstrator:
         generator: of the disturbances.
     """
 
-    def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding, generator: np.random.Generator) -> None:
+    def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding | PictureCoding, generator: np.random.Generator) -> None:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._memory: Any = None
         self._new = np.ones(env.num_envs, dtype=bool)
         self._observation: Any = None
+        self._seen: Seen | None = None
 
     def begin(self, seed: int) -> None:
         """Reset all worlds."""
@@ -51,19 +58,19 @@ class Demonstrator:
     def collect(self, policy: PartsPolicy, steps: int, noise: float, share: float) -> Demonstrations:
         """Make so many steps in all worlds, in a ``share`` of which the network itself acts."""
         worlds, parts, shape = self.env.num_envs, len(self.coding.parts), self.coding.shape
-        rows = np.zeros((steps, worlds, parts, shape.columns), dtype=np.float32)
+        rows = np.zeros((steps, worlds, parts, shape.columns), dtype=self.coding.dtype)
         mask = np.zeros((steps, worlds, parts), dtype=np.float32)
         wanted = np.zeros((steps, worlds, parts, shape.action), dtype=np.float32)
         own = self.generator.random(worlds) < share
         disturbed = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
         for step in range(steps):
-            seen = self.coding.see(self._observation)
+            self._seen = seen = self.coding.see(self._observation, self._seen, self._new)
             action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
             rows[step], mask[step] = seen
             wanted[step] = action.reshape(worlds, parts, -1)
             acted = wanted[step].copy()
             if own.any():
-                acted[own] = _act(policy, Seen(seen.rows[own], seen.mask[own]))
+                acted[own] = _act(policy, seen.of(np.flatnonzero(own)))
             acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
             self._observation, _, terminated, truncated, _ = self.env.step(
                 self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
@@ -87,6 +94,9 @@ class Imitation:
         settings: how long, and how.
         seed: of the episodes, the disturbances and the minibatches.
 
+    Raises:
+        ValueError: more demonstrations than there is room for.
+
     Attributes:
         steps: of all worlds, made so far.
     """
@@ -101,7 +111,17 @@ class Imitation:
         self.policy, self.settings, self.seed, self.steps = policy, settings, seed, 0
         self.generator = np.random.default_rng(seed)
         self.scenes = [Demonstrator(expert, env, policy.coding, self.generator) for expert, env in scenes]
-        self._found: list[Demonstrations] = []
+        parts, shape = len(policy.coding.parts), policy.coding.shape
+        samples = settings.rounds * settings.steps * sum(env.num_envs for _, env in scenes)
+        numbers = np.dtype(policy.coding.dtype).itemsize * shape.columns + 4 * (1 + shape.action)
+        if samples * parts * numbers > MOST_FOUND:
+            allowed = f"demonstrations of at most {MOST_FOUND:.1e} bytes; these would have {samples * parts * numbers:.1e}"
+            raise checks.refuse("imitation.steps", settings.steps, allowed)
+        self._found = Demonstrations(
+            np.empty((samples, parts, shape.columns), dtype=policy.coding.dtype),
+            np.empty((samples, parts), dtype=np.float32),
+            np.empty((samples, parts, shape.action), dtype=np.float32),
+        )
 
     def rounds(self) -> Iterator[float]:
         """Collect and learn, round after round; yields the last epoch's mean squared error."""
@@ -114,13 +134,14 @@ class Imitation:
             share = 0.0 if number == 0 else settings.own_share
             for scene in self.scenes:
                 found = scene.collect(self.policy, settings.steps, settings.noise, share)
-                self._found.append(found)
+                for kept, new in zip(self._found, found, strict=True):
+                    kept[self.steps : self.steps + len(new)] = new
                 self.steps += len(found.mask)
             yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
         """Fit the actor's mean to all that has been found; returns the last epoch's mean squared error."""
-        rows, mask, wanted = (torch.from_numpy(np.concatenate(each)) for each in zip(*self._found, strict=True))
+        rows, mask, wanted = (torch.from_numpy(each[: self.steps]) for each in self._found)
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):

@@ -11,6 +11,7 @@ import numpy as np
 from agents.evaluation.rollout import outcomes
 from agents.learned.coding import Coding
 from agents.learned.parts_policy import PartsPolicy, trained_tensors
+from agents.learned.pictures import PictureCoding
 from agents.learned.settings import TrainSettings
 from agents.learned.trained import TrainedPolicy
 from vibgym import checks
@@ -31,7 +32,7 @@ class Judge:
         ValueError: an environment that is not one of vibgym's.
     """
 
-    def __init__(self, settings: TrainSettings, coding: Coding, directory: Path) -> None:
+    def __init__(self, settings: TrainSettings, coding: Coding | PictureCoding, directory: Path) -> None:
         assert settings.judging is not None
         self.settings, self.judging, self.coding = settings, settings.judging, coding
         if not settings.environment_name.startswith("vibgym/"):

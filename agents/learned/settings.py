@@ -39,7 +39,7 @@ class PPOSettings(Settings):
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)
     critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
     attention: Width = 32
-    network: Literal["parts", "elements"] = "parts"
+    network: Literal["parts", "elements", "pixels"] = "parts"
 
 
 class ImitationSettings(Settings):

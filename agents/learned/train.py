@@ -26,7 +26,8 @@ from agents.learned.parts_policy import PartsPolicy
 from agents.learned.ppo import PartsPPO
 from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
-from agents.learned.trained import load_trained
+from agents.learned.pictures import PictureCoding
+from agents.learned.trained import CODINGS, load_trained
 from agents.policy import Policy
 from agents.evaluation.provenance import processor, versions
 from agents.registry import make_policy
@@ -41,8 +42,9 @@ MOST_ROLLOUT = 4e9
 POLICY = "policy.json"
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
-    """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on observations by parts."""
-    checks.choice("observation", settings.environment.get("observation", "parts"), ("parts",))
+    """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on what their network reads."""
+    own = reads(settings).observation
+    checks.choice("observation", settings.environment.get("observation", own), (own,))
     scenes = settings.scenes or [{}]
     if settings.worlds < len(scenes):
         raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
@@ -51,12 +53,17 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
 
 
 def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VibgymVectorEnv:
-    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": "parts"}
+    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": reads(settings).observation}
     arguments.setdefault("autoreset_mode", "SameStep")
     name = settings.environment_name
     env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
     assert isinstance(env, VibgymVectorEnv)
     return env
+
+
+def reads(settings: TrainSettings) -> type[Coding] | type[PictureCoding]:
+    """What the run's network reads."""
+    return CODINGS[settings.ppo.network]
 
 
 def action_of(settings: TrainSettings) -> str:
@@ -73,9 +80,9 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     ppo, base = settings.ppo, env.env
     if ppo.n_steps * settings.worlds < 2:
         raise checks.refuse("ppo.n_steps", ppo.n_steps, "2 or more with one world")
-    coding = Coding(base.surface, base.parts, base.parts_layout, action_of(settings))
-    numbers = len(base.parts) * (coding.shape.columns + coding.shape.action + 6)
-    size = 4 * numbers * ppo.n_steps * settings.worlds
+    coding = reads(settings)(base.surface, base.parts, base.parts_layout, action_of(settings))
+    seen = np.dtype(coding.dtype).itemsize * coding.shape.columns
+    size = len(base.parts) * (seen + 4 * (coding.shape.action + 6)) * ppo.n_steps * settings.worlds
     if size > MOST_ROLLOUT:
         allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
         raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
