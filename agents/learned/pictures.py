@@ -83,9 +83,11 @@ class PictureCoding:
         planes[:, 0], planes[:, -1] = image[..., 0], image[..., 1]
         new = np.ones(len(image), dtype=bool)
         if before is not None:
-            if before.rows.shape != (len(image), 1, shape.columns):
-                raise checks.refuse("state", f"planes of shape {before.rows.shape}", f"those of {len(image)} worlds")
-            planes[:, 1:-1] = before.rows.reshape(planes.shape)[:, :-2]
+            rows = before.rows if isinstance(before, Seen) else None
+            if rows is None or rows.shape != (len(image), 1, shape.columns) or rows.dtype != self.dtype:
+                allowed = f"None, or what was seen last in {len(image)} worlds: {shape.columns} uint8 in each"
+                raise checks.refuse("state", before if rows is None else f"rows of shape {rows.shape}", allowed)
+            planes[:, 1:-1] = rows.reshape(planes.shape)[:, :-2]
             new[:] = False if start is None else start
         planes[new, 1:-1] = planes[new, :1]
         return Seen(planes.reshape(len(image), 1, -1), np.ones((len(image), 1), dtype=np.float32))
