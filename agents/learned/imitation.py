@@ -44,7 +44,9 @@ class Demonstrator:
         generator: of the disturbances.
     """
 
-    def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding | PictureCoding, generator: np.random.Generator) -> None:
+    def __init__(
+        self, expert: Policy, env: VibgymVectorEnv, coding: Coding | PictureCoding, generator: np.random.Generator
+    ) -> None:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._memory: Any = None
         self._new = np.ones(env.num_envs, dtype=bool)
@@ -85,6 +87,24 @@ def _act(policy: PartsPolicy, seen: Seen) -> np.ndarray:
         return policy.actor(torch.from_numpy(seen.rows))[0].clamp(-1.0, 1.0).numpy()
 
 
+def check_room(settings: ImitationSettings, coding: Coding | PictureCoding, worlds: int) -> None:
+    """Refuse more demonstrations than there is room for.
+
+    Args:
+        settings: of the imitation.
+        coding: of the network that learns.
+        worlds: of all scenes.
+
+    Raises:
+        ValueError: they have more than :data:`MOST_FOUND` bytes.
+    """
+    numbers = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
+    size = settings.rounds * settings.steps * worlds * len(coding.parts) * numbers
+    if size > MOST_FOUND:
+        allowed = f"demonstrations of at most {MOST_FOUND:.1e} bytes; these would have {size:.1e}"
+        raise checks.refuse("imitation.steps", settings.steps, allowed)
+
+
 class Imitation:
     """Teaches a policy's actor what an expert does.
 
@@ -93,9 +113,6 @@ class Imitation:
         scenes: an expert and an environment each; all have the same rows and actions.
         settings: how long, and how.
         seed: of the episodes, the disturbances and the minibatches.
-
-    Raises:
-        ValueError: more demonstrations than there is room for.
 
     Attributes:
         steps: of all worlds, made so far.
@@ -113,10 +130,6 @@ class Imitation:
         self.scenes = [Demonstrator(expert, env, policy.coding, self.generator) for expert, env in scenes]
         parts, shape = len(policy.coding.parts), policy.coding.shape
         samples = settings.rounds * settings.steps * sum(env.num_envs for _, env in scenes)
-        numbers = np.dtype(policy.coding.dtype).itemsize * shape.columns + 4 * (1 + shape.action)
-        if samples * parts * numbers > MOST_FOUND:
-            allowed = f"demonstrations of at most {MOST_FOUND:.1e} bytes; these would have {samples * parts * numbers:.1e}"
-            raise checks.refuse("imitation.steps", settings.steps, allowed)
         self._found = Demonstrations(
             np.empty((samples, parts, shape.columns), dtype=policy.coding.dtype),
             np.empty((samples, parts), dtype=np.float32),

@@ -83,9 +83,7 @@ class PartsPolicy(ActorCriticPolicy):
         self.actor, self.critic = self._make()
         self.optimizer = torch.optim.Adam(self.parameters(), lr=lr_schedule(1), eps=1e-5, fused=True)
 
-    def forward(
-        self, obs: Any, deterministic: bool = False
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    def forward(self, obs: Any, deterministic: bool = False) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Actions of worlds (batch, parts * numbers), their values (batch, 1) and log-probabilities (batch,)."""
         rows, mask = self._seen(obs)
         mean, log_std = self.actor(rows)

@@ -40,6 +40,11 @@ class PartsPPO(PPO):
         self.critic_steps = critic_steps
         self._seen: Seen | None = None  # at the last step
 
+    @staticmethod
+    def _wrap_env(env: Any, verbose: int = 0, monitor_wrapper: bool = True) -> Any:
+        """The adapter as it is: SB3 would turn images round, and networks of pixels read them as environments give them."""
+        return env
+
     def collect_rollouts(self, env: Any, callback: BaseCallback, rollout_buffer: Any, n_rollout_steps: int) -> bool:
         """Let all worlds make ``n_rollout_steps`` steps; False where the callback ends the training."""
         coding, buffer, actor = self.policy.coding, rollout_buffer, self.policy.actor

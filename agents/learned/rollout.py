@@ -57,9 +57,7 @@ class PartsBuffer(BaseBuffer):
         super().reset()
         self.cut = []
 
-    def write(
-        self, seen: Seen, action: np.ndarray, log_prob: np.ndarray, reward: np.ndarray, done: np.ndarray
-    ) -> None:
+    def write(self, seen: Seen, action: np.ndarray, log_prob: np.ndarray, reward: np.ndarray, done: np.ndarray) -> None:
         """Add a step: what was seen, what was done, and what came of it, (worlds, parts, ...)."""
         step = self.pos
         self.rows[step], self.mask[step] = seen

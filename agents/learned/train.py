@@ -20,7 +20,7 @@ from agents.learned import checkpoint
 from agents.learned.adapter import StableBaselinesAdapter
 from agents.learned.checkpoint import Diverged
 from agents.learned.coding import Coding
-from agents.learned.imitation import Imitation
+from agents.learned.imitation import Imitation, check_room
 from agents.learned.judging import Judge
 from agents.learned.parts_policy import PartsPolicy
 from agents.learned.ppo import PartsPPO
@@ -86,6 +86,8 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     if size > MOST_ROLLOUT:
         allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
         raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
+    if settings.imitation is not None:
+        check_room(settings.imitation, coding, settings.worlds)
     if ppo.network == "elements" and not coding.shape.side:
         raise checks.refuse("ppo.network", ppo.network, "'parts': this action has no elements")
 
