@@ -14,13 +14,12 @@ import numpy as np
 import torch
 
 from agents.learned.coding import Coding, Seen
-from agents.learned.pictures import PictureCoding
 from agents.learned.parts_policy import PartsPolicy
+from agents.learned.pictures import PictureCoding
 from agents.learned.settings import ImitationSettings
 from agents.policy import Policy
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
-
 
 MOST_FOUND = 4e9
 """Bytes of demonstrations."""

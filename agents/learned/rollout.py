@@ -12,7 +12,6 @@ from stable_baselines3.common.buffers import BaseBuffer
 from agents.learned.coding import Coding, Seen
 from agents.learned.pictures import PictureCoding
 
-
 AT_ONCE = 10_000_000
 """Numbers of observations of which the critic tells the values in one go."""
 

@@ -23,10 +23,10 @@ from agents.learned.coding import Coding
 from agents.learned.imitation import Imitation, check_room
 from agents.learned.judging import Judge
 from agents.learned.parts_policy import PartsPolicy
+from agents.learned.pictures import PictureCoding
 from agents.learned.ppo import PartsPPO
 from agents.learned.settings import TrainSettings, load_settings
 from agents.learned.storage import check_name, load_set
-from agents.learned.pictures import PictureCoding
 from agents.learned.trained import CODINGS, load_trained
 from agents.policy import Policy
 from agents.evaluation.provenance import processor, versions
