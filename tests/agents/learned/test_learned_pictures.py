@@ -2,6 +2,7 @@
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -186,7 +187,7 @@ def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, mo
     policy = load_trained(tmp_path / "policy.json", info_of("Transport", surface={"rows": 6, "columns": 8}))
     assert policy.observation == "image" and policy.action == "wrench"
     start, mine, theirs, alone, changed = np.ones(16, bool), None, None, None, 0.0
-    observation = env.reset()
+    observation: Any = env.reset()
     for _ in range(6):
         action, mine = policy.predict(observation, mine, start)
         expected, theirs = model.policy.predict(observation, theirs, start)
@@ -203,6 +204,7 @@ def test_an_expert_teaches_it(config):
     settings = load_settings(config)
     env = make_env(settings)
     model = make_model(settings, env)
+    assert settings.imitation is not None
     lessons = Imitation(model.policy, experts(settings, env), settings.imitation, seed=3)
     losses = list(lessons.rounds())
     rows, _, wanted = lessons._found
