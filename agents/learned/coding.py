@@ -17,19 +17,25 @@ BY_PART = ("wrench", "field", "patch")
 """Actions that have a row for every part."""
 
 
-class Seen(NamedTuple):
-    """A batch of observations, as networks read it."""
-
-    rows: np.ndarray  # (worlds, parts, columns) float32
-    mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
-    quarters: np.ndarray  # (worlds, parts) quarter turns by which the rows were turned; empty where they never are
-    where: np.ndarray  # (2, worlds, parts, 2) columns position and element; empty where actions need them not
-
-
 TOUCHING = 0.02
 """Of the column that tells the distance to the nearest part, below which it is in touch: 0.7 mm on the prototype."""
 
-NEVER, NOWHERE = np.zeros((0, 0), dtype=np.int64), np.zeros((2, 0, 0, 2), dtype=np.float32)
+NOTHING = np.zeros((0, 0, 0), dtype=np.float32)
+
+
+class Seen(NamedTuple):
+    """A batch of observations, as networks read it; what networks remember of it at the next step."""
+
+    rows: np.ndarray  # (worlds, parts, columns) float32; of images uint8
+    mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
+    quarters: np.ndarray = NOTHING  # (worlds, parts) quarter turns by which the rows were turned; empty: never
+    where: np.ndarray = NOTHING  # (worlds, parts, 4) columns position and element; empty where actions need them not
+    said: np.ndarray = NOTHING  # (worlds, parts, numbers) what the parts were then told, on the table; empty: not kept
+
+    def of(self, worlds: Any) -> Seen:
+        """Of some of the worlds, or of one, which stays a batch."""
+        chosen = np.atleast_1d(worlds)
+        return Seen(*(each[chosen] if len(each) else each for each in self))
 
 
 class Coding:
@@ -46,6 +52,8 @@ class Coding:
             measurement is, of which a network that was trained without knows nothing.
         turned: whether rows are turned by quarter turns until their way leads to the right and up, and actions turned back:
             networks are then the same in all four directions by construction (:mod:`agents.learned.symmetry`).
+        remembers: whether rows tell, after the part's own columns, what it was told at the last step: measured velocities are
+            means over the last period, and what has been done in it says how fast a part is by now.
 
     Attributes:
         shape: what a network has to know.
@@ -56,6 +64,7 @@ class Coding:
     """
 
     observation = "parts"
+    dtype = np.float32  # of rows
 
     def __init__(
         self,
@@ -65,6 +74,7 @@ class Coding:
         action: str,
         columns: Sequence[Sequence[Any]] | None = None,
         turned: bool = False,
+        remembers: bool = False,
     ) -> None:
         self.surface, self.parts, self.action = surface, tuple(parts), action
         whole: int = ACTIONS.choose("action", action)(surface, self.parts).size
@@ -83,15 +93,24 @@ class Coding:
         self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
         starts = {row.name: row.start for row in layout}
         nearest = [starts.get(f"neighbour_1_{name}") for name in ("there", "gap")]
-        self._nearest = None if None in nearest else nearest
+        # Counted from the end: rows that remember have more before.
+        self._nearest = None if None in nearest else [each - self.shape.columns for each in nearest]
         self.turned = turned
         self._turns = Turns(self.columns, self.parts, action, self.shape) if turned else None
+        self.remembers, self._own = remembers, self.shape.own
+        if remembers:
+            self.shape = self.shape._replace(columns=self.shape.columns + size)
 
-    def see(self, observation: Any) -> Seen:
+    def see(self, observation: Any, before: Seen | None = None, start: np.ndarray | None = None) -> Seen:
         """Rows and mask of the parts; of one observation a batch of one.
 
+        Args:
+            observation: a dictionary, of one world or many.
+            before: what was seen at the last step; None: nothing. Only rows that remember need it.
+            start: (worlds,) bool, where an episode has begun since: nothing had been said before.
+
         Raises:
-            ValueError: not an observation by parts.
+            ValueError: not an observation by parts, or a memory of other worlds.
         """
         n, columns = len(self.parts), self._all
         allowed = f"a dictionary of 'parts' (..., {n} or more, {columns}) and 'mask' (..., {n} or more)"
@@ -104,15 +123,29 @@ class Coding:
             rows, mask = rows[None], mask[None]
         if rows.ndim != 3 or mask.shape != rows.shape[:2] or rows.shape[1] < n or rows.shape[2] != columns:
             raise checks.refuse("observation", f"arrays of shapes {rows.shape} and {mask.shape}", allowed)
-        where = NOWHERE
+        where = NOTHING
         if self._code is not None:
-            where = np.stack([rows[:, :n, first : first + 2] for first in self._at])
+            where = np.concatenate([rows[:, :n, first : first + 2] for first in self._at], axis=-1)
         rows = rows[:, :n] if self._pick is None else rows[:, :n, self._pick]
-        quarters = NEVER
+        seen = Seen(rows, mask[:, :n], where=where)
         if self._turns is not None:
             quarters = self._turns.ahead(rows)
-            rows = self._turns.turn_rows(quarters, rows)
-        return Seen(rows, mask[:, :n], quarters, where)
+            seen = seen._replace(rows=self._turns.turn_rows(quarters, rows), quarters=quarters)
+        return self._remembered(seen, before, start) if self.remembers else seen
+
+    def _remembered(self, seen: Seen, before: Any, start: np.ndarray | None) -> Seen:
+        """The same with what the parts were told last in their rows, and room for what they will be told now."""
+        said = np.zeros((*seen.mask.shape, self.shape.action), dtype=np.float32)
+        if before is not None:
+            if not isinstance(before, Seen) or before.said.shape != said.shape:
+                got = f"of shape {before.said.shape}" if isinstance(before, Seen) else type(before).__name__
+                raise checks.refuse("state", got, f"None, or what predict() returned last, of shape {said.shape}")
+            said[...] = before.said
+            if start is not None:
+                said[np.asarray(start, dtype=bool)] = 0.0
+        own, others = seen.rows[..., : self._own], seen.rows[..., self._own :]
+        rows = np.concatenate([own, self.to_rows(seen, said), others], axis=-1)
+        return seen._replace(rows=rows, said=np.zeros_like(said))
 
     def touching(self, seen: Seen) -> np.ndarray:
         """(worlds, parts) 1.0 where a part is in touch with another, or nearly; zeros where rows do not tell."""
@@ -125,15 +158,21 @@ class Coding:
         """What networks shall say of turned rows for actions (worlds, parts, size) that parts are to take on the table."""
         return of_parts if self._turns is None else self._turns.turn_actions(seen.quarters, of_parts)
 
+    def single(self, observation: Any) -> bool:
+        """Whether it is one observation, and no batch."""
+        return np.ndim(observation["mask"]) == 1
+
     def actions(self, seen: Seen, of_parts: np.ndarray) -> np.ndarray:
         """The environment's actions (worlds, n) float32 of what networks say (worlds, parts, size)."""
         if self._turns is not None:
             of_parts = self._turns.turn_actions(-seen.quarters, of_parts)
+        if self.remembers:
+            seen.said[...] = of_parts
         if self._code is None:
             return of_parts.reshape(len(of_parts), -1)
         side, surface = self.shape.side, self.surface
         # In elements; where the centre lies in its element says it more finely than where it lies on the table.
-        place, element = seen.where.astype(np.float64)
+        place, element = seen.where[..., :2].astype(np.float64), seen.where[..., 2:].astype(np.float64)
         within = 0.5 * (element + 1.0)
         size = np.array([surface.columns, surface.rows])
         whole = np.rint(0.5 * (place + 1.0) * size - within)

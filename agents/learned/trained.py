@@ -12,6 +12,7 @@ from agents.learned.coding import BY_PART, CODES, Coding
 from agents.learned.goal_policy import NETWORK as GOAL
 from agents.learned.goal_policy import GoalPolicy, goal_policy
 from agents.learned.networks.acting import ACTING, ACTIVATIONS
+from agents.learned.pictures import PictureCoding
 from agents.learned.storage import as_float32, load_set
 from agents.task_info import TaskInfo
 from vibgym import Surface, checks
@@ -20,12 +21,19 @@ KIND = "vibgym-policy"
 VERSION = 2
 """Of the files; those of version 1 held networks that read the flat state."""
 
+CODINGS: Mapping[str, type[Coding] | type[PictureCoding]] = {
+    "parts": Coding,
+    "elements": Coding,
+    "pixels": PictureCoding,
+}
+"""What a network reads, by its name."""
+
 SAME, ANY = "same", "any"
 ELEMENTS = "elements"
 
 
 class TrainedPolicy:
-    """A network trained on observations by parts; acts by its mean, unless it is asked to explore.
+    """A network trained on observations by parts, or on images; acts by its mean, unless it is asked to explore.
 
     Args:
         tensors: of the network, float32, under the names that :mod:`agents.learned.networks.acting` wants.
@@ -35,26 +43,29 @@ class TrainedPolicy:
         seed: of the exploration.
     """
 
-    observation = "parts"
-
     def __init__(
-        self, tensors: Mapping[str, np.ndarray], network: str, activation: str, coding: Coding, seed: int = 0
+        self,
+        tensors: Mapping[str, np.ndarray],
+        network: str,
+        activation: str,
+        coding: Coding | PictureCoding,
+        seed: int = 0,
     ) -> None:
         self.tensors, self.network, self.activation, self.coding = tensors, ACTING[network], activation, coding
-        self.action = coding.action
+        self.action, self.observation = coding.action, coding.observation
         self.generator = np.random.default_rng(seed)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions in [-1, 1] for one observation or a batch; no memory."""
-        seen = self.coding.see(observation)
+        """Actions in [-1, 1] for one observation or a batch; the state is what was seen last."""
+        seen = self.coding.see(observation, state, episode_start)
         of_parts, log_std = self.network(self.tensors, self.coding.shape, self.activation, seen.rows)
         if not deterministic:
             noise = self.generator.standard_normal(of_parts.shape, dtype=np.float32)
             of_parts = of_parts + np.exp(log_std) * noise
         actions = self.coding.actions(seen, np.clip(of_parts, -1.0, 1.0).astype(np.float32))
-        return (actions if np.ndim(observation["mask"]) > 1 else actions[0]), state
+        return (actions[0] if self.coding.single(observation) else actions), seen
 
 
 def described(surface: Surface) -> dict[str, Any]:
@@ -88,8 +99,8 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
     if not isinstance(columns, list) or not all(isinstance(each, list) and len(each) == 2 for each in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
     try:
-        turned = checks.flag("turned", record.get("turned"))
-        coding = Coding(info.surface, info.parts, info.parts_layout, action, columns, turned)
+        flags = (checks.flag(each, record.get(each)) for each in ("turned", "remembers"))
+        coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, *flags)
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     if network == ELEMENTS and not coding.shape.has_elements:
@@ -106,7 +117,7 @@ def _try(name: str, policy: TrainedPolicy) -> None:
         ValueError: they do.
     """
     shape, parts = policy.coding.shape, len(policy.coding.parts)
-    rows = np.zeros((1, parts, shape.columns), dtype=np.float32)
+    rows = np.zeros((1, parts, shape.columns), dtype=policy.coding.dtype)
     try:
         with np.errstate(all="ignore"):
             mean, log_std = policy.network(policy.tensors, shape, policy.activation, rows)

@@ -10,6 +10,7 @@ import torch
 from stable_baselines3 import PPO
 
 from agents.learned.coding import Coding
+from agents.learned.pictures import PictureCoding
 from agents.learned.storage import as_float32, load_set, save_set
 from agents.learned.trained import ANY, described
 from agents.learned.trained import KIND as POLICY_KIND
@@ -128,13 +129,14 @@ def save_policy(path: Path, model: PPO, settings: TrainSettings, env: Any, train
     tensors = trained_tensors(model.policy.actor)  # type: ignore[arg-type]
     _refuse_infinite(tensors)
     serves, info = settings.serves, TaskInfo.of(env)
-    coding: Coding = model.policy.coding  # type: ignore[assignment]
+    coding: Coding | PictureCoding = model.policy.coding  # type: ignore[assignment]
     record = {
         "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
         "surface": ANY if serves.surface == ANY else described(info.surface),
         "parts": ANY if serves.parts == ANY else len(info.parts),
         "columns": coding.columns,
         "turned": coding.turned,
+        "remembers": coding.remembers,
         "action": coding.action,
         "network": settings.ppo.network,
         "activation": settings.ppo.activation,

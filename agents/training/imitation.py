@@ -13,11 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from agents.learned.coding import Coding
+from agents.learned.coding import Coding, Seen
+from agents.learned.pictures import PictureCoding
 from agents.policy import Policy
 from agents.training.parts_policy import PartsPolicy
 from agents.training.settings import ImitationSettings
+from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
+
+MOST_FOUND = 4e9
+"""Bytes of demonstrations."""
 
 
 class Demonstrations(NamedTuple):
@@ -31,8 +36,9 @@ class Demonstrations(NamedTuple):
 class Demonstrator:
     """One scene in which an expert is asked what to do.
 
-    The expert goes on as if all had done what it said. Told what was done instead (:meth:`agents.control.steering.Steering.acted`),
-    it would answer to something that rows do not show: Align's network then had three times the error, and 74 % success.
+    An expert that is told what was done in its place (:meth:`agents.control.steering.Steering.acted`) answers to it. Only a
+    network that remembers it too can learn that: another had three times the error, and 74 % success in Align. For these
+    the expert goes on as if all had done what it said.
 
     Args:
         expert: speaks the environment's action, reads the flat state.
@@ -41,11 +47,15 @@ class Demonstrator:
         generator: of the disturbances.
     """
 
-    def __init__(self, expert: Policy, env: VibgymVectorEnv, coding: Coding, generator: np.random.Generator) -> None:
+    def __init__(
+        self, expert: Policy, env: VibgymVectorEnv, coding: Coding | PictureCoding, generator: np.random.Generator
+    ) -> None:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
         self._memory: Any = None
+        self._told = getattr(expert, "acted", None) if coding.remembers and expert.action == "wrench" else None
         self._new = np.ones(env.num_envs, dtype=bool)
         self._observation: Any = None
+        self._seen: Seen | None = None
 
     def begin(self, seed: int) -> None:
         """Reset all worlds."""
@@ -54,13 +64,13 @@ class Demonstrator:
     def collect(self, policy: PartsPolicy, steps: int, noise: float, share: float) -> Demonstrations:
         """Make so many steps in all worlds, in a ``share`` of which the network itself acts."""
         worlds, parts, shape = self.env.num_envs, len(self.coding.parts), self.coding.shape
-        rows = np.zeros((steps, worlds, parts, shape.columns), dtype=np.float32)
+        rows = np.zeros((steps, worlds, parts, shape.columns), dtype=self.coding.dtype)
         mask = np.zeros((steps, worlds, parts), dtype=np.float32)
         wanted = np.zeros((steps, worlds, parts, shape.action), dtype=np.float32)
         own = self.generator.random(worlds) < share
         disturbed = (noise * self.generator.random((worlds, 1, 1))).astype(np.float32)
         for step in range(steps):
-            seen = self.coding.see(self._observation)
+            self._seen = seen = self.coding.see(self._observation, self._seen, self._new)
             action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
             rows[step], mask[step] = seen.rows, seen.mask
             wanted[step] = self.coding.to_rows(seen, action.reshape(worlds, parts, -1))
@@ -69,6 +79,8 @@ class Demonstrator:
                 acted[own] = _act(policy, seen.rows[own])
             acted += disturbed * self.generator.standard_normal(acted.shape, dtype=np.float32)
             done = self.coding.actions(seen, np.clip(acted, -1.0, 1.0))
+            if self._told is not None:
+                self._memory = self._told(self._memory, action, done)
             self._observation, _, terminated, truncated, _ = self.env.step(done)
             self._new = terminated | truncated
         flat = (each.reshape(-1, *each.shape[2:]) for each in (rows, mask, wanted))
@@ -78,6 +90,24 @@ class Demonstrator:
 def _act(policy: PartsPolicy, rows: np.ndarray) -> np.ndarray:
     with torch.no_grad():
         return policy.actor(torch.from_numpy(rows))[0].clamp(-1.0, 1.0).numpy()
+
+
+def check_room(settings: ImitationSettings, coding: Coding | PictureCoding, worlds: int) -> None:
+    """Refuse more demonstrations than there is room for.
+
+    Args:
+        settings: of the imitation.
+        coding: of the network that learns.
+        worlds: of all scenes.
+
+    Raises:
+        ValueError: they have more than :data:`MOST_FOUND` bytes.
+    """
+    numbers = np.dtype(coding.dtype).itemsize * coding.shape.columns + 4 * (1 + coding.shape.action)
+    size = settings.rounds * settings.steps * worlds * len(coding.parts) * numbers
+    if size > MOST_FOUND:
+        allowed = f"demonstrations of at most {MOST_FOUND:.1e} bytes; these would have {size:.1e}"
+        raise checks.refuse("imitation.steps", settings.steps, allowed)
 
 
 class Imitation:
@@ -103,7 +133,13 @@ class Imitation:
         self.policy, self.settings, self.seed, self.steps = policy, settings, seed, 0
         self.generator = np.random.default_rng(seed)
         self.scenes = [Demonstrator(expert, env, policy.coding, self.generator) for expert, env in scenes]
-        self._found: list[Demonstrations] = []
+        parts, shape = len(policy.coding.parts), policy.coding.shape
+        samples = settings.rounds * settings.steps * sum(env.num_envs for _, env in scenes)
+        self._found = Demonstrations(
+            np.empty((samples, parts, shape.columns), dtype=policy.coding.dtype),
+            np.empty((samples, parts), dtype=np.float32),
+            np.empty((samples, parts, shape.action), dtype=np.float32),
+        )
 
     def rounds(self) -> Iterator[float]:
         """Collect and learn, round after round; yields the last epoch's mean squared error."""
@@ -116,13 +152,14 @@ class Imitation:
             share = 0.0 if number == 0 else settings.own_share
             for scene in self.scenes:
                 found = scene.collect(self.policy, settings.steps, settings.noise, share)
-                self._found.append(found)
+                for kept, new in zip(self._found, found, strict=True):
+                    kept[self.steps : self.steps + len(new)] = new
                 self.steps += len(found.mask)
             yield self._learn(optimizer, settings.epochs * (3 if number == settings.rounds - 1 else 1))
 
     def _learn(self, optimizer: torch.optim.Optimizer, epochs: int) -> float:
         """Fit the actor's mean to all that has been found; returns the last epoch's mean error, squared and relative."""
-        rows, mask, wanted = (torch.from_numpy(np.concatenate(each)) for each in zip(*self._found, strict=True))
+        rows, mask, wanted = (torch.from_numpy(each[: self.steps]) for each in self._found)
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
         floor = self.settings.floor**2
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0

@@ -13,11 +13,17 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from agents.learned.coding import Coding
+from agents.learned.pictures import PictureCoding
 from agents.training.networks.elements import ElementsActor
 from agents.training.networks.parts import PartsActor, PartsCritic
+from agents.training.networks.pixels import PixelsActor, PixelsCritic
 
-ACTORS: dict[str, type[PartsActor] | type[ElementsActor]] = {"parts": PartsActor, "elements": ElementsActor}
-"""Networks by name: one that gives a part's action as a whole, and one that is applied to every element around it."""
+NETWORKS: dict[str, tuple[Any, Any]] = {
+    "parts": (PartsActor, PartsCritic),
+    "elements": (ElementsActor, PartsCritic),
+    "pixels": (PixelsActor, PixelsCritic),
+}
+"""Actor and critic by the network's name: a part's action as a whole, one applied to every element around it, one of images."""
 
 HALF_LOG_TAU = 0.5 * math.log(2.0 * math.pi)
 
@@ -41,7 +47,7 @@ class PartsPolicy(ActorCriticPolicy):
     Args:
         observation_space, action_space, lr_schedule: as SB3 hands them on.
         coding: of the environment.
-        actor: among :data:`ACTORS`.
+        actor: among :data:`NETWORKS`.
         net, critic_net: widths of the hidden layers.
         activation: of these.
         attention: size of the encodings of other parts.
@@ -54,7 +60,7 @@ class PartsPolicy(ActorCriticPolicy):
         action_space: gym.Space,
         lr_schedule: Any,
         *,
-        coding: Coding,
+        coding: Coding | PictureCoding,
         actor: str,
         net: list[int],
         critic_net: list[int],
@@ -64,9 +70,10 @@ class PartsPolicy(ActorCriticPolicy):
         **more: Any,
     ) -> None:
         self.coding = coding
+        of_actor, of_critic = NETWORKS[actor]
         self._make = lambda: (
-            ACTORS[actor](coding.shape, net, activation, attention, log_std),
-            PartsCritic(coding.shape, critic_net, activation, attention),
+            of_actor(coding.shape, net, activation, attention, log_std),
+            of_critic(coding.shape, critic_net, activation, attention),
         )
         super().__init__(
             observation_space, action_space, lr_schedule, features_extractor_class=WholeObservation, **more
@@ -100,12 +107,12 @@ class PartsPolicy(ActorCriticPolicy):
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """The environment's actions, see :meth:`agents.policy.Policy.predict`."""
-        seen = self.coding.see(observation)
+        seen = self.coding.see(observation, state, episode_start)
         with torch.no_grad():
             mean, log_std = self.actor(torch.from_numpy(seen.rows))
             action = mean if deterministic else mean + log_std.exp() * torch.randn_like(mean)
         actions = self.coding.actions(seen, action.clamp(-1.0, 1.0).numpy())
-        return (actions if np.ndim(observation["mask"]) > 1 else actions[0]), state
+        return (actions[0] if self.coding.single(observation) else actions), seen
 
     def _value(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
         of_parts = self.critic(rows, mask) * mask

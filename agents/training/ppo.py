@@ -15,6 +15,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
+from agents.learned.coding import Seen
 from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
 from agents.training.rollout import PartsBuffer
 
@@ -40,6 +41,12 @@ class PartsPPO(PPO):
         buffer = {"rollout_buffer_class": PartsBuffer, "rollout_buffer_kwargs": {"coding": coding}}
         super().__init__(policy, env, **buffer, **settings)
         self.critic_steps, self.touch_cost = critic_steps, touch_cost
+        self._seen: Seen | None = None  # at the last step
+
+    @staticmethod
+    def _wrap_env(env: Any, verbose: int = 0, monitor_wrapper: bool = True) -> Any:
+        """The adapter as it is: SB3 would turn images round, and networks of pixels read them as environments give them."""
+        return env
 
     def collect_rollouts(self, env: Any, callback: BaseCallback, rollout_buffer: Any, n_rollout_steps: int) -> bool:
         """Let all worlds make ``n_rollout_steps`` steps; False where the callback ends the training."""
@@ -47,7 +54,7 @@ class PartsPPO(PPO):
         buffer.reset()
         callback.on_rollout_start()
         for _ in range(n_rollout_steps):
-            seen = coding.see(self._last_obs)
+            seen = coding.see(self._last_obs, self._seen, self._last_episode_starts)
             with torch.no_grad():
                 mean, log_std = actor(torch.from_numpy(seen.rows))
                 noise = torch.randn_like(mean)
@@ -60,12 +67,12 @@ class PartsPPO(PPO):
             self.num_timesteps += env.num_envs
             for world in np.flatnonzero(done).tolist():
                 if infos[world]["TimeLimit.truncated"]:
-                    buffer.cut_off(world, coding.see(infos[world]["terminal_observation"]))
+                    buffer.cut_off(world, coding.see(infos[world]["terminal_observation"], seen.of(world)))
             self._update_info_buffer([infos[world] for world in np.flatnonzero(done)])
-            self._last_obs = observation
+            self._last_obs, self._last_episode_starts, self._seen = observation, done, seen
             if not callback.on_step():
                 return False
-        buffer.finish(coding.see(self._last_obs), self.policy.critic)
+        buffer.finish(coding.see(self._last_obs, self._seen, self._last_episode_starts), self.policy.critic)
         callback.update_locals(locals())
         callback.on_rollout_end()
         return True

@@ -10,6 +10,10 @@ import torch
 from stable_baselines3.common.buffers import BaseBuffer
 
 from agents.learned.coding import Coding, Seen
+from agents.learned.pictures import PictureCoding
+
+AT_ONCE = 10_000_000
+"""Numbers of observations of which the critic tells the values in one go."""
 
 
 class PartsBuffer(BaseBuffer):
@@ -32,13 +36,13 @@ class PartsBuffer(BaseBuffer):
         gamma: float = 0.99,
         n_envs: int = 1,
         *,
-        coding: Coding,
+        coding: Coding | PictureCoding,
     ) -> None:
         super().__init__(buffer_size, observation_space, action_space, device, n_envs)
         self.gae_lambda, self.gamma = gae_lambda, gamma
         parts, shape = len(coding.parts), coding.shape
         lead = (buffer_size, n_envs, parts)
-        self.rows = np.zeros((buffer_size + 1, n_envs, parts, shape.columns), dtype=np.float32)
+        self.rows = np.zeros((buffer_size + 1, n_envs, parts, shape.columns), dtype=coding.dtype)
         self.mask = np.zeros((buffer_size + 1, n_envs, parts), dtype=np.float32)
         self.actions = np.zeros((*lead, shape.action), dtype=np.float32)
         self.log_prob = np.zeros(lead, dtype=np.float32)
@@ -75,7 +79,8 @@ class PartsBuffer(BaseBuffer):
         with torch.no_grad():
             flat = torch.from_numpy(self.rows.reshape(-1, *self.rows.shape[2:]))
             mask = torch.from_numpy(self.mask.reshape(-1, parts))
-            value = torch.cat([critic(*each) for each in zip(flat.split(8192), mask.split(8192), strict=True)])
+            some = max(AT_ONCE // flat[0].numel(), 1)
+            value = torch.cat([critic(*each) for each in zip(flat.split(some), mask.split(some), strict=True)])
             value = value.numpy().reshape(steps + 1, worlds, parts)
             if self.cut:
                 where, world, rows, there = zip(*self.cut, strict=True)

@@ -41,8 +41,9 @@ class PPOSettings(Settings):
     net: list[Width] = Field([128, 128], min_length=1, max_length=8)
     critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
     attention: Width = 32
-    network: Literal["parts", "elements"] = "parts"
+    network: Literal["parts", "elements", "pixels"] = "parts"
     turned: bool = False  # rows are turned by quarter turns until their way leads to the right and up
+    remembers: bool = False  # rows tell what a part was told at the last step
     blind: list[str] = Field([], max_length=100)  # names of columns that the network does not read
 
 

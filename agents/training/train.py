@@ -17,15 +17,16 @@ from tqdm import tqdm
 
 from agents.evaluation.provenance import processor, versions
 from agents.learned.coding import Coding
+from agents.learned.pictures import PictureCoding
 from agents.learned.storage import check_name, load_set
-from agents.learned.trained import TrainedPolicy, load_trained
+from agents.learned.trained import CODINGS, TrainedPolicy, load_trained
 from agents.policy import Policy
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from agents.training import checkpoint, sac_run
 from agents.training.adapter import StableBaselinesAdapter
 from agents.training.checkpoint import Diverged, TrainingError
-from agents.training.imitation import Imitation
+from agents.training.imitation import Imitation, check_room
 from agents.training.judging import Judge
 from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
@@ -41,8 +42,9 @@ POLICY = "policy.json"
 
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
-    """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on observations by parts."""
-    checks.choice("observation", settings.environment.get("observation", "parts"), ("parts",))
+    """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on what their network reads."""
+    own = reads(settings).observation
+    checks.choice("observation", settings.environment.get("observation", own), (own,))
     scenes = settings.all_scenes
     if settings.worlds < len(scenes):
         raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
@@ -51,7 +53,7 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
 
 
 def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VibgymVectorEnv:
-    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": "parts"}
+    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": reads(settings).observation}
     arguments.setdefault("autoreset_mode", "SameStep")
     name = settings.environment_name
     try:
@@ -62,12 +64,17 @@ def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> Vibgy
     return env
 
 
+def reads(settings: TrainSettings) -> type[Coding] | type[PictureCoding]:
+    """What the run's network reads."""
+    return CODINGS[settings.ppo.network]
+
+
 def action_of(settings: TrainSettings) -> str:
     """What the policy speaks: the environment's action, or its default."""
     return settings.environment.get("action", "element")
 
 
-def coding_of(settings: TrainSettings, env: VibgymVectorEnv) -> Coding:
+def coding_of(settings: TrainSettings, env: VibgymVectorEnv) -> Coding | PictureCoding:
     """How the run's network reads and acts in an environment.
 
     Raises:
@@ -77,8 +84,9 @@ def coding_of(settings: TrainSettings, env: VibgymVectorEnv) -> Coding:
     names = [row.name for row in layout]
     for name in blind:
         checks.choice("ppo.blind", name, tuple(names))
-    columns = [[row.name, row.width] for row in layout if row.name not in blind]
-    return Coding(env.surface, env.parts, layout, action_of(settings), columns, settings.ppo.turned)
+    columns = [[row.name, row.width] for row in layout if row.name not in blind] if blind else None
+    flags = settings.ppo.turned, settings.ppo.remembers
+    return reads(settings)(env.surface, env.parts, layout, action_of(settings), columns, *flags)
 
 
 def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO:
@@ -91,11 +99,13 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     if ppo.n_steps * settings.worlds < 2:
         raise checks.refuse("ppo.n_steps", ppo.n_steps, "2 or more with one world")
     coding = coding_of(settings, base)
-    numbers = len(base.parts) * (coding.shape.columns + coding.shape.action + 6)
-    size = 4 * numbers * ppo.n_steps * settings.worlds
+    seen = np.dtype(coding.dtype).itemsize * coding.shape.columns
+    size = len(base.parts) * (seen + 4 * (coding.shape.action + 6)) * ppo.n_steps * settings.worlds
     if size > MOST_ROLLOUT:
         allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
         raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
+    if settings.imitation is not None:
+        check_room(settings.imitation, coding, settings.worlds)
     if ppo.network == "elements" and not coding.shape.has_elements:
         why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
         raise checks.refuse("ppo.network", ppo.network, f"'parts': {why}")
@@ -316,6 +326,7 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
         ("action", found.action, mine.action),
         ("columns", found.coding.columns, mine.coding.columns),
         ("ppo.turned", found.coding.turned, mine.coding.turned),
+        ("ppo.remembers", found.coding.remembers, mine.coding.remembers),
         ("ppo.network", found.network, mine.network),
         ("ppo.activation", found.activation, mine.activation),
         ("layers", _shapes(found.tensors), _shapes(mine.tensors)),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
-from agents.learned.networks.shape import Shape, offsets
+from agents.learned.networks.shape import LEAST_MASS, WAY_SCALES, Picture, Shape, occupied, offsets
 
 LOG_STD_RANGE = (-5.0, 0.5)
-ABSENT = np.float32(-1e9)  # as in agents.learned.networks.layers
+ABSENT = np.float32(-1e9)  # as in agents.training.networks.layers
 
 Tensors = Mapping[str, np.ndarray]
 
@@ -78,8 +79,28 @@ def elements(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) 
     return mean, np.broadcast_to(log_std, mean.shape)
 
 
-ACTING: Mapping[str, Callable[[Tensors, Shape, str, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
+def pixels(tensors: Tensors, shape: Picture, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and log std, see :class:`agents.training.networks.pixels.PixelsActor`."""
+    squares = occupied(rows, shape)
+    mass = _relu(squares.pixels @ tensors["eyes.conv.weight"].T)
+    moments = np.stack([mass, mass * squares.x[:, None], mass * squares.y[:, None]], axis=-1)
+    planes = rows.size // shape.columns * shape.planes
+    first = np.searchsorted(squares.plane, np.arange(planes + 1))
+    # reduceat takes what is empty for one square, and wants one at the end.
+    sums = np.add.reduceat(np.concatenate([moments, np.zeros((1, *moments.shape[1:]), np.float32)]), first[:-1])
+    sums[first[1:] == first[:-1]] = 0.0
+    place = sums[..., 1:] / (sums[..., :1] + np.float32(LEAST_MASS))
+    place = place.reshape(*rows.shape[:-1], -1, 2)
+    mix = tensors["eyes.mix"]
+    way = (mix - mix.mean(axis=1, keepdims=True)) @ place
+    codes = np.concatenate([np.tanh(way * np.float32(1.0 / scale)) for scale in WAY_SCALES], axis=-1)
+    seen = hidden(tensors, "hidden", activation, codes.reshape(*rows.shape[:-1], -1))
+    return linear(tensors, "mean", seen), np.clip(linear(tensors, "log_std", seen), *LOG_STD_RANGE)
+
+
+ACTING: Mapping[str, Callable[[Tensors, Any, str, np.ndarray], tuple[np.ndarray, np.ndarray]]] = {
     "parts": parts,
     "elements": elements,
+    "pixels": pixels,
 }
 """Acting by the kind of a network."""
