@@ -235,10 +235,13 @@ def phasor_code(table: np.ndarray) -> np.ndarray:
 
 def element_code(table: np.ndarray) -> np.ndarray:
     """``"element"`` actions of phasors (worlds, rows, columns, 2): amplitude and phase, as numbers in [-1, 1]."""
-    amplitude = np.minimum(np.hypot(table[..., 0], table[..., 1]), 1.0)
-    phase = np.arctan2(table[..., 1], table[..., 0])
-    coded = np.stack([2.0 * amplitude - 1.0, phase / math.pi], axis=-1)
-    return coded.astype(np.float32).reshape(len(table), -1)
+    coded = np.zeros(table.shape, dtype=np.float32)
+    coded[..., 0] = -1.0  # most elements rest
+    moves = np.nonzero((table[..., 0] != 0.0) | (table[..., 1] != 0.0))
+    c, s = table[moves].T
+    coded[(*moves, 0)] = 2.0 * np.minimum(np.hypot(c, s), 1.0) - 1.0
+    coded[(*moves, 1)] = np.arctan2(s, c) / math.pi
+    return coded.reshape(len(table), -1)
 
 
 CODES = {"phasor": phasor_code, "element": element_code}

@@ -14,11 +14,8 @@ from agents.learned.networks.shape import Shape
 from agents.training.networks.layers import hidden, linear
 from agents.training.networks.parts import LOG_STD_RANGE, Eyes
 
-BASIS = 24
+BASIS = 32
 """Basis functions of an element's place."""
-
-BRANCH = 32
-"""Width of the branch of places."""
 
 
 class ElementsActor(nn.Module):
@@ -37,7 +34,7 @@ class ElementsActor(nn.Module):
         self.eyes = Eyes(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
         self.coefficients = linear(net[-1], 2 * BASIS, 0.1)
-        self.places = nn.Sequential(linear(4, BRANCH, 1.0), nn.Tanh(), linear(BRANCH, BASIS, 1.0))
+        self.places = linear(4, BASIS, 1.0)
         self.log_std = linear(net[-1], 1, 0.01)
         nn.init.constant_(self.log_std.bias, log_std)
 
