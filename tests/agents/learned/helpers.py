@@ -50,6 +50,7 @@ def policy_file(
         "parts": len(info.parts),
         "columns": coding.columns,
         "turned": False,
+        "remembers": False,
         "action": "field",
         "network": "parts",
         "activation": "tanh",

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learned import checkpoint
 from agents.learned.networks.acting import pixels
 from agents.learned.networks.shape import CELL, occupied
 from agents.learned.pictures import FRAMES, PictureCoding
 from agents.learned.storage import load_set, save_set
 from agents.learned.trained import KIND, VERSION, load_trained
+from agents.training import checkpoint
 from agents.training.imitation import Imitation
 from agents.training.networks.pixels import MAPS, PixelsActor
 from agents.training.parts_policy import trained_tensors

@@ -231,8 +231,9 @@ def test_a_loaded_policy_is_its_network(tmp_path, activation):
     hidden = seen["parts"][:, 0] @ tensors["hidden.0.weight"].T + tensors["hidden.0.bias"]
     hidden = np.tanh(hidden) if activation == "tanh" else np.maximum(hidden, 0)
     mean = hidden @ tensors["mean.weight"].T + tensors["mean.bias"]
-    action, state = policy.predict(seen, "kept")
-    assert action.shape == (7, 6) and action.dtype == np.float32 and state == "kept"
+    action, state = policy.predict(seen)
+    assert action.shape == (7, 6) and action.dtype == np.float32
+    assert (policy.predict(seen, state)[0] == action).all()  # it remembers nothing
     assert action == pytest.approx(np.clip(mean, -1, 1), abs=1e-5)
     one, _ = policy.predict({name: each[2] for name, each in seen.items()})
     assert one.shape == (6,) and one == pytest.approx(action[2], abs=1e-6)
@@ -275,6 +276,7 @@ FIT = f"rows of {SHAPE.columns} numbers and actions of 6"
     ({"network": "elements", "action": "patch", "columns": [each for each in COLUMNS if each[0] != "element"]},
      "network: got 'elements'.*column 'element'"),
     ({"turned": 1}, "turned: got 1"), ({"turned": None}, "turned"),
+    ({"remembers": 1}, "remembers: got 1"), ({"remembers": None}, "remembers"), ({"remembers": True}, "tensors.*rows of"),
     ({"columns": None}, "columns"), ({"columns": []}, "columns: got \\[\\]; allowed: .*friction"),
     ({"columns": COLUMNS[:-1]}, "tensors.*rows of"),
     ({"columns": [*COLUMNS, ["smell", 2]]}, "columns.*smell"), ({"columns": COLUMNS[::-1]}, "columns.*in this order"),

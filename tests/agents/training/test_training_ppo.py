@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learned.coding import NEVER, NOWHERE, Seen
+from agents.learned.coding import Seen
 from agents.task_info import TaskInfo
 from agents.training.adapter import StableBaselinesAdapter
 from agents.training.parts_policy import PartsPolicy
@@ -60,7 +60,7 @@ def filled(coding, reward, done, cut=()):
     finals = {}
     for step in range(STEPS + 1):
         rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
-        seen = Seen(rows, np.ones((WORLDS, PARTS), dtype=np.float32), NEVER, NOWHERE)
+        seen = Seen(rows, np.ones((WORLDS, PARTS), dtype=np.float32))
         if step == STEPS:
             buffer.finish(seen, FirstColumn())
             break
@@ -69,7 +69,7 @@ def filled(coding, reward, done, cut=()):
         for world in [where for at, where in cut if at == step]:
             last = generator.normal(size=(1, PARTS, coding.shape.columns)).astype(np.float32)
             finals[step, world] = last[0, :, 0].astype(np.float64)
-            buffer.cut_off(world, Seen(last, np.ones((1, PARTS), dtype=np.float32), NEVER, NOWHERE))
+            buffer.cut_off(world, Seen(last, np.ones((1, PARTS), dtype=np.float32)))
     return buffer, finals
 
 
