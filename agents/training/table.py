@@ -40,6 +40,8 @@ def tabulate(
 
     The best is the one that did best in the last row of its own learning curve, on other episodes than these.
 
+    Beside the table stand every seed's learning curve (``curves/align-ideal-seed-0.csv``) and policy (``policies/``).
+
     Args:
         config: file of agents.
         names: of agents in it.
@@ -53,6 +55,7 @@ def tabulate(
     """
     rows: list[dict[str, Any]] = []
     best: dict[str, Path] = {}
+    kept_at = output.parent
     for name in names:
         own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
         first = min(own, key=lambda row: (-row["judged_success"], row["judged_time_s"], row["seed"]))
@@ -61,7 +64,17 @@ def tabulate(
         best[name] = Path(first["path"])
         rows += own
     kept = [row for row in _read(output) if row["agent"] not in names]
-    write_together({output: csv_text([*kept, *rows])})
+    files: dict[Path, str | bytes] = {output: csv_text([*kept, *rows])}
+    for row in rows:
+        run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
+        path = Path(row.pop("path"))
+        if (path.parent / CURVE).exists():
+            files[kept_at / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
+        _ship(path, kept_at / "policies" / f"{run}.json")
+    files[output] = csv_text([*kept, *rows])
+    for path in files:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_together(files)
     if ship is not None:
         for name, path in best.items():
             _ship(path, ship / f"{shipped_name(name)}.json")
