@@ -101,7 +101,7 @@ benchmark: $(LEARN) $(ACCURACY) $(PUSHT)/.installed
 # Some hours: three seeds of every agent; then their table and the best of each. AGENTS="Align/ideal" for some of them.
 train: $(LEARN)
 	@for agent in $(AGENTS); do for seed in 0 1 2; do $(PY) -m agents train $(CONFIG) --agent $$agent --seed $$seed || exit; done; done
-	$(PY) -m agents tabulate $(CONFIG) $(AGENTS:%=--agent %) --ship agents/learned/shipped
+	$(PY) -m agents tabulate $(CONFIG) $(AGENTS:%=--agent %) --ship agents/learned/shipped --page docs/agents.md
 
 compare: $(REPORT)
 	$(PY) -m agents compare configs/comparisons/agents.yaml

@@ -42,6 +42,7 @@ def parser() -> argparse.ArgumentParser:
     tabulating.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="of the trainings")
     tabulating.add_argument("--episodes", type=int, default=500, metavar="N", help="of each policy")
     tabulating.add_argument("--output", type=Path, default=Path("results/agents.csv"), metavar="FILE")
+    tabulating.add_argument("--page", type=Path, metavar="FILE", help="the whole table in Markdown")
     tabulating.add_argument("--ship", type=Path, metavar="DIR", help="where the best seeds' policies go")
     for command in (evaluating, comparing, training):
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
@@ -139,7 +140,15 @@ def tabulate(arguments: argparse.Namespace) -> int:
 
     try:
         names = selected(arguments.config, arguments.agent, agents_in(arguments.config))
-        rows = tabulate(arguments.config, names, arguments.seeds, arguments.episodes, arguments.output, arguments.ship)
+        rows = tabulate(
+            arguments.config,
+            names,
+            arguments.seeds,
+            arguments.episodes,
+            arguments.output,
+            arguments.ship,
+            arguments.page,
+        )
     except ValueError as error:
         return refused(error)
     except WriteError as error:

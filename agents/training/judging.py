@@ -86,12 +86,22 @@ class Judge:
         self._write([row], "a")
         return row
 
+    def is_best(self, row: dict[str, Any]) -> bool:
+        """Whether no row of the curve so far is better: by successes, and among equals by time."""
+        with self.path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        return all(_rank(each) >= _rank(row) for each in rows)
+
     def _write(self, rows: list[dict[Any, Any]], mode: str) -> None:
         with self.path.open(mode, newline="") as file:
             writer = csv.DictWriter(file, COLUMNS)
             if mode == "w":
                 writer.writeheader()
             writer.writerows(rows)
+
+
+def _rank(row: dict[str, Any]) -> tuple[float, float]:
+    return -float(row["success"]), float(row["time_to_goal"] or "inf")
 
 
 def usual(environment: dict[str, Any]) -> dict[str, Any]:

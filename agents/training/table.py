@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,11 +34,17 @@ LEVEL, RESAMPLES = 0.95, 2000
 
 
 def tabulate(
-    config: Path, names: Sequence[str], seeds: Sequence[int], episodes: int, output: Path, ship: Path | None
+    config: Path,
+    names: Sequence[str],
+    seeds: Sequence[int],
+    episodes: int,
+    output: Path,
+    ship: Path | None,
+    markdown: Path | None = None,
 ) -> list[dict[str, Any]]:
     """Play all seeds of the agents named, write a table, and ship the best seed of each.
 
-    The best is the one that did best in the last row of its own learning curve, on other episodes than these.
+    The best is the one that did best in a row of its own learning curve, on other episodes than these.
 
     Beside the table stand every seed's learning curve (``curves/align-ideal-seed-0.csv``) and policy (``policies/``).
 
@@ -48,6 +54,7 @@ def tabulate(
         seeds: of trainings; those of an agent that are not there are an error.
         episodes: of each policy.
         output: CSV file; rows of other agents in it stay.
+        markdown: where the whole table goes as a page; None: nowhere.
         ship: directory for the best seeds' policies, ``align.json``, ``align-prototype.json`` and so on; None: none.
 
     Raises:
@@ -64,14 +71,17 @@ def tabulate(
         best[name] = Path(first["path"])
         rows += own
     kept = [row for row in _read(output) if row["agent"] not in names]
-    files: dict[Path, str | bytes] = {output: csv_text([*kept, *rows])}
+    files: dict[Path, str | bytes] = {}
     for row in rows:
         run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
         path = Path(row.pop("path"))
         if (path.parent / CURVE).exists():
             files[kept_at / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
         _ship(path, kept_at / "policies" / f"{run}.json")
-    files[output] = csv_text([*kept, *rows])
+    every = sorted([*kept, *rows], key=lambda row: (row["agent"], int(row["seed"])))
+    files[output] = csv_text(every)
+    if markdown is not None:
+        files[markdown] = page(every)
     for path in files:
         path.parent.mkdir(parents=True, exist_ok=True)
     write_together(files)
@@ -79,6 +89,53 @@ def tabulate(
         for name, path in best.items():
             _ship(path, ship / f"{shipped_name(name)}.json")
     return rows
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The table in Markdown: one line for every training."""
+    lines = [
+        "# Trained agents",
+        "",
+        "Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are",
+        "medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did",
+        "best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.",
+        "",
+        "| agent | seed | steps | minutes | success | of | interval | time to goal | over bound | collisions | fallen "
+        "| shipped |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        number = {name: _number(row[name]) for name in NUMBERS}
+        cells = [
+            row["agent"],
+            row["seed"],
+            f"{int(row['steps']):_}".replace("_", " "),
+            f"{number['minutes']:.1f}",
+            f"{100 * number['success']:.1f} %",
+            row["episodes"],
+            f"{100 * number['success_low']:.1f} to {100 * number['success_high']:.1f} %",
+            _cell(number["time_to_goal_median_s"], "{:.2f} s"),
+            _cell(number["time_over_bound_median"], "{:.3f}"),
+            _cell(number["collisions_mean"], "{:.2f}"),
+            row["fallen"],
+            "yes" if str(row["shipped"]) == "True" else "",
+        ]
+        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
+    machines = sorted({f"{row['processor']}, {row['threads']} thread(s); {row['versions']}" for row in rows})
+    return "\n".join([*lines, "", *(f"Trained on: {each}" for each in machines)]) + "\n"
+
+
+NUMBERS = (
+    "minutes", "success", "success_low", "success_high", "time_to_goal_median_s", "time_over_bound_median", "collisions_mean"
+)  # fmt: skip
+
+
+def _number(value: Any) -> float:
+    return float(value) if value not in ("", None) else float("nan")
+
+
+def _cell(value: float, form: str) -> str:
+    return form.format(value) if np.isfinite(value) else "–"
 
 
 def shipped_name(agent: str) -> str:
@@ -111,19 +168,22 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     interval = success_interval(reached, LEVEL, RESAMPLES)
     seconds = time[np.isfinite(time)]
     middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(set(seconds.tolist())) > 1 else None
-    last = _read(directory / CURVE)[-1:]
+    judged = sorted(
+        (-float(each["success"]), float(each["time_to_goal"] or "inf")) for each in _read(directory / CURVE)
+    )
     return {
         "agent": name,
         "seed": settings.seed,
         "algorithm": training["algorithm"],
         "environment": json.dumps(settings.environment, sort_keys=True),
         "steps": training["steps"],
+        "kept_from_step": training.get("kept_from_step", training["steps"]),
         "minutes": training["minutes"],
         "threads": training["threads"],
         "processor": training["processor"],
         "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
-        "judged_success": float(last[0]["success"]) if last else 0.0,
-        "judged_time_s": float(last[0]["time_to_goal"] or "inf") if last else float("inf"),
+        "judged_success": -judged[0][0] if judged else 0.0,
+        "judged_time_s": judged[0][1] if judged else float("inf"),
         "episodes": episodes,
         "first_seed": FIRST_SEED,
         "success": float(reached.mean()),

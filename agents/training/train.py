@@ -18,7 +18,7 @@ from tqdm import tqdm
 from agents.evaluation.provenance import processor, versions
 from agents.learned.coding import Coding
 from agents.learned.pictures import PictureCoding
-from agents.learned.storage import check_name, load_set
+from agents.learned.storage import check_name, load_set, save_set
 from agents.learned.trained import CODINGS, TrainedPolicy, load_trained
 from agents.policy import Policy
 from agents.registry import make_policy
@@ -38,7 +38,7 @@ from vibgym.files import WriteError, output_directory, output_files, reason
 MOST_ROLLOUT = 4e9
 """Bytes of a rollout: what Stable-Baselines3 keeps of ``ppo.n_steps`` steps of all worlds before it learns from them."""
 
-POLICY = "policy.json"
+POLICY, BEST = "policy.json", "best.json"
 
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
@@ -189,9 +189,17 @@ class Progress(BaseCallback):
         assert isinstance(self.model, PartsPPO)
         checkpoint.check_finite(self.model)
         if self.judge is not None and self.judge.due(self.num_timesteps):
-            self.judge.judge(acting(self.model, self.settings), self.num_timesteps, self.seconds, "ppo")
+            self.play("ppo")
         if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
             self.save()
+
+    def play(self, phase: str) -> None:
+        """Add a row to the learning curve, and keep the actor where it does better than ever before."""
+        assert isinstance(self.model, PartsPPO) and self.judge is not None
+        row = self.judge.judge(acting(self.model, self.settings), self.model.num_timesteps, self.seconds, phase)
+        if self.judge.is_best(row):
+            record = {"steps": row["steps"], "success": row["success"], "time_to_goal": row["time_to_goal"]}
+            save_set(self.directory / BEST, checkpoint.KIND, trained_tensors(self.model.policy.actor), record)
 
     def save(self) -> None:
         """Write a checkpoint of the present state."""
@@ -270,10 +278,12 @@ def train(
                 raise WriteError(f"training stopped, {progress.saved_at} steps are saved ({reason(error)})") from error
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_saved(directory)) from None
+            kept_from = model.num_timesteps if judge is None else take_best(directory, model)
             training = {
                 "algorithm": "PPO with parts as samples (on Stable-Baselines3)",
                 "settings": settings.model_dump(mode="json"),
                 "steps": model.num_timesteps,
+                "kept_from_step": kept_from,
                 "minutes": round(progress.seconds / 60.0, 2),
                 "threads": torch.get_num_threads(),
                 "processor": processor(),
@@ -288,6 +298,13 @@ def train(
             f"{path}: {model.num_timesteps} steps in {progress.seconds:.0f} s, {rate:.0f} steps/s, everything included"
         )
     return path
+
+
+def take_best(directory: Path, model: PartsPPO) -> int:
+    """Take the actor to where it did best on the episodes of the learning curve; returns the steps made until then."""
+    tensors, record = load_set(directory / BEST, checkpoint.KIND)
+    model.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+    return int(record["steps"])
 
 
 def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[Policy, VibgymVectorEnv]]:
@@ -357,7 +374,8 @@ def imitate(
         progress.bar.update(lessons.steps - progress.bar.n)
         progress.bar.set_postfix_str(f"imitation, error {loss:.2e}", refresh=False)
     if progress.judge is not None:
-        progress.judge.judge(acting(model, settings), lessons.steps, progress.seconds, "imitation")
+        progress.model = model
+        progress.play("imitation")
     checkpoint.save(progress.directory, model, settings, progress.seconds)
 
 
@@ -392,7 +410,7 @@ def learn(model: PartsPPO, settings: TrainSettings, progress: Progress) -> None:
             model.learn(todo, callback=progress, log_interval=1, reset_num_timesteps=False)
             checkpoint.check_finite(model)
             if progress.judge is not None:
-                progress.judge.judge(acting(model, settings), model.num_timesteps, progress.seconds, "ppo")
+                progress.play("ppo")
         checkpoint.save(progress.directory, model, settings, progress.seconds)
     finally:
         progress.bar.close()
