@@ -17,6 +17,7 @@ from agents.learned.trained import KIND as POLICY_KIND
 from agents.learned.trained import VERSION as POLICY_VERSION
 from agents.task_info import TaskInfo
 from agents.training.parts_policy import trained_tensors
+from agents.training.ppo import PartsPPO
 from agents.training.settings import MOST_STEPS, TrainSettings
 from vibgym import checks
 
@@ -68,6 +69,7 @@ def save(directory: Path, model: PPO, settings: TrainSettings, seconds: float) -
     tensors = _weights(model) | _optimizer(model)
     _refuse_infinite(tensors)
     record = {"settings": settings.model_dump(mode="json"), "steps": model.num_timesteps, "seconds": seconds}
+    record["pace"] = model.pace if isinstance(model, PartsPPO) else 1.0
     save_set(directory / FILE, KIND, tensors, record)
 
 
@@ -107,6 +109,7 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
         raise checks.refuse(str(path), "tensors of another network", "a checkpoint of the same settings")
     steps = checks.count(f"{path}: steps", record.get("steps"), least=0, most=MOST_STEPS)
     seconds = checks.number(f"{path}: seconds", record.get("seconds"), least=0.0)
+    pace = checks.number(f"{path}: pace", record.get("pace"), above=0.0, most=1.0)
     optimizer = model.policy.optimizer.state_dict()
     indices = [index for group in optimizer["param_groups"] for index in group["params"]]
     optimizer["state"] = {
@@ -117,6 +120,8 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
     model.policy.load_state_dict({name[7:]: torch.from_numpy(tensors[name].copy()) for name in wanted})
     model.policy.optimizer.load_state_dict(optimizer)
     model.num_timesteps = steps
+    if isinstance(model, PartsPPO):
+        model.pace = pace
     return seconds
 
 

@@ -20,6 +20,10 @@ from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probabil
 from agents.training.rollout import PartsBuffer
 
 
+PACE, LEAST_PACE, FAR = 1.5, 0.01, 4.0
+"""By what the learning rate changes, its least share, and multiples of ``target_kl`` at which an update ends."""
+
+
 class PartsPPO(PPO):
     """PPO (Schulman et al. 2017) over :class:`agents.training.parts_policy.PartsPolicy`; see the module.
 
@@ -29,6 +33,9 @@ class PartsPPO(PPO):
         touch_cost: what a step in touch with another part costs, in training alone: tasks count touches, but do not price them.
         critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to
             be spoilt by values that mean nothing yet.
+
+    Attributes:
+        pace: share of the learning rate, which ``target_kl`` rules: a small standard deviation makes every step a large one.
     """
 
     policy: PartsPolicy
@@ -41,6 +48,7 @@ class PartsPPO(PPO):
         buffer = {"rollout_buffer_class": PartsBuffer, "rollout_buffer_kwargs": {"coding": coding}}
         super().__init__(policy, env, **buffer, **settings)
         self.critic_steps, self.touch_cost = critic_steps, touch_cost
+        self.pace = 1.0
         self._seen: Seen | None = None  # at the last step
 
     @staticmethod
@@ -80,7 +88,8 @@ class PartsPPO(PPO):
     def train(self) -> None:
         """Update actor and critic from the last rollout."""
         assert isinstance(self.clip_range, FloatSchedule) or callable(self.clip_range)
-        update_learning_rate(self.policy.optimizer, self.lr_schedule(self._current_progress_remaining))
+        rate = self.lr_schedule(self._current_progress_remaining)
+        update_learning_rate(self.policy.optimizer, self.pace * rate)
         clip = self.clip_range(self._current_progress_remaining)
         samples, acts = self.rollout_buffer.samples(), self.num_timesteps > self.critic_steps
         here = samples["mask"] > 0.5
@@ -97,11 +106,14 @@ class PartsPPO(PPO):
                     continue
                 part = {name: each[chosen] for name, each in samples.items()}
                 loss, facts = self._loss(part, clip, acts)
-                if self.target_kl is not None and acts and facts["kl"] > 1.5 * self.target_kl:
-                    far = True
-                    break
                 for name, value in facts.items():
                     losses[name].append(value)
+                if self.target_kl is not None and acts and losses["kl"][1:]:  # nothing has changed before the first
+                    self._adapt(facts["kl"])
+                    update_learning_rate(self.policy.optimizer, self.pace * rate)
+                    if facts["kl"] > FAR * self.target_kl:
+                        far = True
+                        break
                 self.policy.optimizer.zero_grad()
                 loss.backward()
                 torch.nn.utils.clip_grad_norm_(self.policy.parameters(), self.max_grad_norm)
@@ -111,6 +123,15 @@ class PartsPPO(PPO):
             self._n_updates += 1
         for name, values in losses.items():
             self.logger.record(f"train/{name}", float(np.mean(values)) if values else float("nan"))
+        self.logger.record("train/pace", self.pace)
+
+    def _adapt(self, kl: float) -> None:
+        """Learn more slowly where the actor has moved too far within an update, and faster again where it hardly has."""
+        assert self.target_kl is not None
+        if kl > 2.0 * self.target_kl:
+            self.pace = max(self.pace / PACE, LEAST_PACE)
+        elif kl < 0.5 * self.target_kl:
+            self.pace = min(self.pace * PACE, 1.0)
 
     def _loss(self, part: dict[str, torch.Tensor], clip: float, acts: bool) -> tuple[torch.Tensor, dict[str, float]]:
         """Loss of a minibatch, and what to tell of it."""

@@ -33,7 +33,7 @@ class PPOSettings(Settings):
     gae_lambda: float = Field(0.95, gt=0, le=1)
     clip_range: float = Field(0.2, gt=0, le=10)
     ent_coef: float = Field(0.0, ge=0, le=100)
-    target_kl: float | None = Field(None, gt=0, le=100)  # an update ends beyond 1.5 times it
+    target_kl: float | None = Field(None, gt=0, le=100)  # within an update; the learning rate follows it
     log_std_init: float = Field(-0.5, ge=-5, le=0.5)
     touch_cost: float = Field(0.0, ge=0, le=1000)  # of a step, to a part in touch with another; in training alone
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
