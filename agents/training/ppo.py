@@ -19,7 +19,6 @@ from agents.learned.coding import Seen
 from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
 from agents.training.rollout import PartsBuffer
 
-
 PACE, LEAST_PACE, FAR = 1.5, 0.01, 4.0
 """By what the learning rate changes, its least share, and multiples of ``target_kl`` at which an update ends."""
 
