@@ -120,3 +120,69 @@ def test_actions_without_parts_and_elements_are_refused(monkeypatch):
         Coding(info.surface, info.parts, info.parts_layout, "whole")
     with pytest.raises(ValueError, match="^action: got 'swing'"):
         Coding(info.surface, info.parts, info.parts_layout, "swing")
+
+
+def remembering(task="Align", action="wrench", **settings):
+    info = info_of(task, **settings)
+    return coding_for(info, action, remembers=True), coding_for(info, action)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_rows_tell_what_a_part_was_told_last(turned):
+    """Between its own columns and those of the others, and turned as the row is by now."""
+    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
+    coding, plain = (coding_for(info, "wrench", turned=turned, remembers=each) for each in (True, False))
+    own, size = plain.shape.own, coding.shape.action
+    assert (coding.shape.columns, coding.shape.own) == (plain.shape.columns + size, own + size) and size == 3
+    assert coding.columns == plain.columns  # what is said is no column of the scene's
+    env = batch("Sort", WORLDS, action="wrench", observation="parts", parts=["steel_block", "aluminium_block"])
+    random, before, observation = np.random.default_rng(0), None, env.reset(seed=4)[0]
+    told = np.zeros((WORLDS, 2, size), dtype=np.float32)
+    for _ in range(4):
+        seen, bare = coding.see(observation, before, np.zeros(WORLDS, bool)), plain.see(observation)
+        assert (seen.rows[..., :own] == bare.rows[..., :own]).all()
+        assert (seen.rows[..., own + size :] == bare.rows[..., own:]).all()
+        assert (seen.rows[..., own : own + size] == coding.to_rows(bare, told)).all()
+        actions = coding.actions(seen, random.uniform(-1, 1, told.shape).astype(np.float32))
+        told = actions.reshape(told.shape)
+        observation, before = env.step(actions)[0], seen
+        assert (before.said == told).all() and np.abs(told).max() > 0.3
+    if turned:
+        assert coding.see(observation, before).quarters.any()
+
+
+def test_touching_reads_the_same_columns_whatever_is_remembered():
+    coding, plain = remembering("Sort", parts=["steel_block", "aluminium_block"])
+    start = {row.name: row.start for row in info_of("Sort", parts=["steel_block", "aluminium_block"]).parts_layout}
+    rows = np.ones((3, 2, plain.shape.columns), dtype=np.float32)
+    rows[0, :, start["neighbour_1_gap"]], rows[1, 0, start["neighbour_1_gap"]] = 0.0, 0.01
+    rows[0, 1, start["neighbour_1_there"]] = 0.0
+    seen = {"parts": rows, "mask": np.ones((3, 2))}
+    for each in (coding, plain):
+        assert each.touching(each.see(seen)).tolist() == [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
+
+
+def test_nothing_was_said_before_an_episode_began():
+    coding, plain = remembering()
+    seen = {"parts": np.zeros((3, 1, plain.shape.columns)), "mask": np.ones((3, 1))}
+    said = slice(plain.shape.own, plain.shape.own + 3)
+    first = coding.see(seen)
+    assert (first.rows[..., said] == 0.0).all()
+    coding.actions(first, np.full((3, 1, 3), 0.5, dtype=np.float32))
+    second = coding.see(seen, first, np.array([False, True, False]))
+    assert second.rows[:, 0, said].tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
+    assert (first.rows[..., said] == 0.0).all() and (second.said == 0.0).all()  # a memory is not written to
+    one = coding.see({name: each[2] for name, each in seen.items()}, first.of(2))
+    assert (one.rows == second.rows[2:]).all()
+
+
+@pytest.mark.parametrize("worlds, got", [(None, "str"), (2, r"of shape \(2, 1, 3\)"), (0, r"of shape \(0, 0, 0\)")])
+def test_another_memory_is_refused(worlds, got):
+    coding, plain = remembering()
+    seen = [{"parts": np.zeros((k, 1, plain.shape.columns)), "mask": np.ones((k, 1))} for k in (2, 3)]
+    other = {None: "yesterday", 2: coding.see(seen[0]), 0: plain.see(seen[1])}[worlds]
+    with pytest.raises(
+        ValueError, match=rf"^state: got .*{got}.*; allowed: None, or what .* of shape \(3, 1, 3\)"
+    ) as error:
+        coding.see(seen[1], other)
+    assert "\n" not in str(error.value)

@@ -220,8 +220,10 @@ def test_demonstrations_that_do_not_fit_are_refused_before_anything_is_written(c
     assert not (tmp_path / "run").exists()
 
 
-def test_ppo_goes_on_from_there(config):
+def test_ppo_trains_it_too(config):
+    config.write_text("".join(line for line in TEXT.splitlines(True) if not line.startswith("imitation")))
     settings = load_settings(config)
+    assert settings.imitation is None  # during lessons, and their share of the steps, the actor would rest
     env = make_env(settings)
     model = make_model(settings, env)
     before = {name: value.clone() for name, value in model.policy.state_dict().items()}

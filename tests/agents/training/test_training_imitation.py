@@ -31,18 +31,36 @@ class TowardsTheGoal:
         return action, len(self.asked)
 
 
-def lessons(seed=5, turned=False, **settings):
+class Answering(TowardsTheGoal):
+    """The same as accelerations, by one that wants to know what was done in its place."""
+
+    action = "wrench"
+
+    def __init__(self, info):
+        super().__init__(info)
+        self.told = []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        action, state = super().predict(observation, state, episode_start)
+        return action[:, :3], state
+
+    def acted(self, memory, said, done):
+        self.told.append((said.copy(), done.copy()))
+        return memory + 0.5
+
+
+def lessons(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settings):
     env = batch(
-        "Transport", WORLDS, action="field", observation="parts", autoreset_mode="SameStep", max_episode_steps=30
+        "Transport", WORLDS, action=made.action, observation="parts", autoreset_mode="SameStep", max_episode_steps=30
     )
-    coding = coding_for(TaskInfo.of(env), turned=turned)
+    coding = coding_for(TaskInfo.of(env), made.action, turned=turned, remembers=remembers)
     torch.manual_seed(seed)
     network = {"actor": "parts", "net": [32], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -0.5}
     policy = PartsPolicy(
         env.single_observation_space, env.single_action_space, lambda _: 1e-3, coding=coding, **network
     )
-    expert = TowardsTheGoal(TaskInfo.of(env))
-    made = {
+    expert = made(TaskInfo.of(env))
+    chosen = {
         "expert": "pose",
         "rounds": 3,
         "steps": 40,
@@ -51,7 +69,7 @@ def lessons(seed=5, turned=False, **settings):
         "learning_rate": 0.01,
         **settings,
     }
-    return Imitation(policy, [(expert, env)], ImitationSettings(**made), seed), expert, coding
+    return Imitation(policy, [(expert, env)], ImitationSettings(**chosen), seed), expert, coding
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -95,3 +113,24 @@ def test_only_the_actors_mean_learns():
     assert {name for name in before if name.startswith("critic")} <= same
     assert {"actor.log_std.weight", "actor.log_std.bias"} <= same
     assert {"actor.mean.weight", "actor.hidden.0.weight"}.isdisjoint(same)
+
+
+def test_experts_are_told_what_was_done_where_the_network_remembers_it():
+    imitation, expert, coding = lessons(remembers=True, made=Answering, epochs=1, rounds=2)
+    list(imitation.rounds())
+    assert len(expert.told) == len(expert.asked) == 80
+    assert [state for _, state, _ in expert.asked[1:]] == [k + 0.5 for k in range(1, 80)]
+    said, done = (np.array(each) for each in zip(*expert.told, strict=True))
+    assert (np.abs(done - said).reshape(80, WORLDS, 3).max(axis=(0, 2)) > 1e-3).all() and np.abs(done).max() <= 1.0
+    rows = imitation._found.rows.reshape(80, WORLDS, -1)
+    told = rows[..., coding.shape.own - 3 : coding.shape.own]
+    starts = np.array([start for _, _, start in expert.asked])
+    assert (told[starts] == 0.0).all() and starts[1:].any()
+    assert (told[1:][~starts[1:]] == done[:-1][~starts[1:]]).all()  # the network learns from the same
+
+
+def test_experts_that_are_not_remembered_are_left_alone():
+    imitation, expert, coding = lessons(remembers=False, made=Answering, epochs=1, rounds=1)
+    list(imitation.rounds())
+    assert expert.told == [] and [state for _, state, _ in expert.asked] == [None, *range(1, 40)]
+    assert not coding.remembers

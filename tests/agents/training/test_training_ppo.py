@@ -6,9 +6,10 @@ import pytest
 import torch
 
 from agents.learned.coding import Seen
+from agents.learned.trained import TrainedPolicy
 from agents.task_info import TaskInfo
 from agents.training.adapter import StableBaselinesAdapter
-from agents.training.parts_policy import PartsPolicy
+from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
 from agents.training.rollout import PartsBuffer
 from tests.agents.helpers import info_of
@@ -221,3 +222,77 @@ def test_the_critic_alone_learns_at_first():
     model.learn(STEPS * WORLDS, reset_num_timesteps=False)
     changed = {name.split(".")[0] for name, value in model.policy.state_dict().items() if (value != before[name]).any()}
     assert changed == {"critic", "actor"}
+
+
+def test_touches_cost_what_is_learned_from_and_nothing_else():
+    """Only the parts that are in touch pay, in the buffer alone: the environment's rewards stay as they are."""
+    env = batch("Sort", WORLDS, parts=TWO, action="field", observation="parts", autoreset_mode="SameStep")
+    model = untrained(env, touch_cost=0.25)
+    paid, coding, step, seen, cost = [], model.policy.coding, model.env.step_wait, model.env, []
+    there, gap = (
+        next(row.start for row in env.parts_layout if row.name == f"neighbour_1_{name}") for name in ("there", "gap")
+    )
+    reset = model.env.reset
+
+    def close(observation):  # in world 0 the parts stand side by side, in world 1 the second alone says so
+        observation = {**observation, "parts": observation["parts"].copy()}
+        observation["parts"][:, :PARTS, there], observation["parts"][:, :PARTS, gap] = 1.0, 0.5
+        observation["parts"][0, :PARTS, gap] = observation["parts"][1, 1, gap] = 0.0
+        return observation
+
+    def watched():
+        found = step()
+        paid.append(seen.part_reward.copy())
+        return close(found[0]), *found[1:]
+
+    model.env.step_wait, model.env.reset = watched, lambda: close(reset())
+    model.learn(STEPS * WORLDS)
+    cost = np.array(paid) - model.rollout_buffer.reward
+    expected = np.zeros((STEPS, WORLDS, PARTS))
+    expected[:, 0], expected[:, 1, 1] = 0.25, 0.25
+    assert len(model.rollout_buffer.cut) == 0 and not model.rollout_buffer.done.any()
+    assert cost == pytest.approx(expected, abs=1e-6)
+    assert coding.touching(coding.see(model._last_obs)).tolist() == [[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_rollout_remembers_what_parts_were_told(turned, monkeypatch):
+    """And so does the policy that acts without torch: its actions are those of the rollout, through ends of episodes."""
+    monkeypatch.setattr(torch, "randn_like", torch.zeros_like)  # a rollout that does not explore
+    env = batch(
+        "Transport", WORLDS, action="wrench", observation="parts", max_episode_steps=4, autoreset_mode="SameStep"
+    )
+    coding = coding_for(TaskInfo.of(env), "wrench", turned=turned, remembers=True)
+    policy = {"actor": "parts", "net": [8], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -1.0}
+    made = {"n_steps": STEPS, "batch_size": 24, "n_epochs": 1, "learning_rate": 1e-9, "seed": 1, "device": "cpu"}
+    model = PartsPPO(PartsPolicy, StableBaselinesAdapter(env), policy_kwargs={**policy, "coding": coding}, **made)
+    torch.nn.init.normal_(model.policy.actor.mean.weight)
+    acting = TrainedPolicy(trained_tensors(model.policy.actor), "parts", "tanh", coding)
+    steps, step, async_ = [], model.env.step_wait, model.env.step_async
+
+    def asked(actions):
+        steps.append([model._last_obs, model._last_episode_starts, actions.copy()])
+        async_(actions)
+
+    def watched():
+        found = step()
+        steps[-1].append([info.get("terminal_observation") for info in found[3]])
+        return found
+
+    model.env.step_async, model.env.step_wait = asked, watched
+    model.learn(STEPS * WORLDS)
+    rows, own, state = model.rollout_buffer.rows, coding.shape.own, None
+    said = slice(own - 3, own)
+    cuts = {(at, world): row for at, world, row, _ in model.rollout_buffer.cut}
+    assert len(cuts) == 2 * WORLDS
+    for k, (observation, start, actions, finals) in enumerate(steps):
+        mine, state = acting.predict(observation, state, start)
+        assert mine == pytest.approx(actions, abs=1e-5) and (state.rows == pytest.approx(rows[k], abs=1e-5))
+        assert start.all() == (k % 4 == 0) and (rows[k, ..., said] == 0.0).all() == (k % 4 == 0)
+        for world in range(WORLDS):
+            assert ((k, world) in cuts) == (k % 4 == 3)
+            if (k, world) in cuts:  # what was seen last remembers too, though another episode has begun
+                last = coding.see(finals[world], state.of(world))
+                assert cuts[k, world] == pytest.approx(last.rows[0], abs=1e-5) and last.rows[0, 0, said].any()
+    forgets, _ = acting.predict(steps[-1][0])
+    assert np.abs(forgets - steps[-2][2]).max() > 1e-3
