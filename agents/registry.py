@@ -63,26 +63,23 @@ def trained(info: TaskInfo, *, path: str) -> Policy:
     return load_trained(Path(path.replace("{task}", info.name.lower())), info)
 
 
-def residual(info: TaskInfo, *, base: Any, path: str, **arguments: Any) -> Policy:
+def residual(info: TaskInfo, *, path: str, base: Any = None, scale: float | None = None) -> Policy:
     """A base policy with a learned correction (:class:`agents.learned.residual.ResidualPolicy`).
 
     Args:
         info: task and scene.
-        base: as for :func:`make_policy`, told to speak ``"wrench"`` where it is a name or a mapping.
-        path: as for :func:`trained`.
-        **arguments: the policy's own.
+        path: as for :func:`trained`; the file says what is corrected, and by how much.
+        base, scale: of these, where they are given, nothing else than the file's: a name or a mapping, and a number.
 
     Raises:
-        ValueError: a base that does not fit, or a file that holds no correction for this task.
+        ValueError: another base or scale than the file's, or a file that holds no correction for this task.
     """
     from agents.learned.residual import ResidualPolicy, load_correction  # safetensors is an extra
 
     if not isinstance(path, str):
         raise checks.refuse("policy.path", path, "the path of a trained correction's JSON file")
-    base = {"kind": base} if isinstance(base, str) else base
-    made = make_policy({"action": "wrench", **base} if isinstance(base, Mapping) else base, info)
-    learned = load_correction(Path(path.replace("{task}", info.name.lower())), info)
-    return ResidualPolicy(info, made, learned, **arguments)
+    found = load_correction(Path(path.replace("{task}", info.name.lower())), info, base, scale)
+    return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
 
 
 def schedule(info: TaskInfo, *, path: str) -> Policy:

@@ -187,8 +187,10 @@ def contender(policy: Any, field: str, tasks: list[str], hardware: list[str]) ->
 
 
 def _usual_group(content: Any) -> str:
-    """A trained policy's file, or anything else."""
+    """A trained policy's file, that of a correction, or anything else."""
     kind = content.get("kind") if isinstance(content, Mapping) else content
+    if kind == "residual":
+        return "hybrid"
     return "learned" if kind == "trained" or (isinstance(kind, str) and kind.endswith(".json")) else "classical"
 
 

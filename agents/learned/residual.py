@@ -7,7 +7,7 @@ et al. 2019). A correction of zero leaves the base as it is, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.learned.networks.shape import NEIGHBOUR
-from agents.learned.trained import TrainedPolicy, load_trained
+from agents.learned.storage import load_set
+from agents.learned.trained import KIND, RESIDUAL, VERSION, TrainedPolicy, network_of
 from agents.policy import Policy
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -23,6 +24,9 @@ from vibgym.envs.layout import Numbers
 
 SCALE = 0.5
 """Of the network's action, before it is added: what it may change of what elements can do."""
+
+MOST_SCALE = 2.0
+"""That takes any action to any other."""
 
 NAME, NUMBERS = "base", 3
 """Of the base's action in a row."""
@@ -65,7 +69,7 @@ class Base:
         checks.choice("base.action", policy.action, ("wrench",))
         checks.choice("base.observation", policy.observation, ("state",))
         self.policy, self.parts = policy, len(info.parts)
-        self.scale = np.float32(checks.number("scale", scale, above=0.0, most=2.0))
+        self.scale = np.float32(checks.number("scale", scale, above=0.0, most=MOST_SCALE))
         self.layout = with_base(info.parts_layout)
         self._at = next(row.start for row in self.layout if row.name == NAME)
         self._acted = getattr(policy, "acted", lambda memory, said, done: memory)
@@ -119,14 +123,48 @@ class ResidualPolicy:
         return (action[0] if single else action), Memory(base, learned)
 
 
-def load_correction(path: Path, info: TaskInfo) -> TrainedPolicy:
-    """The network in a trained correction's file, which reads rows with the base's action.
+def named(base: Any) -> dict[str, Any]:
+    """A base policy's name or mapping as corrections' files have it.
 
     Raises:
-        ValueError: the file holds no correction for this task.
+        ValueError: something else, of which a file cannot tell whether it is the same.
     """
-    learned = load_trained(path, replace(info, parts_layout=with_base(info.parts_layout)))
-    if [NAME, NUMBERS] not in learned.coding.columns:
-        raise checks.refuse(f"{path}: columns", learned.coding.columns, f"columns with {[NAME, NUMBERS]}")
-    checks.choice(f"{path}: action", learned.action, ("wrench",))
-    return learned
+    base = {"kind": base} if isinstance(base, str) else base
+    if not isinstance(base, Mapping) or base.get("kind") in (None, RESIDUAL):
+        raise checks.refuse("base", base, "a name, or a mapping with 'kind', of a policy that is itself no correction")
+    return {"action": "wrench", **base}
+
+
+class Correction(NamedTuple):
+    """What the file of a correction holds."""
+
+    learned: TrainedPolicy  # reads rows with the base's action
+    base: dict[str, Any]  # what it corrects, as a mapping for make_policy()
+    scale: float  # of what it says
+
+
+def load_correction(path: Path, info: TaskInfo, base: Any = None, scale: float | None = None) -> Correction:
+    """The network in a trained correction's file, and what it corrects.
+
+    Args:
+        path: of the file.
+        info: task and scene.
+        base, scale: with which the caller wants it; None: with those that it was trained with.
+
+    Raises:
+        ValueError: the file holds no correction for this task, or one that was trained with another base or scale.
+    """
+    tensors, record = load_set(path, KIND, VERSION)
+    what = record.get(RESIDUAL)
+    if not isinstance(what, dict) or set(what) != {"base", "scale"} or not isinstance(what["base"], dict):
+        raise checks.refuse(f"{path}: {RESIDUAL}", what, "'base' and 'scale' of a policy that a network corrects")
+    own = named(what["base"]), checks.number(f"{path}: {RESIDUAL}.scale", what["scale"], above=0.0, most=MOST_SCALE)
+    wanted = (own[0] if base is None else named(base)), (own[1] if scale is None else scale)
+    for name, mine, theirs in zip(("base", "scale"), wanted, own, strict=True):
+        if mine != theirs:
+            raise checks.refuse(name, mine, f"{theirs!r}, with which {path} was trained")
+    checks.choice(f"{path}: action", record.get("action"), ("wrench",))
+    checks.choice(f"{path}: network", record.get("network"), ("parts",))
+    learned = network_of(str(path), tensors, record, replace(info, parts_layout=with_base(info.parts_layout)))
+    assert isinstance(learned, TrainedPolicy)
+    return Correction(learned, *own)

@@ -29,6 +29,8 @@ CODINGS: Mapping[str, type[Coding] | type[PictureCoding]] = {
 """What a network reads, by its name."""
 
 SAME, ANY = "same", "any"
+RESIDUAL = "residual"
+"""Under which the file of a correction names what it corrects: its base policy and the scale."""
 ELEMENTS = "elements"
 
 
@@ -77,11 +79,29 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
     """Load a policy file and check that it fits.
 
     Raises:
-        ValueError: not a policy file, corrupted, not finite in float32, or made for another task, surface, number of parts,
-            observation or size of action.
+        ValueError: not a policy file, corrupted, not finite in float32, made for another task, surface, number of parts,
+            observation or size of action, or a correction, which is no policy without its base.
     """
     tensors, record = load_set(path, KIND, VERSION)
-    name = str(path)
+    if record.get(RESIDUAL) is not None:
+        allowed = "none: this file corrects a base policy, and loads as {'kind': 'residual', 'path': ...}"
+        raise checks.refuse(f"{path}: {RESIDUAL}", record[RESIDUAL], allowed)
+    return network_of(str(path), tensors, record, info)
+
+
+def network_of(
+    name: str, tensors: dict[str, np.ndarray], record: Mapping[str, Any], info: TaskInfo
+) -> TrainedPolicy | GoalPolicy:
+    """The network of a policy file.
+
+    Args:
+        name: of the file.
+        tensors, record: what it holds.
+        info: task and scene, with the rows that the network reads.
+
+    Raises:
+        ValueError: see :func:`load_trained`.
+    """
     tasks = record.get("tasks")
     if not isinstance(tasks, list) or info.name not in tasks:
         raise checks.refuse(f"{name}: tasks", tasks, f"a list with {info.name!r}")

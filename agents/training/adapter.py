@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
+from agents.training.residual_env import ResidualEnv
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
@@ -35,7 +36,7 @@ class StableBaselinesAdapter(VecEnv):
         ValueError: another mode or observation, or spaces that differ.
     """
 
-    def __init__(self, *envs: VibgymVectorEnv) -> None:
+    def __init__(self, *envs: VibgymVectorEnv | ResidualEnv) -> None:
         self.envs, self.env = envs, envs[0]
         space, actions = self.env.single_observation_space, self.env.single_action_space
         for env in envs:

@@ -12,7 +12,7 @@ from stable_baselines3 import PPO
 from agents.learned.coding import Coding
 from agents.learned.pictures import PictureCoding
 from agents.learned.storage import as_float32, load_set, save_set
-from agents.learned.trained import ANY, described
+from agents.learned.trained import ANY, RESIDUAL, described
 from agents.learned.trained import KIND as POLICY_KIND
 from agents.learned.trained import VERSION as POLICY_VERSION
 from agents.task_info import TaskInfo
@@ -135,7 +135,7 @@ def save_policy(path: Path, model: PPO, settings: TrainSettings, env: Any, train
     _refuse_infinite(tensors)
     serves, info = settings.serves, TaskInfo.of(env)
     coding: Coding | PictureCoding = model.policy.coding  # type: ignore[assignment]
-    record = {
+    record: dict[str, Any] = {
         "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
         "surface": ANY if serves.surface == ANY else described(info.surface),
         "parts": ANY if serves.parts == ANY else len(info.parts),
@@ -147,4 +147,6 @@ def save_policy(path: Path, model: PPO, settings: TrainSettings, env: Any, train
         "activation": settings.ppo.activation,
         "training": training,
     }
+    if settings.residual is not None:
+        record[RESIDUAL] = settings.residual.model_dump(mode="json")
     save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)

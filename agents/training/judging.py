@@ -9,7 +9,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from agents.learned.residual import ResidualPolicy
 from agents.policy import Policy
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
 from agents.training.settings import TrainSettings
 from vibgym import checks
 
@@ -31,6 +34,7 @@ class Judge:
     def __init__(self, settings: TrainSettings, directory: Path) -> None:
         assert settings.judging is not None
         self.judging, self.path, self._last = settings.judging, directory / FILE, 0
+        self.residual = settings.residual
         self._envs: list[tuple[Any, int]] = []
         if not settings.environment_name.startswith("vibgym/"):
             raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
@@ -63,16 +67,17 @@ class Judge:
         """Play, write a row, and return it.
 
         Args:
-            policy: as it acts.
+            policy: as it acts; of a correction the network alone, which is played on the base of each scene.
             steps, seconds: of the training so far.
             phase: of the training, ``"imitation"``, ``"ppo"`` or ``"sac"``.
         """
         self._last = steps
         if not self._envs:
             for arguments, first in self._scenes:
-                env = gym.make_vec(self.name, **{**arguments, "observation": policy.observation})
+                observation = policy.observation if self.residual is None else ResidualPolicy.observation
+                env = gym.make_vec(self.name, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
-        found = [play(policy, env, seed) for env, seed in self._envs]
+        found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
         success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))
         reached = self._envs[0][0].unwrapped.step_time * steps_taken[success]
         row = {
@@ -91,6 +96,13 @@ class Judge:
         with self.path.open(newline="") as file:
             rows = list(csv.DictReader(file))
         return all(_rank(each) >= _rank(row) for each in rows)
+
+    def _whole(self, policy: Policy, env: Any) -> Policy:
+        """What acts in an environment: the policy, or the base that it corrects there."""
+        if self.residual is None:
+            return policy
+        info = TaskInfo.of(env)
+        return ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
 
     def _write(self, rows: list[dict[Any, Any]], mode: str) -> None:
         with self.path.open(mode, newline="") as file:

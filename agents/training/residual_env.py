@@ -30,8 +30,7 @@ class ResidualEnv(VectorWrapper):
 
     Attributes:
         parts_layout: what the numbers of a row mean.
-        parts: as the environment has them.
-        autoreset_mode: as the environment has it.
+        parts, surface, autoreset_mode: as the environment has them.
 
     Raises:
         ValueError: an environment or a base that does not fit, or a bad scale.
@@ -48,7 +47,8 @@ class ResidualEnv(VectorWrapper):
         if not isinstance(inner.core.action, Wrench):
             raise checks.refuse("env.action", type(inner.core.action).__name__, "that of action='wrench'")
         self.base = Base(base, TaskInfo.of(env), scale)
-        self.parts, self.parts_layout, self.autoreset_mode = inner.parts, self.base.layout, inner.autoreset_mode
+        self.parts, self.surface, self.autoreset_mode = inner.parts, inner.surface, inner.autoreset_mode
+        self.parts_layout = self.base.layout
         columns = sum(row.width for row in self.base.layout)
         rows = spaces.Box(-1.0, 1.0, (inner.task.slots, columns), np.float32)
         self.single_observation_space = spaces.Dict({"parts": rows, "mask": space["mask"]})

@@ -37,6 +37,8 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
         ValueError: settings that ask for another observation, or that the environment refuses.
     """
     checks.choice("observation", settings.environment.get("observation", "goal"), ("goal",))
+    if settings.residual is not None:
+        raise checks.refuse("residual", settings.residual.model_dump(), "none with 'algorithm: sac'")
     arguments: dict[str, Any] = {
         "num_envs": settings.worlds, "autoreset_mode": "SameStep", **settings.environment, "observation": "goal"
     }  # fmt: skip

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
+from agents.learned.residual import named
 from agents.training import outlines
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
@@ -87,6 +88,22 @@ class ServesSettings(Settings):
     parts: Literal["same", "any"] = "same"  # their number
 
 
+class ResidualSettings(Settings):
+    """What the network corrects, see :class:`agents.training.residual_env.ResidualEnv`."""
+
+    base: dict[str, Any]  # a policy that speaks "wrench", which need not be said, and reads "state"
+    scale: float = Field(0.5, gt=0, le=2)  # of the network's action, before it is added to the base's
+
+    @field_validator("base")
+    @classmethod
+    def _named(cls, base: dict[str, Any]) -> dict[str, Any]:
+        try:
+            return named(base)
+        except ValueError:
+            allowed = "a mapping with 'kind', the name of a policy that is itself no correction"
+            raise PydanticCustomError("base", allowed) from None  # type: ignore[arg-type]
+
+
 class SACSettings(Settings):
     """Stable-Baselines3's SAC with hindsight, see :mod:`agents.training.off_policy`."""
 
@@ -127,6 +144,7 @@ class TrainSettings(Settings):
     outlines: OutlineSettings | None = None  # scenes that are drawn, in the place of those
     start: str | None = None  # path of a policy to begin with; {seed} in it is replaced by the run's
     imitation: ImitationSettings | None = None
+    residual: ResidualSettings | None = None
     judging: JudgingSettings | None = None
     serves: ServesSettings = ServesSettings()
     algorithm: Literal["ppo", "sac"] = "ppo"
@@ -165,6 +183,7 @@ PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
     "ppo": PPOSettings,
     "sac": SACSettings,
     "imitation": ImitationSettings,
+    "residual": ResidualSettings,
     "judging": JudgingSettings,
     "outlines": OutlineSettings,
     "serves": ServesSettings,

@@ -18,7 +18,8 @@ import numpy as np
 from agents.evaluation.rollout import run
 from agents.evaluation.statistics import bootstrap, success_interval
 from agents.learned.storage import load_set
-from agents.learned.trained import KIND, VERSION, load_trained
+from agents.learned.trained import KIND, RESIDUAL, VERSION
+from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from agents.training.judging import FILE as CURVE
 from agents.training.judging import usual
@@ -149,7 +150,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     directory = Path(str(settings.output))
     path = directory / POLICY
     record = load_set(path, KIND, VERSION)[1]
-    training = record["training"]
+    training, kind = record["training"], RESIDUAL if RESIDUAL in record else "trained"
     task = settings.environment_name.removeprefix("vibgym/").removesuffix("-v0")
     hidden = ("action", "observation", "autoreset_mode")
     success, times, over, collisions, fallen = [], [], [], [], []
@@ -157,7 +158,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
         own = {key: value for key, value in scene.items() if key not in hidden}
         env = gym.make_vec(settings.environment_name, num_envs=1, action=record["action"], **own)
-        policy = load_trained(path, TaskInfo.of(env))
+        policy = make_policy({"kind": kind, "path": str(path)}, TaskInfo.of(env))
         found = run(policy, task, [FIRST_SEED + int(k) for k in share], own, quiet=True)
         success.append(found.success)
         times.append(found.time_to_goal)

@@ -18,6 +18,7 @@ from tqdm import tqdm
 from agents.evaluation.provenance import processor, versions
 from agents.learned.coding import Coding
 from agents.learned.pictures import PictureCoding
+from agents.learned.residual import ResidualPolicy, load_correction
 from agents.learned.storage import check_name, load_set, save_set
 from agents.learned.trained import CODINGS, TrainedPolicy, load_trained
 from agents.policy import Policy
@@ -30,6 +31,7 @@ from agents.training.imitation import Imitation, check_room
 from agents.training.judging import Judge
 from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
+from agents.training.residual_env import ResidualEnv
 from agents.training.settings import TrainSettings, load_settings
 from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
@@ -43,8 +45,10 @@ POLICY, BEST = "policy.json", "best.json"
 
 def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on what their network reads."""
-    own = reads(settings).observation
+    own = observation_of(settings)
     checks.choice("observation", settings.environment.get("observation", own), (own,))
+    if settings.residual is not None:
+        check_residual(settings)
     scenes = settings.all_scenes
     if settings.worlds < len(scenes):
         raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
@@ -52,8 +56,32 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     return StableBaselinesAdapter(*(_scene(settings, *each) for each in zip(scenes, shares, strict=True)))
 
 
-def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VibgymVectorEnv:
-    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": reads(settings).observation}
+def check_residual(settings: TrainSettings) -> None:
+    """Refuse what a correction cannot be trained with.
+
+    Raises:
+        ValueError: imitation, whose experts say what to do and not what to add; rows that remember or turn, in which the
+            base's action would stand twice or not turned; another network or action than parts' and ``"wrench"``.
+    """
+    ppo, why = settings.ppo, "with 'residual'"
+    for name, got, allowed in (
+        ("imitation", None if settings.imitation is None else settings.imitation.expert, None),
+        ("ppo.remembers", ppo.remembers, False),
+        ("ppo.turned", ppo.turned, False),
+        ("ppo.network", ppo.network, "parts"),
+        ("environment.action", action_of(settings), "wrench"),
+    ):
+        if got != allowed:
+            raise checks.refuse(name, got, f"{allowed!r} {why}")
+
+
+def observation_of(settings: TrainSettings) -> str:
+    """What the environment shows: what the network reads, and the flat state where a base policy acts."""
+    return reads(settings).observation if settings.residual is None else ResidualPolicy.observation
+
+
+def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VibgymVectorEnv | ResidualEnv:
+    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": observation_of(settings)}
     arguments.setdefault("autoreset_mode", "SameStep")
     name = settings.environment_name
     try:
@@ -61,7 +89,12 @@ def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> Vibgy
     except TypeError as error:
         raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({error})") from None
     assert isinstance(env, VibgymVectorEnv)
-    return env
+    if settings.residual is None:
+        return env
+    try:
+        return ResidualEnv(env, make_policy(settings.residual.base, TaskInfo.of(env)), settings.residual.scale)
+    except ValueError as error:
+        raise ValueError(f"residual: {error}") from None
 
 
 def reads(settings: TrainSettings) -> type[Coding] | type[PictureCoding]:
@@ -74,7 +107,7 @@ def action_of(settings: TrainSettings) -> str:
     return settings.environment.get("action", "element")
 
 
-def coding_of(settings: TrainSettings, env: VibgymVectorEnv) -> Coding | PictureCoding:
+def coding_of(settings: TrainSettings, env: VibgymVectorEnv | ResidualEnv) -> Coding | PictureCoding:
     """How the run's network reads and acts in an environment.
 
     Raises:
@@ -317,6 +350,7 @@ def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[
         return []
     found = []
     for scene in env.envs:
+        assert isinstance(scene, VibgymVectorEnv)  # corrections are not taught
         expert = make_policy(settings.imitation.expert, TaskInfo.of(scene), settings.seed)
         if expert.action != action_of(settings) or expert.observation != "state":
             got = f"one that speaks {expert.action!r} and reads {expert.observation!r}"
@@ -335,7 +369,8 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
     if settings.start is None:
         return
     path = Path(settings.start.replace("{seed}", str(settings.seed)))
-    found, mine = load_trained(path, TaskInfo.of(env.env)), acting(model, settings)
+    info, mine, what = TaskInfo.of(env.env), acting(model, settings), settings.residual
+    found = load_trained(path, info) if what is None else load_correction(path, info, what.base, what.scale).learned
     if not isinstance(found, TrainedPolicy):
         raise checks.refuse("start", str(path), "a policy that PPO has trained")
     # Weights may fit and yet mean something else: numbers of other columns, or another action.
