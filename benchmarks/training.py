@@ -1,8 +1,8 @@
 """Steps a second of training, all included: ``python -m benchmarks.training``.
 
 Rollouts, values, updates and logs count, in the middle of a training, without imitation and learning curves. Every case is
-measured several times in turn with the others; printed are medians. ``plain`` is Stable-Baselines3's own PPO on the flat state,
-with the same worlds, network sizes, minibatches and epochs, and says what our loop is worth on this machine, whatever its speed.
+measured several times in turn with the others; printed are medians. ``plain`` is Stable-Baselines3's own PPO on the flat
+state, with the same worlds, network sizes, minibatches and epochs: it says what our loop is worth, whatever the machine.
 """
 
 from __future__ import annotations

@@ -222,13 +222,13 @@ def agents_in(path: Path) -> tuple[str, ...]:
 
 def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
     found = {}
-    for key, named in data.items():
+    for key, own in data.items():
         if key == "defaults":
             continue
         spec = gym.registry.get(key) if isinstance(key, str) else None
-        if spec is None or not isinstance(named, dict):
+        if spec is None or not isinstance(own, dict):
             raise checks.refuse(where, key, "'task', for one run; or 'defaults' and ids of environments, with mappings")
-        for name, settings in named.items():
+        for name, settings in own.items():
             if not isinstance(settings, dict) or "task" in settings:
                 raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
             task = spec.name if spec.namespace == "vibgym" else key
