@@ -16,7 +16,7 @@ from agents import __main__ as command
 from agents import comparison
 from agents.comparison.curves import read_curve
 from agents.learned.storage import load_set, save_set
-from agents.learned.trained import KIND
+from agents.learned.trained import KIND, VERSION
 
 SHIPPED = Path("agents/learned/shipped")
 HEAD = "steps,seconds,phase,success,time_to_goal,return_\n"
@@ -27,15 +27,11 @@ CURVE = HEAD + "0,0,imitation,0,,-20\n1000,2.5,imitation,0.5,2.0,-3\n9000,10,ppo
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Directory with the policies and curves of two training seeds; the second policy pushes with half the strength."""
     directory = tmp_path_factory.mktemp("runs")
-    tensors, record = load_set(SHIPPED / "transport.json", KIND)
+    tensors, record = load_set(SHIPPED / "transport.json", KIND, VERSION)
+    kept = {key: value for key, value in record.items() if key not in ("format", "version", "tensors", "sha256")}
     for seed, strength in ((3, 1.0), (4, 0.5)):
-        last = max(int(name[5:].partition(".")[0]) for name in tensors if name.startswith("layer"))
-        own = {
-            name: np.float32(strength) * value if name.startswith(f"layer{last}.") else value
-            for name, value in tensors.items()
-        }
-        kept = {key: record[key] for key in ("task", "action", "activation", "training")}
-        save_set(directory / f"transport-{seed}.json", KIND, own, kept)
+        own = {name: np.float32(strength if name.startswith("mean.") else 1.0) * each for name, each in tensors.items()}
+        save_set(directory / f"transport-{seed}.json", KIND, own, kept, VERSION)
         (directory / f"curve-{seed}.csv").write_text(CURVE)
     return directory
 
