@@ -151,6 +151,7 @@ STARTS = {
     "other columns": (("net: [8]", "blind: [position], net: [8]"), "start: got .*other columns"),
     "columns of the same width": (("net: [8]", "blind: [velocity], net: [8]"), "start: got .*other columns"),
     "turned": (("net: [8]", "turned: true, net: [8]"), "start: got .*other ppo.turned"),
+    "remembering": (("net: [8]", "remembers: true, net: [8]"), "start: got .*other ppo.remembers"),
     "another activation": (("net: [8]", "activation: relu, net: [8]"), "start: got .*other ppo.activation"),
     "another width": (("net: [8]", "net: [9]"), "start: got .*other layers"),
     "more layers": (("net: [8]", "net: [8, 8]"), "start: got .*other layers"),
