@@ -14,9 +14,9 @@ import numpy as np
 import torch
 
 from agents.evaluation.rollout import outcomes
+from agents.training.beginning import acting, experts, make_env, make_model
 from agents.training.imitation import Imitation
 from agents.training.settings import ImitationSettings, PPOSettings, TrainSettings
-from agents.training.train import acting, experts, make_env, make_model
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "none": {},

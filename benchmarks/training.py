@@ -20,8 +20,8 @@ from stable_baselines3.common.logger import configure
 
 import vibgym  # noqa: F401 - registers the environments
 from agents.training.adapter import StableBaselinesAdapter
+from agents.training.beginning import make_env, make_model
 from agents.training.settings import PPOSettings, TrainSettings
-from agents.training.train import make_env, make_model
 from vibgym.simulation.threads import available_threads
 
 TARGETS = {"Align, patch": 80_000, "Align, element": 25_000, "Sort, field": 12_000, "Sort, wrench": 12_000}

@@ -14,11 +14,12 @@ from agents.learned.pictures import FRAMES, PictureCoding
 from agents.learned.storage import load_set, save_set
 from agents.learned.trained import KIND, VERSION, load_trained
 from agents.training import checkpoint
+from agents.training.beginning import experts, make_env, make_model
 from agents.training.imitation import Imitation
 from agents.training.networks.pixels import MAPS, PixelsActor
 from agents.training.parts_policy import trained_tensors
 from agents.training.settings import load_settings
-from agents.training.train import experts, make_env, make_model, train
+from agents.training.train import train
 from tests.agents.helpers import SURFACE, info_of
 from tests.envs.helpers import batch, single
 from vibgym.config import part_from

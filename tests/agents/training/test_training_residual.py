@@ -11,10 +11,11 @@ from agents.learned.residual import ResidualPolicy, load_correction
 from agents.learned.storage import load_set
 from agents.learned.trained import KIND, VERSION, load_trained
 from agents.registry import make_policy
+from agents.training.beginning import acting, begin_with, make_env, make_model
 from agents.training.judging import Judge, play
 from agents.training.settings import load_settings
 from agents.training.table import tabulate
-from agents.training.train import acting, begin_with, make_env, make_model, train
+from agents.training.train import train
 from tests.agents.helpers import info_of
 
 POSE = {"kind": "pose", "action": "wrench"}

@@ -25,8 +25,9 @@ from agents.learned.trained import VERSION, load_trained
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from agents.training import checkpoint
+from agents.training.beginning import make_env, make_model
 from agents.training.settings import load_settings
-from agents.training.train import Progress, make_env, make_model, train
+from agents.training.train import Progress, train
 from tests.agents.helpers import info_of
 from tests.envs.helpers import single
 from vibgym import locks
