@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import binom
 
 from agents.evaluation.rollout import outcomes
-from agents.learned.trained import load_trained
+from agents.learned.trained import RESIDUAL
+from agents.policy import Policy
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from agents.training.judging import usual
@@ -44,9 +45,19 @@ def scenes(settings: TrainSettings) -> list[dict]:
     return [{name: value for name, value in each.items() if name not in ("action", "observation")} for each in found]
 
 
+def record(name: str) -> dict:
+    return json.loads((SHIPPED / f"{name}.json").read_text())
+
+
+def shipped(name: str, info: TaskInfo) -> Policy:
+    """A policy, or the correction of one."""
+    kind = RESIDUAL if RESIDUAL in record(name) else "trained"
+    return make_policy({"kind": kind, "path": str(SHIPPED / f"{name}.json")}, info)
+
+
 def test_the_table_tells_of_exactly_what_is_shipped():
     assert ALL and sorted(table()) == ALL
-    named = [json.loads((SHIPPED / f"{name}.json").read_text())["tensors"] for name in ALL]
+    named = [record(name)["tensors"] for name in ALL]
     assert sorted(path.name for path in SHIPPED.glob("*.safetensors")) == sorted(named)
     assert sum(path.stat().st_size for path in SHIPPED.iterdir()) < 10_000_000
 
@@ -65,9 +76,9 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
     task, each = row["agent"].partition("/")[0], scenes(settings)
     success = []
     for number, scene in enumerate(each):
-        env = gym.make_vec(settings.environment_name, num_envs=1, action=settings.environment["action"], **scene)
+        env = gym.make_vec(settings.environment_name, num_envs=1, action=record(name)["action"], **scene)
         info = TaskInfo.of(env)
-        policy = load_trained(SHIPPED / f"{name}.json", info)
+        policy = shipped(name, info)
         count = (SINGLE if len(info.parts) == 1 else CROWD) // len(each)
         seeds = range(FRESH + 1000 * number, FRESH + 1000 * number + count)
         success += outcomes(policy, task, seeds, scene, quiet=True).success.tolist()
@@ -79,10 +90,9 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_shipped_policy_refuses_another_task(name):
-    tasks = json.loads((SHIPPED / f"{name}.json").read_text())["tasks"]
-    other = next(task for task in ("Rotate", "Sort") if task not in tasks)
+    other = next(task for task in ("Rotate", "Sort") if task not in record(name)["tasks"])
     with pytest.raises(ValueError, match=rf"{name}\.json: tasks: got .*allowed: a list with '{other}'"):
-        make_policy(str(SHIPPED / f"{name}.json"), info_of(other))
+        shipped(name, info_of(other))
 
 
 @pytest.mark.parametrize("settings", [{"parts": [DISC]}, {"surface": {"rows": 12, "columns": 12}}])
