@@ -10,8 +10,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
-from vibgym import checks
 from agents.training.residual_env import ResidualEnv
+from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
 

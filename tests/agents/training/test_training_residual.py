@@ -1,4 +1,4 @@
-"""Training of a correction: the whole hybrid is trained, judged, written, loaded and tabulated, on the base that it corrects."""
+"""Training of a correction: the whole hybrid is trained, judged, written, loaded and tabulated, on its own base."""
 
 import json
 
@@ -112,7 +112,10 @@ def test_no_correction_is_judged_as_the_base(config, tmp_path):
     assert row["success"] == success.mean() == 1.0 and row["return_"] == round(float(np.median(returns)), 4)
     assert row["time_to_goal"] == round(float(np.median(alone.unwrapped.step_time * steps)), 4)
     # What it was trained with it sees, too.
-    assert env.envs[0].parts_layout[-1].name == "base" and model.policy.coding.shape.columns == env.reset()["parts"].shape[-1]
+    assert (
+        env.envs[0].parts_layout[-1].name == "base"
+        and model.policy.coding.shape.columns == env.reset()["parts"].shape[-1]
+    )
 
 
 def test_each_scene_has_a_base_of_its_own(config):
