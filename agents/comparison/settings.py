@@ -83,10 +83,10 @@ def _filled(content: Any, seed: int) -> Any:
 class ComparisonSettings(RunSettings):
     """A comparison of policies on the same seeds; what is run is as in :class:`agents.evaluation.run_settings.RunSettings`.
 
-    A policy's mapping may also have ``group`` ("learned", "hybrid" or "classical"; by default trained policies are learned and
-    all others classical), ``training_seeds``, a list of whole numbers that stand for ``{seed}`` in its paths, and ``curve``,
-    the path of the learning curves, see :func:`agents.comparison.curves.read_curve`; ``{task}`` stands for the task's name in
-    lower case.
+    A policy's mapping may also have ``group`` ("learned", "hybrid" or "classical"; by default trained policies are learned,
+    corrections hybrid and all others classical), ``training_seeds``, a list of whole numbers that stand for ``{seed}`` in its
+    paths, and ``curve``, the path of the learning curves, see :func:`agents.comparison.curves.read_curve`; ``{task}`` stands
+    for the task's name in lower case.
 
     Attributes:
         power: chance with which the smallest detectable difference would have been found.

@@ -123,7 +123,7 @@ class ResidualPolicy:
         return (action[0] if single else action), Memory(base, learned)
 
 
-def named(base: Any) -> dict[str, Any]:
+def base_named(base: Any) -> dict[str, Any]:
     """A base policy's name or mapping as corrections' files have it.
 
     Raises:
@@ -158,8 +158,11 @@ def load_correction(path: Path, info: TaskInfo, base: Any = None, scale: float |
     what = record.get(RESIDUAL)
     if not isinstance(what, dict) or set(what) != {"base", "scale"} or not isinstance(what["base"], dict):
         raise checks.refuse(f"{path}: {RESIDUAL}", what, "'base' and 'scale' of a policy that a network corrects")
-    own = named(what["base"]), checks.number(f"{path}: {RESIDUAL}.scale", what["scale"], above=0.0, most=MOST_SCALE)
-    wanted = (own[0] if base is None else named(base)), (own[1] if scale is None else scale)
+    own = (
+        base_named(what["base"]),
+        checks.number(f"{path}: {RESIDUAL}.scale", what["scale"], above=0.0, most=MOST_SCALE),
+    )
+    wanted = (own[0] if base is None else base_named(base)), (own[1] if scale is None else scale)
     for name, mine, theirs in zip(("base", "scale"), wanted, own, strict=True):
         if mine != theirs:
             raise checks.refuse(name, mine, f"{theirs!r}, with which {path} was trained")

@@ -90,7 +90,7 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
 
 
 def network_of(
-    name: str, tensors: dict[str, np.ndarray], record: Mapping[str, Any], info: TaskInfo
+    name: str, tensors: dict[str, np.ndarray], record: dict[str, Any], info: TaskInfo
 ) -> TrainedPolicy | GoalPolicy:
     """The network of a policy file.
 

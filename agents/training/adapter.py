@@ -113,6 +113,9 @@ class StableBaselinesAdapter(VecEnv):
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """What a method says of the worlds, one by one; a batch of rewards, which is of no world, whole for each of them."""
         if method_name == "compute_reward":
+            assert isinstance(
+                self.env, VibgymVectorEnv
+            )  # goals are for hindsight, which corrections are not trained with
             return [self.env.compute_reward(*args, **kwargs) for _ in self._get_indices(indices)]
         return self._of([value for env in self.envs for value in env.call(method_name, *args, **kwargs)], indices)
 

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.learned.residual import named
+from agents.learned.residual import base_named
 from agents.training import outlines
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
@@ -98,7 +98,7 @@ class ResidualSettings(Settings):
     @classmethod
     def _named(cls, base: dict[str, Any]) -> dict[str, Any]:
         try:
-            return named(base)
+            return base_named(base)
         except ValueError:
             allowed = "a mapping with 'kind', the name of a policy that is itself no correction"
             raise PydanticCustomError("base", allowed) from None  # type: ignore[arg-type]

@@ -177,7 +177,7 @@ def test_bad_input():
     with pytest.raises(ValueError, match=r"nowhere.json"):
         make_policy({"kind": "residual", "base": "pose", "path": "nowhere.json"}, info)
     with pytest.raises(ValueError, match="'residual'.*its own arguments"):
-        make_policy({"kind": "residual", "path": "nowhere.json"}, info)
+        make_policy({"kind": "residual", "base": "pose"}, info)
 
 
 def replace_observation(policy):
@@ -202,7 +202,7 @@ def written(path, info, layout, **record):
     torch.nn.init.normal_(actor.mean.weight)
     known = {
         "tasks": [info.name], "surface": described(info.surface), "parts": len(info.parts), "columns": coding.columns,
-        "action": "wrench", "network": "parts", "activation": "tanh", "training": {},
+        "turned": False, "remembers": False, "action": "wrench", "network": "parts", "activation": "tanh", "training": {},
     }  # fmt: skip
     save_set(path, KIND, trained_tensors(actor), {**known, **record}, VERSION)
 
@@ -211,16 +211,16 @@ def written(path, info, layout, **record):
 def test_files_hold_corrections(tmp_path, task, base):
     env = worlds(task)
     info = TaskInfo.of(env)
-    written(tmp_path / f"{task.lower()}.json", info, with_base(info.parts_layout))
+    what = {"base": {"kind": base} if isinstance(base, str) else base, "scale": 0.2}
+    written(tmp_path / f"{task.lower()}.json", info, with_base(info.parts_layout), residual=what)
     path = str(tmp_path / "{task}.json")
-    policy = make_policy({"kind": "residual", "base": base, "path": path, "scale": 0.2}, info)
+    policy = make_policy({"kind": "residual", "path": path}, info)
     seen, _ = env.reset(seed=0)
     action, _ = policy.predict(seen)
-    kind = {"kind": base} if isinstance(base, str) else base
-    said, _ = make_policy({**kind, "action": "wrench"}, info).predict(seen["state"])
+    said, _ = make_policy({**what["base"], "action": "wrench"}, info).predict(seen["state"])
     change = np.abs(action - said).max()
     assert 0.005 < change <= 0.2 + 1e-6
-    with pytest.raises(ValueError, match="base"):  # it is no policy by itself
+    with pytest.raises(ValueError, match="residual"):  # it is no policy by itself
         make_policy(path.format(task=task.lower()), info)
 
 
@@ -228,5 +228,5 @@ def test_a_policy_by_itself_is_no_correction(tmp_path):
     info = info_of("Align", action="wrench")
     written(tmp_path / "plain.json", info, info.parts_layout)
     make_policy(str(tmp_path / "plain.json"), info)
-    with pytest.raises(ValueError, match=r"plain.json: columns.*'base', 3"):
+    with pytest.raises(ValueError, match=r"plain.json: residual: got None"):
         make_policy({"kind": "residual", "base": "pose", "path": str(tmp_path / "plain.json")}, info)

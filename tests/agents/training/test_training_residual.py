@@ -1,4 +1,4 @@
-"""Training of a correction: a hybrid is trained, judged, written, loaded and tabulated, on the base that it corrects."""
+"""Training of a correction: the whole hybrid is trained, judged, written, loaded and tabulated, on its own base."""
 
 import json
 
