@@ -8,7 +8,10 @@ from agents.learned.networks.acting import ACTING
 from agents.learned.networks.shape import Shape, offsets
 from agents.training.networks.elements import elements_about
 from agents.training.networks.parts import PartsCritic
-from agents.training.parts_policy import ACTORS, trained_tensors
+from agents.training.parts_policy import NETWORKS, trained_tensors
+
+ACTORS = {kind: NETWORKS[kind][0] for kind in ("parts", "elements")}
+"""Those that read rows; networks of pixels have tests of their own."""
 
 OWN, WIDTH, PLACE = 9, 4, 3
 NUMBERS, SIDE = 6, 5
