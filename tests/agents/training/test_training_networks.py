@@ -30,6 +30,7 @@ def actor_of(kind, neighbours, activation="tanh"):
         for parameter in actor.parameters():
             parameter.add_(0.5 * torch.randn_like(parameter))
         actor.log_std.weight.mul_(4.0)
+        actor.log_std.bias.fill_(-1.5)  # in the middle, so that not all hit the same bound
     return actor
 
 
