@@ -8,7 +8,10 @@ from agents.learned.networks.acting import ACTING
 from agents.learned.networks.shape import Shape, offsets
 from agents.training.networks.elements import elements_about
 from agents.training.networks.parts import PartsCritic
-from agents.training.parts_policy import ACTORS, trained_tensors
+from agents.training.parts_policy import NETWORKS, trained_tensors
+
+ACTORS = {kind: NETWORKS[kind][0] for kind in ("parts", "elements")}
+"""Those that read rows; networks of pixels have tests of their own."""
 
 OWN, WIDTH, PLACE = 9, 4, 3
 NUMBERS, SIDE = 6, 5
@@ -27,6 +30,7 @@ def actor_of(kind, neighbours, activation="tanh"):
         for parameter in actor.parameters():
             parameter.add_(0.5 * torch.randn_like(parameter))
         actor.log_std.weight.mul_(4.0)
+        actor.log_std.bias.fill_(-1.5)  # in the middle, so that not all hit the same bound
     return actor
 
 
