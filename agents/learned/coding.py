@@ -92,9 +92,9 @@ class Coding:
         self.columns = [[row.name, row.width] for row in layout]
         self.shape = Shape.of(layout, size, side if action in (*CODES, "patch") else 0)
         starts = {row.name: row.start for row in layout}
-        nearest = [starts.get(f"neighbour_1_{name}") for name in ("there", "gap")]
+        nearest = [starts[name] for name in ("neighbour_1_there", "neighbour_1_gap") if name in starts]
         # Counted from the end: rows that remember have more before.
-        self._nearest = None if None in nearest else [each - self.shape.columns for each in nearest]
+        self._nearest = [each - self.shape.columns for each in nearest] if len(nearest) == 2 else None
         self.turned = turned
         self._turns = Turns(self.columns, self.parts, action, self.shape) if turned else None
         self.remembers, self._own = remembers, self.shape.own

@@ -62,7 +62,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
     """
     sac = settings.sac
     features = GoalFeatures(TaskInfo.of(env.env))
-    if not isinstance(env.observation_space, spaces.Dict) or not env.env.core.observation.goal_reward:
+    if not isinstance(env.observation_space, spaces.Dict) or not hasattr(env.env, "compute_reward"):
         raise checks.refuse("observation", settings.environment.get("observation", "state"), "'goal' for SAC")
     assert isinstance(env.action_space, spaces.Box)
     (actions,) = env.action_space.shape

@@ -66,6 +66,11 @@ class Picture(NamedTuple):
     side: int = 0  # it is not for elements
 
     @property
+    def has_elements(self) -> bool:
+        """Never: an image is not looked at element by element."""
+        return False
+
+    @property
     def columns(self) -> int:
         """Numbers of a row."""
         return self.planes * self.height * self.width
