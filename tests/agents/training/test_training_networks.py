@@ -30,7 +30,6 @@ def actor_of(kind, neighbours, activation="tanh"):
         for parameter in actor.parameters():
             parameter.add_(0.5 * torch.randn_like(parameter))
         actor.log_std.weight.mul_(4.0)
-        actor.log_std.bias.fill_(-1.5)  # in the middle, so that not all hit the same bound
     return actor
 
 
@@ -63,6 +62,11 @@ def test_numpy_acts_as_torch_does(kind, there, activation):
     neighbours = 0 if there is None else len(there)
     actor = actor_of(kind, neighbours, activation)
     rows = rows_of(neighbours, there)
+    with torch.no_grad():  # standard deviations about the middle of what is allowed, some beyond either bound
+        log_std = actor.log_std(actor.hidden(actor.eyes(torch.from_numpy(rows)))).flatten(0, -2)
+        scale = 2.5 / log_std.std(dim=0)
+        actor.log_std.bias.copy_((actor.log_std.bias - log_std.mean(dim=0)) * scale - 2.25)
+        actor.log_std.weight.mul_(scale[:, None])
     expected = [each.numpy() for each in by_torch(actor, rows)]
     got = ACTING[kind](trained_tensors(actor), shape_of(kind, neighbours), activation, rows)
     for mine, theirs in zip(got, expected, strict=True):
