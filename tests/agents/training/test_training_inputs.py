@@ -211,7 +211,7 @@ steps: 576
 seed: 3
 checkpoint_steps: 64
 ppo: {n_steps: 16, batch_size: 64, n_epochs: 1, net: [32], critic_net: [8], log_std_init: -2.0}
-imitation: {expert: pose, rounds: 2, steps: 20, epochs: 10, batch_size: 64, learning_rate: 0.01}
+imitation: {expert: {kind: pose, action: wrench}, rounds: 2, steps: 20, epochs: 10, batch_size: 64, learning_rate: 0.01}
 judging: {episodes: 4, every: 128}
 """
 
@@ -228,16 +228,16 @@ def test_lessons_ppo_and_the_learning_curve_end_to_end(tmp_path):
     rows = list(csv.DictReader((tmp_path / "a" / "curve.csv").open()))
     assert [(row["steps"], row["phase"]) for row in rows] == [("320", "imitation"), ("448", "ppo"), ("576", "ppo")]
     policy = load_trained(runs[0], info_of("Align"))
-    assert policy.action == "wrench" and load_settings(config).imitation.expert == "pose"
+    assert policy.action == "wrench" and load_settings(config).imitation.expert["kind"] == "pose"
 
 
 @pytest.mark.parametrize("expert, named", [
-    ("local_field", "imitation.expert: got \"one that speaks 'field'"), ("juggler", "juggler"), ("planner", "planner|expert"),
+    ("local_field", "imitation.expert: got \"one that speaks 'phasor'"), ("juggler", "juggler"), ("planner", "planner|expert"),
     ("3", "policy: got 3"),
 ])  # fmt: skip
 def test_experts_that_cannot_teach_are_refused(tmp_path, capsys, expert, named):
     config = tmp_path / "wrench.yaml"
-    config.write_text(IMITATED.replace("expert: pose", f"expert: {expert}"))
+    config.write_text(IMITATED.replace("{kind: pose, action: wrench}", expert))
     line = refused(capsys, config, "--output", tmp_path / "run")
     assert re.search(named, line) and not (tmp_path / "run").exists()
 
@@ -247,9 +247,9 @@ def test_experts_that_cannot_teach_are_refused(tmp_path, capsys, expert, named):
     ("net: [8]", "blind: [smell], net: [8]", "ppo.blind: got 'smell'"),
     ("field}", "field, observation: state}", "observation: got 'state'; allowed: 'parts'"),
     ("worlds: 8", "worlds: 2\nscenes: [{}, {}, {}]", "worlds: got 2; allowed: at least 3"),
-    ("worlds: 8", "worlds: 8\nscenes: [{}, {sensor: camera}]", "scenes: got|sensor"),
-    ("worlds: 8", "worlds: 8\nscenes: [{word: 1}]", "environment: arguments: got .*'word'.*; allowed: those of"),
-    ("field}", "field, word: 1}", "environment: arguments: got .*'word'"),
+    ("worlds: 8", "worlds: 8\nscenes: [{}, {sensor: {kind: pose, tell: [age]}}]", "scenes: got"),
+    ("worlds: 8", "worlds: 8\nscenes: [{word: 1}]", "environment: keyword arguments: got .*'word'.*; allowed: "),
+    ("field}", "field, word: 1}", "environment: keyword arguments: got .*'word'"),
 ])  # fmt: skip
 def test_settings_that_do_not_go_together_are_refused(tmp_path, capsys, old, new, named):
     config = tmp_path / "bad.yaml"
