@@ -62,7 +62,7 @@ class LeanSAC(SAC):
                 value = _least(self.critic_target, after, action) - coefficient * logarithm
                 wanted = (batch.rewards + (1.0 - batch.dones) * self.gamma * value).clamp(*self.values)
             both = torch.cat((seen, batch.actions), dim=1)
-            loss = sum(functional.mse_loss(network(both), wanted) for network in self.critic.q_networks)
+            loss = sum(0.5 * functional.mse_loss(network(both), wanted) for network in self.critic.q_networks)
             assert isinstance(loss, torch.Tensor)
             self.critic.optimizer.zero_grad()
             loss.backward()

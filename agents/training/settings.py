@@ -203,7 +203,7 @@ def load_settings(path: Path, agent: str | None = None, seed: int | None = None)
         seed: instead of the file's.
     """
     data, where = load_yaml(path), str(path)
-    if "task" not in data:
+    if "task" not in data and any("/" in str(key) for key in data):  # ids of environments
         data, where = _of_agent(data, where, agent, seed)
     elif agent is not None:
         raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
@@ -227,7 +227,9 @@ def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
             continue
         spec = gym.registry.get(key) if isinstance(key, str) else None
         if spec is None or not isinstance(own, dict):
-            raise checks.refuse(where, key, "'task', for one run; or 'defaults' and ids of environments, with mappings")
+            raise checks.refuse(
+                where, key, "a mapping with 'task', for one run, or with 'defaults' and ids of environments"
+            )
         for name, settings in own.items():
             if not isinstance(settings, dict) or "task" in settings:
                 raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
@@ -244,7 +246,7 @@ def _of_agent(data: dict[str, Any], where: str, agent: str | None, seed: int | N
     if not isinstance(defaults, dict):
         raise checks.refuse(f"{where}: defaults", defaults, "a mapping of settings")
     if agent not in agents:
-        raise checks.refuse("--agent", agent, f"one of {', '.join(agents)}")
+        raise checks.refuse(f"{where}: agent", agent, f"one of {', '.join(agents)}")
     own = agents[agent]
     merged = {**defaults, **own}
     for name in PARTS_OF_SETTINGS:

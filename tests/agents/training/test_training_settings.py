@@ -72,9 +72,9 @@ def test_environments_of_others_keep_their_whole_name(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("agent, named", [
-    (None, "--agent: got None; allowed: one of Align/ideal, Align/prototype"),
-    ("Align", "--agent: got 'Align'; allowed: one of"), ("Align/real", "--agent: got 'Align/real'"),
-    ("", "--agent: got ''"), ("defaults", "--agent: got 'defaults'"),
+    (None, "agent: got None; allowed: one of Align/ideal, Align/prototype"),
+    ("Align", "agent: got 'Align'; allowed: one of"), ("Align/real", "agent: got 'Align/real'"),
+    ("", "agent: got ''"), ("defaults", "agent: got 'defaults'"),
 ])  # fmt: skip
 def test_agents_that_a_file_has_not_are_refused(many, agent, named):
     with pytest.raises(ValueError, match=named) as error:
@@ -83,7 +83,7 @@ def test_agents_that_a_file_has_not_are_refused(many, agent, named):
 
 
 @pytest.mark.parametrize("old, new, named", [
-    ("vibgym/Align-v0:", "vibgym/Juggle-v0:", "ppo.yaml: got 'vibgym/Juggle-v0'; allowed: 'task'"),
+    ("vibgym/Align-v0:", "vibgym/Juggle-v0:", "ppo.yaml: got 'vibgym/Juggle-v0'; allowed: a mapping with 'task'"),
     ("vibgym/Align-v0:", "Align:", "ppo.yaml: got 'Align'"), ("vibgym/Align-v0:", "3:", "ppo.yaml: got 3"),
     ("  ideal: {}", "  ideal: 3", "vibgym/Align-v0.ideal: got 3; allowed: a mapping"),
     ("  ideal: {}", "  ideal: {task: Sort}", "vibgym/Align-v0.ideal: got .*without 'task'"),
