@@ -18,10 +18,11 @@ REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
 ACCURACY := $(VENV)/.installed-accuracy
 PUSHT := $(VENV)-pusht
-POLICIES := transport align rotate
+CONFIG ?= configs/agents/ppo.yaml
+AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 
 .NOTPARALLEL:
-.PHONY: help venv test fuzz report replicate accuracy benchmark train format clean
+.PHONY: help venv test fuzz report compare replicate accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
@@ -30,7 +31,8 @@ help:
 	@echo "make replicate   the thesis's figures beside ours: runs/replicate/replicate.html"
 	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
 	@echo "make benchmark   accuracy and speed, as the README quotes them"
-	@echo "make train       train the shipped policies: $(POLICIES)"
+	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
+	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make format      sort imports, format"
 	@echo "make clean       remove the environment and all caches; runs/ stays"
@@ -94,9 +96,15 @@ benchmark: $(LEARN) $(ACCURACY) $(PUSHT)/.installed
 	$(PY) -m benchmarks.pile
 	$(PY) -m benchmarks.camera
 	$(PY) -m benchmarks.control
+	$(PY) -m benchmarks.training
 
+# Some hours: three seeds of every agent; then their table and the best of each. AGENTS="Align/ideal" for some of them.
 train: $(LEARN)
-	@for policy in $(POLICIES); do $(PY) -m agents train configs/agents/$$policy.yaml --policy agents/learned/shipped/$$policy.json || exit; done
+	@for agent in $(AGENTS); do for seed in 0 1 2; do $(PY) -m agents train $(CONFIG) --agent $$agent --seed $$seed || exit; done; done
+	$(PY) -m agents tabulate $(CONFIG) $(AGENTS:%=--agent %) --ship agents/learned/shipped --page docs/agents.md
+
+compare: $(REPORT)
+	$(PY) -m agents compare configs/comparisons/agents.yaml
 
 format: $(DEV)
 	$(BIN)/ruff check --fix

@@ -1,4 +1,4 @@
-"""Command line: ``python -m agents evaluate CONFIG``, ``python -m agents train CONFIG``, ``python -m agents replicate``.
+"""Command line: ``python -m agents evaluate CONFIG``, ``compare CONFIG``, ``train CONFIG``, ``replicate``.
 
 Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
@@ -16,7 +16,7 @@ from vibgym import interrupts
 
 def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
-    result = argparse.ArgumentParser(prog="python -m agents", description="Evaluate and train policies.")
+    result = argparse.ArgumentParser(prog="python -m agents", description="Evaluate, compare and train policies.")
     commands = result.add_subparsers(dest="command", required=True)
     evaluating = commands.add_parser("evaluate", help="run policies on tasks and write a report")
     evaluating.add_argument("--episodes", type=int, metavar="N", help="episodes of each policy on each task")
@@ -24,11 +24,27 @@ def parser() -> argparse.ArgumentParser:
         "--gif", nargs=3, metavar=("TASK", "POLICY", "PATH"), help="also write the film of this pair as a GIF file"
     )
     evaluating.add_argument("--gif-hardware", metavar="NAME", help="on which hardware, instead of the first one")
+    comparing = commands.add_parser("compare", help="compare learned with classical policies on the same seeds")
+    comparing.add_argument("--episodes", type=int, metavar="N", help="episodes of each policy on each task")
     training = commands.add_parser("train", help="train a policy, or go on from its last checkpoint")
     training.add_argument(
         "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
     )
-    for command in (evaluating, training):
+    training.add_argument("--agent", metavar="NAME", help="which one of a file of many, such as Align/prototype")
+    training.add_argument("--seed", type=int, metavar="N", help="of the training, instead of the file's")
+    tabulating = commands.add_parser(
+        "tabulate", help="play the seeds of trained agents, write their table, ship the best"
+    )
+    tabulating.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of agents")
+    tabulating.add_argument(
+        "--agent", action="append", metavar="NAME", help="only this one; may be given several times"
+    )
+    tabulating.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="of the trainings")
+    tabulating.add_argument("--episodes", type=int, default=500, metavar="N", help="of each policy")
+    tabulating.add_argument("--output", type=Path, default=Path("results/agents.csv"), metavar="FILE")
+    tabulating.add_argument("--page", type=Path, metavar="FILE", help="the whole table in Markdown")
+    tabulating.add_argument("--ship", type=Path, metavar="DIR", help="where the best seeds' policies go")
+    for command in (evaluating, comparing, training):
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
         command.add_argument("--quiet", action="store_true", help="no progress bars")
@@ -74,18 +90,72 @@ def evaluate(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def compare(arguments: argparse.Namespace) -> int:
+    """Run a comparison, write its files and print the summary."""
+    from agents import comparison
+    from vibgym import files, locks
+
+    held = contextlib.ExitStack()
+    try:
+        settings = comparison.load_settings(arguments.config, arguments.episodes, arguments.output)
+        try:
+            prepared = comparison.prepare(settings)
+            held.enter_context(locks.one_run(Path(settings.output), "comparison.output"))
+        except ValueError as error:
+            raise ValueError(f"{arguments.config}: {error}") from None
+    except ValueError as error:
+        return refused(error)
+    try:
+        with held:
+            found = comparison.compare(prepared, arguments.quiet)
+            page = comparison.write(found)
+    except files.WriteError as error:
+        return failed(error)
+    print(comparison.summary_table(found))
+    print(f"\npage: {page}")
+    return 0
+
+
 def train(arguments: argparse.Namespace) -> int:
     """Train a policy."""
-    from agents.learned.train import TrainingError, train
+    from agents.training.checkpoint import TrainingError
+    from agents.training.train import train
     from vibgym.files import WriteError
 
     output = None if arguments.output is None else Path(arguments.output)
     try:
-        train(arguments.config, output=output, quiet=arguments.quiet, policy=arguments.policy)
+        train(arguments.config, output, arguments.quiet, arguments.policy, arguments.agent, arguments.seed)
     except ValueError as error:
         return refused(error)
     except (TrainingError, WriteError) as error:
         return failed(error)
+    return 0
+
+
+def tabulate(arguments: argparse.Namespace) -> int:
+    """Play the seeds of trained agents and write their table."""
+    from agents.training.settings import agents_in
+    from agents.training.table import selected, tabulate
+    from vibgym.files import WriteError
+
+    try:
+        names = selected(arguments.config, arguments.agent, agents_in(arguments.config))
+        rows = tabulate(
+            arguments.config,
+            names,
+            arguments.seeds,
+            arguments.episodes,
+            arguments.output,
+            arguments.ship,
+            arguments.page,
+        )
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    for row in rows:
+        time = row["time_to_goal_median_s"]
+        print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
     return 0
 
 
@@ -119,9 +189,15 @@ def failed(error: Exception) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    return interrupts.run(
-        lambda: {"evaluate": evaluate, "train": train, "replicate": replicate}[arguments.command](arguments)
-    )
+    commands = {
+        "evaluate": evaluate,
+        "compare": compare,
+        "train": train,
+        "tabulate": tabulate,
+        "replicate": replicate,
+    }
+    run = commands[arguments.command]
+    return interrupts.run(lambda: run(arguments))
 
 
 if __name__ == "__main__":

@@ -63,6 +63,38 @@ def trained(info: TaskInfo, *, path: str) -> Policy:
     return load_trained(Path(path.replace("{task}", info.name.lower())), info)
 
 
+def residual(info: TaskInfo, *, path: str, base: Any = None, scale: float | None = None) -> Policy:
+    """A base policy with a learned correction (:class:`agents.learned.residual.ResidualPolicy`).
+
+    Args:
+        info: task and scene.
+        path: as for :func:`trained`; the file says what is corrected, and by how much.
+        base, scale: of these, where they are given, nothing else than the file's: a name or a mapping, and a number.
+
+    Raises:
+        ValueError: another base or scale than the file's, or a file that holds no correction for this task.
+    """
+    from agents.learned.residual import ResidualPolicy, load_correction  # safetensors is an extra
+
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a trained correction's JSON file")
+    found = load_correction(Path(path.replace("{task}", info.name.lower())), info, base, scale)
+    return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
+
+
+def schedule(info: TaskInfo, *, path: str) -> Policy:
+    """The sensorless schedule in a JSON file.
+
+    Raises:
+        ValueError: the file holds none, or none for this surface.
+    """
+    from agents.learned.schedule import load_schedule  # safetensors is an extra
+
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a schedule's JSON file")
+    return load_schedule(Path(path), info)
+
+
 CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
     "controller",
     {
@@ -77,6 +109,8 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
         "pid": lawful("pid"),
         "state_space": lawful("state_space"),
         "trained": trained,
+        "residual": residual,
+        "schedule": schedule,
     },
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.

@@ -35,6 +35,7 @@ class TaskInfo:
     periods_per_step: int  # oscillation periods
     step_time: float  # s
     layout: Layout  # of the state observation
+    parts_layout: tuple[Any, ...]  # what the numbers of a row of the observation by parts mean
     hardware: DataSheet  # what the actuators' data sheet says
     step_limit: int | None  # steps
     goal_moves: bool = False  # while an episode goes on; observations tell how, see agents.control.measured
@@ -75,6 +76,7 @@ class TaskInfo:
             periods_per_step=base.periods_per_step,
             step_time=base.step_time,
             layout=Layout(base.surface, base.parts, task.features, task.slots),
+            parts_layout=base.parts_layout,
             hardware=base.data_sheet,
             step_limit=limit,
             goal_moves=task.goal_moves,

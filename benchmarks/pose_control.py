@@ -4,7 +4,7 @@ Every case plays the same goals of Align, for 15 s each whether or not they are 
 last 10 s of its distance to the goal, and of its heading's; printed are the median over the goals, the 95 % quantile in
 brackets, and the largest. Overshoot is the farthest that a part gets beyond its goal along the straight way there, as a
 share of that way. Time is what passes until Align would call it a success, the hold included, above the lower bound on it
-(:class:`vibgym.bounds.TimeBound`). Elements are on in steps whose action is not zero: the share of the last 10 s in which
+(:class:`vibgym.bounds.TimeBound`). Elements are on in steps whose command is not zero: the share of the last 10 s in which
 any is.
 """
 
@@ -74,10 +74,9 @@ class Held(NamedTuple):
 
 def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS, **machine: Any) -> Held:
     """Bring a part to as many goals, and keep it there."""
-    env = VibgymVectorEnv(
-        num_envs=goals, task="Stay", action="phasor", parts=[part], max_episode_steps=10**6, **machine
-    )
-    made = make_policy(policy, TaskInfo.of(env, "Align"))
+    kept: dict[str, Any] = {"task": "Stay", "parts": [part], "max_episode_steps": 10**6, **machine}
+    made = make_policy(policy, TaskInfo.of(VibgymVectorEnv(num_envs=1, **kept), "Align"))
+    env = VibgymVectorEnv(num_envs=goals, action=made.action, observation=made.observation, **kept)
     task, step, base = env.unwrapped.task, env.step_time, env.unwrapped
     steps, last = round(seconds / step), round(LAST / step)
     seen, _ = env.reset(seed=seed)
@@ -86,8 +85,8 @@ def hold(policy: Any, part: Any, goals: int, seed: int, seconds: float = SECONDS
     error[0] = base.truth.error[:, 0]
     for k in range(steps):
         action, memory = made.predict(seen, memory)
-        on[k] = (action != 0.0).any(axis=1)
         seen, *_ = env.step(action)
+        on[k] = [base.phasors(world).any() for world in range(goals)]
         error[k + 1] = base.truth.error[:, 0]
     way = np.linalg.norm(error[0, :, :2], axis=-1)
     distance, left = np.linalg.norm(error[..., :2], axis=-1), np.abs(error[..., 2])

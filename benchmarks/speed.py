@@ -132,7 +132,7 @@ def training() -> None:
     """PPO from the shipped configuration, everything included from the first environment to the saved policy."""
     import yaml
 
-    from agents.learned.train import train
+    from agents.training.train import train
 
     settings = yaml.safe_load(TRAIN_CONFIG.read_text())
     settings["steps"] = 1_000_000

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.learned.settings import TrainSettings, load_settings
+from agents.training.settings import TrainSettings, load_settings
 from vibgym import Part, Surface
 from vibgym.config import SurfaceSettings, load_yaml, parse, part_from, surface_from, to_si
 

@@ -23,7 +23,9 @@ register_environments()
 
 
 def __getattr__(name: str) -> Any:
-    """Import a submodule when it is first asked for; ``gym.make`` does so by the registered names."""
+    """Import a submodule, or what needs an extra, when first asked for; ``gym.make`` does so by the registered names."""
     if name in _ROOMS:
         return importlib.import_module(f"vibgym.{name}")
+    if name == "parallel_env":  # PettingZoo is an extra
+        return importlib.import_module("vibgym.envs.multi_agent").parallel_env
     raise AttributeError(f"module 'vibgym' has no attribute {name!r}")

@@ -13,7 +13,7 @@ from vibgym import checks
 
 
 class LocalFieldPolicy(Steering):
-    """Every part steered straight to its target, whatever is in the way, as ``"phasor"`` actions.
+    """Every part steered straight to its target, whatever is in the way.
 
     The target is the goal position; or the point of the own zone nearest to the part, a margin inside; or, where parts shall
     only be apart, it lies straight away from the other parts that are too near.
@@ -21,7 +21,7 @@ class LocalFieldPolicy(Steering):
     Args:
         info: task and scene.
         margin: m, how far inside zones and borders targets lie.
-        **law: ``law`` of :class:`Steering`, and that law's settings.
+        **law: ``law`` and ``action`` of :class:`Steering`, and that law's settings.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.
@@ -35,7 +35,7 @@ class LocalFieldPolicy(Steering):
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Phasors from the measured poses and mean velocities; the state is :class:`agents.control.steering.Memory`."""
+        """Actions from the measured poses and mean velocities; the state is :class:`agents.control.steering.Memory`."""
         measured = Measured.of(observation, self.info)
         batch = len(measured.centre)
         memory, _ = recall(state, episode_start, self.begin(1), batch)

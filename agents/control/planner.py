@@ -42,7 +42,7 @@ class Memory(NamedTuple):
 
 
 class PlannerPolicy(Steering):
-    """Local fields whose targets are given out and whose parts keep their distance on the way, as ``"phasor"`` actions.
+    """Local fields whose targets are given out and whose parts keep their distance on the way.
 
     Parts with goal poses of their own have their targets; the others' are places in their zones, or far enough apart.
 
@@ -56,7 +56,7 @@ class PlannerPolicy(Steering):
         faithful: s, what another motion must be better than the last one.
         edge: m, distance of centres from the surface's border.
         inset: m, distance of targets from the other borders of their zones.
-        **law: ``law`` of :class:`Steering`, and that law's settings.
+        **law: ``law`` and ``action`` of :class:`Steering`, and that law's settings.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.
@@ -109,7 +109,7 @@ class PlannerPolicy(Steering):
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Phasors from the measured poses and mean velocities; the state is a :class:`Memory`."""
+        """Actions from the measured poses and mean velocities; the state is a :class:`Memory`."""
         measured, period = Measured.of(observation, self.info), self.info.step_time
         batch = len(measured.centre)
         (target, motion, waited, steered), new = recall(state, episode_start, self.initial(1), batch)
@@ -142,3 +142,7 @@ class PlannerPolicy(Steering):
         workers.share(choose, batch, self.threads)
         action, steered = self.steer(measured, self.law.lead * velocity, steered)
         return action, Memory(target, motion, waited, steered)
+
+    def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
+        """See :meth:`agents.control.steering.Steering.acted`."""
+        return memory._replace(steering=super().acted(memory.steering, said, done))

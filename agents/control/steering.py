@@ -7,14 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.control.gains import GainLearner, turn_pushes
 from agents.control.goal_motion import Preview, as_they_stand, from_goals
 from agents.control.laws import LAWS
 from agents.control.measured import Measured, wrap
+from agents.control.outputs import OUTPUTS, Order
 from agents.control.plant import plant_of
 from agents.task_info import TaskInfo
 from vibgym import checks
-from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.layout import SPIN
 
@@ -31,17 +30,18 @@ class Memory(NamedTuple):
     acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts were given in the last step
     law: Any  # the law's own
     spin: np.ndarray  # (batch, parts) rad/s, that the parts are expected to have at the end of that step
-    gains: Any  # agents.control.gains.Gains, or () where nothing is learnt
+    output: Any  # of what says it to the elements: agents.control.gains.Gains, say, or () where nothing is learnt
 
 
 class Steering:
-    """Base of the policies that steer parts by a law, by ``"phasor"`` actions.
+    """Base of the policies that steer parts by a law.
 
     Args:
         info: task, scene and step time.
         law: among :data:`agents.control.laws.LAWS`.
         learn: whether to learn what elements make of their phasors (:mod:`agents.control.gains`), where they have a hard dead
-            zone and parts have goals to be held at.
+            zone and parts have goals to be held at, and ``action`` is ``"phasor"``.
+        action: the environment's ``action=`` that is spoken, of :data:`agents.control.outputs.OUTPUTS`.
         **settings: the law's own.
 
     Attributes:
@@ -52,9 +52,11 @@ class Steering:
         ValueError: a bad argument, or parts that can stick to the surface, where averages over a period do not hold.
     """
 
-    action, observation = "phasor", "state"
+    observation = "state"
 
-    def __init__(self, info: TaskInfo, *, law: str = "local", learn: bool = True, **settings: Any) -> None:
+    def __init__(
+        self, info: TaskInfo, *, law: str = "local", learn: bool = True, action: str = "phasor", **settings: Any
+    ) -> None:
         self.info = info
         self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
         self.slack = self.law.slack
@@ -62,22 +64,20 @@ class Steering:
             info.surface, info.parts, limit=info.hardware.limit, ahead=0.5 * info.surface.period
         )
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
-        self.half = 0.5 * info.surface.period  # s
         # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
         self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
         # s, of the same, by the end of the step.
         self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * plant_of(info).drag)
-        hard = info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard"
-        self.learner = GainLearner(info) if learn and hard and info.has_goal else None
-        self.allocator = Allocator(info.surface, info.parts, info.hardware)
+        self.action = checks.choice("action", action, tuple(OUTPUTS))
+        self.output = OUTPUTS[action](info, self.process, learn)
+        self.learner = self.output.learner
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview, self.seen = (Preview(info), from_goals) if info.goal_moves else (as_they_stand, as_they_stand)
 
     def begin(self, batch: int) -> Memory:
         """Memory at the start of an episode."""
         shape = batch, len(self.info.parts)
-        gains = () if self.learner is None else self.learner.begin(batch)
-        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), gains)
+        return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), self.output.begin(batch))
 
     def expected(self, measured: Measured, memory: Memory) -> Measured:
         """Where the parts are in the middle of what a step lasts longer than a period, and how fast at its start.
@@ -97,7 +97,7 @@ class Steering:
             return measured
         moved, turn = self.ahead * measured.velocity, self.ahead * measured.spin
         if self.learner is not None:  # readings will tell later that elements do not do what they are told
-            unseen, doubt = self.learner.learn(measured, memory.gains)
+            unseen, doubt = self.learner.learn(measured, memory.output)
             measured = replace(measured, doubt=doubt)
             moved, turn = moved + unseen[..., :2], turn + unseen[..., 2]
         goal = self.ahead * measured.goal_velocity
@@ -120,24 +120,37 @@ class Steering:
         push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
         moves &= holds[..., None]  # where averages do not hold, nobody knows what a push would do
         push = np.where(moves, push, 0.0)
-        # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
-        pose = np.concatenate([measured.centre, measured.heading[..., None]], axis=-1) + self.half * velocity
-        if self.learner is None:
-            pushes = self.allocator.pushes(pose, measured.present, push)
-            # Of the push that the elements under a part can do together, which is less than each part's limit says.
-            given = self.allocator.effect(pose, measured.present, pushes)
-        else:
-            gain, phase, spread = self.learner.known(memory.gains)
-            pushes = self.allocator.pushes(pose, measured.present, push, gain, spread)
-            turn_pushes(-phase, pushes.reshape(*phase.shape, 2))
-            given = self.learner.note(pushes, memory.gains, push)
+        seen_then = velocity - self.gaining[:, None] * memory.acceleration
+        action, given, output = self.output.give(Order(measured, seen_then, velocity, push), memory.output)
         acceleration, _ = self.process.acceleration(velocity, given)
         spin = measured.spin + self.gained * acceleration[..., 2]
         # Laws are told what is beyond the limits, not the allocation's last percents: they would take these for saturation.
         told = np.where(moves, allowed, acceleration) - measured.goal_acceleration
-        memory = Memory(acceleration, self.law.applied(seen, told, law), spin, memory.gains)
-        action = self.allocator.commands(pushes)
+        memory = Memory(acceleration, self.law.applied(seen, told, law), spin, output)
         return (action[0] if measured.single else action), memory
+
+    def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
+        """The memory of a step in which others have changed the action, ``"wrench"``: what parts were given is what was done.
+
+        What a law remembers stays, such as the sum of errors that a PID keeps.
+
+        Args:
+            memory: that :meth:`predict` returned.
+            said: (batch, n) the action that it returned.
+            done: (batch, n) the one that the environment got.
+
+        Raises:
+            ValueError: the policy speaks another action.
+        """
+        checks.choice("action", self.action, ("wrench",))
+        shape = memory.acceleration.shape
+        changed = (said.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
+        if not changed.any():
+            return memory
+        given = np.where(changed, self.output.counted(done, memory.output), memory.output.given)
+        acceleration = np.where(changed, given, memory.acceleration)
+        spin = memory.spin + self.gained * (acceleration - memory.acceleration)[..., 2]
+        return memory._replace(acceleration=acceleration, spin=spin, output=memory.output._replace(given=given))
 
     def _turn(self, measured: Measured) -> np.ndarray:
         """Turn that is left, (batch, parts) rad. Where headings do not count, several parts are turned straight (heading 0,

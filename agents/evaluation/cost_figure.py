@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from matplotlib.ticker import NullLocator
 
 from agents.evaluation import figures
 from agents.evaluation.cost import FITTED, Cost, Curve
+from agents.evaluation.pages import data_address
 
 SIMULATION_COLOURS = {False: "#2f6fde", True: "#d1572a"}  # apart, in touch
 CONTROL_COLOURS = ("#0b7a75", "#8a4fbf", "#b8860b", "#4c8c2b")
@@ -64,10 +64,9 @@ def section(cost: Cost) -> dict[str, Any]:
         for curve in cost.curves
         if curve.exponent is not None
     ]
-    plot = base64.b64encode(draw(cost)).decode("ascii")
     return {
         "rows": sorted(rows, key=lambda row: row["kind"] == "Control"),
-        "plot": f"data:image/png;base64,{plot}",
+        "plot": data_address(draw(cost)),
         "fitted": FITTED,
         "period": f"{1e3 * cost.period:g} ms",
         "repetitions": cost.repetitions,

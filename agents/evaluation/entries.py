@@ -86,14 +86,14 @@ def _object_name(policy: Any) -> str:
     return str(getattr(policy, "name", type(policy).__name__))
 
 
-def hardware_entry(name: str, content: Any, tasks: Sequence[str]) -> HardwareEntry:
-    """A machine of the settings: arguments of the environments, beside ``tasks`` and ``episodes``.
+def hardware_entry(where: str, name: str, content: Any, tasks: Sequence[str]) -> HardwareEntry:
+    """A machine of the settings ``where``: arguments of the environments, beside ``tasks`` and ``episodes``.
 
     Raises:
         ValueError: names the field.
     """
-    field = f"evaluation.hardware.{_named('evaluation.hardware', name)}"
-    arguments = _arguments(field, content, ("tasks", "episodes"))
+    field = f"{where}.{named(where, name)}"
+    arguments = arguments_among(field, content, (*HARDWARE_KEYS, "tasks", "episodes"))
     own, episodes = arguments.pop("tasks", None), arguments.pop("episodes", None)
     chosen = tuple(tasks) if own is None else some_of(f"{field}.tasks", own, tasks, "tasks")
     most = None if episodes is None else checks.count(f"{field}.episodes", episodes, most=100_000)
@@ -102,7 +102,8 @@ def hardware_entry(name: str, content: Any, tasks: Sequence[str]) -> HardwareEnt
 
 def effect_arguments(name: str, content: Any) -> dict[str, Any]:
     """Arguments of the environments of one case of the study of effects; see :func:`hardware_entry`."""
-    return _arguments(f"evaluation.effects.cases.{_named('evaluation.effects.cases', name)}", content, ())
+    field = f"evaluation.effects.cases.{named('evaluation.effects.cases', name)}"
+    return arguments_among(field, content, HARDWARE_KEYS)
 
 
 def column(entry: Any, field: str, policies: Sequence[str]) -> Column:
@@ -150,13 +151,17 @@ def some_of(field: str, value: Any, known: Sequence[str], what: str) -> tuple[st
     return tuple(value)
 
 
-def _named(field: str, name: str) -> str:
+def named(field: str, name: str) -> str:
     """A key that is a name in the report, checked."""
     return checks.label(f"{field} (a name)", name, most=MOST_NAME)
 
 
-def _arguments(field: str, content: Any, more: tuple[str, ...]) -> dict[str, Any]:
-    allowed = (*HARDWARE_KEYS, *more)
+def arguments_among(field: str, content: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
+    """A mapping of the settings with some keys alone.
+
+    Raises:
+        ValueError: names the field.
+    """
     if not isinstance(content, Mapping):
         raise checks.refuse(field, content, f"a mapping with keys among {', '.join(map(repr, allowed))}")
     for key in content:

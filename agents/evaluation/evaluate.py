@@ -18,9 +18,9 @@ from agents.evaluation.processes import side_by_side, usable
 from agents.evaluation.provenance import provenance
 from agents.evaluation.results import Results, Row, Trial, row_of
 from agents.evaluation.rollout import Rollout, outcomes, run
+from agents.evaluation.running import run_jobs
 from agents.evaluation.statistics import Comparison, compare
 from agents.policy import Policy
-from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from vibgym.files import csv_text, write_together
 
@@ -32,21 +32,10 @@ def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
     alone = usable(settings.processes) == 1
     measured: Cost | Future[Cost] | None = None
     jobs: dict[tuple[str, ...], Job] = {**evaluation.jobs, **evaluation.study}
-    found: dict[tuple[str, ...], Any] = dict.fromkeys(jobs)
     with side_by_side(settings.processes) as submit:
         if settings.cost_per_period:
             measured = cost.measure_alone(quiet) if alone else submit(cost.measure, True)
-        for key in sorted(
-            (key for key, job in jobs.items() if job.plain and not alone), key=lambda key: jobs[key].size
-        ):
-            job = jobs[key]
-            asked = (job.content, job.info, job.seeds, job.environment, key, *statistics)
-            found[key] = submit(_made_and_judged, *asked)
-        for key, job in jobs.items():
-            if found[key] is None:
-                found[key] = _judged(job.policy, job.info, job.seeds, job.environment, key, *statistics, quiet)
-        waiting = tqdm(found.items(), desc="running policies", unit="pair", disable=quiet or alone)
-        found = {key: each.result() if isinstance(each, Future) else each for key, each in waiting}
+        found = run_jobs(submit, jobs, _judged, statistics, alone=alone, quiet=quiet)
         if isinstance(measured, Future):
             measured = measured.result()
     rollouts: dict[Trial, Rollout] = {trial: found[trial][0] for trial in evaluation.jobs}
@@ -97,7 +86,7 @@ def _judged(
     key: tuple[str, ...],
     level: float,
     resamples: int,
-    quiet: bool = True,
+    quiet: bool,
 ) -> tuple[Rollout, Row] | Cell:
     """A trial's rollout and its statistics; of the study of effects, where ``key`` is (case, policy), a cell."""
     if isinstance(key, Trial):
@@ -105,11 +94,6 @@ def _judged(
         return rollout, row_of(key, rollout, level, resamples)
     case, name = key
     return cell_of(case, name, outcomes(policy, info.name, seeds, environment, name, quiet), level, resamples)
-
-
-def _made_and_judged(content: Any, info: TaskInfo, seeds: list[int], *asked: Any) -> tuple[Rollout, Row] | Cell:
-    """The same in a process of its own, where the policy is made first."""
-    return _judged(make_policy(content, info, seeds[0]), info, seeds, *asked)
 
 
 def write(found: Results, film: tuple[Trial, Path] | None = None, quiet: bool = False) -> Path:

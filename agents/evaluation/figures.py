@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
@@ -224,13 +226,18 @@ def arrivals(results: Results, task: str, hardware: str) -> bytes:
             axes.plot(times(rollout), share, **shown)
         axes.set(xlim=(0.0, end), ylim=(-2.0, 103.0))
         style(axes, xlabel="time (s)", ylabel="parts done, mean (%)")
-    labels = [str(line.get_label()) for line in left.get_lines()]
+    name_lines(figure, left.get_lines())
+    return png(figure)
+
+
+def name_lines(figure: Figure, lines: Sequence[Line2D]) -> None:
+    """A legend beside the axes with the labels of some lines."""
+    labels = [str(line.get_label()) for line in lines]
     # The texts come afterwards: a label that begins with "_" would be left out.
     shown = {"frameon": False, "fontsize": 8.5, "handlelength": 1.4, "labelcolor": INK}
-    legend = figure.legend(left.get_lines(), ["policy"] * len(labels), loc="outside right center", **shown)
+    legend = figure.legend(lines, ["policy"] * len(labels), loc="outside right center", **shown)
     for text, label in zip(legend.get_texts(), labels, strict=True):
         text.set(text=label, parse_math=False)
-    return png(figure)
 
 
 def _held(values: np.ndarray, steps: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ import gymnasium as gym
 import vibgym  # noqa: F401 - registers the environments
 from agents.evaluation.entries import HardwareEntry, PolicyEntry, laid_over, with_sensor
 from agents.evaluation.results import Trial
+from agents.evaluation.run_settings import RunSettings
 from agents.evaluation.settings import EvaluationSettings
 from agents.policy import Policy
 from agents.registry import CONTROLLERS, make_policy
@@ -79,12 +80,40 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
     Raises:
         ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
     """
+    tasks, scenery, jobs = trials(settings)
+    study = _study(settings)
+    film = None if gif is None else (_filmed(gif, jobs), gif.path)
+    writable(settings, FILES)
+    if gif is not None and gif.path.resolve() in [(Path(settings.output) / name).resolve() for name in FILES]:
+        raise checks.refuse("--gif PATH", str(gif.path), "a name that no other file of the report has")
+    return Evaluation(settings, tasks, scenery, jobs, study, film)
+
+
+def writable(settings: RunSettings, names: Sequence[str]) -> None:
+    """Make sure that files of these names can be written into the output directory.
+
+    Raises:
+        ValueError: they cannot.
+    """
+    field = f"{settings.where}.output"
+    directory = output_directory(Path(settings.output), field)
+    output_files((directory / name for name in names), field)
+
+
+def trials(settings: RunSettings) -> tuple[dict[str, TaskInfo], dict[str, Scenery], dict[Trial, Job]]:
+    """Every policy on every task and all hardware that it runs on: what is public of the tasks, what pictures of them show,
+    and the jobs.
+
+    Raises:
+        ValueError: a bad environment setting, or an unknown or unfitting policy.
+    """
+    where = settings.where
     entries, machines = settings.entries(), settings.machines()
     tasks: dict[str, TaskInfo] = {}
     scenery: dict[str, Scenery] = {}
     jobs: dict[Trial, Job] = {}
     for task in settings.tasks:
-        with _Field("evaluation.environment"):
+        with InField(f"{where}.environment"):
             env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings.environment)
         tasks[task], scenery[task] = TaskInfo.of(env, task), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
@@ -92,36 +121,30 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
         for machine in machines:
             jobs |= _jobs(settings, tasks[task], machine, [each for each in serving if machine.runs(each, task)])
         if not any(trial.task == task for trial in jobs):
-            raise checks.refuse("evaluation.policies", [entry.name for entry in entries], f"one that serves {task}")
+            raise checks.refuse(f"{where}.policies", [entry.name for entry in entries], f"one that serves {task}")
     for entry in entries:
         if not any(trial.policy == entry.name for trial in jobs):
-            raise checks.refuse("evaluation.policies", entry.name, f"policies that serve one of {', '.join(tasks)}")
+            raise checks.refuse(f"{where}.policies", entry.name, f"policies that serve one of {', '.join(tasks)}")
     for machine in machines:
         if not any(trial.hardware == machine.name for trial in jobs):
             allowed = "hardware that a policy runs on"
-            raise checks.refuse(f"evaluation.hardware.{machine.name}", list(machine.tasks), allowed)
-    study = _study(settings)
-    film = None if gif is None else (_filmed(gif, jobs), gif.path)
-    directory = output_directory(Path(settings.output), "evaluation.output")
-    output_files((directory / name for name in FILES), "evaluation.output")
-    if gif is not None and gif.path.resolve() in [(directory / name).resolve() for name in FILES]:
-        raise checks.refuse("--gif PATH", str(gif.path), "a name that no other file of the report has")
-    return Evaluation(settings, tasks, scenery, jobs, study, film)
+            raise checks.refuse(f"{where}.hardware.{machine.name}", list(machine.tasks), allowed)
+    return tasks, scenery, jobs
 
 
 def _jobs(
-    settings: EvaluationSettings, plain: TaskInfo, machine: HardwareEntry, entries: list[PolicyEntry]
+    settings: RunSettings, plain: TaskInfo, machine: HardwareEntry, entries: list[PolicyEntry]
 ) -> dict[Trial, Job]:
     """Those of one task on one machine."""
-    task, jobs = plain.name, {}
+    task, where, jobs = plain.name, settings.where, {}
     environment = laid_over(settings.environment, machine.arguments)
     info = plain
     if machine.arguments and entries:
-        info = _told(task, environment, f"evaluation.hardware.{machine.name}")
+        info = told(task, environment, f"{where}.hardware.{machine.name}")
     seeds = settings.seed_list(task, machine.episodes)
     place = task if settings.hardware is None else f"{task}, {machine.name}"
     for entry in entries:
-        with _Field(f"evaluation.policies ({entry.name} on {place})"):
+        with InField(f"{where}.policies ({entry.name} on {place})"):
             policy = make_policy(entry.content, info, seeds[0])
         jobs[Trial(task, machine.name, entry.name)] = Job(info, seeds, environment, entry.content, policy)
     return jobs
@@ -132,29 +155,41 @@ def _study(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
     asked, jobs = settings.effects, {}
     if asked is None:
         return jobs
-    contents = settings.named_policies()
+    contents, known = settings.named_policies(), Known()
     seeds = settings.seed_list(asked.task, asked.episodes)
     for case, arguments in asked.arguments().items():
         environment = laid_over(settings.environment, arguments)
-        plain = _told(asked.task, environment, f"evaluation.effects.cases.{case}")
-        told: list[tuple[dict[str, Any], TaskInfo]] = [(environment, plain)]  # columns share sensors
+        known.info(asked.task, environment, f"evaluation.effects.cases.{case}")
         for column in asked.columns(list(contents)):
             field = f"evaluation.effects.policies ({column.name} in {case})"
             own = with_sensor(environment, column.sensor) if column.sensor else environment
-            info = next((known for each, known in told if each == own), None)
-            if info is None:
-                info = _told(asked.task, own, field)
-                told.append((own, info))
+            info = known.info(asked.task, own, field)
             content = contents[column.policy]
-            with _Field(field):
+            with InField(field):
                 policy = make_policy(content, info, seeds[0])
             jobs[case, column.name] = Job(info, seeds, own, content, policy)
     return jobs
 
 
-def _told(task: str, environment: dict[str, Any], field: str) -> TaskInfo:
+class Known:
+    """What is public of environments, each made once, however many policies share it."""
+
+    def __init__(self) -> None:
+        self.infos: list[tuple[str, dict[str, Any], TaskInfo]] = []
+
+    def info(self, task: str, environment: dict[str, Any], field: str) -> TaskInfo:
+        """Of one; see :func:`told`."""
+        for name, arguments, info in self.infos:
+            if (name, arguments) == (task, environment):
+                return info
+        info = told(task, environment, field)
+        self.infos.append((task, environment, info))
+        return info
+
+
+def told(task: str, environment: dict[str, Any], field: str) -> TaskInfo:
     """What is public of an environment with these arguments; errors begin with the field that they come from."""
-    with _Field(field):
+    with InField(field):
         env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **environment)
     info = TaskInfo.of(env, task)
     env.close()
@@ -179,7 +214,7 @@ def serves(content: Any, info: TaskInfo) -> bool:
     A controller is where it can be made with its own defaults. All others are: where they do not fit, making them says so.
     """
     kind = content.get("kind") if isinstance(content, Mapping) else content
-    if not isinstance(kind, str) or kind not in CONTROLLERS or kind == "trained":
+    if not isinstance(kind, str) or kind not in CONTROLLERS or kind in ("trained", "residual"):
         return True
     try:
         make_policy(kind, info)
@@ -188,7 +223,7 @@ def serves(content: Any, info: TaskInfo) -> bool:
     return True
 
 
-class _Field:
+class InField:
     """Puts the name of a field before the message of a ValueError."""
 
     def __init__(self, name: str) -> None:

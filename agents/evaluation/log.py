@@ -88,7 +88,35 @@ class Ends:
                 fields[key][ended] = info[key][ended]
 
 
-class Log(Ends):
+class Measures(Ends):
+    """The same, beside the least time that each episode needs and the collisions on its way; arguments as of :class:`Ends`.
+
+    Attributes:
+        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Measured`.
+    """
+
+    def __init__(self, env: SharedInterface, info: dict[str, Any], limit: int) -> None:
+        super().__init__(env, info, limit)
+        worlds = len(env.truth.present)
+        self.touches = Touches(env.parts, worlds) if "touching" in info else None
+        self.fields |= {
+            "bound": least_times(env),
+            "collisions": np.full(worlds, np.nan if self.touches is None else 0.0),
+        }
+        self._count(np.ones(worlds, dtype=bool), info)
+        self.fields["collisions"] *= 0.0  # pairs in touch at the start do not count
+
+    def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
+        """Write down what the worlds ``alive`` (bool) are like after ``step``."""
+        super().write(step, alive, info)
+        self._count(alive, info)
+
+    def _count(self, alive: np.ndarray, info: dict[str, Any]) -> None:
+        if self.touches is not None:
+            self.fields["collisions"] += self.touches.new(self.env.truth, alive & (info["touching"] > 0))
+
+
+class Log(Measures):
     """What is written down of every world while a rollout goes on; all is of the worlds' first episodes.
 
     Args:
@@ -103,28 +131,27 @@ class Log(Ends):
         super().__init__(env, info, limit)
         self.start = truth = env.truth
         worlds, parts = truth.present.shape
-        touching = info.get("touching", np.zeros(worlds))
         self.several = truth.present.sum(axis=1) > 1
-        self.touches = Touches(env.parts, worlds) if "touching" in info else None
         way = np.where(truth.present[..., None], truth.error, 0.0)
         self.fields |= {
             "path_lengths": np.zeros((worlds, parts)),
             "straight": np.hypot(way[..., 0], way[..., 1]).sum(axis=1),
             "poses": np.full((worlds, limit + 1, parts, 3), np.nan, dtype=np.float32),
             "goals": truth.goal,
-            "bound": least_times(env),
             "series": np.full((len(SERIES), worlds, limit + 1), np.nan, dtype=np.float32),
-            "collisions": np.full(worlds, np.nan if self.touches is None else 0.0),
         }
         self.last = truth.pose[..., :2]
-        self.watched = farthest_goal(env, touching)
+        self.watched = farthest_goal(env, info.get("touching", np.zeros(worlds)))
         self.paths = tuple(env.paths(self.watched))
         self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, str]] = []
-        self.write(0, np.ones(worlds, dtype=bool), info)
-        self.fields["collisions"] *= 0.0  # pairs in touch at the start do not count
+        self._keep(0, np.ones(worlds, dtype=bool), info)
 
     def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
         """Write down what the worlds ``alive`` (bool) are like after ``step``."""
+        super().write(step, alive, info)
+        self._keep(step, alive, info)
+
+    def _keep(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
         fields, truth = self.fields, self.env.truth
         there = self.start.present & alive[:, None]
         fields["poses"][:, step][there] = truth.pose[there]
@@ -134,8 +161,6 @@ class Log(Ends):
             if name in info:
                 which = alive & self.several if name == "clearance" else alive
                 values[which, step] = info[name][which]
-        if self.touches is not None:
-            fields["collisions"] += self.touches.new(truth, alive & (info["touching"] > 0))
         if alive[self.watched]:
             self.frames.append(self._frame(truth, step))
 

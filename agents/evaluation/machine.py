@@ -45,6 +45,19 @@ def sentences(environment: Mapping[str, Any], surface: Surface) -> list[str]:
     return [*(actuators or IDEAL[:1]), *(sensor or IDEAL[1:]), *drawn]
 
 
+def cards(environments: Mapping[str, Mapping[str, Any]], surface: Surface) -> list[dict[str, Any]]:
+    """Name and sentences of every machine, for a page; nothing where all of them are ideal.
+
+    Args:
+        environments: name of the machine -> arguments of its environments.
+        surface: the table.
+    """
+    found = {name: sentences(each, surface) for name, each in environments.items()}
+    if all(tuple(said) == IDEAL for said in found.values()):
+        return []
+    return [{"name": name, "sentences": said} for name, said in found.items()]
+
+
 def summary(environment: Mapping[str, Any], surface: Surface) -> str:
     """The same in a few words."""
     return ", ".join(each.short for found in _words(environment, surface) for each in found) or "ideal"

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
 from tqdm import tqdm
 
 from agents.evaluation import animation, cost_figure, effects_section, figures, machine, words
 from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film
+from agents.evaluation.pages import data_address, render
 from agents.evaluation.processes import side_by_side, usable
 from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
@@ -70,10 +69,6 @@ TABLES = (
 
 def page(results: Results, quiet: bool = False) -> str:
     """The whole page as HTML."""
-    loader = jinja2.FileSystemLoader(Path(__file__).parent)
-    environment = jinja2.Environment(
-        loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
     settings, surface = results.settings, results.surface
     goals = [task for task, info in results.tasks.items() if info.has_goal]
     together = [task for task in results.tasks if task not in goals]
@@ -86,7 +81,7 @@ def page(results: Results, quiet: bool = False) -> str:
         for trial in tqdm(trials, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
             asked = (results.tasks[trial.task], results.scenery[trial.task], settings.animations, max(share, 100_000))
             drawn.append(submit(_pictures, results.rollouts[trial], *asked))
-        arrivals = {section: _data(figures.arrivals(results, *section), "png") for section in sections}
+        arrivals = {section: data_address(figures.arrivals(results, *section)) for section in sections}
         examples = [_example(results, tasks) for tasks in (goals, together) if tasks and settings.animations]
         cards: dict[tuple[str, str], list[dict[str, Any]]] = {section: [] for section in sections}
         for row, pictures in zip(results.rows, drawn, strict=True):
@@ -114,11 +109,12 @@ def page(results: Results, quiet: bool = False) -> str:
         for title, columns, kind in TABLES
         if (names := [task for task, info in results.tasks.items() if kind_of(info) == kind])
     ]
-    return environment.get_template("report.html.j2").render(
+    return render(
+        Path(__file__).with_name("report.html.j2"),
         results=results,
         settings=settings,
         surface=surface,
-        loads=_loads(results),
+        loads=words.loads({task: (info, results.episodes(task)) for task, info in results.tasks.items()}),
         goals=goals,
         together=together,
         following=any(info.goal_moves for info in results.tasks.values()),
@@ -135,7 +131,7 @@ def page(results: Results, quiet: bool = False) -> str:
         tasks=list(tasks.values()),
         tables=tables,
         hardware=results.hardware,
-        machines=_machines(results),
+        machines=machine.cards({name: results.arguments_of(name) for name in results.hardware}, surface),
         prototype=any(_kind(results.arguments_of(name)) == "prototype" for name in results.hardware),
         effects=None if results.effects is None else effects_section.section(results),
         comparisons=[_compared(each) for each in against_best(results)],
@@ -146,33 +142,10 @@ def page(results: Results, quiet: bool = False) -> str:
     )
 
 
-def _machines(results: Results) -> list[dict[str, Any]]:
-    """What hardware there is, in words; nothing where all of it is ideal."""
-    found = {name: machine.sentences(results.arguments_of(name), results.surface) for name in results.hardware}
-    if all(tuple(said) == machine.IDEAL for said in found.values()):
-        return []
-    return [{"name": name, "sentences": said} for name, said in found.items()]
-
-
 def _kind(environment: Mapping[str, Any]) -> str:
     """Of the actuators."""
     actuators = environment.get("actuators", "ideal")
     return actuators["kind"] if isinstance(actuators, Mapping) else actuators
-
-
-def _loads(results: Results) -> list[dict[str, Any]]:
-    """Which parts the tasks have, tasks with the same ones together."""
-    found: dict[tuple[str, int], list[str]] = {}
-    for task, info in results.tasks.items():
-        found.setdefault((words.inventory(info.parts), results.episodes(task)), []).append(task)
-    return [
-        {"tasks": words.joined(tasks), "inventory": inventory, "episodes": episodes}
-        for (inventory, episodes), tasks in found.items()
-    ]
-
-
-def _data(content: bytes, kind: str) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def seeds_text(seeds: list[int]) -> str:
@@ -218,11 +191,11 @@ def _card(results: Results, row: Row) -> dict[str, Any]:
 
 def _pictures(rollout: Rollout, info: TaskInfo, scenery: Scenery, animated: bool, share: int) -> dict[str, Any]:
     """The plot of one policy on one task, and its film of at most ``share`` bytes, as addresses of data."""
-    found: dict[str, Any] = {"plot": _data(figures.trajectories(rollout, info, scenery), "png"), "film": None}
+    found: dict[str, Any] = {"plot": data_address(figures.trajectories(rollout, info, scenery)), "film": None}
     if animated:
         frames, interval = animation.frames_of(rollout.film, scenery, rollout.step_time)
-        found["film"] = _data(animation.webp(frames, interval, share), "webp")
-        found["still"] = _data(animation.png(frames[-1]), "png")
+        found["film"] = data_address(animation.webp(frames, interval, share), "webp")
+        found["still"] = data_address(animation.png(frames[-1]))
         found["size"] = (frames[0].shape[1], frames[0].shape[0])
     return found
 
@@ -238,7 +211,7 @@ def _outcome(film: Film, info: TaskInfo) -> str:
 
 def _millimetres(value: float) -> str:
     """With its sign: negative is an overlap."""
-    return "–" if not math.isfinite(value) else f"{_signed(1e3 * value, 2).removeprefix('+')} mm"
+    return "–" if not math.isfinite(value) else f"{signed(1e3 * value, 2).removeprefix('+')} mm"
 
 
 def thousands(rate: float) -> str:
@@ -252,7 +225,7 @@ def _range(low: float, high: float, factor: float) -> str:
     return f"{number(factor * low, 2)} – {text}" if math.isfinite(high) and float(text) > 0.0 else ""
 
 
-def _signed(value: float, digits: int) -> str:
+def signed(value: float, digits: int) -> str:
     """With a typographic minus, and no sign on zero."""
     text = f"{value:+.{digits}f}"
     return text[1:] if float(text) == 0.0 else text.replace("-", "−")
@@ -284,12 +257,12 @@ def _compared(each: Comparison) -> dict[str, Any]:
         "hardware": each.hardware,
         "first": each.first,
         "second": each.second,
-        "success": _signed(100 * each.success_difference, 1),
-        "success_interval": f"{_signed(low, 1)} to {_signed(high, 1)}",
+        "success": signed(100 * each.success_difference, 1),
+        "success_interval": f"{signed(low, 1)} to {signed(high, 1)}",
         "success_clear": low > 0.0 or high < 0.0,
         "both": each.both,
-        "time": f"{_signed(each.time_difference, 2)} s" if each.both else "–",
-        "time_interval": "" if time is None else f"{_signed(time.low, 2)} to {_signed(time.high, 2)}",
+        "time": f"{signed(each.time_difference, 2)} s" if each.both else "–",
+        "time_interval": "" if time is None else f"{signed(time.low, 2)} to {signed(time.high, 2)}",
         "time_clear": time is not None and (time.low > 0.0 or time.high < 0.0),
     }
 
@@ -316,4 +289,4 @@ def _example(results: Results, tasks: Sequence[str]) -> str:
     chosen = max(variety, key=lambda trial: variety[trial])
     film, scenery = results.rollouts[chosen].film, results.scenery[chosen.task]
     shown = animation.picture(film, scenery, frames[chosen], animation.painter_for(scenery, 1064))
-    return _data(animation.png(shown), "png")
+    return data_address(animation.png(shown))

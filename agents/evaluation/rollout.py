@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from tqdm import tqdm
 
-from agents.evaluation.log import SERIES, Ends, Film, Log
+from agents.evaluation.log import SERIES, Ends, Film, Log, Measures
 from agents.policy import Policy
 
 Kept = TypeVar("Kept", bound=Ends)
@@ -59,25 +59,31 @@ class Outcomes:
 
 
 @dataclass(frozen=True)
-class Rollout(Outcomes):
+class Measured(Outcomes):
+    """The same, with what each episode is measured by."""
+
+    bound: np.ndarray  # s, least time to goal from this start, hold included; nan where none is known
+    collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
+
+    @property
+    def time_over_bound(self) -> np.ndarray:
+        """Time to goal as a multiple of the least one; nan without success, and where no bound is known."""
+        return self.time_to_goal / self.bound
+
+
+@dataclass(frozen=True)
+class Rollout(Measured):
     """Records of one policy on one task. Arrays are (episodes,) unless said otherwise, in the order of the seeds."""
 
     path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
     straight: np.ndarray  # m, shortest way of all parts together, see below
     poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
     goals: np.ndarray  # (episodes, parts, 3); zeros for tasks without goal poses
-    bound: np.ndarray  # s, least time to goal from this start, hold included; nan where none is known
     series: (
         np.ndarray
     )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task does not say it
-    collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
     timing: Timing
     film: Film
-
-    @property
-    def time_over_bound(self) -> np.ndarray:
-        """Time to goal as a multiple of the least one; nan without success, and where no bound is known."""
-        return self.time_to_goal / self.bound
 
     @property
     def path_length(self) -> np.ndarray:
@@ -146,6 +152,14 @@ def outcomes(
     """The same episodes as of :func:`run`, of which only the ends are kept."""
     ends, _ = _episodes(Ends, policy, task, seeds, environment, name, quiet)
     return Outcomes(task, tuple(seeds), ends.env.step_time, **ends.fields)
+
+
+def measured(
+    policy: Policy, task: str, seeds: Sequence[int], environment: dict[str, Any], name: str = "", quiet: bool = False
+) -> Measured:
+    """The same episodes as of :func:`run`: their ends, their bounds and the collisions on the way."""
+    found, _ = _episodes(Measures, policy, task, seeds, environment, name, quiet)
+    return Measured(task, tuple(seeds), found.env.step_time, **found.fields)
 
 
 def _episodes(

@@ -7,7 +7,9 @@ rates then get the exact (Clopper-Pearson) interval of a binomial proportion, ot
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -69,15 +71,15 @@ class Comparison:
         )
 
 
-def bootstrap(values: np.ndarray, level: float, resamples: int) -> Interval:
-    """Interval of the mean of ``values`` (n,), which must not all be equal.
+def bootstrap(values: np.ndarray, level: float, resamples: int, statistic: Callable[..., Any] = np.mean) -> Interval:
+    """Interval of the mean of ``values`` (n,), or another ``statistic`` of them; they must not all be equal.
 
     The corrected method has no answer for some very uneven samples; the plain percentiles are then used, and named.
     """
     for method in ("BCa", "percentile"):
         result = stats.bootstrap(
             (values,),
-            np.mean,
+            statistic,
             confidence_level=level,
             n_resamples=resamples,
             batch=1000,

@@ -104,7 +104,7 @@ def summary_table(results: Results) -> str:
         rows = [row for row in results.rows if kind_of(results.tasks[row.task]) == kind]
         if rows:
             heads, texts = zip(*columns, *more, strict=True)
-            tables.append(_table(heads, ([text(row) for text in texts] for row in rows)))
+            tables.append(markdown(heads, ([text(row) for text in texts] for row in rows)))
     if results.effects is not None:
         tables.append(effects_table(results.effects))
     return "\n\n".join(tables)
@@ -113,7 +113,7 @@ def summary_table(results: Results) -> str:
 def effects_table(effects: Effects) -> str:
     """Success rate and median time to goal of every policy in every case, in Markdown."""
     lines = ([case, *map(_cell, cells)] for case, cells in effects.rows())
-    return _table((f"{effects.task}: effect", *effects.policies), lines)
+    return markdown((f"{effects.task}: effect", *effects.policies), lines)
 
 
 def _cell(cell: Cell) -> str:
@@ -169,7 +169,8 @@ def number(value: float, digits: int) -> str:
     return f"{value:.{digits if value < 9.995 else min(digits, 1)}f}"
 
 
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
     return "\n".join([_line(heads), _line("-" * len(each) for each in heads), *map(_line, lines)])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,16 @@ def _described(part: Part, count: int) -> str:
     number = NUMBER_WORDS[count] if count < len(NUMBER_WORDS) else str(count)
     name = part.name.replace("_", " ") + ("s" if count > 1 else "")
     return f"{number} {name} ({length:.3g} × {width:.3g} mm, friction {part.friction:g})"
+
+
+def loads(tasks: Mapping[str, tuple[TaskInfo, int]]) -> list[dict[str, Any]]:
+    """Which parts tasks have, by name with their numbers of episodes; tasks with the same ones together."""
+    found: dict[tuple[str, int], list[str]] = {}
+    for task, (info, episodes) in tasks.items():
+        found.setdefault((inventory(info.parts), episodes), []).append(task)
+    return [
+        {"tasks": joined(names), "inventory": parts, "episodes": episodes} for (parts, episodes), names in found.items()
+    ]
 
 
 def asked(task: TaskInfo) -> str:

@@ -1,7 +1,1 @@
-"""Learned policies: training with Stable-Baselines3, storage, and inference without torch."""
-
-import os
-
-# After each parallel region torch's OpenMP threads spin for milliseconds, and so keep the simulator's threads waiting that
-# run in between. Less patience makes training about 10 % faster. The library reads this once, when torch is imported.
-os.environ.setdefault("GOMP_SPINCOUNT", "2000")
+"""Learned policies as they act: NumPy and safetensors, without torch. How they are trained is :mod:`agents.training`."""

@@ -22,7 +22,7 @@ from vibgym import checks
 from vibgym.files import reason, write_atomically
 
 
-def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any]) -> None:
+def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: dict[str, Any], version: int = 1) -> None:
     """Write ``tensors`` and ``settings`` as a set of ``kind`` under the JSON file ``path``.
 
     One process at a time: what another one has just written for a set of the same name may go.
@@ -36,7 +36,7 @@ def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: di
     digest = hashlib.sha256(data).hexdigest()
     tensor_path = path.with_name(f"{path.stem}-{digest[:12]}.safetensors")
     write_atomically(tensor_path, data)
-    record = {"format": kind, "version": 1, "tensors": tensor_path.name, "sha256": digest, **settings}
+    record = {"format": kind, "version": version, "tensors": tensor_path.name, "sha256": digest, **settings}
     write_atomically(path, json.dumps(record, indent=2, sort_keys=True) + "\n")
     mine = re.compile(re.escape(path.stem) + r"-[0-9a-f]{12}\.safetensors")
     for old in list(path.parent.iterdir()):
@@ -67,7 +67,7 @@ def as_float32(where: str, tensors: dict[str, np.ndarray]) -> dict[str, np.ndarr
     return result
 
 
-def load_set(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def load_set(path: Path, kind: str, version: int = 1) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Read a set back.
 
     Raises:
@@ -81,9 +81,9 @@ def load_set(path: Path, kind: str) -> tuple[dict[str, np.ndarray], dict[str, An
         raise checks.refuse("path", name, f"a readable {kind} file ({error.strerror})") from None
     except (ValueError, RecursionError) as error:
         raise checks.refuse(name, f"not JSON ({error})", f"a {kind} file") from None
-    if not isinstance(record, dict) or record.get("format") != kind or record.get("version") != 1:
+    if not isinstance(record, dict) or record.get("format") != kind or record.get("version") != version:
         got = {key: record.get(key) for key in ("format", "version")} if isinstance(record, dict) else type(record)
-        raise checks.refuse(name, got, f"format {kind!r}, version 1")
+        raise checks.refuse(name, got, f"format {kind!r}, version {version}")
     file = record.get("tensors")
     if not isinstance(file, str) or Path(file).name != file or not file.endswith(".safetensors") or "\0" in file:
         raise checks.refuse(f"{name}: tensors", file, "the name of a safetensors file beside it")

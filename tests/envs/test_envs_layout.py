@@ -8,6 +8,7 @@ import pytest
 from tests.envs.helpers import batch, single
 from vibgym.envs import VibgymEnv
 from vibgym.envs.layout import FEATURES, Layout
+from vibgym.envs.row_layout import NEIGHBOUR, OWN
 
 CASES = [
     ("Rotate", {}), ("Align", {}), ("Transport", {}), ("Sort", {"slots": 8}), ("Singulate", {"randomize": {"parts": [2, 6]}}),
@@ -64,7 +65,7 @@ def test_quantities_come_back_in_si_units(task, settings):
 
 def test_the_documentation_has_the_table():
     text = VibgymEnv.__doc__ or ""
-    for feature in FEATURES:
+    for feature in (*FEATURES, *OWN, *NEIGHBOUR):
         assert f"| {feature.name} | {feature.meaning} | {feature.unit} |" in text
     assert "{" not in text.replace('{"parts"', "")
     assert text.count("| 0, 1 | element |") == 1 and text.count("| 18, 19 | neighbour |") == 1

@@ -17,8 +17,15 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
 
 
 @pytest.mark.parametrize("task", POSE_TASKS)
-@pytest.mark.parametrize("content", ["local_field", "agents/learned/shipped/{}.json"])
-@pytest.mark.parametrize("settings", [{}, PROTOTYPE], ids=["ideal", "prototype"])
+@pytest.mark.parametrize(
+    ("content", "settings"),
+    [
+        ("local_field", {}),
+        ("local_field", PROTOTYPE),
+        ("agents/learned/shipped/{}.json", {}),
+        ("agents/learned/shipped/{}-prototype.json", PROTOTYPE),
+    ],
+)
 def test_no_policy_beats_the_bound(task: str, content: str, settings: dict) -> None:
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.format(task.lower()), TaskInfo.of(env, task))

@@ -18,8 +18,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import evaluation
-from agents.learned.settings import load_settings
-from agents.learned.train import make_env
+from agents.training.beginning import make_env
+from agents.training.settings import load_settings
 from tests.fuzz.campaign import count, fuzz
 from vibgym.accuracy import report
 from vibgym.accuracy import settings as accuracy_settings

@@ -116,10 +116,14 @@ def test_variances_stay_positive_whatever_is_read():
             assert (variances >= 0.0).all() and np.isfinite(own.measurement.pose).all(), k
 
 
-def steered(env, policy, steps, skip=5):
-    """Errors of what was known against the truth at the instant it was meant for, and sigmas, under a policy."""
-    info = TaskInfo.of(env)
-    policy = make_policy(policy, info)
+LEARNED, SPOKEN = "agents/learned/shipped/align.json", {"action": "wrench", "observation": "parts"}
+"""A policy that was trained in the ideal world, and what it speaks and reads."""
+
+
+def steered(env, steps, skip=5):
+    """Errors of what was known against the truth at the instant it was meant for, and sigmas, under the learned policy."""
+    policy = make_policy(LEARNED, TaskInfo.of(env))
+    assert {"action": policy.action, "observation": policy.observation} == SPOKEN
     observation, _ = env.reset(seed=0)
     ahead, known, errors, sigmas, state = env.core.actuators.latency, [], [], [], None
     for k in range(steps):
@@ -138,12 +142,12 @@ def steered(env, policy, steps, skip=5):
 @pytest.mark.parametrize("sensor", [{}, {"delay": 2}, {"dropout": 0.3}])
 def test_it_is_as_unsure_as_it_is_wrong(sensor):
     """On the prototype, driven by a policy that knows nothing of it: mean of (error / sigma)^2 near 1."""
-    env = batch(48, {"kind": "pose", **sensor, "estimator": "model"})
-    errors, sigmas = steered(env, "agents/learned/shipped/align.json", 40)
+    env = batch(48, {"kind": "pose", **sensor, "estimator": "model"}, **SPOKEN)
+    errors, sigmas = steered(env, 40)
     squares = ((errors / sigmas) ** 2).mean(axis=(0, 1, 2))
     assert (squares > 0.25).all() and (squares < 1.6).all(), squares
-    bare = batch(48, {"kind": "pose", **sensor})
-    worse, _ = steered(bare, "agents/learned/shipped/align.json", 40)
+    bare = batch(48, {"kind": "pose", **sensor}, **SPOKEN)
+    worse, _ = steered(bare, 40)
     assert np.sqrt((errors[..., :2] ** 2).mean()) < 0.2 * np.sqrt((worse[..., :2] ** 2).mean())
 
 
@@ -207,12 +211,13 @@ def test_a_learned_policy_needs_the_model_on_the_prototype():
     """Trained in the ideal world: with what is known now it never gets there, with what the model foresees it does."""
     success = {}
     for estimator in ("none", "model"):
-        env = batch(20, {"kind": "pose", "estimator": estimator})
-        policy = make_policy("agents/learned/shipped/align.json", TaskInfo.of(env))
+        env = batch(20, {"kind": "pose", "estimator": estimator}, **SPOKEN)
+        policy, state = make_policy(LEARNED, TaskInfo.of(env)), None
         observation, _ = env.reset(seed=100)
         held = np.zeros(20, dtype=bool)
         for _ in range(100):
-            env.core.step(env.core.action.check(policy.predict(observation)[0], 20))
+            action, state = policy.predict(observation, state)
+            env.core.step(env.core.action.check(action, 20))
             observation = env.core.observe()
             held |= env.core.episode.success
         success[estimator] = held.mean()

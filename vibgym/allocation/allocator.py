@@ -11,6 +11,7 @@ more. Where it does nothing, elements rest or move with an amplitude of at least
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
@@ -21,6 +22,7 @@ from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
 from vibgym.allocation.effect import effects, reaches
 from vibgym.allocation.projections import SPREAD, Limits, Work, new_work, serve, start_table
+from vibgym.physics.core.jit import borrowing
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -69,7 +71,9 @@ class Allocator:
             self._made_up = sheet.dead_zone / largest, INVERSES[sheet.dead_zone_form]
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._scratch = workers.Pool(partial(_scratch, surface, self.parts))
-        self._limits = Limits(self.least, self.most, start_table(self.least))
+        # Where elements can do what is small, they need no other starts than the first: all would be the same.
+        starts = {} if self.least > 0.0 else {"starts": 1, "few_starts": 1}
+        self._limits = Limits(self.least, self.most, start_table(self.least), **starts)
         self._usual = np.tile([[1.0], [SPREAD]], surface.rows * surface.columns)[:, None]
 
     def pushes(
@@ -156,9 +160,16 @@ class Allocator:
             inside = (share > 0.0) & (share < 1.0)
             share[~inside] = 1.0
             push = push * (inverse(share) / share)
-        action = np.empty(push.shape, dtype=np.float32)
-        np.negative(push[..., ::-1], out=action, casting="same_kind")
-        return action.reshape(len(push), -1)
+        action = np.empty((len(push), math.prod(push.shape[1:])), dtype=np.float32)
+        turn_round(np.ascontiguousarray(push).reshape(-1), action.reshape(-1))
+        return action
+
+
+@borrowing
+def turn_round(push, action):
+    """Write pushes (n,) x, y, x, y, ... as phasors ``-(y, x)``, float32, into ``action``."""
+    for k in range(0, push.shape[0], 2):
+        action[k], action[k + 1] = -push[k + 1], -push[k]
 
 
 def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Work]:

@@ -31,6 +31,7 @@ from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
 from vibgym.physics.core.jit import borrowing
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation import threads as workers
 from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, mean_coefficients, slips
 from vibgym.simulation.schemes import check_sliding
 
@@ -248,9 +249,13 @@ def forward(numbers, velocity, push, scratch, later, acceleration, holds):
 
 
 @borrowing
-def invert(numbers, velocity, wanted, scratch, later, push, acceleration, holds):
-    """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten."""
-    for i in range(velocity.shape[0]):
+def invert(start, stop, numbers, velocity, wanted, scratch, later, push, acceleration, holds):
+    """Pushes (batch, parts, 3) over full amplitude for wanted mean accelerations and what they do, overwritten.
+
+    Args:
+        start, stop: first row of the batch, and the one after the last.
+    """
+    for i in range(start, stop):
         for k in range(velocity.shape[1]):
             at, given = velocity[i, k], acceleration[i, k]
             later[0], later[1], later[2] = at[0], at[1], at[2]
@@ -277,13 +282,20 @@ class FrictionalInverse:
         ahead: s, at most a period. Friction is that of the velocity which the part will have so much later, for accelerations
             change it meanwhile: with half a step, accelerations are means over the step. At 0 they are those at the velocity
             given, of which half a period of friction takes an eighth on the prototype.
+        threads: None uses all processors of this process; results do not depend on it.
 
     Raises:
         ValueError: a pair that can stick, a part without friction, or elements that cannot move.
     """
 
     def __init__(
-        self, surface: Surface, parts: Part | Sequence[Part], *, limit: float | None = None, ahead: float = 0.0
+        self,
+        surface: Surface,
+        parts: Part | Sequence[Part],
+        *,
+        limit: float | None = None,
+        ahead: float = 0.0,
+        threads: int | None = None,
     ) -> None:
         checks.instance("surface", surface, Surface)
         if not isinstance(parts, (Part, list, tuple)):
@@ -300,6 +312,7 @@ class FrictionalInverse:
         elif largest == 0.0:
             raise checks.refuse("surface.max_amplitude", largest, "> 0: elements at rest push nothing")
         self.limit = largest if limit is None else min(limit, largest)
+        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         friction = np.array([part.friction for part in self.parts])
         self._numbers = Numbers(
             coefficients(),
@@ -323,7 +336,11 @@ class FrictionalInverse:
         """
         velocity, wanted = _rows(velocity), _rows(wanted)
         result = Inverse(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
-        invert(self._numbers, velocity, wanted, new_scratch(), np.empty(3), *result)
+
+        def work(start: int, stop: int) -> None:
+            invert(start, stop, self._numbers, velocity, wanted, new_scratch(), np.empty(3), *result)
+
+        workers.share(work, len(wanted), self._threads)
         return result
 
     def acceleration(self, velocity: np.ndarray, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

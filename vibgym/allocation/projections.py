@@ -319,6 +319,17 @@ def halve(work, parts, elements, lanes):
 
 
 @borrowing
+def begin(limits, work, parts, elements, n, lanes):
+    """Put the first wish of so many starts together."""
+    for j in range(elements):
+        for k in range(2):
+            for lane in range(lanes):
+                work.wish[j, k, lane] = limits.start[j % SLOTS, k, lane]
+    miss(work, parts, n, lanes)
+    add_missing(work, parts, n, lanes)
+
+
+@borrowing
 def serve_group(limits, pieces, count, own, wanted, gain, spread, work):
     """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
     parts, elements, n = gather(pieces, count, own, wanted, gain, spread, work)
@@ -326,17 +337,14 @@ def serve_group(limits, pieces, count, own, wanted, gain, spread, work):
     for k in range(3 * parts):
         size += work.wanted[k] * work.wanted[k]
     small = size < parts * limits.least * limits.least
-    lanes, rounds = (limits.starts, limits.rounds) if small else (limits.few_starts, limits.few_rounds)
-    for j in range(elements):
-        for k in range(2):
-            for lane in range(lanes):
-                work.wish[j, k, lane] = limits.start[j % SLOTS, k, lane]
-    miss(work, parts, n, lanes)
-    add_missing(work, parts, n, lanes)
+    begin(limits, work, parts, elements, n, 1)
     if untouched(limits, work, elements):  # those of least norm will do
         for j in range(elements):
             work.best[j, 0], work.best[j, 1] = work.wish[j, 0, 0], work.wish[j, 1, 0]
         return elements
+    lanes, rounds = (limits.starts, limits.rounds) if small else (limits.few_starts, limits.few_rounds)
+    if lanes > 1:
+        begin(limits, work, parts, elements, n, lanes)
     least = math.inf
     for turn in range(rounds):
         try_out(limits, work, parts, n, lanes)

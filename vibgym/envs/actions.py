@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
@@ -50,6 +50,9 @@ class Action(ABC):
     """
 
     shape: tuple[int, ...]
+
+    by_part: ClassVar[bool] = False
+    """Whether the first axis of ``shape`` is that of the parts, so that every part has its share of the numbers."""
 
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         self.surface = surface
@@ -148,6 +151,8 @@ class Patch(Action):
     of parts equally near the one with the lower index. Parts that are gone command nothing.
     """
 
+    by_part = True
+
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)
         self.side = patch_size(surface, self.parts)
@@ -167,6 +172,8 @@ class Field(Action):
     the largest part). Every element obeys the part whose centre is nearest to the element's centre, of parts equally near
     the one with the lower index. Parts that are gone command nothing.
     """
+
+    by_part = True
 
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)
@@ -194,6 +201,8 @@ class Wrench(Action):
     Raises:
         ValueError: a part that can stick to the surface, where averages over a period do not hold.
     """
+
+    by_part = True
 
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)

@@ -20,6 +20,7 @@ from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS
+from vibgym.envs.base import Observation
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.randomization import Randomization
 from vibgym.envs.starting import Starting
@@ -37,6 +38,9 @@ NONE = np.zeros(0, dtype=np.int64)
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """What a world takes at least: its generator, what is known of each part, and spaces, actions and drives of the elements."""
+
+NAMED = ("start", "zones", "slots", "paths", "randomize")
+"""Settings of tasks that are keyword arguments of the environment; the others come as ``task_settings``."""
 
 MOST_PERIODS = 1_000_000
 """In a step: eleven hours in the world."""
@@ -82,6 +86,7 @@ class Core:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
         details: groups of what ``info`` says besides, live arrays (worlds, ...).
         term_names, terms: names of the reward terms, and their values (worlds, terms).
+        part_terms: their values for each part alone, (worlds, parts, terms).
         longest: s that the paths of an episode may last.
 
     Raises:
@@ -117,8 +122,8 @@ class Core:
             plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
         )  # fmt: skip
         self.task.features = (*self.task.features, *self.sensing.tell)
-        self.observation = OBSERVATIONS.choose("observation", options.observation)(self.task)
-        self.observation.watch(self.sensing.sensor)
+        self.observation = self._observation("observation", options.observation)
+        self._observations = {options.observation: self.observation}
         self._commanded = self.action.install(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
@@ -135,10 +140,12 @@ class Core:
         if not self.sensing.exact:
             self._measured = new_relations(worlds, len(self.parts))
             self._by_measurement = self.scoring.judged(self._measured)
-        self.facts, self.details = self._shown()
-        self.term_names, self.terms = tuple(self.task.TERMS), self.episode.terms
+        self.term_names = tuple(self.task.TERMS)
+        self.terms, self.part_terms = self.episode.terms, self.episode.part_terms
         if self.observation.goal_reward:
-            self.term_names, self.terms = ("goal",), np.zeros((worlds, 1))
+            self.term_names = ("goal",)
+            self.terms, self.part_terms = np.zeros((worlds, 1)), np.zeros((worlds, len(self.parts), 1))
+        self.facts, self.details = self._shown()
         self.drive: Any = None
         self.began, self.longest = False, math.inf
 
@@ -147,11 +154,22 @@ class Core:
         vars(self).update(state)
         self.facts, self.details = self._shown()
 
-    def _shown(self) -> tuple[dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
-        """Facts, and groups of what ``info`` says besides (drawn, measured, commanded): live arrays (worlds, ...)."""
+    def _shown(self) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
+        """Facts, and groups of what ``info`` says besides (drawn, measured, commanded, parts): live arrays (worlds, ...).
+
+        A group may hold groups.
+        """
         state = self.simulator.state
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
+        terms = {name: self.part_terms[..., k] for k, name in enumerate(self.term_names)}
+        parts = {
+            "done": self.episode.done,
+            "fallen": self.episode.part_fallen,
+            "present": self.episode.present,
+            "reward": self.episode.part_reward,
+            "reward_terms": terms,
+        }
+        groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded, "parts": parts}
         facts = self.task.facts(state.diverged, self.episode) | self.scoring.facts()
         return facts, {name: each for name, each in groups.items() if each}
 
@@ -184,7 +202,7 @@ class Core:
         self.simulator.condition(worlds, drawn)
         self.scoring.begin(worlds, start)
         if self.observation.goal_reward:
-            self.terms[worlds] = 0.0
+            self.terms[worlds], self.part_terms[worlds] = 0.0, 0.0
         for remembered in self.action.live().values():
             remembered[worlds] = 0
         self.actuators.reset(worlds, uniform[:, own:driven])
@@ -239,6 +257,7 @@ class Core:
             reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
             self.episode.reward[:] = reward
             self.terms[:, 0] = reward
+            self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(self.episode.present, reward[:, None], 0.0)
 
     def _look(self) -> None:
         """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
@@ -249,6 +268,29 @@ class Core:
     def observe(self) -> Any:
         """A fresh batch of observations."""
         return self.observation.observe(self.sensing.measurement, self._measured, self.episode)
+
+    def observed(self, kind: str) -> Any:
+        """A fresh batch of another observation of the same instant.
+
+        Args:
+            kind: as for ``observation=``. It is built once and kept.
+
+        Raises:
+            ValueError: there is no such observation, or the task or the sensor has it not.
+        """
+        name = checks.choice("kind", kind, tuple(OBSERVATIONS))
+        if name not in self._observations:
+            if not OBSERVATIONS[name].beside:
+                have = [each for each in OBSERVATIONS if OBSERVATIONS[each].beside]
+                raise checks.refuse("kind", kind, f"{', '.join(have)}, or what the environment was made with")
+            self._observations[name] = self._observation("kind", name)
+        return self._observations[name].observe(self.sensing.measurement, self._measured, self.episode)
+
+    def _observation(self, argument: str, kind: Any) -> Observation:
+        """An observation by its name, given as ``argument``."""
+        observation = OBSERVATIONS.choose(argument, kind)(self.task)
+        observation.watch(self.sensing.sensor)
+        return observation
 
     def _resting_command(self) -> Drive:
         """A command as they all are, that nobody obeys."""
@@ -311,6 +353,7 @@ class Core:
             **self.relations._asdict(),
             **self.scoring.own_state(),
             "shown_terms": self.terms,
+            "shown_part_terms": self.part_terms,
         }
 
 
@@ -329,16 +372,15 @@ def _task_settings(options: Options, cls: type[Task], randomize: Mapping[str, An
 
     ``randomize``: the task's share of it.
     """
-    settings = {name: getattr(options, name) for name in ("start", "zones", "slots", "paths")}
+    settings = {name: getattr(options, name) for name in NAMED if name != "randomize"}
     settings = {
         name: value for name, value in {**settings, "randomize": randomize or None}.items() if value is not None
     }
     known = checks.keywords(cls)
     for name, value in settings.items():
         if name not in known:
-            raise checks.refuse(
-                name, value, f"nothing for {options.task}, which has {', '.join(known) or 'no settings'}"
-            )
+            own = ", ".join(each for each in known if each in NAMED)
+            raise checks.refuse(name, value, f"nothing for {options.task}, which has {own or 'no settings'}")
     more = {} if options.task_settings is None else options.task_settings
     if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
         raise checks.refuse(

@@ -1,15 +1,15 @@
-"""The one table of the state observation: which number means what, in which unit, on which scale.
+"""Tables of observations, and the one of the state observation: which number means what, in which unit, on which scale.
 
 The kernel that writes observations, the decoder that reads them, the tables in the documentation and
 ``env.unwrapped.observation_layout`` all come from :data:`FEATURES`. A task says which features a part has, and every part has
-a block of these.
+a block of these. The table of the observation by parts is in :mod:`vibgym.envs.row_layout`, in the same form.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -124,11 +124,12 @@ NAMES = tuple(feature.name for feature in FEATURES)
 
 
 class Numbers(NamedTuple):
-    """What some numbers of a state observation mean: a row of ``env.unwrapped.observation_layout``.
+    """What some numbers mean: a row of ``env.unwrapped.observation_layout``, or of ``parts_layout``.
 
     Attributes:
         name: of the feature.
-        part: whose it is; None for slots without a part, whose numbers are always 0.
+        part: whose it is; None for slots without a part, whose numbers are always 0, and in ``parts_layout``, which is the
+            same for all.
         start, width: where its numbers stand.
         unit: of a number 1, in words.
         scale: (width,) the quantity, in SI units, that a number 1 stands for; for tanh its argument's.
@@ -163,21 +164,35 @@ class Layout:
         rows: every number's meaning, in order.
     """
 
+    TABLE: ClassVar[tuple[Feature, ...]] = FEATURES
+    """All features that there are, in the order in which they stand in a block."""
+
     def __init__(self, surface: Surface, parts: Sequence[Part], features: Sequence[str], slots: int) -> None:
         self.surface, self.parts, self.features, self.slots = surface, tuple(parts), tuple(features), slots
-        self.scale = scales(surface)
-        self.column = np.full(len(FEATURES), -1, dtype=np.int64)
+        self.names = tuple(feature.name for feature in self.TABLE)
+        self.scale = self.scales(surface)
+        self.column = np.full(len(self.TABLE), -1, dtype=np.int64)
         self.block = 0
-        for index, feature in enumerate(FEATURES):
+        for index, feature in enumerate(self.TABLE):
             if feature.name in self.features:
                 self.column[index] = self.block
                 self.block += feature.width
         self.size = slots * self.block
-        self.rows = tuple(row for slot in range(slots) for row in self._rows(slot))
+        self.rows = self._rows()
 
-    def _rows(self, slot: int) -> list[Numbers]:
+    @staticmethod
+    def scales(surface: Surface) -> np.ndarray:
+        """Scale of every feature, (features of the table, 2), SI units; see :class:`Numbers`."""
+        return scales(surface)
+
+    def _rows(self) -> tuple[Numbers, ...]:
+        own = (slot if slot < len(self.parts) else None for slot in range(self.slots))
+        return tuple(row for slot, part in enumerate(own) for row in self._block_rows(slot * self.block, part))
+
+    def _block_rows(self, start: int, part: int | None) -> list[Numbers]:
+        """The rows of a block that starts at this number."""
         rows = []
-        for index, feature in enumerate(FEATURES):
+        for index, feature in enumerate(self.TABLE):
             if self.column[index] < 0:
                 continue
             scale = tuple(np.resize(self.scale[index], feature.width).tolist())
@@ -185,8 +200,8 @@ class Layout:
             rows.append(
                 Numbers(
                     feature.name,
-                    slot if slot < len(self.parts) else None,
-                    slot * self.block + int(self.column[index]),
+                    part,
+                    start + int(self.column[index]),
                     feature.width,
                     feature.unit,
                     scale,
@@ -199,10 +214,13 @@ class Layout:
 
     def numbers(self, observation: np.ndarray, name: str) -> np.ndarray:
         """The numbers of a feature, (..., parts, width), as they stand in observations (..., size)."""
-        index = NAMES.index(name)
+        index = self.names.index(name)
         start = int(self.column[index])
-        blocks = observation.reshape(*observation.shape[:-1], self.slots, self.block)[..., : len(self.parts), :]
-        return blocks[..., start : start + FEATURES[index].width]
+        return self._blocks(observation)[..., : len(self.parts), start : start + self.TABLE[index].width]
+
+    def _blocks(self, observation: np.ndarray) -> np.ndarray:
+        """The blocks of observations, (..., slots, block)."""
+        return observation.reshape(*observation.shape[:-1], self.slots, self.block)
 
     def quantity(self, observation: np.ndarray, name: str) -> np.ndarray:
         """The quantity behind a feature, (..., parts, width) in SI units: the coding undone.
@@ -212,15 +230,15 @@ class Layout:
             name: of a linear or tanh feature, of ``"position"``, or of ``"heading"`` (rad, modulo the part's symmetry).
         """
         values = np.asarray(self.numbers(observation, name), dtype=np.float64)
-        index = NAMES.index(name)
-        scale = np.resize(self.scale[index], FEATURES[index].width)
+        index = self.names.index(name)
+        scale = np.resize(self.scale[index], self.TABLE[index].width)
         if name == "position":
             return (values + 1.0) * scale
         if name == "heading":
             symmetry = np.array([part.symmetry for part in self.parts])
             angle = np.arctan2(values[..., 1], values[..., 0]) / np.maximum(symmetry, 1)
             return np.where(symmetry > 0, angle, 0.0)[..., None]
-        if FEATURES[index].coding == "tanh":
+        if self.TABLE[index].coding == "tanh":
             return np.arctanh(np.clip(values, -1.0 + 1e-7, 1.0 - 1e-7)) * scale
         return values * scale
 

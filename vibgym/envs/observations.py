@@ -1,9 +1,8 @@
-"""Observations: what a policy gets to see of a measurement, as a flat state, a goal dictionary or an image."""
+"""Observations: what a policy gets to see of a measurement, flat, by parts, as a goal dictionary or an image."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,8 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.envs import layout as table
-from vibgym.envs.layout import Layout as Table
+from vibgym.envs.base import Observation
+from vibgym.envs.row_observation import PartsObservation
 from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.registry import Registry
@@ -135,51 +135,6 @@ def write_blocks(pose, mean_velocity, age, sigma, blocks, size, flat):
                     block[column[NEIGHBOUR]], block[column[NEIGHBOUR] + 1] = dx / apart, dy / apart
 
 
-class Observation(ABC):
-    """Base: the space of one world and a fresh batch of observations.
-
-    An observation of your own is a subclass; ``vibgym.envs.OBSERVATIONS.register`` gives it a name.
-
-    Args:
-        task: with its surface and parts.
-
-    Attributes:
-        layout: of the state observation, also where another one is handed out.
-
-    Raises:
-        ValueError: the task has no such observation.
-    """
-
-    goal_reward: bool = False
-    """Whether the reward is that of a goal observation (GoalEnv)."""
-
-    def __init__(self, task: Task) -> None:
-        self.task = task
-        self.layout = Table(task.surface, task.parts, task.features, task.slots)
-
-    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - most get all that they need with every measurement
-        """Get to know the sensor, once, before anything else is asked.
-
-        Raises:
-            ValueError: the sensor has not what this observation shows.
-        """
-
-    @property
-    @abstractmethod
-    def space(self) -> spaces.Space:
-        """Space of one world."""
-
-    @abstractmethod
-    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        """A fresh batch of observations.
-
-        Args:
-            measurement: what is known of the parts.
-            relations: how they stand to their goals and to one another, by the measured poses.
-            episode: of which goals and present parts are known.
-        """
-
-
 class StateObservation(Observation):
     """One flat float32 box in [-1, 1]: a block of numbers for each slot, part p in slot p; see the layout."""
 
@@ -203,6 +158,26 @@ class StateObservation(Observation):
         pose, mean_velocity, _, age, sigma = measurement
         write_blocks(pose, mean_velocity, age, sigma, self._blocks.address, self.layout.block, out)
         return out
+
+
+class PartsAndState(Observation):
+    """The dictionary of ``"parts"``, and the flat ``state`` besides: for a policy of two that read one each."""
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        self._parts, self._state = PartsObservation(task), StateObservation(task)
+
+    def watch(self, sensor: Sensor) -> None:
+        self._parts.watch(sensor)
+        self._state.watch(sensor)
+
+    @property
+    def space(self) -> spaces.Space:
+        return spaces.Dict({**self._parts.space.spaces, "state": self._state.space})  # type: ignore[attr-defined]
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        state = self._state.observe(measurement, relations, episode)
+        return {**self._parts.observe(measurement, relations, episode), "state": state}
 
 
 class GoalObservation(StateObservation):
@@ -283,6 +258,8 @@ class ImageObservation(Observation):
 class CameraObservation(Observation):
     """uint8 image (lines, columns): what the camera saw at the look that is due, with all its noise and distortion."""
 
+    beside = False
+
     def watch(self, sensor: Sensor) -> None:
         if not isinstance(sensor, CameraSensor):
             raise checks.refuse(
@@ -301,6 +278,13 @@ class CameraObservation(Observation):
 
 OBSERVATIONS: Registry[type[Observation]] = Registry(
     "observation",
-    {"state": StateObservation, "goal": GoalObservation, "image": ImageObservation, "camera": CameraObservation},
+    {
+        "state": StateObservation,
+        "parts": PartsObservation,
+        "parts_and_state": PartsAndState,
+        "goal": GoalObservation,
+        "image": ImageObservation,
+        "camera": CameraObservation,
+    },
 )
 """Observations by name; ``OBSERVATIONS.register(name, cls)`` adds one of your own."""

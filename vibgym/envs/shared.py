@@ -6,17 +6,18 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import gymnasium as gym
 import numpy as np
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.envs.core import Core
 from vibgym.envs.layout import Numbers
+from vibgym.envs.row_layout import RowLayout
 from vibgym.envs.starting import KEYS, Starting, starting_from
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
-from vibgym.tasks.base import HOLD_PERIODS
 
 MOST_EPISODE = 10**12
 """Steps or periods of an episode."""
@@ -96,6 +97,38 @@ class SharedInterface:
         return self.core.observation.layout.rows
 
     @property
+    def parts_layout(self) -> tuple[Numbers, ...]:
+        """What the numbers of a row of the observation by parts mean, in order; the same for every part.
+
+        :class:`vibgym.envs.row_layout.RowLayout` turns numbers back into quantities.
+        """
+        return RowLayout.of(self.core.task).rows
+
+    def observed(self, kind: str) -> Any:
+        """Another observation of the same instant, such as ``"state"`` beside ``observation="parts"``.
+
+        So an expert that reads one observation can be asked while a learner acts by another.
+
+        Args:
+            kind: as for ``observation=``, but ``"camera"``, for which a camera has to keep pictures from the start.
+
+        Returns:
+            One observation, or a batch, as the environment's own observation is; of the episode that the last ``reset`` or
+            ``step`` has shown.
+
+        Raises:
+            ValueError: there is no such observation, or the task has it not.
+            gymnasium.error.ResetNeeded: no episode has begun.
+        """
+        if not self.core.began:
+            raise gym.error.ResetNeeded("observed(): call reset() before")
+        return self._own(self.core.observed(kind))
+
+    def _own(self, seen: Any) -> Any:
+        """A batch of observations as this environment hands them out."""
+        return seen
+
+    @property
     def truth(self) -> Truth:
         """The true state of all worlds; copies."""
         core, state = self.core, self.core.simulator.state
@@ -144,7 +177,7 @@ def check_delays(core: Core, max_episode_periods: Any) -> None:
     """Refuse a machine of which an episode shows nothing, or that does nothing in it, and a task that takes longer.
 
     Raises:
-        ValueError: a delay or a latency that lasts as long as an episode, or paths that do, with the hold.
+        ValueError: a delay or a latency that lasts as long as an episode, a hold that lasts longer, or paths that do with it.
     """
     if max_episode_periods is None:
         return
@@ -153,7 +186,10 @@ def check_delays(core: Core, max_episode_periods: Any) -> None:
     for name, periods in (("sensor.delay", core.sensing.sensor.delay), (latency, actuators.most_latency)):
         if periods >= max_episode_periods:
             raise checks.refuse(name, f"{periods} periods", f"less than an episode, {max_episode_periods} periods")
-    core.longest = (max_episode_periods - HOLD_PERIODS) * core.surface.period
+    if core.task.hold > max_episode_periods:
+        allowed = f"at most an episode, {max_episode_periods} periods"
+        raise checks.refuse("task_settings['hold']", core.task.hold, allowed)
+    core.longest = (max_episode_periods - core.task.hold) * core.surface.period
     if core.task.lasts > core.longest:
         raise checks.refuse(
             "paths", f"{core.task.lasts:.4g} s", f"at most {core.longest:.4g} s: an episode without the hold"

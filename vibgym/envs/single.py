@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.utils import seeding
 
 from vibgym import checks
-from vibgym.envs import generators, layout
+from vibgym.envs import generators, layout, row_layout
 from vibgym.envs.core import Core, Options, refuse_unknown
 from vibgym.envs.shared import SharedInterface, check_delays, frames_per_second, step_limit, wishes
 from vibgym.scene.surface import Surface
@@ -59,11 +59,24 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     {told table}
 
+    ``"parts"``: dictionary of ``parts``, float32 in [-1, 1] (slots, numbers of a row), and ``mask`` (slots,), 1 where there is
+    a part; the rows of absent parts are all 0. Part p has row p, seen from that part, in units that do not depend on the
+    surface's size. :attr:`parts_layout` says what the numbers of a row mean. Only tasks with kinds of parts have ``kind``, with
+    zones ``zone``, with headings that count ``turn``..., with goals that move ``goal_velocity`` to ``turn_ahead``, and for
+    several parts neighbours; a sensor tells ``age`` and ``sigma`` if it is asked to. In this order:
+
+    {own table}
+
+    and for each of the five nearest other parts that have not fallen, by the distance between outlines, nearest first, as
+    ``neighbour_1_there`` and so on:
+
+    {neighbour table}
+
     ``"goal"``: dictionary of ``observation`` (as above), ``achieved_goal`` and ``desired_goal``: x, y in m and, where the
     heading counts, the heading in rad; the reward is then :meth:`compute_reward`. ``"image"``: uint8
     (6 rows, 6 columns, 3), see :class:`vibgym.envs.observations.ImageObservation`. Only tasks with a goal pose have ``"goal"``.
     ``"camera"``: uint8 (lines, columns), what the camera sees; only with ``sensor="camera"``, see
-    :class:`vibgym.sensing.camera.CameraSensor`.
+    :class:`vibgym.sensing.camera.CameraSensor`. :meth:`observed` gives another one of the same instant.
 
     ## Rewards
     The sum of ``info["reward_terms"]``, each bounded:
@@ -109,12 +122,19 @@ class VibgymEnv(SharedInterface, gym.Env):
     takes a ``"pose"`` within 5 mm of the path's beginning, and no ``"goal"``.
 
     ## Episode end
-    Success (within tolerance, or all parts done, for 10 periods in a row), a fallen part or a diverged simulation terminate
-    it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m), ``heading_error`` (rad, magnitude,
-    where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where ``randomize`` draws any, ``drawn``: the
-    factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the acceleration x, y (m/s^2) of what lies on
-    the tilted table. Observations do not show them. With ``action="wrench"``, ``commanded`` says which parts' wishes the
-    elements do not serve, and why (``unserved``, (parts,), an index of :data:`vibgym.envs.actions.REASONS`).
+    Success (within tolerance, or all parts done, for 10 periods in a row, or as many as ``hold`` says), a fallen part or a
+    diverged simulation terminate it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m),
+    ``heading_error`` (rad, magnitude, where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where
+    ``randomize`` draws any, ``drawn``: the factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the
+    acceleration x, y (m/s^2) of what lies on the tilted table. Observations do not show them. With ``action="wrench"``,
+    ``commanded`` says which parts' wishes the elements do not serve, and why (``unserved``, (parts,), an index of
+    :data:`vibgym.envs.actions.REASONS`).
+
+    ``parts`` holds what is true of each part, arrays (parts,): ``done``, ``fallen`` and ``present`` (in this episode),
+    ``reward`` and ``reward_terms``. The terms are the world's, of that part alone: its own distance, turn, place and distance
+    to the nearest; ``fallen`` of the part that fell; ``time`` and ``success`` as they are; 0 of absent parts. Their mean over
+    the present parts is the world's term for distance, turn, inside (of zones), clearance, time and success, unless a part is
+    at a term's bound. With ``observation="goal"`` they are the goal reward.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, or one that you have
@@ -145,7 +165,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         walls: of Sort and Singulate: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
         paths: of Follow: a list with a mapping for each part, or a mapping for paths that are drawn, see
             :class:`vibgym.tasks.Follow`.
-        task_settings: keyword arguments that only a task of your own has.
+        task_settings: keyword arguments that the task has besides: ``hold``, periods in a row with all parts done that make
+            success (10; at most an episode), and those that only a task of your own has.
         periods_per_step: oscillation periods per step. Hold, time cost and limit count periods, so the task stays the same.
         max_episode_periods: periods after which an episode is truncated, where a step has several; with one a step that is
             Gymnasium's own ``max_episode_steps``. None: no limit.
@@ -227,7 +248,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
-        return self._observation(), self._info()
+        return self._own(self.core.observe()), self._info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -246,7 +267,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._draw()
         truncated = self._limit is not None and self._steps >= self._limit
         episode = core.episode
-        return self._observation(), episode.reward.item(), episode.ended.item(), truncated, self._info()
+        return self._own(core.observe()), episode.reward.item(), episode.ended.item(), truncated, self._info()
 
     @property
     def compute_reward(self) -> Any:
@@ -301,8 +322,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self.render_mode == "human":
             self._viewer.show(0)
 
-    def _observation(self) -> Any:
-        seen = self.core.observe()
+    def _own(self, seen: Any) -> Any:
         if isinstance(seen, dict):
             return {key: value[0] for key, value in seen.items()}
         return seen[0]
@@ -311,19 +331,27 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
         info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
-        for group, details in core.details.items():  # arrays, as batches of single environments stack them
-            info[group] = {
-                name: values[0].item() if values.ndim == 1 else values[0].copy() for name, values in details.items()
-            }
-        return info
+        return info | _first(core.details)
+
+
+def _first(details: Mapping[str, Any]) -> dict[str, Any]:
+    """Details of the first world: numbers, and arrays as batches of single environments stack them."""
+    first: dict[str, Any] = {}
+    for name, values in details.items():
+        if isinstance(values, dict):
+            first[name] = _first(values)
+        else:
+            first[name] = values[0].item() if values.ndim == 1 else values[0].copy()
+    return first
 
 
 if VibgymEnv.__doc__ is not None:  # python -OO has none
-    for _name, _features in (
-        ("pose", PoseTask.FEATURES),
-        ("follow", Follow.FEATURES),
-        ("arranged", ArrangedTask.FEATURES),
-        ("told", TOLD),
+    for _name, _table in (
+        ("pose", layout.table(PoseTask.FEATURES)),
+        ("follow", layout.table(Follow.FEATURES)),
+        ("arranged", layout.table(ArrangedTask.FEATURES)),
+        ("told", layout.table(TOLD)),
+        ("own", row_layout.table(row_layout.OWN)),
+        ("neighbour", row_layout.table(row_layout.NEIGHBOUR)),
     ):
-        _table = layout.table(_features).replace("\n", "\n    ")
-        VibgymEnv.__doc__ = VibgymEnv.__doc__.replace(f"{{{_name} table}}", _table)
+        VibgymEnv.__doc__ = VibgymEnv.__doc__.replace(f"{{{_name} table}}", _table.replace("\n", "\n    "))

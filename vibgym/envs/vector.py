@@ -325,12 +325,19 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             terms[name] = term.copy() if mask is None else np.where(mask, term, 0.0)
             terms[f"_{name}"] = here.copy()
         info["reward_terms"], info["_reward_terms"] = terms, here.copy()
-        for group, details in core.details.items():
-            shown: dict[str, Any] = {}
-            for name, value in details.items():
-                shown[name] = value.copy()
-                if mask is not None:
-                    shown[name][~mask] = 0
-                shown[f"_{name}"] = here.copy()
-            info[group], info[f"_{group}"] = shown, here.copy()
-        return info
+        return info | _masked(core.details, here)
+
+
+def _masked(details: Mapping[str, Any], here: np.ndarray) -> dict[str, Any]:
+    """Details with Gymnasium's ``_key`` masks; zeros outside ``here`` (num_envs,)."""
+    shown: dict[str, Any] = {}
+    outside = None if here.all() else ~here
+    for name, values in details.items():
+        if isinstance(values, dict):
+            shown[name] = _masked(values, here)
+        else:
+            shown[name] = values.copy()
+            if outside is not None:
+                shown[name][outside] = 0
+        shown[f"_{name}"] = here.copy()
+    return shown

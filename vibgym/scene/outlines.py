@@ -53,14 +53,14 @@ def is_convex(outline: np.ndarray) -> bool:
 
 def narrowest_width(outline: np.ndarray) -> float:
     """Smallest extent of an outline over all directions, m: it is across an edge of the convex hull."""
-    corners = _convex_hull(outline)
+    corners = convex_hull(outline)
     edges = np.roll(corners, -1, axis=0) - corners
     normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(edges[:, 0], edges[:, 1])[:, None]
     reach = normals @ outline.T
     return float((reach.max(axis=1) - reach.min(axis=1)).min())
 
 
-def _convex_hull(points: np.ndarray) -> np.ndarray:
+def convex_hull(points: np.ndarray) -> np.ndarray:
     """Corners of the convex hull, counter-clockwise (A. M. Andrew, 1979: from left to right below, and back above)."""
     ordered = sorted(map(tuple, points.tolist()))
     hull: list[tuple[float, ...]] = []

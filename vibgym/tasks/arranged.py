@@ -10,7 +10,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Start, Task
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task
 from vibgym.tasks.starts import Starts
 
 
@@ -24,6 +24,7 @@ class ArrangedTask(Task):
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there in an episode.
         slots: blocks of the state observation, at least the number of parts, which is the default.
         apart: m, distance to the nearest other part above which a part is done; None: it does not count.
+        hold: see :class:`vibgym.tasks.Task`.
 
     Raises:
         ValueError: a bad setting, or too little room on the surface.
@@ -54,8 +55,9 @@ class ArrangedTask(Task):
         randomize: Any = None,
         slots: int | None = None,
         apart: float | None = None,
+        hold: int = HOLD_PERIODS,
     ) -> None:
-        super().__init__(surface, parts)
+        super().__init__(surface, parts, hold=hold)
         if apart is not None:
             self.apart = apart
         self.slots = len(self.parts)

@@ -19,7 +19,9 @@ from vibgym.tasks.kinds import kinds_by_name
 from vibgym.tasks.scoring import Scoring
 
 HOLD_PERIODS = 10
-"""Oscillation periods in a row with all parts done that make success: 0.4 s at 25 Hz."""
+"""Oscillation periods in a row with all parts done that make success, unless a task is told otherwise: 0.4 s at 25 Hz."""
+
+MOST_HOLD = 10**9
 
 PER_PERIOD = ("time", "within")
 """Reward quantities that every period earns or costs, so that longer steps do not change the task."""
@@ -33,6 +35,7 @@ class Task(ABC):
     Args:
         surface: the table.
         parts: the parts of every world.
+        hold: oscillation periods in a row with all parts done that make success.
 
     Attributes:
         kinds: names of the parts' kinds.  kind: (parts,) of each part.
@@ -43,7 +46,7 @@ class Task(ABC):
         features: of a part in it: :attr:`FEATURES`, and what the sensor tells besides.
 
     Raises:
-        ValueError: too many kinds or parts.
+        ValueError: too many kinds or parts, or a hold that is no number of periods.
     """
 
     DEFAULT_PARTS: ClassVar[tuple[str, ...]] = ("aluminium_block",)
@@ -78,9 +81,10 @@ class Task(ABC):
     draws: int
     """Uniform numbers per episode."""
 
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
+    def __init__(self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS) -> None:
         if self.MOST_PARTS is not None and len(parts) > self.MOST_PARTS:
             raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MOST_PARTS} for {self.name}")
+        self.hold = checks.count("task_settings['hold']", hold, most=MOST_HOLD)
         self.surface, self.parts = surface, tuple(parts)
         self.kinds, self.kind = kinds_by_name(self.parts)
         self.zones: np.ndarray | None = None
@@ -152,7 +156,7 @@ class Task(ABC):
             "slow": self.speed_limit,
             "apart": self.apart,
             "far": math.hypot(surface.width, surface.height),
-            "hold": HOLD_PERIODS,
+            "hold": self.hold,
             "periods": periods,
         }
         made_of = [of for of, _ in self.TERMS.values()]

@@ -36,6 +36,10 @@ parts.
 - within: 1 if all parts are where and as they should be
 - clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
 - time: -1, success: 1, fallen: -1 if a part has fallen
+
+A part's own terms count the same of that part alone: its distance, its heading error, whether it is inside, and within, and
+its distance to the nearest; -1 for fallen if it is the one; time and success as they are. So the mean of the parts' terms is
+the world's where that is linear in the parts: not for approach, alignment, within and fallen, nor at the bound of a term.
 """
 (DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN) = range(len(QUANTITIES))
 
@@ -102,6 +106,10 @@ class Episode(NamedTuple):
     count: np.ndarray  # (worlds, COUNTS) int64
     flag: np.ndarray  # (worlds, FLAGS) bool
     terms: np.ndarray  # (worlds, terms) reward terms
+    part_fallen: np.ndarray  # (worlds, parts) bool, of present parts
+    part_number: np.ndarray  # (worlds, parts, PART_NUMBERS)
+    part_terms: np.ndarray  # (worlds, parts, terms) reward terms of each part alone, see QUANTITIES; 0 of absent ones
+    part_reward: np.ndarray  # (worlds, parts) their sum
 
     @property
     def reward(self) -> np.ndarray:
@@ -159,6 +167,7 @@ class Judged(NamedTuple):
     placed: np.ndarray  # scratch: as hulls.corner; (4,) see score_worlds; (QUANTITIES,)
     before: np.ndarray
     quantity: np.ndarray
+    fits: np.ndarray  # scratch: (parts,) bool, which are where and as they should be, be it on the floor
 
 
 JUDGED: Layout[Judged] = Layout("JUDGED", __name__)
@@ -167,6 +176,9 @@ judged_at = JUDGED.at
 # Columns of Episode.number: mean distance (m), mean heading error (rad), share of the parts at the goal and mean share of the
 # clearance are what the next step is held against.
 MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP, REWARD = range(8)
+# Columns of Episode.part_number, which a part's next step is held against: distance (m), tanh of it over its scale, heading
+# error (rad), tanh likewise, 1 at the goal, share of the clearance.
+PART_AWAY, PART_NEAR, PART_TURN, PART_ALIGNED, PART_INSIDE, PART_CLEAR = range(6)
 PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: periods in a row with all parts done
 DOWN, SUCCEEDED, ENDED, BARRED = range(4)  # of Episode.flag; BARRED: no success yet, or never, see vibgym.tasks.pursuit
 
@@ -191,6 +203,10 @@ def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode
         count=np.zeros((worlds, 3), dtype=np.int64),
         flag=np.zeros((worlds, 4), dtype=bool),
         terms=np.zeros((worlds, terms)),
+        part_fallen=np.zeros((worlds, parts), dtype=bool),
+        part_number=np.zeros((worlds, parts, 6)),
+        part_terms=np.zeros((worlds, parts, terms)),
+        part_reward=np.zeros((worlds, parts)),
     )
 
 
@@ -301,6 +317,7 @@ def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
         slow = vx * vx + vy * vy < limit[SLOW] * limit[SLOW]
         fitting = away <= limit[POSITION] and turned <= limit[HEADING] and slow and gap > apart
         fit += fitting
+        all_of.fits[i] = fitting
         if fallen[world, i]:
             down = True
         elif fitting:
@@ -346,6 +363,53 @@ def reward_world(all_of, within, world):
 
 
 @borrowing
+def reward_part(all_of, world, part):
+    """Reward terms of one part and their sum, against what its numbers were; the numbers are brought up to date.
+
+    A step that starts an episode leaves no terms, see :func:`score_worlds`.
+    """
+    rules, episode, relations, quantity = all_of.rules, all_of.episode, all_of.relations, all_of.quantity
+    before, apart = episode.part_number[world, part], rules.limit[APART]
+    ex, ey, turned = relations.error[world, part, 0], relations.error[world, part, 1], relations.error[world, part, 2]
+    away, turned = math.sqrt(ex * ex + ey * ey), abs(turned)
+    near, aligned = math.tanh(away / APPROACH_SCALE), math.tanh(turned / ALIGNMENT_SCALE)
+    inside = 1.0 if ex == 0.0 and ey == 0.0 else 0.0
+    clear = min(max(relations.gap[world, part], 0.0), apart) / apart if apart > 0.0 else 0.0
+    quantity[DISTANCE] = _limited((before[PART_AWAY] - away) / DISTANCE_SCALE)
+    quantity[APPROACH] = before[PART_NEAR] - near
+    quantity[TURN] = _limited((before[PART_TURN] - turned) / TURN_SCALE)
+    quantity[ALIGNMENT] = before[PART_ALIGNED] - aligned
+    quantity[INSIDE] = inside - before[PART_INSIDE]
+    quantity[WITHIN] = 1.0 if all_of.fits[part] else 0.0
+    quantity[CLEARANCE] = clear - before[PART_CLEAR]
+    quantity[TIME] = -1.0
+    quantity[SUCCESS] = 1.0 if episode.flag[world, SUCCEEDED] else 0.0
+    quantity[FALLEN] = -1.0 if episode.part_fallen[world, part] else 0.0
+    before[PART_AWAY], before[PART_NEAR], before[PART_TURN] = away, near, turned
+    before[PART_ALIGNED], before[PART_INSIDE], before[PART_CLEAR] = aligned, inside, clear
+    total = 0.0
+    for k in range(rules.term.shape[0]):
+        episode.part_terms[world, part, k] = rules.weight[k] * quantity[rules.term[k]]
+        total += episode.part_terms[world, part, k]
+    episode.part_reward[world, part] = total
+
+
+@borrowing
+def reward_parts(all_of, fallen, starting, world):
+    """Reward terms of every part of one world: zeros of absent ones, and of all where an episode starts."""
+    episode = all_of.episode
+    for i in range(fallen.shape[1]):
+        here = episode.present[world, i]
+        episode.part_fallen[world, i] = here and fallen[world, i]
+        if here:
+            reward_part(all_of, world, i)
+        if starting or not here:
+            episode.part_reward[world, i] = 0.0
+            for k in range(episode.part_terms.shape[2]):
+                episode.part_terms[world, i, k] = 0.0
+
+
+@borrowing
 def relate_worlds(pose, gone, judged):
     """Bring the relations of all worlds up to date.
 
@@ -382,6 +446,7 @@ def score_worlds(worlds, state, judged):
             number[world, REWARD] = 0.0
             for term in range(episode.terms.shape[1]):
                 episode.terms[world, term] = 0.0
+            reward_parts(all_of, true.fallen, True, world)
             continue
         sound = not (flag[world, DOWN] or true.diverged[world])
         count[world, HELD] = (
@@ -390,3 +455,4 @@ def score_worlds(worlds, state, judged):
         flag[world, SUCCEEDED] = count[world, HELD] >= limit[HOLD]
         flag[world, ENDED] = flag[world, SUCCEEDED] or not sound
         reward_world(all_of, within, world)
+        reward_parts(all_of, true.fallen, False, world)

@@ -12,7 +12,7 @@ from vibgym import checks
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Start, Task
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.paths import DrawnPaths, GivenPaths, route
 from vibgym.tasks.paths.given import with_headings
@@ -52,6 +52,7 @@ class Follow(Task):
         surface: the table.
         parts: the parts.
         paths: see above.
+        hold: see :class:`vibgym.tasks.Task`; it is at the end of the path.
 
     Raises:
         ValueError: a bad setting; a path that leaves the surface, or is faster, or bends or speeds up more, than its part can
@@ -89,8 +90,8 @@ class Follow(Task):
     position_tolerance = 0.005
     heading_tolerance = math.radians(5.0)
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], *, paths: Any = None) -> None:
-        super().__init__(surface, parts)
+    def __init__(self, surface: Surface, parts: Sequence[Part], *, paths: Any = None, hold: int = HOLD_PERIODS) -> None:
+        super().__init__(surface, parts, hold=hold)
         apart = self._apart = math.sqrt(2.0) * surface.element_size
         if paths is None or isinstance(paths, Mapping):
             drawn = DrawnPaths(surface, parts, paths or {}, apart + 2.0 * self.position_tolerance)

@@ -11,7 +11,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Start, Task
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task
 from vibgym.tasks.episode import Episode, Relations, misses_goal
 
 
@@ -21,6 +21,7 @@ class PoseTask(Task):
     Args:
         surface: the table.
         parts: the part to move.
+        hold: see :class:`vibgym.tasks.Task`.
 
     Raises:
         ValueError: the part is too large to start on the surface without overhang.
@@ -48,8 +49,8 @@ class PoseTask(Task):
     FALL_REWARD: ClassVar[float] = -50.0
     """Goal reward of the step that ends on the floor: worse than a discounted episode (0.98) of steps outside."""
 
-    def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
-        super().__init__(surface, parts)
+    def __init__(self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS) -> None:
+        super().__init__(surface, parts, hold=hold)
         room = min(surface.width, surface.height) / 2
         for part in self.parts:
             if part.radius > room:

@@ -57,7 +57,8 @@ class Scoring:
     def judged(self, relations: Relations) -> Pinned[Judged]:
         """What kernels need to bring such relations up to date; see :meth:`relate`."""
         hulls = self._task.hulls
-        scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES))
+        fits = np.zeros(self.episode.done.shape[1], dtype=bool)
+        scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES)), fits
         return Pinned(JUDGED, Judged(relations, self.episode, self._rules, hulls, *scratch))
 
     def own_state(self) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ from typing import Any
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.arranged import ArrangedTask
+from vibgym.tasks.base import HOLD_PERIODS
 
 
 class Singulate(ArrangedTask):
@@ -18,11 +19,17 @@ class Singulate(ArrangedTask):
     heap, in touch.
 
     Args:
-        randomize, slots: see :class:`ArrangedTask`.
+        randomize, slots, hold: see :class:`ArrangedTask`.
     """
 
     def __init__(
-        self, surface: Surface, parts: Sequence[Part], *, randomize: Any = None, slots: int | None = None
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        *,
+        randomize: Any = None,
+        slots: int | None = None,
+        hold: int = HOLD_PERIODS,
     ) -> None:
         apart = math.sqrt(2.0) * surface.element_size
-        super().__init__(surface, parts, start="crowded", randomize=randomize, slots=slots, apart=apart)
+        super().__init__(surface, parts, start="crowded", randomize=randomize, slots=slots, apart=apart, hold=hold)

@@ -8,6 +8,7 @@ from typing import Any
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.arranged import ArrangedTask
+from vibgym.tasks.base import HOLD_PERIODS
 from vibgym.tasks.zones import check_room, zones_from
 
 
@@ -18,7 +19,7 @@ class Sort(ArrangedTask):
 
     Args:
         zones: a mapping from kind to [x_low, y_low, x_high, y_high], m; None for end zones.
-        start, randomize, slots: see :class:`ArrangedTask`.
+        start, randomize, slots, hold: see :class:`ArrangedTask`.
     """
 
     speed_limit = 0.020
@@ -32,7 +33,8 @@ class Sort(ArrangedTask):
         zones: Mapping[str, Sequence[float]] | None = None,
         randomize: Any = None,
         slots: int | None = None,
+        hold: int = HOLD_PERIODS,
     ) -> None:
-        super().__init__(surface, parts, start=start, randomize=randomize, slots=slots)
+        super().__init__(surface, parts, start=start, randomize=randomize, slots=slots, hold=hold)
         self.zones = zones_from(zones, surface, self.kinds)
         check_room(self.zones, self.parts, self.kinds, self.kind, self.starts.most)

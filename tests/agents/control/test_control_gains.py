@@ -146,5 +146,5 @@ def test_a_world_learns_the_same_alone_and_in_a_batch():
             action, alone[world] = policy.predict(row, alone[world])
             assert (action == actions[world]).all()
         rows, *_ = env.step(actions)
-    assert (np.abs(together.gains.mean[:, 0]) > 0.02).any(axis=1).sum() >= 4  # and it did learn
-    assert math.isfinite(np.abs(together.gains.covariance).max())
+    assert (np.abs(together.output.mean[:, 0]) > 0.02).any(axis=1).sum() >= 4  # and it did learn
+    assert math.isfinite(np.abs(together.output.covariance).max())

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from agents.learned.storage import load_set, save_set
-from agents.learned.trained import KIND as POLICY
-from agents.learned.trained import TrainedPolicy, load_trained
+from agents.learned.trained import TrainedPolicy, described, load_trained
 from agents.registry import make_policy
 from tests.agents.helpers import info_of
+from tests.agents.learned.helpers import actor_tensors, coding_for, observations, policy_file
 from vibgym.files import write_atomically
 
 KIND = "vibgym-test"
@@ -214,42 +214,34 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, monkeypatch, fails):
 # -- policies ----------------------------------------------------------------------------------------------------------
 
 
-def network(seed=0, sizes=(18, 5, 6)):
-    generator = np.random.default_rng(seed)
-    tensors = {"log_std": np.full(sizes[-1], -1.0, dtype=np.float32)}
-    for k in range(len(sizes) - 1):
-        tensors[f"layer{k}.weight"] = generator.normal(size=(sizes[k + 1], sizes[k])).astype(np.float32)
-        tensors[f"layer{k}.bias"] = generator.normal(size=sizes[k + 1]).astype(np.float32)
-    return tensors
+INFO = info_of("Align")
+SHAPE = coding_for(INFO).shape
 
 
-RECORD = {"task": "Align", "action": "field", "activation": "tanh"}
-
-
-def saved(tmp_path, tensors=None, **changes):
-    path = tmp_path / "policy.json"
-    save_set(path, POLICY, network() if tensors is None else tensors, {**RECORD, **changes})
-    return path
+def network():
+    return actor_tensors(SHAPE)
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu"])
 def test_a_loaded_policy_is_its_network(tmp_path, activation):
     tensors = network()
-    policy = make_policy(str(saved(tmp_path, tensors, activation=activation)), info_of("Align"))
-    assert isinstance(policy, TrainedPolicy) and (policy.action, policy.observation) == ("field", "state")
-    seen = np.random.default_rng(1).uniform(-1, 1, (7, 18)).astype(np.float32)
-    hidden = seen @ tensors["layer0.weight"].T + tensors["layer0.bias"]
+    policy = make_policy(str(policy_file(tmp_path, INFO, tensors, activation=activation)), INFO)
+    assert isinstance(policy, TrainedPolicy) and (policy.action, policy.observation) == ("field", "parts")
+    seen = observations(policy.coding, 7)
+    hidden = seen["parts"][:, 0] @ tensors["hidden.0.weight"].T + tensors["hidden.0.bias"]
     hidden = np.tanh(hidden) if activation == "tanh" else np.maximum(hidden, 0)
-    mean = hidden @ tensors["layer1.weight"].T + tensors["layer1.bias"]
-    action, state = policy.predict(seen, "kept")
-    assert action.shape == (7, 6) and action.dtype == np.float32 and state == "kept"
+    mean = hidden @ tensors["mean.weight"].T + tensors["mean.bias"]
+    action, state = policy.predict(seen)
+    assert action.shape == (7, 6) and action.dtype == np.float32
+    assert (policy.predict(seen, state)[0] == action).all()  # it remembers nothing
     assert action == pytest.approx(np.clip(mean, -1, 1), abs=1e-5)
-    one, _ = policy.predict(seen[2])
+    one, _ = policy.predict({name: each[2] for name, each in seen.items()})
     assert one.shape == (6,) and one == pytest.approx(action[2], abs=1e-6)
-    draws = np.array([policy.predict(0 * seen[0], deterministic=False)[0] for _ in range(300)])
-    inner = np.abs(policy.predict(0 * seen[0])[0]) < 0.2
+    still = {**seen, "parts": 0 * seen["parts"]}
+    draws = np.concatenate([policy.predict(still, deterministic=False)[0] for _ in range(50)])
+    inner = np.abs(policy.predict(still)[0][0]) < 0.2
     assert draws.dtype == np.float32 and draws.std(axis=0).max() > 0.1 and np.abs(draws).max() <= 1.0
-    assert draws.std(axis=0)[inner] == pytest.approx(np.exp(-1.0), rel=0.2)
+    assert inner.any() and draws.std(axis=0)[inner] == pytest.approx(np.exp(-1.0), rel=0.2)
 
 
 DOUBLE = {key: value.astype(np.float64) for key, value in network().items()}
@@ -265,44 +257,96 @@ def without(name):
     return {key: value for key, value in network().items() if key != name}
 
 
+COLUMNS = coding_for(INFO).columns
+SURFACE = described(INFO.surface)
+FIT = f"rows of {SHAPE.columns} numbers and actions of 6"
+
+
 @pytest.mark.parametrize("changes, message", [
-    ({"task": "Rotate"}, "task.*'Rotate'.*'Align'"), ({"task": None}, "task"),
-    ({"action": "swing"}, "action.*swing"), ({"action": None}, "action"), ({"action": "patch"}, "layers.*32 outputs"),
+    ({"tasks": ["Rotate"]}, "tasks.*'Rotate'.*'Align'"), ({"tasks": None}, "tasks"), ({"tasks": "Align"}, "tasks"),
+    ({"tasks": [{}, 3]}, "tasks.*'Align'"),
+    ({"surface": {**SURFACE, "rows": 9}}, "surface.*'rows': 9.*'rows': 8"), ({"surface": "all"}, "surface: got 'all'"),
+    ({"surface": {**SURFACE, "frequency": 50.0}}, "surface.*50.0"), ({"surface": None}, "surface"),
+    ({"parts": 2}, "parts: got 2; allowed: 1"), ({"parts": None}, "parts"), ({"parts": True}, "parts: got True"),
+    ({"parts": [1]}, "parts"),
+    ({"action": "swing"}, "action.*swing"), ({"action": None}, "action"), ({"action": ["patch"]}, "action"),
+    ({"action": "patch"}, "tensors.*actions of 32"), ({"action": "wrench"}, "tensors.*actions of 3"),
     ({"activation": "sine"}, "activation.*sine.*'tanh', 'relu'"),
-    ({"tensors": {}}, "layers"), ({"tensors": without("log_std")}, "log_std"),
-    ({"tensors": without("layer0.bias")}, "layer0"), ({"tensors": without("layer1.weight")}, "layers"),
-    ({"tensors": network(sizes=(17, 5, 6))}, "layer0.*18"), ({"tensors": network(sizes=(18, 5, 7))}, "7 outputs"),
-    ({"tensors": {**network(), "layer1.weight": np.zeros((6, 4), np.float32)}}, "layer1.*5"),
-    ({"tensors": {**network(), "layer1.bias": np.full(6, np.nan, np.float32)}}, "tensors.*finite"),
+    ({"network": "mlp"}, "network.*mlp.*'parts', 'elements'"), ({"network": "elements"}, "network: got 'elements'.*'parts'"),
+    ({"network": "elements", "action": "patch", "columns": [each for each in COLUMNS if each[0] != "element"]},
+     "network: got 'elements'.*column 'element'"),
+    ({"turned": 1}, "turned: got 1"), ({"turned": None}, "turned"),
+    ({"remembers": 1}, "remembers: got 1"), ({"remembers": None}, "remembers"), ({"remembers": True}, "tensors.*rows of"),
+    ({"columns": None}, "columns"), ({"columns": []}, "columns: got \\[\\]; allowed: .*friction"),
+    ({"columns": COLUMNS[:-1]}, "tensors.*rows of"),
+    ({"columns": [*COLUMNS, ["smell", 2]]}, "columns.*smell"), ({"columns": COLUMNS[::-1]}, "columns.*in this order"),
+    ({"columns": [["position", 3], *COLUMNS[1:]]}, "columns.*position"), ({"columns": [["position"]]}, "columns"),
+    ({"columns": [*COLUMNS, COLUMNS[-1]]}, "columns"), ({"columns": [[["position"], 2]]}, "columns"),
+    ({"columns": [[name, width] for name, width in COLUMNS if name not in ("element", "way_far")], "turned": True},
+     "columns: got .*'way_far' among them"),
+    ({"tensors": {}}, f"tensors: got .*{FIT}"), ({"tensors": without("log_std.bias")}, "tensors.*log_std"),
+    ({"tensors": without("hidden.0.bias")}, "tensors.*hidden.0"), ({"tensors": without("mean.weight")}, "tensors"),
+    ({"tensors": actor_tensors(SHAPE._replace(columns=SHAPE.columns - 1))}, f"tensors.*{FIT}"),
+    ({"tensors": actor_tensors(SHAPE._replace(action=7))}, f"tensors.*{FIT}"),
+    ({"tensors": {**network(), "mean.weight": np.zeros((6, 4), np.float32)}}, f"tensors.*{FIT}"),
+    ({"tensors": {**network(), "mean.bias": np.full(6, np.nan, np.float32)}}, "tensors.*finite"),
     *[({"tensors": with_one(name, number)}, f"tensors: got 'NaN or infinity in {name}'; allowed: .*float32")
       for name in network() for number in (1e300, -1e39, np.inf)],
-    ({"tensors": with_one("log_std", 89.0)}, "log_std: got 89.0; allowed: .*<= 88"),
-    ({"tensors": with_one("layer0.bias", 1, np.int64)}, "tensors: got 'int64 in layer0.bias'"),
-    ({"tensors": with_one("layer0.bias", 1, np.complex64)}, "complex64|whole safetensors"),
+    ({"tensors": with_one("hidden.0.bias", 1, np.int64)}, "tensors: got 'int64 in hidden.0.bias'"),
+    ({"tensors": with_one("hidden.0.bias", 1, np.complex64)}, "complex64|whole safetensors"),
 ])  # fmt: skip
 def test_policies_that_do_not_fit_are_refused(tmp_path, changes, message):
-    path = saved(tmp_path, **changes)
+    path = policy_file(tmp_path, INFO, **changes)
     with pytest.raises(ValueError, match=message) as error:
-        load_trained(path, info_of("Align"))
+        load_trained(path, INFO)
     assert str(path) in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("version", [1, 3, None, "2"])
+def test_policies_of_other_versions_are_refused(tmp_path, version):
+    path = policy_file(tmp_path, INFO)
+    rewritten(version=version)(path)
+    with pytest.raises(ValueError, match=f"policy.json: got .*'version': {version!r}.*allowed: .*version 2"):
+        load_trained(path, INFO)
+
+
+def test_a_policy_may_serve_any_surface_and_any_number_of_parts(tmp_path):
+    path = policy_file(tmp_path, INFO, surface="any", parts="any", tasks=["Align", "Rotate"])
+    other = info_of("Rotate", surface={"rows": 12, "columns": 20})
+    seen = observations(coding_for(INFO), 3)
+    assert (load_trained(path, other).predict(seen)[0] == load_trained(path, INFO).predict(seen)[0]).all()
+    with pytest.raises(ValueError, match="tasks.*'Transport'"):
+        load_trained(path, info_of("Transport"))
+
+
 def test_a_policy_in_double_precision_acts_as_the_same_in_single(tmp_path):
-    single, double = (load_trained(saved(tmp_path, each), info_of("Align")) for each in (network(), DOUBLE))
-    seen = np.random.default_rng(1).uniform(-1, 1, (7, 18))
+    single, double = (load_trained(policy_file(tmp_path, INFO, each), INFO) for each in (network(), DOUBLE))
+    seen = observations(single.coding, 7)
     assert (single.predict(seen)[0] == double.predict(seen)[0]).all()
+
+
+@pytest.mark.parametrize("change, got", [
+    (lambda seen: seen["parts"], "array"), (lambda seen: {"parts": seen["parts"]}, ""), (lambda seen: None, ""),
+    (lambda seen: {**seen, "parts": seen["parts"][..., 1:]}, f"{SHAPE.columns - 1}\\)"),
+    (lambda seen: {**seen, "mask": seen["mask"][:2]}, "\\(2, 1\\)"), (lambda seen: {**seen, "parts": "all"}, ""),
+])  # fmt: skip
+def test_other_observations_are_refused(tmp_path, change, got):
+    policy = load_trained(policy_file(tmp_path, INFO), INFO)
+    with pytest.raises(ValueError, match=f"^observation: got .*{got}.*; allowed: .*'mask'") as error:
+        policy.predict(change(observations(policy.coding, 3)))
+    assert "\n" not in str(error.value)
 
 
 def test_a_checkpoint_is_not_a_policy(tmp_path):
     path = tmp_path / "checkpoint.json"
-    save_set(path, "vibgym-checkpoint", network(), RECORD)
+    save_set(path, "vibgym-checkpoint", network(), {"tasks": ["Align"]})
     with pytest.raises(ValueError, match="vibgym-checkpoint.*vibgym-policy"):
-        load_trained(path, info_of("Align"))
+        load_trained(path, INFO)
 
 
 def test_loading_and_acting_need_neither_torch_nor_pickle(tmp_path):
     """Whatever lies beside it: JSON and safetensors are all that is read, in a process that cannot unpickle."""
-    path = saved(tmp_path)
+    path = policy_file(tmp_path, INFO)
     code = f"""
 import builtins, marshal, pickle, sys
 from pathlib import Path
@@ -324,7 +368,7 @@ read.clear()
 sys.addaudithook(hook)
 ARMED = True
 policy = make_policy({str(path)!r}, info)
-action, _ = policy.predict(np.zeros(18))
+action, _ = policy.predict({{"parts": np.zeros((1, {SHAPE.columns})), "mask": np.ones(1)}})
 ARMED = False
 assert action.shape == (6,), action
 assert sorted(read) == [".json", ".safetensors"], read
@@ -341,8 +385,8 @@ def test_unknown_number_types_are_refused(tmp_path, kind):
     header = json.dumps({"x": {"dtype": kind, "shape": [2], "data_offsets": [0, size]}}).encode()
     header += b" " * (-len(header) % 8)
     data = struct.pack("<Q", len(header)) + header + bytes(size)
-    path = saved(tmp_path)
+    path = policy_file(tmp_path, INFO)
     tensor_file(path).write_bytes(data)
     rewritten(sha256=hashlib.sha256(data).hexdigest())(path)
     with pytest.raises(ValueError, match=f"{path}: tensors.*whole safetensors"):
-        load_trained(path, info_of("Align"))
+        load_trained(path, INFO)

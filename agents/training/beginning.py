@@ -1,0 +1,229 @@
+"""What a training begins with: worlds, how a network reads them and acts in them, the model, its experts and its start."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+
+from agents.learned.coding import Coding
+from agents.learned.pictures import PictureCoding
+from agents.learned.residual import ResidualPolicy, load_correction
+from agents.learned.trained import CODINGS, TrainedPolicy, load_trained
+from agents.policy import Policy
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+from agents.training.adapter import StableBaselinesAdapter
+from agents.training.imitation import check_room
+from agents.training.parts_policy import PartsPolicy, trained_tensors
+from agents.training.ppo import PartsPPO
+from agents.training.residual_env import ResidualEnv
+from agents.training.settings import TrainSettings
+from vibgym import checks
+from vibgym.envs import VibgymVectorEnv
+
+MOST_ROLLOUT = 4e9
+"""Bytes of a rollout: what is kept of ``ppo.n_steps`` steps of all worlds before a model learns from them."""
+
+
+def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
+    """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on what their network reads."""
+    own = observation_of(settings)
+    checks.choice("observation", settings.environment.get("observation", own), (own,))
+    if settings.residual is not None:
+        check_residual(settings)
+    scenes = settings.all_scenes
+    if settings.worlds < len(scenes):
+        raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
+    shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
+    return StableBaselinesAdapter(*(_scene(settings, *each) for each in zip(scenes, shares, strict=True)))
+
+
+def check_residual(settings: TrainSettings) -> None:
+    """Refuse what a correction cannot be trained with.
+
+    Raises:
+        ValueError: imitation, whose experts say what to do and not what to add; rows that remember or turn, in which the
+            base's action would stand twice or not turned; another network or action than parts' and ``"wrench"``.
+    """
+    ppo, why = settings.ppo, "with 'residual'"
+    for name, got, allowed in (
+        ("imitation", None if settings.imitation is None else settings.imitation.expert, None),
+        ("ppo.remembers", ppo.remembers, False),
+        ("ppo.turned", ppo.turned, False),
+        ("ppo.network", ppo.network, "parts"),
+        ("environment.action", action_of(settings), "wrench"),
+    ):
+        if got != allowed:
+            raise checks.refuse(name, got, f"{allowed!r} {why}")
+
+
+def observation_of(settings: TrainSettings) -> str:
+    """What the environment shows: what the network reads, and the flat state where a base policy acts."""
+    return reads(settings).observation if settings.residual is None else ResidualPolicy.observation
+
+
+def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VibgymVectorEnv | ResidualEnv:
+    arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": observation_of(settings)}
+    arguments.setdefault("autoreset_mode", "SameStep")
+    name = settings.environment_name
+    try:
+        env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
+    except TypeError as error:
+        raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({error})") from None
+    assert isinstance(env, VibgymVectorEnv)
+    if settings.residual is None:
+        return env
+    try:
+        return ResidualEnv(env, make_policy(settings.residual.base, TaskInfo.of(env)), settings.residual.scale)
+    except ValueError as error:
+        raise ValueError(f"residual: {error}") from None
+
+
+def reads(settings: TrainSettings) -> type[Coding] | type[PictureCoding]:
+    """What the run's network reads."""
+    return CODINGS[settings.ppo.network]
+
+
+def action_of(settings: TrainSettings) -> str:
+    """What the policy speaks: the environment's action, or its default."""
+    return settings.environment.get("action", "element")
+
+
+def coding_of(settings: TrainSettings, env: VibgymVectorEnv | ResidualEnv) -> Coding | PictureCoding:
+    """How the run's network reads and acts in an environment.
+
+    Raises:
+        ValueError: columns to be blind to that there are not.
+    """
+    layout, blind = env.parts_layout, settings.ppo.blind
+    names = [row.name for row in layout]
+    for name in blind:
+        checks.choice("ppo.blind", name, tuple(names))
+    columns = [[row.name, row.width] for row in layout if row.name not in blind] if blind else None
+    flags = settings.ppo.turned, settings.ppo.remembers
+    return reads(settings)(env.surface, env.parts, layout, action_of(settings), columns, *flags)
+
+
+def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO:
+    """An untrained model.
+
+    Raises:
+        ValueError: a rollout that is too short to learn from, or too large to keep.
+    """
+    ppo, base = settings.ppo, env.env
+    if ppo.n_steps * settings.worlds < 2:
+        raise checks.refuse("ppo.n_steps", ppo.n_steps, "2 or more with one world")
+    coding = coding_of(settings, base)
+    seen = np.dtype(coding.dtype).itemsize * coding.shape.columns
+    size = len(base.parts) * (seen + 4 * (coding.shape.action + 6)) * ppo.n_steps * settings.worlds
+    if size > MOST_ROLLOUT:
+        allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
+        raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
+    if settings.imitation is not None:
+        check_room(settings.imitation, coding, settings.worlds)
+    if ppo.network == "elements" and not coding.shape.has_elements:
+        why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
+        raise checks.refuse("ppo.network", ppo.network, f"'parts': {why}")
+
+    def learning_rate(remaining: float) -> float:
+        return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
+
+    return PartsPPO(
+        PartsPolicy,
+        env,
+        n_steps=ppo.n_steps,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.n_epochs,
+        learning_rate=learning_rate,
+        gamma=ppo.gamma,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_range,
+        ent_coef=ppo.ent_coef,
+        target_kl=ppo.target_kl,
+        touch_cost=ppo.touch_cost,
+        critic_steps=ppo.critic_steps + lessons_steps(settings),
+        policy_kwargs={
+            "coding": coding,
+            "actor": ppo.network,
+            "net": list(ppo.net),
+            "critic_net": list(ppo.critic_net),
+            "activation": ppo.activation,
+            "attention": ppo.attention,
+            "log_std": ppo.log_std_init,
+        },
+        seed=settings.seed,
+        device="cpu",
+    )
+
+
+def lessons_steps(settings: TrainSettings) -> int:
+    """Steps that imitation takes before PPO begins, all worlds together."""
+    lessons = settings.imitation
+    return 0 if lessons is None else lessons.rounds * lessons.steps * settings.worlds
+
+
+def acting(model: PartsPPO, settings: TrainSettings) -> TrainedPolicy:
+    """The model as it acts without torch."""
+    actor, coding = model.policy.actor, model.policy.coding
+    return TrainedPolicy(trained_tensors(actor), actor.kind, settings.ppo.activation, coding)
+
+
+def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[Policy, VibgymVectorEnv]]:
+    """Whom the run imitates in each of its scenes; none without imitation.
+
+    Raises:
+        ValueError: an expert that does not serve the task, or does not speak its actions.
+    """
+    if settings.imitation is None:
+        return []
+    found = []
+    for scene in env.envs:
+        assert isinstance(scene, VibgymVectorEnv)  # corrections are not taught
+        expert = make_policy(settings.imitation.expert, TaskInfo.of(scene), settings.seed)
+        if expert.action != action_of(settings) or expert.observation != "state":
+            got = f"one that speaks {expert.action!r} and reads {expert.observation!r}"
+            allowed = f"one that speaks {action_of(settings)!r} and reads 'state'"
+            raise checks.refuse("imitation.expert", got, allowed)
+        found.append((expert, scene))
+    return found
+
+
+def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAdapter) -> None:
+    """Take the actor over from the policy that the settings name, if they do; how much it explores is theirs to say.
+
+    Raises:
+        ValueError: a policy of another form, or for another task.
+    """
+    if settings.start is None:
+        return
+    path = Path(settings.start.replace("{seed}", str(settings.seed)))
+    info, mine, what = TaskInfo.of(env.env), acting(model, settings), settings.residual
+    found = load_trained(path, info) if what is None else load_correction(path, info, what.base, what.scale).learned
+    if not isinstance(found, TrainedPolicy):
+        raise checks.refuse("start", str(path), "a policy that PPO has trained")
+    # Weights may fit and yet mean something else: numbers of other columns, or another action.
+    for name, theirs, ours in (
+        ("action", found.action, mine.action),
+        ("columns", found.coding.columns, mine.coding.columns),
+        ("ppo.turned", found.coding.turned, mine.coding.turned),
+        ("ppo.remembers", found.coding.remembers, mine.coding.remembers),
+        ("ppo.network", found.network, mine.network),
+        ("ppo.activation", found.activation, mine.activation),
+        ("layers", _shapes(found.tensors), _shapes(mine.tensors)),
+    ):
+        if theirs != ours:
+            got = f"{path} (other {name})"
+            raise checks.refuse("start", got, "a policy with a network as the settings have it")
+    kept = {
+        name: torch.from_numpy(each.copy()) for name, each in found.tensors.items() if not name.startswith("log_std")
+    }
+    model.policy.actor.load_state_dict({**model.policy.actor.state_dict(), **kept})
+
+
+def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
+    return {name: value.shape for name, value in tensors.items()}

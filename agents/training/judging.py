@@ -1,0 +1,152 @@
+"""Learning curves: deterministic episodes on the same seeds every so many steps, written down beside the run."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.learned.residual import ResidualPolicy
+from agents.policy import Policy
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+from agents.training.settings import TrainSettings
+from vibgym import checks
+
+FILE = "curve.csv"
+COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "return_")
+
+
+class Judge:
+    """Plays a policy and writes ``curve.csv``: share of successes, median time to the goal (s) and median return.
+
+    Args:
+        settings: of the run; its ``judging`` says when and how long.
+        directory: of the run.
+
+    Raises:
+        ValueError: an environment that is not one of vibgym's.
+    """
+
+    def __init__(self, settings: TrainSettings, directory: Path) -> None:
+        assert settings.judging is not None
+        self.judging, self.path, self._last = settings.judging, directory / FILE, 0
+        self.residual = settings.residual
+        self._envs: list[tuple[Any, int]] = []
+        if not settings.environment_name.startswith("vibgym/"):
+            raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
+        self.name = settings.environment_name
+        scenes = settings.all_scenes
+        shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
+        self._scenes = [
+            (
+                {**usual(settings.environment), **scene, "num_envs": len(share), "autoreset_mode": "Disabled"},
+                int(share[0]),
+            )
+            for scene, share in zip(scenes, shares, strict=True)
+            if len(share)
+        ]
+
+    def begin(self, steps: int) -> None:
+        """A run begins, or goes on from so many steps: rows of steps that were lost go."""
+        rows: list[dict[Any, Any]] = []
+        if steps and self.path.exists():
+            with self.path.open(newline="") as file:
+                rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
+        self._write(rows, "w")
+        self._last = steps
+
+    def due(self, steps: int) -> bool:
+        """Whether it is time again."""
+        return steps - self._last >= self.judging.every
+
+    def judge(self, policy: Policy, steps: int, seconds: float, phase: str) -> dict[str, Any]:
+        """Play, write a row, and return it.
+
+        Args:
+            policy: as it acts; of a correction the network alone, which is played on the base of each scene.
+            steps, seconds: of the training so far.
+            phase: of the training, ``"imitation"``, ``"ppo"`` or ``"sac"``.
+        """
+        self._last = steps
+        if not self._envs:
+            for arguments, first in self._scenes:
+                observation = policy.observation if self.residual is None else ResidualPolicy.observation
+                env = gym.make_vec(self.name, **{**arguments, "observation": observation})
+                self._envs.append((env, self.judging.first_seed + first))
+        found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
+        success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))
+        reached = self._envs[0][0].unwrapped.step_time * steps_taken[success]
+        row = {
+            "steps": steps,
+            "seconds": round(seconds, 1),
+            "phase": phase,
+            "success": round(float(success.mean()), 4),
+            "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
+            "return_": round(float(np.median(returns)), 4),
+        }
+        self._write([row], "a")
+        return row
+
+    def is_best(self, row: dict[str, Any]) -> bool:
+        """Whether no row of the curve so far is better: by successes, and among equals by time."""
+        with self.path.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        return all(_rank(each) >= _rank(row) for each in rows)
+
+    def _whole(self, policy: Policy, env: Any) -> Policy:
+        """What acts in an environment: the policy, or the base that it corrects there."""
+        if self.residual is None:
+            return policy
+        info = TaskInfo.of(env)
+        return ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
+
+    def _write(self, rows: list[dict[Any, Any]], mode: str) -> None:
+        with self.path.open(mode, newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            if mode == "w":
+                writer.writeheader()
+            writer.writerows(rows)
+
+
+def _rank(row: dict[str, Any]) -> tuple[float, float]:
+    return -float(row["success"]), float(row["time_to_goal"] or "inf")
+
+
+def usual(environment: dict[str, Any]) -> dict[str, Any]:
+    """Without the longer hold that a policy may be trained with."""
+    own = {name: value for name, value in environment.get("task_settings", {}).items() if name != "hold"}
+    return (
+        {**environment, "task_settings": own} if own else {k: v for k, v in environment.items() if k != "task_settings"}
+    )
+
+
+def play(policy: Policy, env: Any, first_seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """One deterministic episode in every world of ``env``, of which world k begins with ``first_seed + k``.
+
+    Args:
+        policy: as it acts.
+        env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
+
+    Returns:
+        Each (worlds,): success, bool; steps that the episode took; sum of its rewards.
+    """
+    observation, _ = env.reset(seed=first_seed)
+    playing, start = np.ones(env.num_envs, dtype=bool), np.ones(env.num_envs, dtype=bool)
+    success, steps, returns = np.zeros_like(playing), np.zeros(env.num_envs, dtype=np.int64), np.zeros(env.num_envs)
+    state: Any = None
+    while True:
+        action, state = policy.predict(observation, state, start, deterministic=True)
+        observation, reward, terminated, truncated, info = env.step(action)
+        start = terminated | truncated
+        steps += playing
+        returns += np.where(playing, reward, 0.0)
+        success |= playing & info["is_success"]
+        playing &= ~start
+        if not playing.any():
+            return success, steps, returns
+        if start.any():  # the worlds that have ended play on, and nobody looks
+            observation, _ = env.reset(options={"reset_mask": start})

@@ -1,0 +1,1 @@
+"""The networks in torch; their acting halves are in :mod:`agents.learned.networks`."""

@@ -1,0 +1,238 @@
+"""The table of trained agents: every seed of a run on fresh episodes, and which of them is shipped.
+
+``python -m agents tabulate configs/agents/ppo.yaml --seeds 0 1 2 --ship agents/learned/shipped``
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.evaluation.rollout import run
+from agents.evaluation.statistics import bootstrap, success_interval
+from agents.learned.storage import load_set
+from agents.learned.trained import KIND, RESIDUAL, VERSION
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+from agents.training.judging import FILE as CURVE
+from agents.training.judging import usual
+from agents.training.settings import TrainSettings, load_settings
+from agents.training.train import POLICY
+from vibgym import checks
+from vibgym.files import csv_text, write_together
+
+FIRST_SEED = 200_000
+"""Of the fresh episodes: neither training nor learning curves have seen these."""
+
+LEVEL, RESAMPLES = 0.95, 2000
+
+
+def tabulate(
+    config: Path,
+    names: Sequence[str],
+    seeds: Sequence[int],
+    episodes: int,
+    output: Path,
+    ship: Path | None,
+    markdown: Path | None = None,
+) -> list[dict[str, Any]]:
+    """Play all seeds of the agents named, write a table, and ship the best seed of each.
+
+    The best is the one that did best in a row of its own learning curve, on other episodes than these.
+
+    Beside the table stand every seed's learning curve (``curves/align-ideal-seed-0.csv``) and policy (``policies/``).
+
+    Args:
+        config: file of agents.
+        names: of agents in it.
+        seeds: of trainings; those of an agent that are not there are an error.
+        episodes: of each policy.
+        output: CSV file; rows of other agents in it stay.
+        markdown: where the whole table goes as a page; None: nowhere.
+        ship: directory for the best seeds' policies, ``align.json``, ``align-prototype.json`` and so on; None: none.
+
+    Raises:
+        ValueError: a policy that is not there or does not load; nothing is written.
+    """
+    rows: list[dict[str, Any]] = []
+    best: dict[str, Path] = {}
+    kept_at = output.parent
+    for name in names:
+        own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
+        first = min(own, key=lambda row: (-row["judged_success"], row["judged_time_s"], row["seed"]))
+        for row in own:
+            row["shipped"] = ship is not None and row is first
+        best[name] = Path(first["path"])
+        rows += own
+    kept = [row for row in _read(output) if row["agent"] not in names]
+    files: dict[Path, str | bytes] = {}
+    for row in rows:
+        run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
+        path = Path(row.pop("path"))
+        if (path.parent / CURVE).exists():
+            files[kept_at / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
+        _ship(path, kept_at / "policies" / f"{run}.json")
+    every = sorted([*kept, *rows], key=lambda row: (row["agent"], int(row["seed"])))
+    files[output] = csv_text(every)
+    if markdown is not None:
+        files[markdown] = page(every)
+    for path in files:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_together(files)
+    if ship is not None:
+        for name, path in best.items():
+            _ship(path, ship / f"{shipped_name(name)}.json")
+    return rows
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The table in Markdown: one line for every training."""
+    lines = [
+        "# Trained agents",
+        "",
+        "Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are",
+        "medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did",
+        "best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.",
+        "",
+        "| agent | seed | steps | minutes | success | of | interval | time to goal | over bound | collisions | fallen "
+        "| shipped |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        number = {name: _number(row[name]) for name in NUMBERS}
+        cells = [
+            row["agent"],
+            row["seed"],
+            f"{int(row['steps']):_}".replace("_", " "),
+            f"{number['minutes']:.1f}",
+            f"{100 * number['success']:.1f} %",
+            row["episodes"],
+            f"{100 * number['success_low']:.1f} to {100 * number['success_high']:.1f} %",
+            _cell(number["time_to_goal_median_s"], "{:.2f} s"),
+            _cell(number["time_over_bound_median"], "{:.3f}"),
+            _cell(number["collisions_mean"], "{:.2f}"),
+            row["fallen"],
+            "yes" if str(row["shipped"]) == "True" else "",
+        ]
+        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
+    machines = sorted({f"{row['processor']}, {row['threads']} thread(s); {row['versions']}" for row in rows})
+    return "\n".join([*lines, "", *(f"Trained on: {each}" for each in machines)]) + "\n"
+
+
+NUMBERS = (
+    "minutes", "success", "success_low", "success_high", "time_to_goal_median_s", "time_over_bound_median", "collisions_mean"
+)  # fmt: skip
+
+
+def _number(value: Any) -> float:
+    return float(value) if value not in ("", None) else float("nan")
+
+
+def _cell(value: float, form: str) -> str:
+    return form.format(value) if np.isfinite(value) else "–"
+
+
+def shipped_name(agent: str) -> str:
+    """``align`` for ``Align/ideal``, ``align-prototype`` for ``Align/prototype``."""
+    task, _, variant = agent.partition("/")
+    return task.lower() if variant == "ideal" else f"{task.lower()}-{variant}"
+
+
+def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
+    """What became of one training, and how its policy does on fresh episodes."""
+    directory = Path(str(settings.output))
+    path = directory / POLICY
+    record = load_set(path, KIND, VERSION)[1]
+    training, kind = record["training"], RESIDUAL if RESIDUAL in record else "trained"
+    task = settings.environment_name.removeprefix("vibgym/").removesuffix("-v0")
+    hidden = ("action", "observation", "autoreset_mode")
+    success, times, over, collisions, fallen = [], [], [], [], []
+    scenes = [{**usual(settings.environment), **scene} for scene in settings.all_scenes]
+    for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
+        own = {key: value for key, value in scene.items() if key not in hidden}
+        env = gym.make_vec(settings.environment_name, num_envs=1, action=record["action"], **own)
+        policy = make_policy({"kind": kind, "path": str(path)}, TaskInfo.of(env))
+        found = run(policy, task, [FIRST_SEED + int(k) for k in share], own, quiet=True)
+        success.append(found.success)
+        times.append(found.time_to_goal)
+        over.append(found.time_over_bound)
+        collisions.append(found.collisions)
+        fallen.append(found.fallen)
+    reached, time = np.concatenate(success), np.concatenate(times)
+    interval = success_interval(reached, LEVEL, RESAMPLES)
+    seconds = time[np.isfinite(time)]
+    middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(set(seconds.tolist())) > 1 else None
+    judged = sorted(
+        (-float(each["success"]), float(each["time_to_goal"] or "inf")) for each in _read(directory / CURVE)
+    )
+    return {
+        "agent": name,
+        "seed": settings.seed,
+        "algorithm": training["algorithm"],
+        "environment": json.dumps(settings.environment, sort_keys=True),
+        "steps": training["steps"],
+        "kept_from_step": training.get("kept_from_step", training["steps"]),
+        "minutes": training["minutes"],
+        "threads": training["threads"],
+        "processor": training["processor"],
+        "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
+        "judged_success": -judged[0][0] if judged else 0.0,
+        "judged_time_s": judged[0][1] if judged else float("inf"),
+        "episodes": episodes,
+        "first_seed": FIRST_SEED,
+        "success": float(reached.mean()),
+        "success_low": interval.low,
+        "success_high": interval.high,
+        "time_to_goal_median_s": float(np.median(seconds)) if len(seconds) else float("nan"),
+        "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else float("nan"),
+        "time_to_goal_mean_low_s": middle.low if middle else float("nan"),
+        "time_to_goal_mean_high_s": middle.high if middle else float("nan"),
+        "time_over_bound_median": _median(np.concatenate(over)),
+        "collisions_mean": float(np.mean(np.concatenate(collisions))),
+        "fallen": int(np.concatenate(fallen).sum()),
+        "shipped": False,
+        "path": str(path),
+    }
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _read(path: Path) -> list[dict[str, Any]]:
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _ship(path: Path, to: Path) -> None:
+    """Copy a policy file and its tensors, whose name goes with the file's."""
+    record = json.loads(path.read_text(encoding="utf-8"))
+    tensors = path.with_name(record["tensors"])
+    name = f"{to.stem}-{record['sha256'][:12]}.safetensors"
+    for old in to.parent.glob(f"{to.stem}-*.safetensors"):
+        if len(old.stem) == len(to.stem) + 13:
+            old.unlink()
+    to.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(tensors, to.with_name(name))
+    to.write_text(json.dumps({**record, "tensors": name}, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def selected(config: Path, names: Sequence[str] | None, known: Sequence[str]) -> list[str]:
+    """The agents asked for, all of the file by default.
+
+    Raises:
+        ValueError: one is not in the file.
+    """
+    for name in names or ():
+        checks.choice("--agent", name, tuple(known))
+    return list(names or known)

@@ -1,0 +1,136 @@
+"""Imitation: a network learns what an expert does in few steps, the same for the same seed."""
+
+import numpy as np
+import pytest
+import torch
+
+from agents.learned.coding import Coding
+from agents.task_info import TaskInfo
+from agents.training.imitation import Imitation
+from agents.training.parts_policy import PartsPolicy
+from agents.training.settings import ImitationSettings
+from tests.agents.learned.helpers import coding_for
+from tests.envs.helpers import batch
+
+WORLDS = 8
+
+
+class TowardsTheGoal:
+    """A simple law: uniform motion along the way; notes what it is told."""
+
+    action, observation = "field", "state"
+
+    def __init__(self, info):
+        self.way = next(row.start for row in info.layout.rows if row.name == "way_coarse")
+        self.asked = []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.asked.append((observation.copy(), state, episode_start.copy()))
+        action = np.zeros((len(observation), 6), dtype=np.float32)
+        action[:, :2] = 0.8 * observation[:, self.way : self.way + 2]
+        return action, len(self.asked)
+
+
+class Answering(TowardsTheGoal):
+    """The same as accelerations, by one that wants to know what was done in its place."""
+
+    action = "wrench"
+
+    def __init__(self, info):
+        super().__init__(info)
+        self.told = []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        action, state = super().predict(observation, state, episode_start)
+        return action[:, :3], state
+
+    def acted(self, memory, said, done):
+        self.told.append((said.copy(), done.copy()))
+        return memory + 0.5
+
+
+def lessons(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settings):
+    env = batch(
+        "Transport", WORLDS, action=made.action, observation="parts", autoreset_mode="SameStep", max_episode_steps=30
+    )
+    coding = coding_for(TaskInfo.of(env), made.action, turned=turned, remembers=remembers)
+    torch.manual_seed(seed)
+    network = {"actor": "parts", "net": [32], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -0.5}
+    policy = PartsPolicy(
+        env.single_observation_space, env.single_action_space, lambda _: 1e-3, coding=coding, **network
+    )
+    expert = made(TaskInfo.of(env))
+    chosen = {
+        "expert": "pose",
+        "rounds": 3,
+        "steps": 40,
+        "epochs": 6,
+        "batch_size": 64,
+        "learning_rate": 0.01,
+        **settings,
+    }
+    return Imitation(policy, [(expert, env)], ImitationSettings(**chosen), seed), expert, coding
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_network_learns_a_law_from_few_steps(turned):
+    imitation, expert, coding = lessons(turned=turned)
+    errors = list(imitation.rounds())
+    assert len(errors) == 3 and imitation.steps == 3 * 40 * WORLDS
+    assert errors[-1] < 5e-3 and errors[-1] < 0.5 * errors[0]
+    assert isinstance(coding, Coding) and coding.turned is turned
+    # Asked anew, in places it has not seen: what it does in the scene itself is what the law does.
+    env = batch("Transport", 200, action="field", observation="parts")
+    seen, _ = env.reset(seed=9000)
+    wanted, _ = expert.predict(env.observed("state"), None, np.ones(200, bool))
+    action, _ = imitation.policy.predict(seen, deterministic=True)
+    assert np.sqrt(((action - wanted) ** 2).mean()) < 0.3 * np.sqrt((wanted**2).mean())
+
+
+def test_lessons_are_the_same_for_the_same_seed():
+    (first, *_), (again, *_), (other, *_) = lessons(), lessons(), lessons(seed=6)
+    errors = [list(each.rounds()) for each in (first, again, other)]
+    assert errors[0] == errors[1] != errors[2]
+    weights = [each.policy.actor.mean.weight for each in (first, again, other)]
+    assert torch.equal(weights[0], weights[1]) and not torch.equal(weights[0], weights[2])
+
+
+def test_experts_are_told_their_memory_and_when_episodes_begin():
+    imitation, expert, _ = lessons(epochs=1, noise=0.0)
+    list(imitation.rounds())
+    starts = np.array([start for _, _, start in expert.asked])
+    assert starts.shape == (120, WORLDS) and starts[0].all() and not starts[1].any()
+    assert 3 * WORLDS <= starts[1:].sum() and [state for _, state, _ in expert.asked] == [None, *range(1, 120)]
+    way = np.array([np.hypot(*seen[:, expert.way : expert.way + 2].T) for seen, *_ in expert.asked])
+    assert (np.abs(np.diff(way, axis=0))[starts[1:]] > 0.01).mean() > 0.6  # another episode, another way
+
+
+def test_only_the_actors_mean_learns():
+    imitation, *_ = lessons(epochs=1)
+    before = {name: value.clone() for name, value in imitation.policy.state_dict().items()}
+    list(imitation.rounds())
+    same = {name for name, value in imitation.policy.state_dict().items() if torch.equal(value, before[name])}
+    assert {name for name in before if name.startswith("critic")} <= same
+    assert {"actor.log_std.weight", "actor.log_std.bias"} <= same
+    assert {"actor.mean.weight", "actor.hidden.0.weight"}.isdisjoint(same)
+
+
+def test_experts_are_told_what_was_done_where_the_network_remembers_it():
+    imitation, expert, coding = lessons(remembers=True, made=Answering, epochs=1, rounds=2)
+    list(imitation.rounds())
+    assert len(expert.told) == len(expert.asked) == 80
+    assert [state for _, state, _ in expert.asked[1:]] == [k + 0.5 for k in range(1, 80)]
+    said, done = (np.array(each) for each in zip(*expert.told, strict=True))
+    assert (np.abs(done - said).reshape(80, WORLDS, 3).max(axis=(0, 2)) > 1e-3).all() and np.abs(done).max() <= 1.0
+    rows = imitation._found.rows.reshape(80, WORLDS, -1)
+    told = rows[..., coding.shape.own - 3 : coding.shape.own]
+    starts = np.array([start for _, _, start in expert.asked])
+    assert (told[starts] == 0.0).all() and starts[1:].any()
+    assert (told[1:][~starts[1:]] == done[:-1][~starts[1:]]).all()  # the network learns from the same
+
+
+def test_experts_that_are_not_remembered_are_left_alone():
+    imitation, expert, coding = lessons(remembers=False, made=Answering, epochs=1, rounds=1)
+    list(imitation.rounds())
+    assert expert.told == [] and [state for _, state, _ in expert.asked] == [None, *range(1, 40)]
+    assert not coding.remembers

@@ -1,0 +1,106 @@
+"""Learning curves: rows of a run, before and after an interruption."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from agents.training.judging import COLUMNS, Judge, play
+from agents.training.settings import TrainSettings
+from tests.envs.helpers import batch
+
+SETTINGS = {
+    "task": "Transport",
+    "environment": {"action": "field", "max_episode_steps": 20},
+    "steps": 100,
+    "judging": {"episodes": 5, "first_seed": 70, "every": 10},
+}
+
+
+class Still:
+    """Does nothing, and counts episodes."""
+
+    action, observation = "field", "parts"
+
+    def __init__(self, push=0.0):
+        self.push = push
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        assert deterministic
+        return np.full((len(observation["mask"]), 6), self.push, dtype=np.float32), state
+
+
+def judge_in(folder, **changes):
+    return Judge(TrainSettings(**{**SETTINGS, **changes}), folder)
+
+
+def rows_of(folder):
+    with (folder / "curve.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_rows_tell_what_the_policy_does(tmp_path):
+    judge = judge_in(tmp_path)
+    judge.begin(0)
+    assert not judge.due(9) and judge.due(10)
+    row = judge.judge(Still(), 10, 1.23, "imitation")
+    assert tuple(row) == COLUMNS and not judge.due(19) and judge.due(20)
+    judge.judge(Still(), 20, 4.56, "ppo")
+    first, second = rows_of(tmp_path)
+    assert (first["steps"], first["seconds"], first["phase"]) == ("10", "1.2", "imitation")
+    assert (second["steps"], second["seconds"], second["phase"]) == ("20", "4.6", "ppo")
+    env = batch("Transport", 5, action="field", max_episode_steps=20, observation="parts", autoreset_mode="Disabled")
+    success, steps, returns = play(Still(), env, 70)
+    assert not success.any() and (steps == 20).all() and len(set(returns.round(9))) > 1
+    for each in (first, second):  # the same seeds every time
+        assert (each["success"], each["time_to_goal"]) == ("0.0", "")
+        assert float(each["return_"]) == pytest.approx(np.median(returns), abs=1e-4)
+
+
+def test_an_episode_counts_to_its_end_and_no_further():
+    """As worlds that are played one by one."""
+    env = batch("Transport", 4, action="field", surface={"rows": 3, "columns": 4}, max_episode_steps=40,
+                observation="parts", autoreset_mode="Disabled")  # fmt: skip
+    success, steps, returns = play(Still(0.8), env, 3)
+    assert len(set(steps)) > 1 and steps.min() < 40  # they fall off
+    for world in range(4):
+        alone = batch("Transport", 1, action="field", surface={"rows": 3, "columns": 4}, max_episode_steps=40,
+                      observation="parts", autoreset_mode="Disabled")  # fmt: skip
+        one = play(Still(0.8), alone, 3 + world)
+        assert (one[0][0], one[1][0]) == (success[world], steps[world])
+        assert one[2][0] == pytest.approx(returns[world], abs=1e-12)
+
+
+def test_a_run_that_goes_on_keeps_the_rows_up_to_its_checkpoint(tmp_path):
+    judge = judge_in(tmp_path)
+    judge.begin(0)
+    for steps in (10, 20, 30):
+        judge.judge(Still(), steps, 1.0, "ppo")
+    again = judge_in(tmp_path)
+    again.begin(25)  # steps after it were lost
+    assert [row["steps"] for row in rows_of(tmp_path)] == ["10", "20"] and not again.due(34) and again.due(35)
+    again.judge(Still(), 35, 2.0, "ppo")
+    assert [row["steps"] for row in rows_of(tmp_path)] == ["10", "20", "35"]
+    judge_in(tmp_path).begin(0)  # a run from its beginning has a curve of its own
+    assert rows_of(tmp_path) == []
+
+
+def test_episodes_are_dealt_out_to_scenes(tmp_path):
+    scenes = [{"max_episode_steps": 10}, {"max_episode_steps": 15}, {"max_episode_steps": 20}]
+    judge = judge_in(tmp_path, scenes=scenes)
+    judge.begin(0)
+    judge.judge(Still(), 10, 1.0, "ppo")
+    assert [(env.num_envs, env.unwrapped.max_episode_steps, first) for env, first in judge._envs] == [
+        (2, 10, 70), (2, 15, 72), (1, 20, 74),
+    ]  # fmt: skip
+
+
+def test_tasks_of_others_are_not_judged(tmp_path, monkeypatch):
+    import gymnasium as gym
+
+    entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
+    spec = gym.envs.registration.EnvSpec("mine/Align-v0", kwargs={"task": "Align"}, **entry)
+    monkeypatch.setitem(gym.registry, "mine/Align-v0", spec)
+    with pytest.raises(ValueError, match="^judging: got 'mine/Align-v0'; allowed: nothing"):
+        judge_in(tmp_path, task="mine/Align-v0")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,143 @@
+"""Networks: NumPy acts as torch does, and neighbours count as attention says."""
+
+import numpy as np
+import pytest
+import torch
+
+from agents.learned.networks.acting import ACTING
+from agents.learned.networks.shape import Shape, offsets
+from agents.training.networks.elements import elements_about
+from agents.training.networks.parts import PartsCritic
+from agents.training.parts_policy import NETWORKS, trained_tensors
+
+ACTORS = {kind: NETWORKS[kind][0] for kind in ("parts", "elements")}
+"""Those that read rows; networks of pixels have tests of their own."""
+
+OWN, WIDTH, PLACE = 9, 4, 3
+NUMBERS, SIDE = 6, 5
+
+
+def shape_of(kind, neighbours):
+    numbers, side = (NUMBERS, 0) if kind == "parts" else (2 * SIDE**2, SIDE)
+    return Shape(OWN + neighbours * WIDTH, neighbours, WIDTH, numbers, side, PLACE)
+
+
+def actor_of(kind, neighbours, activation="tanh"):
+    """Far from its beginning, where log std hits its bounds, too."""
+    torch.manual_seed(1)
+    actor = ACTORS[kind](shape_of(kind, neighbours), [12, 7], activation, 8, -0.5)
+    with torch.no_grad():
+        for parameter in actor.parameters():
+            parameter.add_(0.5 * torch.randn_like(parameter))
+        actor.log_std.weight.mul_(4.0)
+    return actor
+
+
+def rows_of(neighbours, there=None, lead=(3, 6), seed=0):
+    """Rows with so many neighbours, of which ``there`` (neighbours,) are there; those that are not are all zeros."""
+    rows = np.random.default_rng(seed).uniform(-1, 1, (*lead, OWN + neighbours * WIDTH)).astype(np.float32)
+    if neighbours:
+        blocks = rows[..., OWN:].reshape(*lead, neighbours, WIDTH)
+        there = np.ones(neighbours) if there is None else np.asarray(there)
+        blocks[..., 0] = 1.0
+        rows[..., OWN:] = (blocks * there[:, None]).reshape(*lead, -1)
+    return rows
+
+
+def with_blocks(rows, change):
+    """Rows whose blocks (..., neighbours, WIDTH) are changed."""
+    blocks = rows[..., OWN:].reshape(*rows.shape[:-1], -1, WIDTH)
+    return np.concatenate([rows[..., :OWN], change(blocks).reshape(*rows.shape[:-1], -1)], axis=-1)
+
+
+def by_torch(module, *arrays):
+    with torch.no_grad():
+        return module(*(torch.from_numpy(each) for each in arrays))
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+@pytest.mark.parametrize("there", [None, [1, 1, 1], [1, 0, 1], [0, 0, 0]])
+@pytest.mark.parametrize("kind", ACTORS)
+def test_numpy_acts_as_torch_does(kind, there, activation):
+    neighbours = 0 if there is None else len(there)
+    actor = actor_of(kind, neighbours, activation)
+    rows = rows_of(neighbours, there)
+    with torch.no_grad():  # standard deviations about the middle of what is allowed, some beyond either bound
+        log_std = actor.log_std(actor.hidden(actor.eyes(torch.from_numpy(rows)))).flatten(0, -2)
+        scale = 2.5 / log_std.std(dim=0)
+        actor.log_std.bias.copy_((actor.log_std.bias - log_std.mean(dim=0)) * scale - 2.25)
+        actor.log_std.weight.mul_(scale[:, None])
+    expected = [each.numpy() for each in by_torch(actor, rows)]
+    got = ACTING[kind](trained_tensors(actor), shape_of(kind, neighbours), activation, rows)
+    for mine, theirs in zip(got, expected, strict=True):
+        assert mine.dtype == np.float32 and mine.shape == theirs.shape == (3, 6, shape_of(kind, neighbours).action)
+        assert np.abs(mine - theirs).max() < 1e-5 * max(1.0, np.abs(theirs).max())
+    assert np.ptp(expected[0]) > 0.1 and expected[1].min() >= -5.0 and expected[1].max() <= 0.5
+    assert len(np.unique(expected[1])) > 3  # exploration depends on what is seen
+
+
+@pytest.mark.parametrize("kind", ACTORS)
+def test_the_order_of_neighbours_does_not_matter_and_they_do(kind):
+    actor, rows = actor_of(kind, 3), rows_of(3)
+    mean, log_std = by_torch(actor, rows)
+    swapped = by_torch(actor, with_blocks(rows, lambda blocks: blocks[..., [2, 0, 1], :]))
+    assert torch.allclose(swapped[0], mean, atol=1e-5) and torch.allclose(swapped[1], log_std, atol=1e-5)
+    fewer, _ = by_torch(actor, with_blocks(rows, lambda blocks: blocks * np.float32([1, 1, 0])[:, None]))
+    assert (fewer - mean).abs().max() > 1e-2
+
+
+@pytest.mark.parametrize("kind", ACTORS)
+def test_absent_neighbours_have_no_weight(kind):
+    """Whatever stands in their blocks: only that they are not there counts. Without any, a part is as if alone."""
+    actor, rows = actor_of(kind, 3), rows_of(3, [1, 0, 0])
+
+    def rubbish(blocks):
+        blocks = blocks.copy()
+        blocks[..., 1:, 1:] = 50.0  # far above what the one that is there has to say
+        return blocks
+
+    mean, _ = by_torch(actor, rows)
+    assert torch.allclose(by_torch(actor, with_blocks(rows, rubbish))[0], mean, atol=1e-6)
+    with torch.no_grad():
+        nobody = actor.eyes(torch.from_numpy(rows_of(3, [0, 0, 0])))[..., OWN:]
+    assert nobody.shape[-1] == 8 and (nobody == 0).all()
+
+
+def test_the_critic_sees_the_parts_that_are_there_in_any_order():
+    torch.manual_seed(1)
+    critic = PartsCritic(shape_of("parts", 3), [12], "tanh", 8)
+    rows, mask = rows_of(3), np.ones((3, 6), dtype=np.float32)
+    mask[:, 4:] = 0.0
+    value = by_torch(critic, rows, mask)
+    order = [3, 1, 0, 2, 5, 4]
+    assert torch.allclose(by_torch(critic, rows[:, order], mask[:, order]), value[:, order], atol=1e-6)
+    other = rows.copy()
+    other[:, 4:] = 0.3  # what is not there is not seen
+    assert torch.equal(by_torch(critic, other, mask)[:, :4], value[:, :4])
+    other = rows.copy()
+    other[:, 3] *= -1.0  # what is, is: by all
+    assert ((by_torch(critic, other, mask) - value)[:, :3].abs() > 1e-6).all()
+
+
+@pytest.mark.parametrize("side", [4, 5])
+def test_elements_lie_where_the_patch_has_them(side):
+    """Centres minus the part's, in elements: the patch covers the part evenly, wherever it lies in its element."""
+    place = np.random.default_rng(0).uniform(-1, 1, (50, 2)).astype(np.float32)
+    about = offsets(place, side)  # (50, side, 2)
+    within = 0.5 * (place[:, None] + 1.0)
+    fraction = (about + within - 0.5) % 1.0  # counted from the part's element: whole steps
+    assert np.minimum(fraction, 1.0 - fraction).max() < 1e-5
+    assert np.allclose(np.diff(about, axis=1), 1.0) and np.abs(about).max() <= 0.5 * side + 1e-5
+    of_torch = elements_about(torch.from_numpy(place), side).numpy().reshape(50, side, side, 4)
+    assert np.allclose(of_torch[..., 0], about[:, None, :, 0]) and np.allclose(of_torch[..., 1], about[:, :, None, 1])
+    assert np.allclose(of_torch[..., 2:], of_torch[..., :2] ** 2)
+
+
+def test_the_element_network_is_the_same_function_on_patches_of_any_size():
+    """The same tensors give an element the same phasor, whether its patch is small or large."""
+    actor, rows = actor_of("elements", 0), rows_of(0)
+    tensors, shape = trained_tensors(actor), shape_of("elements", 0)
+    small = ACTING["elements"](tensors, shape, "tanh", rows)[0].reshape(3, 6, SIDE, SIDE, 2)
+    large = ACTING["elements"](tensors, shape._replace(side=SIDE + 2), "tanh", rows)[0]
+    large = large.reshape(3, 6, SIDE + 2, SIDE + 2, 2)
+    assert np.allclose(small, large[:, :, 1:-1, 1:-1], atol=1e-6)

@@ -1,0 +1,298 @@
+"""PPO with parts as samples: advantages are those of a plain loop, and every part's are its own."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from agents.learned.coding import Seen
+from agents.learned.trained import TrainedPolicy
+from agents.task_info import TaskInfo
+from agents.training.adapter import StableBaselinesAdapter
+from agents.training.parts_policy import PartsPolicy, trained_tensors
+from agents.training.ppo import PartsPPO
+from agents.training.rollout import PartsBuffer
+from tests.agents.helpers import info_of
+from tests.agents.learned.helpers import coding_for
+from tests.envs.helpers import batch
+
+GAMMA, LAMBDA = 0.9, 0.8
+STEPS, WORLDS, PARTS = 9, 3, 2
+ACTIONS = gym.spaces.Box(-1.0, 1.0, (12,), np.float32)
+TWO = ["steel_block", "aluminium_block"]
+
+
+@pytest.fixture(scope="module")
+def coding():
+    return coding_for(info_of("Sort", parts=TWO))
+
+
+@pytest.fixture(scope="module")
+def model():
+    """Untrained, on worlds whose episodes are cut off after five steps."""
+    env = batch(
+        "Sort", WORLDS, parts=TWO, action="field", observation="parts", max_episode_steps=5, autoreset_mode="SameStep"
+    )
+    return untrained(env)
+
+
+def untrained(env, **settings):
+    policy = {"actor": "parts", "net": [8], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -0.5}
+    policy["coding"] = coding_for(TaskInfo.of(env), "field")
+    made = {"n_steps": STEPS, "batch_size": 24, "n_epochs": 2, "gamma": GAMMA, "gae_lambda": LAMBDA, "seed": 1}
+    return PartsPPO(
+        PartsPolicy, StableBaselinesAdapter(env), policy_kwargs=policy, device="cpu", **{**made, **settings}
+    )
+
+
+class FirstColumn:
+    """A critic whose values are known: a part's is the first number of its row."""
+
+    def __call__(self, rows, mask):
+        assert rows.shape[:-1] == mask.shape
+        return rows[..., 0]
+
+
+def filled(coding, reward, done, cut=()):
+    """A buffer of random rows, with these rewards and ends; ``cut`` holds (step, world) of ends that are cut off."""
+    generator = np.random.default_rng(0)
+    buffer = PartsBuffer(STEPS, ACTIONS, ACTIONS, "cpu", LAMBDA, GAMMA, WORLDS, coding=coding)
+    buffer.reset()
+    finals = {}
+    for step in range(STEPS + 1):
+        rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
+        seen = Seen(rows, np.ones((WORLDS, PARTS), dtype=np.float32))
+        if step == STEPS:
+            buffer.finish(seen, FirstColumn())
+            break
+        actions = generator.normal(size=(WORLDS, PARTS, coding.shape.action)).astype(np.float32)
+        buffer.write(seen, actions, np.zeros((WORLDS, PARTS)), reward[step], done[step])
+        for world in [where for at, where in cut if at == step]:
+            last = generator.normal(size=(1, PARTS, coding.shape.columns)).astype(np.float32)
+            finals[step, world] = last[0, :, 0].astype(np.float64)
+            buffer.cut_off(world, Seen(last, np.ones((1, PARTS), dtype=np.float32)))
+    return buffer, finals
+
+
+def case():
+    generator = np.random.default_rng(3)
+    reward = generator.normal(size=(STEPS, WORLDS, PARTS))
+    done = np.zeros((STEPS, WORLDS), dtype=bool)
+    done[2, 0] = done[8, 1] = done[5, 2] = done[6, 2] = True
+    return reward, done
+
+
+def test_advantages_are_those_of_a_plain_loop(coding):
+    """The generalised advantage estimate by its definition, in float64; ends that are cut off count by their values."""
+    reward, done = case()
+    buffer, finals = filled(coding, reward, done, cut=[(2, 0), (6, 2)])
+    assert len(finals) == 2
+    value = buffer.rows[..., 0].astype(np.float64)
+    for world in range(WORLDS):
+        for part in range(PARTS):
+            for step in range(STEPS):
+                total, weight = 0.0, 1.0
+                for k in range(step, STEPS):
+                    last = done[k, world]
+                    after = (
+                        finals[k, world][part] if (k, world) in finals else 0.0 if last else value[k + 1, world, part]
+                    )
+                    total += weight * (reward[k, world, part] + GAMMA * after - value[k, world, part])
+                    weight *= GAMMA * LAMBDA
+                    if last:
+                        break
+                assert buffer.advantage[step, world, part] == pytest.approx(total, abs=1e-5)
+    samples = buffer.samples()
+    target = samples["target"].numpy().reshape(STEPS, WORLDS, PARTS)
+    assert target == pytest.approx(buffer.advantage + buffer.value, abs=1e-6)
+    assert samples["rows"].shape == (STEPS * WORLDS, PARTS, coding.shape.columns)
+
+
+def test_a_parts_reward_is_credited_to_it_alone(coding):
+    reward, done = case()
+    before, _ = filled(coding, reward, done)
+    reward = reward.copy()
+    reward[4, 1, 0] += 1.0
+    after, _ = filled(coding, reward, done)
+    change = after.advantage - before.advantage
+    expected = np.zeros_like(change)
+    expected[:5, 1, 0] = (GAMMA * LAMBDA) ** np.arange(4, -1, -1)
+    assert change == pytest.approx(expected, abs=1e-5)
+
+
+def test_an_end_and_a_cut_are_told_apart(coding):
+    reward, done = case()
+    ended, _ = filled(coding, reward, done)
+    cut, finals = filled(coding, reward, done, cut=[(2, 0)])
+    assert cut.advantage[2, 0] - ended.advantage[2, 0] == pytest.approx(GAMMA * finals[2, 0], abs=1e-5)
+
+
+def losses(model, part):
+    model.policy.zero_grad()
+    loss, facts = model._loss(part, 0.2, True)
+    loss.backward()
+    grads = {name: value.grad.clone() for name, value in model.policy.named_parameters() if value.grad is not None}
+    return float(loss.detach()), facts, grads
+
+
+def minibatch(model, mask):
+    generator = torch.Generator().manual_seed(0)
+    shape, n = model.policy.coding.shape, 20
+    rows = torch.rand((n, PARTS, shape.columns), generator=generator) * 2 - 1
+    with torch.no_grad():
+        mean, log_std = model.policy.actor(rows)
+    noise = torch.randn(mean.shape, generator=generator)
+    log_prob = -(0.5 * noise**2 + log_std + 0.918938533).sum(dim=-1)
+    advantage = torch.randn((n, PARTS), generator=generator)
+    target = torch.randn((n, PARTS), generator=generator)
+    actions = mean + log_std.exp() * noise
+    names = {"rows": rows, "actions": actions, "log_prob": log_prob, "advantage": advantage, "target": target}
+    return {**names, "mask": torch.tensor(mask).expand(n, PARTS).clone()}
+
+
+def test_absent_parts_teach_nothing(model):
+    """Neither what stands in their places nor how many there are changes the loss or its gradient."""
+    part = minibatch(model, [1.0, 0.0])
+    loss, facts, grads = losses(model, part)
+    assert facts["kl"] == pytest.approx(0.0, abs=1e-5) and facts["clipped"] == 0.0
+    for name in ("advantage", "target", "actions", "log_prob"):
+        part[name][:, 1] = 7.0
+    part["rows"][:, 1] = 0.5
+    again, _, others = losses(model, part)
+    assert again == pytest.approx(loss, rel=1e-5)
+    assert all(torch.allclose(others[name], grad, atol=1e-6) for name, grad in grads.items())
+    assert max(grad.abs().max() for grad in grads.values()) > 1e-3
+    part["advantage"][:, 0] *= -1.0
+    assert not torch.allclose(losses(model, part)[2]["actor.mean.weight"], grads["actor.mean.weight"], atol=1e-4)
+
+
+def test_no_part_at_all_is_no_fault(model):
+    loss, _, grads = losses(model, minibatch(model, [0.0, 0.0]))
+    assert loss == 0.0 and all((grad == 0).all() for grad in grads.values())
+
+
+def test_the_gradient_is_that_of_ppo(model):
+    """At the policy that acted the ratio is 1: the gradient of the mean of advantage x log-probability, reversed."""
+    part = minibatch(model, [1.0, 1.0])
+    _, _, grads = losses(model, part)
+    model.policy.zero_grad()
+    mean, log_std = model.policy.actor(part["rows"])
+    scale = log_std.exp()
+    log_prob = torch.distributions.Normal(mean, scale).log_prob(part["actions"]).sum(dim=-1)
+    (-(part["advantage"] * log_prob).mean()).backward()
+    for name, value in model.policy.actor.named_parameters():
+        assert torch.allclose(value.grad, grads[f"actor.{name}"], atol=1e-5), name
+
+
+def test_a_rollout_keeps_what_happened(model):
+    """Rewards of the parts, and values of the last observations where the limit cut episodes off."""
+    env, seen = model.env, []
+    step = env.step_wait
+
+    def watched():
+        found = step()
+        seen.append((env.part_reward.copy(), found[2].copy(), [info.get("terminal_observation") for info in found[3]]))
+        return found
+
+    env.step_wait = watched
+    try:
+        model.learn(STEPS * WORLDS, reset_num_timesteps=True)
+    finally:
+        del env.step_wait
+    buffer = model.rollout_buffer
+    assert len(seen) == STEPS and model.num_timesteps == STEPS * WORLDS
+    done = np.array([each[1] for each in seen])
+    assert (buffer.done == done).all() and done[4].all() and done.sum() == WORLDS
+    reward = np.array([each[0] for each in seen])
+    others = np.arange(STEPS) != 4
+    assert buffer.reward[others] == pytest.approx(reward[others], abs=1e-6)
+    assert len(buffer.cut) == WORLDS and sorted(world for _, world, *_ in buffer.cut) == [0, 1, 2]
+    for at, world, rows, _ in buffer.cut:
+        assert at == 4 and (rows == seen[4][2][world]["parts"][:PARTS]).all()
+    assert (buffer.reward[4] != reward[4].astype(np.float32)).all()
+
+
+def test_the_critic_alone_learns_at_first():
+    env = batch("Sort", WORLDS, parts=TWO, action="field", observation="parts", autoreset_mode="SameStep")
+    model = untrained(env, critic_steps=STEPS * WORLDS)
+    before = {name: value.clone() for name, value in model.policy.state_dict().items()}
+    model.learn(STEPS * WORLDS)
+    changed = {name.split(".")[0] for name, value in model.policy.state_dict().items() if (value != before[name]).any()}
+    assert changed == {"critic"}
+    model.learn(STEPS * WORLDS, reset_num_timesteps=False)
+    changed = {name.split(".")[0] for name, value in model.policy.state_dict().items() if (value != before[name]).any()}
+    assert changed == {"critic", "actor"}
+
+
+def test_touches_cost_what_is_learned_from_and_nothing_else():
+    """Only the parts that are in touch pay, in the buffer alone: the environment's rewards stay as they are."""
+    env = batch("Sort", WORLDS, parts=TWO, action="field", observation="parts", autoreset_mode="SameStep")
+    model = untrained(env, touch_cost=0.25)
+    paid, coding, step, seen, cost = [], model.policy.coding, model.env.step_wait, model.env, []
+    there, gap = (
+        next(row.start for row in env.parts_layout if row.name == f"neighbour_1_{name}") for name in ("there", "gap")
+    )
+    reset = model.env.reset
+
+    def close(observation):  # in world 0 the parts stand side by side, in world 1 the second alone says so
+        observation = {**observation, "parts": observation["parts"].copy()}
+        observation["parts"][:, :PARTS, there], observation["parts"][:, :PARTS, gap] = 1.0, 0.5
+        observation["parts"][0, :PARTS, gap] = observation["parts"][1, 1, gap] = 0.0
+        return observation
+
+    def watched():
+        found = step()
+        paid.append(seen.part_reward.copy())
+        return close(found[0]), *found[1:]
+
+    model.env.step_wait, model.env.reset = watched, lambda: close(reset())
+    model.learn(STEPS * WORLDS)
+    cost = np.array(paid) - model.rollout_buffer.reward
+    expected = np.zeros((STEPS, WORLDS, PARTS))
+    expected[:, 0], expected[:, 1, 1] = 0.25, 0.25
+    assert len(model.rollout_buffer.cut) == 0 and not model.rollout_buffer.done.any()
+    assert cost == pytest.approx(expected, abs=1e-6)
+    assert coding.touching(coding.see(model._last_obs)).tolist() == [[1.0, 1.0], [0.0, 1.0], [0.0, 0.0]]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_rollout_remembers_what_parts_were_told(turned, monkeypatch):
+    """And so does the policy that acts without torch: its actions are those of the rollout, through ends of episodes."""
+    monkeypatch.setattr(torch, "randn_like", torch.zeros_like)  # a rollout that does not explore
+    env = batch(
+        "Transport", WORLDS, action="wrench", observation="parts", max_episode_steps=4, autoreset_mode="SameStep"
+    )
+    coding = coding_for(TaskInfo.of(env), "wrench", turned=turned, remembers=True)
+    policy = {"actor": "parts", "net": [8], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -1.0}
+    made = {"n_steps": STEPS, "batch_size": 24, "n_epochs": 1, "learning_rate": 1e-9, "seed": 1, "device": "cpu"}
+    model = PartsPPO(PartsPolicy, StableBaselinesAdapter(env), policy_kwargs={**policy, "coding": coding}, **made)
+    torch.nn.init.normal_(model.policy.actor.mean.weight)
+    acting = TrainedPolicy(trained_tensors(model.policy.actor), "parts", "tanh", coding)
+    steps, step, async_ = [], model.env.step_wait, model.env.step_async
+
+    def asked(actions):
+        steps.append([model._last_obs, model._last_episode_starts, actions.copy()])
+        async_(actions)
+
+    def watched():
+        found = step()
+        steps[-1].append([info.get("terminal_observation") for info in found[3]])
+        return found
+
+    model.env.step_async, model.env.step_wait = asked, watched
+    model.learn(STEPS * WORLDS)
+    rows, own, state = model.rollout_buffer.rows, coding.shape.own, None
+    said = slice(own - 3, own)
+    cuts = {(at, world): row for at, world, row, _ in model.rollout_buffer.cut}
+    assert len(cuts) == 2 * WORLDS
+    for k, (observation, start, actions, finals) in enumerate(steps):
+        mine, state = acting.predict(observation, state, start)
+        assert mine == pytest.approx(actions, abs=1e-5) and (state.rows == pytest.approx(rows[k], abs=1e-5))
+        assert start.all() == (k % 4 == 0) and (rows[k, ..., said] == 0.0).all() == (k % 4 == 0)
+        for world in range(WORLDS):
+            assert ((k, world) in cuts) == (k % 4 == 3)
+            if (k, world) in cuts:  # what was seen last remembers too, though another episode has begun
+                last = coding.see(finals[world], state.of(world))
+                assert cuts[k, world] == pytest.approx(last.rows[0], abs=1e-5) and last.rows[0, 0, said].any()
+    forgets, _ = acting.predict(steps[-1][0])
+    assert np.abs(forgets - steps[-2][2]).max() > 1e-3

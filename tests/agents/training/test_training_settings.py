@@ -1,0 +1,132 @@
+"""Settings of training: files of one run, and files of many agents."""
+
+from pathlib import Path
+
+import gymnasium as gym
+import pytest
+
+from agents.training.settings import agents_in, load_settings
+
+MANY = """
+defaults:
+  worlds: 16
+  steps: 1000
+  environment: {action: wrench}
+  ppo: {learning_rate: 0.002, net: [32]}
+vibgym/Align-v0:
+  ideal: {}
+  prototype:
+    seed: 4
+    steps: 2000
+    environment: {action: patch, actuators: prototype}
+    ppo: {net: [64, 64]}
+    imitation: {expert: pose, rounds: 2}
+vibgym/SortTwelve-v0:
+  ideal: {output: runs/mine}
+"""
+
+
+@pytest.fixture
+def many(tmp_path):
+    path = tmp_path / "ppo.yaml"
+    path.write_text(MANY)
+    return path
+
+
+def test_agents_have_their_own_settings_on_top_of_the_defaults(many):
+    assert agents_in(many) == ("Align/ideal", "Align/prototype", "SortTwelve/ideal")
+    plain, own = load_settings(many, "Align/ideal"), load_settings(many, "Align/prototype")
+    assert (plain.task, plain.worlds, plain.steps, plain.seed) == ("Align", 16, 1000, 0)
+    assert (own.task, own.worlds, own.steps, own.seed) == ("Align", 16, 2000, 4)
+    assert plain.environment == {"action": "wrench"}
+    assert own.environment == {"action": "patch", "actuators": "prototype"}  # whole, unlike the algorithm's settings
+    assert (plain.ppo.learning_rate, plain.ppo.net) == (0.002, [32])
+    assert (own.ppo.learning_rate, own.ppo.net) == (0.002, [64, 64])
+    assert plain.imitation is None and (own.imitation.expert, own.imitation.rounds) == ("pose", 2)
+    assert load_settings(many, "SortTwelve/ideal").task == "SortTwelve"
+
+
+def test_every_agent_and_seed_has_a_directory_of_its_own(many):
+    found = {
+        load_settings(many, agent, seed).output
+        for agent in ("Align/ideal", "Align/prototype") for seed in (None, 1, 2)
+    }  # fmt: skip
+    assert found == {
+        *(f"runs/agents/Align-ideal/seed-{seed}" for seed in (0, 1, 2)),
+        *(f"runs/agents/Align-prototype/seed-{seed}" for seed in (4, 1, 2)),
+    }
+    assert load_settings(many, "Align/ideal", 2).seed == 2
+    assert load_settings(many, "SortTwelve/ideal", 5).output == "runs/mine"
+
+
+def test_environments_of_others_keep_their_whole_name(tmp_path, monkeypatch):
+    entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
+    spec = gym.envs.registration.EnvSpec("mine/Align-v0", kwargs={"task": "Align"}, **entry)
+    monkeypatch.setitem(gym.registry, "mine/Align-v0", spec)
+    path = tmp_path / "many.yaml"
+    path.write_text("mine/Align-v0: {own: {steps: 5}}")
+    assert load_settings(path, "Align/own").task == "mine/Align-v0"
+    path.write_text("mine/Align-v0: {own: {steps: 5}}\nvibgym/Align-v0: {own: {steps: 6}}")
+    with pytest.raises(ValueError, match="vibgym/Align-v0: got 'own'; allowed: a name that no other"):
+        load_settings(path, "Align/own")
+
+
+@pytest.mark.parametrize("agent, named", [
+    (None, "agent: got None; allowed: one of Align/ideal, Align/prototype"),
+    ("Align", "agent: got 'Align'; allowed: one of"), ("Align/real", "agent: got 'Align/real'"),
+    ("", "agent: got ''"), ("defaults", "agent: got 'defaults'"),
+])  # fmt: skip
+def test_agents_that_a_file_has_not_are_refused(many, agent, named):
+    with pytest.raises(ValueError, match=named) as error:
+        load_settings(many, agent)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("old, new, named", [
+    ("vibgym/Align-v0:", "vibgym/Juggle-v0:", "ppo.yaml: got 'vibgym/Juggle-v0'; allowed: a mapping with 'task'"),
+    ("vibgym/Align-v0:", "Align:", "ppo.yaml: got 'Align'"), ("vibgym/Align-v0:", "3:", "ppo.yaml: got 3"),
+    ("  ideal: {}", "  ideal: 3", "vibgym/Align-v0.ideal: got 3; allowed: a mapping"),
+    ("  ideal: {}", "  ideal: {task: Sort}", "vibgym/Align-v0.ideal: got .*without 'task'"),
+    ("  worlds: 16", "  worlds: 0", "Align/prototype.worlds: got 0"), ("  worlds: 16", "  word: 1", "Align/prototype.word"),
+    ("net: [64, 64]", "net: [0]", "Align/prototype: ppo.net"), ("rounds: 2", "rounds: 0", "imitation.rounds: got 0"),
+    ("rounds: 2", "rounds: 2, own_share: 1.5", "imitation.own_share"), ("rounds: 2", "teacher: 2", "imitation.teacher"),
+    ("expert: pose, ", "", "imitation.expert"), ("ppo: {net: [64, 64]}", "ppo: 3", "Align/prototype.ppo: got 3"),
+])  # fmt: skip
+def test_faults_are_one_line_with_file_and_agent(many, old, new, named):
+    assert old in MANY
+    many.write_text(MANY.replace(old, new))
+    with pytest.raises(ValueError, match=named) as error:
+        load_settings(many, "Align/prototype")
+    assert "\n" not in str(error.value) and str(many) in str(error.value)
+
+
+def test_defaults_that_are_none_are_refused(tmp_path):
+    path = tmp_path / "many.yaml"
+    path.write_text("defaults: 3\nvibgym/Align-v0: {ideal: {steps: 5}}")
+    with pytest.raises(ValueError, match="many.yaml: defaults: got 3; allowed: a mapping"):
+        load_settings(path, "Align/ideal")
+
+
+def test_a_file_of_one_run_has_no_agents(tmp_path):
+    path = tmp_path / "one.yaml"
+    path.write_text("task: Align\nsteps: 5")
+    assert load_settings(path).task == "Align" and load_settings(path, seed=7).seed == 7
+    with pytest.raises(ValueError, match="--agent: got 'Align/ideal'; allowed: nothing"):
+        load_settings(path, "Align/ideal")
+    with pytest.raises(ValueError, match="one.yaml.seed: got -1"):
+        load_settings(path, seed=-1)
+
+
+FOLDER = Path(__file__).parents[3] / "configs" / "agents"
+SHIPPED = [path for path in sorted(FOLDER.glob("*.yaml")) if path.stem != "sensorless"]
+"""All but the study of schedules, which has settings of its own."""
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
+def test_shipped_files_are_sound(path):
+    text = path.read_text()
+    if "\ntask:" in f"\n{text}":
+        assert load_settings(path).steps > 0
+    else:
+        for agent in agents_in(path):
+            assert load_settings(path, agent).steps > 0

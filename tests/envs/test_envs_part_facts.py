@@ -1,0 +1,193 @@
+"""What ``info`` says of each part, other observations of the same instant, and the hold."""
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from tests.envs.helpers import SMALL, assert_same, batch, put, single, sorted_pose, still
+
+SETTINGS = {"action": "field", "randomize": {"parts": [2, 5]}}
+
+
+def test_every_part_has_its_facts():
+    env = batch("Sort", 8, **SETTINGS)
+    env.reset(seed=2)
+    env.action_space.seed(2)
+    for _ in range(5):
+        *_, info = env.step(env.action_space.sample())
+        told, truth = info["parts"], env.truth
+        assert (told["present"] == truth.present).all() and (told["done"] == truth.done).all()
+        assert (told["fallen"] == (truth.fallen & truth.present)).all() and not told["fallen"].any()
+        assert told["reward_terms"].keys() == info["reward_terms"].keys()
+        assert told["reward"].shape == (8, 6) and told["reward"].dtype == np.float64
+        for name, values in told["reward_terms"].items():
+            if name.startswith("_"):
+                assert values.all()
+                continue
+            assert not values[~truth.present].any()
+            assert values.sum(1) / truth.present.sum(1) == pytest.approx(info["reward_terms"][name], abs=1e-12)
+        total = sum(values for name, values in told["reward_terms"].items() if not name.startswith("_"))
+        assert told["reward"] == pytest.approx(total, abs=1e-12)
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_as_batches_of_single_environments_stack_them(mode):
+    """Nested groups too, with masks, in final infos and for resets of some worlds."""
+    settings = {"surface": SMALL, "parts": ["steel_block"], "zones": {"steel_block": [0.0, 0.0, 0.08, 0.078]}}
+    settings |= {"action": "field", "max_episode_steps": 9}
+    native = batch("Sort", 3, autoreset_mode=mode, **settings)
+    sync = SyncVectorEnv([lambda: single("Sort", **settings)] * 3, autoreset_mode=mode)
+    assert_same(native.reset(seed=1), sync.reset(seed=1))
+    push, fallen = np.tile(np.float32([1, 0.2, 0, 0, 0, 0]), (3, 1)) * np.float32([[1], [-1], [0]]), 0
+    for _ in range(24):
+        got = native.step(push)
+        assert_same(got, sync.step(push))
+        fallen += int(got[4].get("final_info", got[4])["parts"]["fallen"].sum())
+        done = got[2] | got[3]
+        if mode is AutoresetMode.DISABLED and done.any():
+            again = native.reset(options={"reset_mask": done.copy()})
+            assert_same(again, sync.reset(options={"reset_mask": done.copy()}))
+            assert again[1]["_parts"].tolist() == done.tolist()
+    assert fallen > 0
+
+
+def test_only_the_part_that_fell_pays_for_it():
+    env = single("Sort", action="phasor")
+    env.reset(seed=0)
+    pose = sorted_pose()
+    pose[2, :2] = 0.4, -0.01  # its centre is beside the surface
+    put(env, pose)
+    *_, reward, terminated, _, info = env.step(still(env))
+    assert terminated and info["fallen"]
+    told = info["parts"]
+    assert told["fallen"].tolist() == [part == 2 for part in range(6)]
+    assert told["reward_terms"]["fallen"].tolist() == [-5.0 if part == 2 else 0.0 for part in range(6)]
+    assert info["reward_terms"]["fallen"] == -5.0
+    assert told["done"].tolist() == [part != 2 for part in range(6)]
+
+
+def test_a_goal_environment_gives_its_part_the_goal_reward():
+    env = single("Align", observation="goal", action="field")
+    env.reset(seed=0)
+    _, reward, *_, info = env.step(env.action_space.sample())
+    assert info["parts"]["reward"].tolist() == [reward] and reward != 0.0
+    assert {name: each.tolist() for name, each in info["parts"]["reward_terms"].items()} == {"goal": [reward]}
+    _, info = env.reset()
+    assert info["parts"]["reward"].tolist() == [0.0] and info["parts"]["reward_terms"]["goal"].tolist() == [0.0]
+
+
+def test_infos_are_the_caller_s_own():
+    env = batch("Sort", 2, **SETTINGS)
+    env.reset(seed=0)
+    *_, info = env.step(env.action_space.sample())
+    kept = {name: each.copy() for name, each in info["parts"]["reward_terms"].items()}
+    info["parts"]["done"][:] = True
+    env.step(env.action_space.sample())
+    assert_same({name: each.copy() for name, each in info["parts"]["reward_terms"].items()}, kept)
+    assert not env.truth.done.all()
+
+
+def test_snapshots_hold_what_the_next_rewards_need():
+    env = batch("Singulate", 3, action="field", randomize={"parts": [2, 5]})
+    env.reset(seed=1)
+    env.action_space.seed(1)
+    actions = [env.action_space.sample() for _ in range(5)]
+    env.step(actions[0])
+    state = env.unwrapped.get_state()
+    expected = [env.step(action)[4]["parts"] for action in actions[1:]]
+    other = batch("Singulate", 3, action="field", randomize={"parts": [2, 5]})
+    other.unwrapped.set_state(state)
+    assert_same([other.step(action)[4]["parts"] for action in actions[1:]], expected)
+
+
+# -- another observation of the same instant -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_another_observation_is_that_of_an_environment_made_with_it(many):
+    settings = {"action": "field", "sensor": "pose"}
+
+    def make(observation):
+        return (
+            batch("Align", 3, observation=observation, **settings)
+            if many
+            else single("Align", observation=observation, **settings)
+        )
+
+    env, others = make("parts"), {kind: make(kind) for kind in ("state", "parts", "image", "goal")}
+    seen = {kind: other.reset(seed=5)[0] for kind, other in others.items()}
+    env.reset(seed=5)
+    env.action_space.seed(5)
+    for _ in range(3):
+        for kind, expected in seen.items():
+            assert_same(env.unwrapped.observed(kind), expected)
+        action = env.action_space.sample()
+        env.step(action)
+        seen = {kind: other.step(action)[0] for kind, other in others.items()}
+
+
+def test_asking_changes_nothing():
+    env, quiet = (batch("Sort", 2, observation="parts", sensor="pose", **SETTINGS) for _ in range(2))
+    env.reset(seed=1)
+    quiet.reset(seed=1)
+    env.action_space.seed(1)
+    for _ in range(4):
+        env.unwrapped.observed("state")
+        action = env.action_space.sample()
+        assert_same(env.step(action), quiet.step(action))
+    assert_same(env.unwrapped.get_state(), quiet.unwrapped.get_state())
+
+
+def test_observations_that_cannot_be_had():
+    env = single("Sort", observation="parts").unwrapped
+    with pytest.raises(gym.error.ResetNeeded):
+        env.observed("state")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="^kind: got 'flat'; allowed: 'state', 'parts'"):
+        env.observed("flat")
+    with pytest.raises(ValueError, match="^observation: got 'goal'; allowed: .*only tasks with a goal pose"):
+        env.observed("goal")
+    for bad in (None, 3, ["state"]):
+        with pytest.raises(ValueError, match="^kind: got"):
+            env.observed(bad)
+    seeing = single("Align", sensor="camera").unwrapped
+    seeing.reset(seed=0)
+    with pytest.raises(
+        ValueError, match="^kind: got 'camera'; allowed: state, .*or what the environment was made with"
+    ):
+        seeing.observed("camera")
+
+
+# -- hold ----------------------------------------------------------------------------------------------------------------
+
+
+def test_a_goal_that_has_to_be_held_for_longer():
+    steps = {}
+    for hold in (10, 25):
+        env = single("Transport", action="phasor", task_settings={"hold": hold})
+        _, info = env.reset(seed=0, options={"pose": [0.4, 0.1, 0.0], "goal": [0.4, 0.1, 0.0]})
+        steps[hold], terminated = 0, False
+        while not terminated:
+            *_, terminated, _, info = env.step(still(env))
+            steps[hold] += 1
+        assert info["is_success"]
+    assert steps == {10: 10, 25: 25}
+
+
+@pytest.mark.parametrize("make", [single, lambda task, **settings: batch(task, 2, **settings)])
+def test_a_hold_that_no_episode_has(make):
+    for bad in (0, 1.5, "long", math.inf, [10]):
+        with pytest.raises(ValueError, match=r"^task_settings\['hold'\]: got"):
+            make("Sort", task_settings={"hold": bad})
+    with pytest.raises(
+        ValueError, match=r"^task_settings\['hold'\]: got 251; allowed: at most an episode, 250 periods"
+    ):
+        make("Align", task_settings={"hold": 251})
+    make("Align", task_settings={"hold": 250})
+    with pytest.raises(ValueError, match="^paths: got .* an episode without the hold"):
+        make("Follow", task_settings={"hold": 480})
+    with pytest.raises(ValueError, match="^task_settings"):
+        make("Sort", task_settings={"held": 10})

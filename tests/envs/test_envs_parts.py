@@ -1,0 +1,245 @@
+"""The observation by parts against the simulator's state, by a second computation, and against the state observation."""
+
+import math
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from stable_baselines3.common.env_checker import check_env as check_sb3_env
+
+from tests.envs.helpers import assert_same, batch, single
+from vibgym.envs.row_layout import NEIGHBOUR, NEIGHBOURS, OWN, RowLayout
+from vibgym.physics.collision.hulls import all_gaps
+
+DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "disc"}
+L_SHAPE = {
+    "shape": "polygon", "vertices_mm": [[0, 0], [60, 0], [60, 20], [20, 20], [20, 60], [0, 60]], "friction": 0.5,
+    "name": "angle",
+}  # fmt: skip
+MIXED = ["steel_block", DISC, L_SHAPE, "steel_block", DISC, L_SHAPE, "steel_block"]
+NOISY = {"kind": "pose", "tell": ["age", "sigma"]}
+CASES = [
+    ("Transport", {}), ("Rotate", {"sensor": NOISY}), ("Sort", {"parts": MIXED, "slots": 9, "randomize": {"parts": [1, 7]}}),
+    ("Singulate", {"sensor": NOISY, "walls": ["left"]}), ("Follow", {"parts": [DISC, "steel_block"]}),
+]  # fmt: skip
+
+
+def clip(values):
+    return np.clip(values, -1.0, 1.0)
+
+
+def own_quantities(core, measured, relations, world, part):
+    """A row's features of the part itself, as the table says, from what is measured."""
+    surface, one, task, episode = core.surface, core.parts[part], core.task, core.episode
+    (x, y, heading), moved = measured.pose[world, part], measured.mean_velocity[world, part]
+    way, turn = relations.error[world, part, :2], relations.error[world, part, 2]
+    size, low, speed = np.array([surface.width, surface.height]), 0.0, surface.table_speed
+    edges = np.array([x - low, size[0] - x, y - low, size[1] - y])
+    zone = np.zeros(4) if task.zones is None else task.zones[task.kind[part]][[0, 2, 1, 3]]
+    motion = episode.motion[world, part].reshape(-1, 3)
+    said = {
+        "kind": np.eye(3)[task.kind[part]],
+        "friction": one.friction,
+        "radius": one.radius / 0.1,
+        "gyration": math.sqrt(one.gyration) / 0.1,
+        "extent": math.sqrt(one.area) / 0.2,
+        "position": clip(2.0 * np.array([x, y]) / size - 1.0),
+        "element": 2.0 * (np.array([x, y]) / surface.element_size % 1.0) - 1.0,
+        "heading": [math.cos(one.symmetry * heading), math.sin(one.symmetry * heading)],
+        "way_far": np.tanh(way / 0.25),
+        "way_coarse": np.tanh(way / 0.05),
+        "way_fine": np.tanh(way / 0.005),
+        "way_finest": np.tanh(way / 0.0005),
+        "turn": clip(turn / (2 * math.pi)),
+        "turn_coarse": math.tanh(turn / 0.5),
+        "turn_fine": math.tanh(turn / 0.05),
+        "turn_finest": math.tanh(turn / 0.005),
+        "velocity": clip(moved[:2] / speed),
+        "spin": clip(moved[2] / 25.0),
+        "borders": np.tanh(edges / 0.05),
+        "zone": np.tanh((np.array([x, x, y, y]) - zone) * [1, -1, 1, -1] / 0.05),
+        "age": math.tanh(measured.age[world, part] / 10.0),
+        "sigma": np.tanh(
+            [math.hypot(*measured.sigma[world, part, :2]) / 1e-3, measured.sigma[world, part, 2] / math.radians(1.0)]
+        ),
+    }
+    if len(motion):
+        said["goal_velocity"], said["goal_spin"] = clip(motion[0, :2] / speed), clip(motion[0, 2] / 25.0)
+        said["way_ahead"] = clip((way + motion[1:, :2]) / 0.25).ravel()
+        said["turn_ahead"] = clip((turn + motion[1:, 2]) / (2 * math.pi))
+    return said
+
+
+def neighbour_quantities(core, measured, relations, gaps, world, part, other):
+    """A row's features of another part."""
+    apart = measured.pose[world, other, :2] - measured.pose[world, part, :2]
+    faster = measured.mean_velocity[world, other, :2] - measured.mean_velocity[world, part, :2]
+    turned = core.parts[other].symmetry * measured.pose[world, other, 2]
+    return {
+        "there": 1.0,
+        "apart": np.tanh(apart / 0.05),
+        "apart_far": np.tanh(apart / 0.25),
+        "gap": math.tanh(gaps[world, part, other] / (math.sqrt(2.0) * core.surface.element_size)),
+        "velocity": clip(faster / (2.0 * core.surface.table_speed)),
+        "heading": [math.cos(turned), math.sin(turned)],
+        "same_kind": float(core.task.kind[part] == core.task.kind[other]),
+        "way": np.tanh(relations.error[world, other, :2] / 0.05),
+    }
+
+
+@pytest.mark.parametrize("task, settings", CASES)
+def test_rows_are_what_the_table_says(task, settings):
+    worlds = 6
+    env = batch(task, worlds, observation="parts", action="field", **settings)
+    seen, _ = env.reset(seed=3)
+    env.action_space.seed(3)
+    core, rows = env.unwrapped.core, {row.name: row for row in env.unwrapped.parts_layout}
+    parts, several, compared = len(core.parts), core.task.MOST_PARTS != 1, 0
+    for step in range(5):
+        if step:
+            seen, *_ = env.step(env.action_space.sample())
+        assert env.observation_space.contains(seen) and seen["mask"].dtype == np.int8
+        measured, relations, present = core.sensing.measurement, core._measured, core.episode.present
+        assert (seen["mask"][:, :parts] == present).all() and not seen["mask"][:, parts:].any()
+        assert not seen["parts"][seen["mask"] == 0].any()
+        gaps = np.empty((worlds, parts, parts))
+        all_gaps(core.simulator.hulls, measured.pose, gaps)
+        for world, part in np.argwhere(present):
+            said = own_quantities(core, measured, relations, world, part)
+            others = [k for k in range(parts) if k != part and present[world, k] and not measured.gone[world, k]]
+            others = sorted(others, key=lambda k: gaps[world, part, k])[:NEIGHBOURS]
+            for k in range(NEIGHBOURS if several else 0):
+                near = dict.fromkeys((each.name for each in NEIGHBOUR), 0.0)
+                if k < len(others) and not measured.gone[world, part]:
+                    near = neighbour_quantities(core, measured, relations, gaps, world, part, others[k])
+                    compared += 1
+                said |= {f"neighbour_{k + 1}_{name}": value for name, value in near.items()}
+            for name, row in rows.items():
+                got = seen["parts"][world, part, row.start : row.start + row.width]
+                # Just at the edge of an element its numbers may jump from 1 to -1.
+                assert got == pytest.approx(np.broadcast_to(said[name], row.width), abs=3e-6), name
+    assert compared >= 60 or not several
+
+
+def test_each_task_has_the_columns_that_it_can_fill():
+    def names(task, **settings):
+        rows = single(task, observation="parts", **settings).unwrapped.parts_layout
+        assert [row.start for row in rows] == np.cumsum([0, *(row.width for row in rows)])[:-1].tolist()
+        return {row.name for row in rows}, sum(row.width for row in rows)
+
+    own = {each.name for each in OWN}
+    moving = {"goal_velocity", "goal_spin", "way_ahead", "turn_ahead"}
+    turning = {"turn", "turn_coarse", "turn_fine", "turn_finest"}
+    told, zoned = {"age", "sigma"}, {"kind", "zone"}
+    assert names("Transport") == (own - moving - turning - told - zoned, 25)
+    assert names("Rotate") == (own - moving - told - zoned, 29)
+    assert names("Rotate", sensor=NOISY) == (own - moving - zoned, 32)
+    sort, size = names("Sort")
+    assert sort & own == own - moving - turning - told and size == 32 + 65
+    assert names("Singulate")[0] == sort - {"zone"}
+    follow, size = names("Follow")
+    assert follow & own == own - told - zoned and size == 29 + 15 + 65
+
+
+def test_the_row_does_not_depend_on_the_surface_s_size():
+    rows = [single("Sort", surface={"rows": 8 * k, "columns": 32 * k}).unwrapped.parts_layout for k in (1, 2)]
+    different = {a.name for a, b in zip(*rows, strict=True) if a != b}
+    assert different == {"position"}
+
+
+def test_quantities_come_back():
+    env = batch("Sort", 20, observation="parts", action="field")
+    env.reset(seed=1)
+    seen, *_ = env.step(env.action_space.sample())
+    layout, truth = RowLayout.of(env.unwrapped.task), env.unwrapped.truth
+    assert layout.rows == env.unwrapped.parts_layout
+    rows = seen["parts"]
+    assert layout.quantity(rows, "position") == pytest.approx(truth.pose[..., :2], abs=1e-6)
+    assert layout.quantity(rows, "velocity") == pytest.approx(truth.mean_velocity[..., :2], abs=1e-6)
+    assert layout.quantity(rows, "way_far") == pytest.approx(truth.error[..., :2], abs=1e-4)
+    near = truth.gap < 0.05
+    assert near.any()
+    assert layout.quantity(rows, "neighbour_1_gap")[near][:, 0] == pytest.approx(truth.gap[near], abs=1e-6)
+
+
+def test_rows_of_one_part_are_those_among_absent_ones():
+    """What a part sees does not depend on its number, nor on parts that are not there, nor on the number of slots."""
+    pose = np.array([[[0.30, 0.10, 0.3], [0.42, 0.08, -0.7], [0.55, 0.12, 2.0]]])
+    seen = {}
+    for parts, there in ((3, (0, 1, 2)), (5, (1, 3, 4))):
+        env = single("Sort", parts=["steel_block"] * parts, observation="parts", slots=parts + 1)
+        full = np.tile([0.7, 0.1, 0.0], (parts, 1))
+        full[list(there)] = pose[0]
+        rows, _ = env.reset(seed=0, options={"pose": full, "parts": list(there)})
+        seen[parts] = rows["parts"][list(there)]
+    assert_same(seen[3], seen[5])
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_vector_and_single_agree_to_the_bit(mode):
+    """Whatever becomes of finished episodes, final observations included."""
+    settings = {"observation": "parts", "action": "field", "slots": 7, "randomize": {"parts": [2, 6]}}
+    settings["max_episode_steps"] = 4
+    many = batch("Sort", 3, autoreset_mode=mode, **settings)
+    sync = SyncVectorEnv([lambda: single("Sort", **settings)] * 3, autoreset_mode=mode)
+    assert_same(many.reset(seed=5), sync.reset(seed=5))
+    many.action_space.seed(2)
+    finals = 0
+    for _ in range(10):
+        action = many.action_space.sample()
+        got = many.step(action)
+        assert_same(got, sync.step(action))
+        done = got[2] | got[3]
+        finals += sum(isinstance(each, dict) for each in got[4].get("final_obs", ()))
+        if mode is AutoresetMode.DISABLED and done.any():
+            # SyncVectorEnv takes the mask out of the mapping it is given.
+            got = many.reset(options={"reset_mask": done.copy()})
+            assert_same(got, sync.reset(options={"reset_mask": done.copy()}))
+    assert finals == (6 if mode is AutoresetMode.SAME_STEP else 0)
+
+
+def test_snapshots_and_copies_go_on_to_the_bit():
+    env = batch("Sort", 2, observation="parts", action="field", sensor="pose")
+    env.reset(seed=1)
+    env.action_space.seed(1)
+    actions = [env.action_space.sample() for _ in range(6)]
+    for action in actions[:3]:
+        env.step(action)
+    state, copy = env.unwrapped.get_state(), pickle.loads(pickle.dumps(env.unwrapped))
+    expected = [env.step(action)[0] for action in actions[3:]]
+    assert_same([copy.step(action)[0] for action in actions[3:]], expected)
+    env.unwrapped.set_state(state)
+    assert_same([env.step(action)[0] for action in actions[3:]], expected)
+
+
+@pytest.mark.filterwarnings("ignore:Your observation parts has an unconventional shape")  # a row a part, as it is meant
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("task", ["Align", "Sort", "Follow"])
+def test_checkers(task):
+    env = single(task, observation="parts", action="wrench").unwrapped
+    check_env(env, skip_render_check=True)
+    check_sb3_env(env, warn=True, skip_render_check=True)
+    space = env.observation_space["parts"]
+    assert isinstance(space, gym.spaces.Box) and space.dtype == np.float32
+
+
+@pytest.mark.parametrize("task", ["Align", "Sort"])
+def test_parts_and_state_are_both_of_the_same_instant(task):
+    """Just as each is by itself, of one world and of many."""
+    settings = {"action": "wrench", "actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+    many = batch(task, 3, observation="parts_and_state", **settings)
+    seen, _ = many.reset(seed=1)
+    one = single(task, observation="parts_and_state", **settings)
+    alone, _ = one.reset(seed=1)
+    for _ in range(4):
+        action = many.action_space.sample()
+        seen, *_ = many.step(action)
+        alone, *_ = one.step(action[0])
+        assert many.observation_space.contains(seen) and one.observation_space.contains(alone)
+        assert all((seen[name][0] == alone[name]).all() for name in ("parts", "mask", "state"))
+        parts = many.observed("parts")
+        assert (seen["parts"] == parts["parts"]).all() and (seen["mask"] == parts["mask"]).all()
+        assert (seen["state"] == many.observed("state")).all()
