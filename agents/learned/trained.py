@@ -28,7 +28,8 @@ CODINGS: Mapping[str, type[Coding] | type[PictureCoding]] = {
 }
 """What a network reads, by its name."""
 
-SAME, ANY = "same", "any"
+ANY = "any"
+"""Of a surface, or a number of parts, that a policy file may leave open."""
 RESIDUAL = "residual"
 """Under which the file of a correction names what it corrects: its base policy and the scale."""
 ELEMENTS = "elements"

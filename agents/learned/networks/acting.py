@@ -10,6 +10,7 @@ import numpy as np
 from agents.learned.networks.shape import LEAST_MASS, WAY_SCALES, Picture, Shape, occupied, offsets
 
 LOG_STD_RANGE = (-5.0, 0.5)
+"""Of the exploration's standard deviation, a number of each action that depends on what the part sees."""
 ABSENT = np.float32(-1e9)  # as in agents.training.networks.layers
 
 Tensors = Mapping[str, np.ndarray]

@@ -5,11 +5,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from agents.learned.networks.acting import LOG_STD_RANGE
 from agents.learned.networks.shape import Shape
 from agents.training.networks.layers import Attention, hidden, linear
-
-LOG_STD_RANGE = (-5.0, 0.5)
-"""Of the exploration's standard deviation, a number of each action that depends on what the part sees."""
 
 
 class Eyes(nn.Module):
