@@ -29,6 +29,9 @@ class Judge:
         settings: of the run; its ``judging`` says when and how long.
         directory: of the run.
 
+    Attributes:
+        rows: of the curve so far.
+
     Raises:
         ValueError: an environment that is not one of vibgym's.
     """
@@ -38,7 +41,7 @@ class Judge:
         self.judging, self.path, self._last = settings.judging, directory / FILE, 0
         self.residual = settings.residual
         self._envs: list[tuple[Any, int]] = []
-        self._rows: list[dict[Any, Any]] = []
+        self.rows: list[dict[Any, Any]] = []
         if not settings.environment_name.startswith("vibgym/"):
             raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
         self.name = settings.environment_name
@@ -55,12 +58,12 @@ class Judge:
 
     def begin(self, steps: int) -> None:
         """A run begins, or goes on from so many steps: rows of steps that were lost go."""
-        self._rows = []
+        self.rows = []
         if steps and self.path.exists():
             with self.path.open(newline="") as file:
-                self._rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
+                self.rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
         self._write()
-        self._last = int(self._rows[-1]["steps"]) if self._rows else 0  # as if nothing had come between
+        self._last = int(self.rows[-1]["steps"]) if self.rows else 0  # as if nothing had come between
 
     def due(self, steps: int) -> bool:
         """Whether it is time again."""
@@ -91,13 +94,13 @@ class Judge:
             "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
             "return_": round(float(np.median(returns)), 4),
         }
-        self._rows.append(row)
+        self.rows.append(row)
         self._write()
         return row
 
     def is_best(self, row: dict[str, Any]) -> bool:
         """Whether no row of the curve so far is better: by successes, and among equals by time."""
-        return all(_rank(each) >= _rank(row) for each in self._rows)
+        return all(_rank(each) >= _rank(row) for each in self.rows)
 
     def _whole(self, policy: Policy, env: Any) -> Policy:
         """What acts in an environment: the policy, or the base that it corrects there."""
@@ -110,7 +113,7 @@ class Judge:
         text = io.StringIO()
         writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(self._rows)
+        writer.writerows(self.rows)
         write_atomically(self.path, text.getvalue())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,6 +19,9 @@ from agents.training.settings import TrainSettings
 
 BEST = "best.json"
 
+Judged = Callable[[dict[str, Any]], None]
+"""Told of a row of the learning curve."""
+
 
 class Progress(BaseCallback):
     """Progress bar, learning curve and checkpoints, each between two updates.
@@ -28,6 +32,7 @@ class Progress(BaseCallback):
         seconds_before: trained before this sitting.
         quiet: no bar.
         judge: of the learning curve; None: there is none.
+        judged: told of its rows.
     """
 
     def __init__(
@@ -38,9 +43,11 @@ class Progress(BaseCallback):
         seconds_before: float = 0.0,
         quiet: bool = True,
         judge: Judge | None = None,
+        judged: Judged | None = None,
     ) -> None:
         super().__init__()
         self.algorithm, self.settings, self.directory, self.judge = algorithm, settings, directory, judge
+        self.judged = judged
         self.seconds_before, self.began = seconds_before, time.perf_counter()
         self.bar: Any = tqdm(total=settings.steps, unit="step", unit_scale=True, disable=quiet)
         self.saved_at = 0  # steps of the checkpoint on disk
@@ -80,6 +87,8 @@ class Progress(BaseCallback):
         if self.judge.is_best(row):
             record = {"steps": row["steps"], "success": row["success"], "time_to_goal": row["time_to_goal"]}
             save_set(self.directory / BEST, checkpoint.KIND, self.algorithm.actor(self.model), record)
+        if self.judged is not None:
+            self.judged(row)
 
     def take_best(self) -> int:
         """Take the actor to where it did best on the episodes of the learning curve; returns the steps made until then."""

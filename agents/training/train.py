@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,7 +18,7 @@ from agents.training import checkpoint, off_policy, on_policy
 from agents.training.checkpoint import Diverged, TrainingError
 from agents.training.imitation import Imitation
 from agents.training.judging import Judge
-from agents.training.progress import Progress
+from agents.training.progress import Judged, Progress
 from agents.training.settings import TrainSettings, load_settings
 from vibgym import checks, locks
 from vibgym.envs import VibgymVectorEnv
@@ -48,6 +49,9 @@ def train(
     policy: Path | None = None,
     agent: str | None = None,
     seed: int | None = None,
+    *,
+    changes: Mapping[str, Any] | None = None,
+    judged: Judged | None = None,
 ) -> Path:
     """Train as the file ``config`` says, from its last checkpoint if there is one.
 
@@ -64,6 +68,8 @@ def train(
         policy: path of the policy's file, instead of ``policy.json`` in the directory.
         agent: which one of a file of many.
         seed: instead of the file's.
+        changes: of settings, see :func:`agents.training.settings.load_settings`.
+        judged: told of every row of the learning curve, those of earlier sittings first; may raise to end the training.
 
     Returns:
         Path of the policy's file.
@@ -74,7 +80,7 @@ def train(
         TrainingError: the training diverged; the last checkpoint and the last policy stay.
         WriteError: no space is left, or the like.
     """
-    settings = load_settings(config, agent, seed)
+    settings = load_settings(config, agent, seed, changes)
     algorithm = ALGORITHMS[settings.algorithm]
     directory = output or Path(settings.output or Path("runs") / config.stem)
     try:
@@ -92,11 +98,13 @@ def train(
         path = policy_path(directory, policy)
         with locks.one_run(directory):
             before = checkpoint.restore(directory, model, settings)
-            progress = Progress(algorithm, settings, directory, before, quiet, judge)
+            progress = Progress(algorithm, settings, directory, before, quiet, judge, judged)
             progress.model = model
             try:
                 if judge is not None:
                     judge.begin(model.num_timesteps)
+                    for row in judge.rows if judged is not None else ():
+                        judged(row)
                 if model.num_timesteps == 0:
                     imitate(model, scenes, settings, progress)
                 learn(model, settings, progress)
