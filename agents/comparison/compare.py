@@ -39,7 +39,10 @@ Samples = dict[tuple[str, str], dict[str, Sample]]
 
 
 def compare(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Comparison:
-    """Run every policy on all that is asked for, and compare them; writes nothing. ``ray``: see :func:`agents.evaluation.evaluate`."""
+    """Run every policy on all that is asked for, and compare them; writes nothing.
+
+    ``ray``: address of a cluster that runs the policies, see :func:`agents.workers.cluster.on_ray`.
+    """
     settings = prepared.settings
     jobs: dict[tuple[str, ...], Job] = {**prepared.jobs}
     for matrix in prepared.matrices:

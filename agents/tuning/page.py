@@ -58,9 +58,7 @@ def write(tuning: Tuning, tried: Sequence[Tried], directory: Path) -> Path:
         provenance=provenance(),
         settings_text=json.dumps(tuning.as_written(), indent=2),
     )
-    rows = [
-        {"trial": each.number, "state": each.state, "score_s": each.score, **each.values} for each in tried
-    ]
+    rows = [{"trial": each.number, "state": each.state, "score_s": each.score, **each.values} for each in tried]
     page = directory / "tuning.html"
     write_together({page: html, directory / "trials.csv": csv_text(rows)})
     return page

@@ -29,7 +29,9 @@ class TuningSettings(Settings):
 
     trials: int = Field(40, ge=1, le=100_000)
     steps: int | None = Field(None, ge=1)  # of a trial's training; None: as many as the agent's
-    seeds: list[int] = Field([900_000], min_length=1, max_length=100)  # of a trial's trainings, whose values are averaged
+    seeds: list[int] = Field(
+        [900_000], min_length=1, max_length=100
+    )  # of a trial's trainings, whose values are averaged
     startup: int = Field(10, ge=0, le=100_000)  # trials that are drawn at random
     abreast: int = Field(2, ge=1, le=10_000)  # trials that may be under way at a time
     seed: int = Field(0, ge=0, lt=2**32)  # of what is proposed
@@ -61,9 +63,7 @@ class Tuning:
             raise checks.refuse(where, data, "a mapping with 'space': what is to be tuned")
         self.settings = parse(TuningSettings, data, where)
         self.base = load_settings(path, agent)
-        self.space = {
-            name: distribution(spec, f"{where}: space.{name}") for name, spec in self.settings.space.items()
-        }
+        self.space = {name: distribution(spec, f"{where}: space.{name}") for name, spec in self.settings.space.items()}
         self.of_trial({name: _one_of(each) for name, each in self.space.items()}, self.settings.seeds[0])
 
     def of_trial(self, values: dict[str, Any], seed: int) -> TrainSettings:

@@ -40,7 +40,7 @@ class Tried(NamedTuple):
         )
 
 
-class Pruned(Exception):  # noqa: N818 - no error
+class Pruned(Exception):
     """The trial is not worth going on with."""
 
 
