@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,12 +15,16 @@ from typing import Any
 from agents.workers.kernels import compiled
 from agents.workers.local import LIBRARIES, Submit, usable
 from vibgym import checks
+from vibgym.files import reason
 
 TRIES = 5
 """How often a piece of work is begun whose process or node was lost."""
 
 LOST_AFTER = 60.0
 """Seconds after which a cluster without processors is given up."""
+
+ANSWERS_WITHIN = 5.0
+"""Seconds within which something has to listen at an address."""
 
 EVERY = 1.0
 """Seconds between two looks at the cluster."""
@@ -49,6 +54,7 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
         import ray
     except ImportError:
         raise checks.refuse("--ray", address, "nothing: Ray is not installed (pip install ray)") from None
+    _check_answers(address)
     here = {"PYTHONPATH": os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)}
     cache = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
     environment = {"env_vars": {**here, **cache, **dict.fromkeys((*LIBRARIES, "NUMBA_NUM_THREADS"), "1")}}
@@ -66,8 +72,8 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
         else:
             ray.init(address=address, runtime_env=environment, **quiet)
     except (ConnectionError, ValueError, OSError, RuntimeError) as error:
-        reason = str(error).strip().partition("\n")[0]
-        allowed = f"'local', 'auto' where a cluster runs here, or the host:port of one ({reason})"
+        said = str(error).strip().partition("\n")[0]
+        allowed = f"'local', 'auto' where a cluster runs here, or the host:port of one ({said})"
         raise checks.refuse("--ray", address, allowed) from None
     watch = Watch(lost_after)
     try:
@@ -81,6 +87,24 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
     finally:
         watch.end()
         ray.shutdown()
+
+
+def _check_answers(address: str) -> None:
+    """Refuse a ``host:port`` at which nothing listens: Ray itself would try for minutes.
+
+    Raises:
+        ValueError: it is none, or nothing answers.
+    """
+    if address in ("local", "auto"):
+        return
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    allowed = "'local', 'auto' where a cluster runs here, or the host:port of one"
+    if not colon or not host or not port.isdigit() or int(port) > 65535:
+        raise checks.refuse("--ray", address, allowed)
+    try:
+        socket.create_connection((host, int(port)), ANSWERS_WITHIN).close()
+    except OSError as error:
+        raise checks.refuse("--ray", address, f"{allowed} ({reason(error)})") from None
 
 
 def _in_directory(directory: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
