@@ -32,7 +32,14 @@ RUNS = {
         "environment": {"action": "wrench", "actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
         "worlds": 32,
         "imitation": {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 30, "epochs": 2},
-        "ppo": {"n_steps": 16, "batch_size": 256, "remembers": True, "turned": True, "target_kl": 0.02, "net": [64, 64]},
+        "ppo": {
+            "n_steps": 16,
+            "batch_size": 256,
+            "remembers": True,
+            "turned": True,
+            "target_kl": 0.02,
+            "net": [64, 64],
+        },
     },
     "sac": {
         "task": "Align",
@@ -53,7 +60,9 @@ def digest(run: Path) -> str:
         if (run / name).exists():
             tensors, _ = load_set(run / name, checkpoint.KIND, version)
             for key in sorted(tensors):
-                if key != checkpoint.STATE:  # plain numbers, among them episodes' returns: compared by what follows from them
+                if (
+                    key != checkpoint.STATE
+                ):  # plain numbers, among them episodes' returns: compared by what follows from them
                     found.update(key.encode() + np.ascontiguousarray(tensors[key]).tobytes())
     return found.hexdigest()
 

@@ -82,10 +82,16 @@ class Recorder:
         flags = np.zeros((3, worlds), dtype=bool)
         low, high = env.single_action_space.low, env.single_action_space.high
         while playing.any():
-            reads = observation if policy.observation == self.settings.observation else env.unwrapped.observed(policy.observation)
+            reads = (
+                observation
+                if policy.observation == self.settings.observation
+                else env.unwrapped.observed(policy.observation)
+            )
             action, state = policy.predict(reads, state, start, deterministic=True)
             if self.settings.noise > 0.0:
-                action = action + self.settings.noise * np.stack([each.standard_normal(action.shape[1]) for each in noises])
+                action = action + self.settings.noise * np.stack(
+                    [each.standard_normal(action.shape[1]) for each in noises]
+                )
             action = np.clip(action, low, high).astype(np.float32)
             observation, reward, terminated, truncated, info = env.step(action)
             seen.append(observation)
