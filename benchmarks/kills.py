@@ -1,8 +1,8 @@
 """Trainings that are killed again and again end as one that never was: ``python -m benchmarks.kills``.
 
-One run of PPO and one of SAC are trained whole. Then the same command is started anew, over and over, and killed by SIGKILL after
-a random time, until it has been killed so many times as asked for; the last sitting runs to the end. Weights, optimizers, worlds and
-learning curves have to be the same, bit for bit. After every kill every file that the run has written has to load.
+One run of PPO and one of SAC are trained whole. Then the same command is started anew, over and over, and killed by SIGKILL
+after a random time, until it has been killed so many times as asked for; the last sitting runs to the end. Weights, optimizers
+and worlds have to be the same, bit for bit. After every kill every file that the run has written has to load.
 """
 
 from __future__ import annotations

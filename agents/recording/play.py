@@ -82,11 +82,8 @@ class Recorder:
         flags = np.zeros((3, worlds), dtype=bool)
         low, high = env.single_action_space.low, env.single_action_space.high
         while playing.any():
-            reads = (
-                observation
-                if policy.observation == self.settings.observation
-                else env.unwrapped.observed(policy.observation)
-            )
+            kept = policy.observation == self.settings.observation
+            reads = observation if kept else env.unwrapped.observed(policy.observation)
             action, state = policy.predict(reads, state, start, deterministic=True)
             if self.settings.noise > 0.0:
                 action = action + self.settings.noise * np.stack(

@@ -53,7 +53,9 @@ def test_a_data_set_holds_what_single_environments_do(tmp_path):
             assert episode.rewards[step] == reward
             assert (episode.terminations[step], episode.truncations[step]) == (terminated, truncated)
             step, ended = step + 1, terminated or truncated
-        assert step == len(episode.rewards) and np.array_equal(episode.observations["parts"][step], observation["parts"])
+        assert step == len(episode.rewards) and np.array_equal(
+            episode.observations["parts"][step], observation["parts"]
+        )
         (kept,) = data.storage.get_episode_metadata([number])
         assert kept["seed"] == 7 + number and kept["success"] == info["is_success"]
 
@@ -71,7 +73,9 @@ def test_what_is_recorded_does_not_depend_on_how_many_play_at_a_time(tmp_path, w
 
 def test_several_parts_and_drawn_hardware(tmp_path):
     changes = {"task": "Sort", "policy": {"kind": "planner", "law": "pose", "action": "wrench"}, "episodes": 2}
-    settings = settings_of(tmp_path, environment={**MACHINE, "randomize": {"parts": [2, 4], **MACHINE["randomize"]}}, **changes)
+    settings = settings_of(
+        tmp_path, environment={**MACHINE, "randomize": {"parts": [2, 4], **MACHINE["randomize"]}}, **changes
+    )
     record(settings, quiet=True)
     data = loaded(settings)
     drawn = [float(kept["drawn_dead_zone"]) for kept in data.storage.get_episode_metadata([0, 1])]
