@@ -1,7 +1,7 @@
 """The element networks on surfaces they were not trained on: ``python -m benchmarks.element_network``.
 
 One small network speaks for every element, so what was trained on 8 x 8 elements acts on any surface as it is. Align, fresh
-seeds, every training seed in ``results/policies``: success with its 95 % interval, median time to the goal, multiples of the bound.
+seeds, every training seed in ``results/policies``: success with its 95 % interval, median time to goal, multiples of the bound.
 """
 
 from __future__ import annotations
