@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from agents.learned.coding import Coding
+from agents.learned.networks.acting import FLOOR
 from agents.learned.pictures import PictureCoding
 from agents.learned.residual import ResidualPolicy, load_correction
 from agents.learned.storage import save_set
@@ -143,6 +144,9 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
         raise checks.refuse("ppo.network", ppo.network, f"'parts': {why}")
 
+    if ppo.noise_floor is not None and ppo.network != "parts":
+        raise checks.refuse("ppo.noise_floor", ppo.noise_floor, f"none with the network {ppo.network!r}")
+
     def learning_rate(remaining: float) -> float:
         return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
 
@@ -168,6 +172,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
             "activation": ppo.activation,
             "attention": ppo.attention,
             "log_std": ppo.log_std_init,
+            "noise_floor": ppo.noise_floor,
         },
         seed=settings.seed,
         device="cpu",
@@ -238,7 +243,7 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
 
 
 def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
-    return {name: value.shape for name, value in tensors.items()}
+    return {name: value.shape for name, value in tensors.items() if name != FLOOR}
 
 
 def actor(model: PartsPPO) -> dict[str, np.ndarray]:
