@@ -1,4 +1,4 @@
-"""Command line: ``python -m agents evaluate CONFIG``, ``compare CONFIG``, ``train CONFIG``, ``replicate``.
+"""Command line: ``python -m agents evaluate CONFIG``, ``compare``, ``train``, ``tune``, ``record CONFIG``, ``replicate``.
 
 Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
@@ -56,6 +56,9 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
         command.add_argument("--quiet", action="store_true", help="no progress bars")
+    recording = commands.add_parser("record", help="play a policy and keep its episodes as a Minari data set")
+    recording.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/recordings/")
+    recording.add_argument("--quiet", action="store_true", help="no progress bar")
     replicating = commands.add_parser("replicate", help="draw the thesis's figures beside ours")
     replicating.add_argument(
         "--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="directory of the page"
@@ -177,6 +180,26 @@ def tune(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def record(arguments: argparse.Namespace) -> int:
+    """Keep a policy's episodes."""
+    from agents.recording.record import record
+    from agents.recording.settings import load_settings
+    from vibgym.files import WriteError
+
+    try:
+        settings = load_settings(arguments.config)
+        try:
+            place, steps, seconds = record(settings, arguments.quiet)
+        except ValueError as error:
+            raise ValueError(f"{arguments.config}: {error}") from None
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    print(f"{place}: {settings.episodes} episodes, {steps} steps in {seconds:.1f} s, {steps / seconds:.0f} steps/s")
+    return 0
+
+
 def tabulate(arguments: argparse.Namespace) -> int:
     """Play the seeds of trained agents and write their table."""
     from agents.training.settings import agents_in
@@ -240,6 +263,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "train": train,
         "tabulate": tabulate,
         "tune": tune,
+        "record": record,
         "replicate": replicate,
     }
     run = commands[arguments.command]
