@@ -21,6 +21,7 @@ PACKAGES = (
     "stable-baselines3",
     "safetensors",
     "pygame-ce",
+    "cma",
     "matplotlib",
     "pillow",
 )

@@ -27,6 +27,7 @@ ENVIRONMENT_KEYS = (
     "paths",
     "walls",
     "periods_per_step",
+    "task_settings",
 )
 """What may be set of the environment: action and observation belong to each policy."""
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from agents.learned.coding import Coding
+from agents.learned.networks.acting import FLOOR
 from agents.learned.pictures import PictureCoding
 from agents.learned.residual import ResidualPolicy, load_correction
 from agents.learned.trained import CODINGS, TrainedPolicy, load_trained
@@ -130,6 +131,9 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
         raise checks.refuse("ppo.network", ppo.network, f"'parts': {why}")
 
+    if ppo.noise_floor is not None and ppo.network != "parts":
+        raise checks.refuse("ppo.noise_floor", ppo.noise_floor, f"none with the network {ppo.network!r}")
+
     def learning_rate(remaining: float) -> float:
         return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
 
@@ -155,6 +159,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
             "activation": ppo.activation,
             "attention": ppo.attention,
             "log_std": ppo.log_std_init,
+            "noise_floor": ppo.noise_floor,
         },
         seed=settings.seed,
         device="cpu",
@@ -226,4 +231,4 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
 
 
 def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
-    return {name: value.shape for name, value in tensors.items()}
+    return {name: value.shape for name, value in tensors.items() if name != FLOOR}

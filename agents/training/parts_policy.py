@@ -52,6 +52,7 @@ class PartsPolicy(ActorCriticPolicy):
         activation: of these.
         attention: size of the encodings of other parts.
         log_std: of the exploration at the start.
+        noise_floor: see :class:`agents.training.networks.parts.PartsActor`, which alone takes one; None: none.
     """
 
     def __init__(
@@ -67,12 +68,14 @@ class PartsPolicy(ActorCriticPolicy):
         activation: str,
         attention: int,
         log_std: float,
+        noise_floor: float | None = None,
         **more: Any,
     ) -> None:
         self.coding = coding
         of_actor, of_critic = NETWORKS[actor]
+        floor = {} if noise_floor is None else {"floor": noise_floor}
         self._make = lambda: (
-            of_actor(coding.shape, net, activation, attention, log_std),
+            of_actor(coding.shape, net, activation, attention, log_std, **floor),
             of_critic(coding.shape, critic_net, activation, attention),
         )
         super().__init__(

@@ -36,6 +36,9 @@ class PPOSettings(Settings):
     ent_coef: float = Field(0.0, ge=0, le=100)
     target_kl: float | None = Field(None, gt=0, le=100)  # within an update; the learning rate follows it
     log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+    noise_floor: float | None = Field(
+        None, gt=0, le=1
+    )  # exploration grows with actions above it; None: is the same for all
     touch_cost: float = Field(0.0, ge=0, le=1000)  # of a step, to a part in touch with another; in training alone
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
     activation: Literal["tanh", "relu"] = "tanh"

@@ -11,6 +11,9 @@ from agents.learned.networks.shape import LEAST_MASS, WAY_SCALES, Picture, Shape
 
 LOG_STD_RANGE = (-5.0, 0.5)
 """Of the exploration's standard deviation, a number of each action that depends on what the part sees."""
+FLOOR = "log_std_floor"
+"""Tensor with the size of actions below which exploration does not shrink with them; without it, it never does."""
+
 ABSENT = np.float32(-1e9)  # as in agents.training.networks.layers
 
 Tensors = Mapping[str, np.ndarray]
@@ -61,7 +64,11 @@ def look(tensors: Tensors, shape: Shape, rows: np.ndarray) -> np.ndarray:
 def parts(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mean and log std, see :class:`agents.training.networks.parts.PartsActor`."""
     seen = hidden(tensors, "hidden", activation, look(tensors, shape, rows))
-    return linear(tensors, "mean", seen), np.clip(linear(tensors, "log_std", seen), *LOG_STD_RANGE)
+    mean, log_std = linear(tensors, "mean", seen), np.clip(linear(tensors, "log_std", seen), *LOG_STD_RANGE)
+    if FLOOR in tensors:
+        size = np.sqrt(np.square(np.clip(mean, -1.0, 1.0)).mean(axis=-1, keepdims=True))
+        log_std = log_std + np.log(tensors[FLOOR] + size)
+    return mean, log_std
 
 
 def elements(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

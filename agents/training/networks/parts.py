@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from agents.learned.networks.acting import LOG_STD_RANGE
+from agents.learned.networks.acting import FLOOR, LOG_STD_RANGE
 from agents.learned.networks.shape import Shape
 from agents.training.networks.layers import Attention, hidden, linear
 
@@ -40,22 +40,33 @@ class PartsActor(nn.Module):
         activation: of these, ``"tanh"`` or ``"relu"``.
         attention: size of the neighbours' encodings.
         log_std: at the start.
+        floor: None, or the size of actions, of 0 to 1, at which exploration stops to shrink with them: standard deviations
+            are then multiples of the action's own size. Parts on their way try much, and parts at rest, which the noise of
+            others would never let rest, next to nothing.
     """
 
     kind = "parts"
 
-    def __init__(self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float) -> None:
+    def __init__(
+        self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float, floor: float | None = None
+    ) -> None:
         super().__init__()
         self.eyes = Eyes(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
         self.mean = linear(net[-1], shape.action, 0.01)
         self.log_std = linear(net[-1], shape.action, 0.01)
         nn.init.constant_(self.log_std.bias, log_std)
+        self.register_buffer(FLOOR, None if floor is None else torch.tensor([floor]))
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean and log std (..., action) of rows (..., columns)."""
         seen = self.hidden(self.eyes(rows))
-        return self.mean(seen), self.log_std(seen).clamp(*LOG_STD_RANGE)
+        mean, log_std = self.mean(seen), self.log_std(seen).clamp(*LOG_STD_RANGE)
+        floor = getattr(self, FLOOR)
+        if floor is None:
+            return mean, log_std
+        size = mean.detach().clamp(-1.0, 1.0).square().mean(dim=-1, keepdim=True).sqrt()
+        return mean, log_std + torch.log(floor + size)
 
 
 class PartsCritic(nn.Module):

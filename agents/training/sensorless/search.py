@@ -37,6 +37,10 @@ class Found:
     evaluations: int  # schedules that were played
 
 
+REST = 0.5
+"""Seconds that a search looks beyond a schedule's end: parts turn by about a degree more while they come to rest."""
+
+
 def decoded(numbers: np.ndarray, goal: np.ndarray, seconds: float, friction: float, step: float) -> Schedule:
     """The schedule of a point (segments * 8,) of the search; its segments begin as equal shares of ``seconds``.
 
@@ -80,7 +84,7 @@ def costs(
 ) -> np.ndarray:
     """Cost (schedules,) of each from these starts, see :func:`agents.training.sensorless.errors.cost`."""
     poses = play(
-        schedules, trials, part, surface, hardware, settings.seconds, settings.model, settings.periods,
+        schedules, trials, part, surface, hardware, settings.seconds + REST, settings.model, settings.periods,
         settings.threads,
     )  # fmt: skip
     return cost(errors_of(poses, schedules[0].goal, part.symmetry))

@@ -76,6 +76,26 @@ def test_numpy_acts_as_torch_does(kind, there, activation):
     assert len(np.unique(expected[1])) > 3  # exploration depends on what is seen
 
 
+def test_exploration_grows_with_actions_above_its_floor():
+    """In torch and NumPy: ten times the action, ten times the standard deviation; never less than the floor's share."""
+    torch.manual_seed(1)
+    actor = ACTORS["parts"](shape_of("parts", 0), [12], "relu", 8, -2.0, 1e-6)
+    rows = rows_of(0)
+    spreads = []
+    for factor in (0.05, 0.5):
+        with torch.no_grad():
+            actor.mean.weight.normal_(generator=torch.Generator().manual_seed(0)).mul_(0.1 * factor)
+        mean, log_std = (each.numpy() for each in by_torch(actor, rows))
+        got = ACTING["parts"](trained_tensors(actor), shape_of("parts", 0), "relu", rows)
+        assert all(np.abs(mine - theirs).max() < 1e-5 for mine, theirs in zip(got, (mean, log_std), strict=True))
+        assert np.abs(mean).max() < 1.0
+        spreads.append(np.exp(log_std))
+    assert np.allclose(spreads[1] / spreads[0], 10.0, rtol=1e-3)
+    with torch.no_grad():
+        actor.mean.weight.zero_(), actor.log_std_floor.fill_(0.25)
+    assert np.allclose(np.exp(by_torch(actor, rows)[1].numpy()), 0.25 * np.exp(-2.0), rtol=0.2)
+
+
 @pytest.mark.parametrize("kind", ACTORS)
 def test_the_order_of_neighbours_does_not_matter_and_they_do(kind):
     actor, rows = actor_of(kind, 3), rows_of(3)
