@@ -107,7 +107,7 @@ def kills(name: str, count: int, folder: Path, generator: random.Random) -> tupl
 
 def main() -> None:
     """Kill, and compare."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--runs", nargs="+", default=list(RUNS), choices=list(RUNS))

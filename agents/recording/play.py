@@ -109,7 +109,9 @@ class Recorder:
                 _cut(rows, world, length + 1),
                 actions[world, :length].copy(),
                 rewards[world, :length].copy(),
-                *(bool(flag) for flag in flags[:, world]),
+                bool(flags[0, world]),
+                bool(flags[1, world]),
+                bool(flags[2, world]),
                 {name: value[world] for name, value in drawn.items()},
             )
             for world, length in enumerate(lengths.tolist())

@@ -6,6 +6,7 @@ import copy
 import os
 import tempfile
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -54,7 +55,12 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
         root = root.parent
     try:
         root.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder, kept_in(folder):
+        with (
+            tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder,
+            kept_in(folder),
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
             made = minari.create_dataset_from_buffers(
                 settings.dataset,
                 [_buffer(k, each) for k, each in enumerate(episodes)],
@@ -104,8 +110,8 @@ def _buffer(number: int, episode: Episode) -> EpisodeBuffer:
         id=number,
         seed=episode.seed,
         observations=episode.observations,
-        actions=episode.actions,
-        rewards=episode.rewards,
+        actions=episode.actions,  # type: ignore[arg-type] - arrays, which it writes as they are
+        rewards=episode.rewards,  # type: ignore[arg-type]
         terminations=[False] * (steps - 1) + [episode.terminated],
         truncations=[False] * (steps - 1) + [episode.truncated],
         infos={"is_success": [False] * steps + [episode.success]},

@@ -103,8 +103,9 @@ def train(
             try:
                 if judge is not None:
                     judge.begin(model.num_timesteps)
-                    for row in judge.rows if judged is not None else ():
-                        judged(row)
+                    if judged is not None:
+                        for row in judge.rows:
+                            judged(row)
                 if model.num_timesteps == 0:
                     imitate(model, scenes, settings, progress)
                 learn(model, settings, progress)
