@@ -22,8 +22,8 @@ Submit = Callable[..., "Future[Any]"]
 LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables that say how many threads numerical libraries start."""
 
-TRIES = 3
-"""How often a piece of work is begun whose process was killed."""
+TRIES = 5
+"""How often a piece of work is begun: where a process is killed all its pool begins again, whoever's fault it was."""
 
 
 def usable(processes: int) -> int:

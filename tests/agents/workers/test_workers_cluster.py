@@ -108,7 +108,7 @@ def test_an_evaluation_is_the_same_on_a_cluster(cluster: Any, tmp_path: Path) ->
     assert evaluated(tmp_path / "here", None) == evaluated(tmp_path / "there", made.address)
 
 
-@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "host:port", "auto"])
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "host:port"])
 def test_unreachable_clusters_are_refused(address: str) -> None:
     began = time.monotonic()
     with pytest.raises(ValueError, match=f"--ray: got '{address}'; allowed: 'local', 'auto'"), side_by_side(2, address):
