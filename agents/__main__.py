@@ -1,4 +1,4 @@
-"""Command line: ``python -m agents evaluate CONFIG``, ``compare CONFIG``, ``train CONFIG``, ``replicate``.
+"""Command line: ``python -m agents evaluate CONFIG``, ``compare``, ``train``, ``tune``, ``record CONFIG``, ``replicate``.
 
 Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
 """
@@ -44,10 +44,21 @@ def parser() -> argparse.ArgumentParser:
     tabulating.add_argument("--output", type=Path, default=Path("results/agents.csv"), metavar="FILE")
     tabulating.add_argument("--page", type=Path, metavar="FILE", help="the whole table in Markdown")
     tabulating.add_argument("--ship", type=Path, metavar="DIR", help="where the best seeds' policies go")
-    for command in (evaluating, comparing, training):
+    training.add_argument("--seeds", type=int, nargs="+", metavar="N", help="of trainings side by side, instead of one")
+    tuning = commands.add_parser("tune", help="look for better hyperparameters, or go on looking")
+    tuning.add_argument("--agent", metavar="NAME", help="which one of a file of many, such as Align/ideal")
+    tuning.add_argument("--trials", type=int, metavar="N", help="in all, instead of the file's")
+    for command in (training, tuning):
+        command.add_argument("--processes", type=int, default=2, metavar="N", help="side by side on this machine")
+    for command in (evaluating, comparing, training, tuning):
+        command.add_argument("--ray", metavar="ADDRESS", help="work on a Ray cluster: auto, local or HOST:PORT")
+    for command in (evaluating, comparing, training, tuning):
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
         command.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
         command.add_argument("--quiet", action="store_true", help="no progress bars")
+    recording = commands.add_parser("record", help="play a policy and keep its episodes as a Minari data set")
+    recording.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/recordings/")
+    recording.add_argument("--quiet", action="store_true", help="no progress bar")
     replicating = commands.add_parser("replicate", help="draw the thesis's figures beside ours")
     replicating.add_argument(
         "--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="directory of the page"
@@ -81,7 +92,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
         return refused(error)
     try:
         with held:
-            results = evaluation.evaluate(prepared, arguments.quiet)
+            results = evaluation.evaluate(prepared, arguments.quiet, arguments.ray)
             page = evaluation.write(results, prepared.film, arguments.quiet)
     except files.WriteError as error:
         return failed(error)
@@ -107,7 +118,7 @@ def compare(arguments: argparse.Namespace) -> int:
         return refused(error)
     try:
         with held:
-            found = comparison.compare(prepared, arguments.quiet)
+            found = comparison.compare(prepared, arguments.quiet, arguments.ray)
             page = comparison.write(found)
     except files.WriteError as error:
         return failed(error)
@@ -119,16 +130,73 @@ def compare(arguments: argparse.Namespace) -> int:
 def train(arguments: argparse.Namespace) -> int:
     """Train a policy."""
     from agents.training.checkpoint import TrainingError
+    from agents.training.many import train_seeds
     from agents.training.train import train
     from vibgym.files import WriteError
 
     output = None if arguments.output is None else Path(arguments.output)
+    config, agent, quiet = arguments.config, arguments.agent, arguments.quiet
     try:
-        train(arguments.config, output, arguments.quiet, arguments.policy, arguments.agent, arguments.seed)
+        if arguments.seeds is None:
+            if arguments.ray is not None:
+                raise ValueError(f"--ray: got {arguments.ray!r}; allowed: nothing without --seeds")
+            train(config, output, quiet, arguments.policy, agent, arguments.seed)
+        else:
+            for name in ("seed", "policy"):
+                if getattr(arguments, name) is not None:
+                    raise ValueError(f"--{name}: got {getattr(arguments, name)}; allowed: nothing beside --seeds")
+            paths = train_seeds(config, arguments.seeds, output, quiet, agent, arguments.processes, arguments.ray)
+            print("\n".join(map(str, paths)))
     except ValueError as error:
         return refused(error)
     except (TrainingError, WriteError) as error:
         return failed(error)
+    return 0
+
+
+def tune(arguments: argparse.Namespace) -> int:
+    """Look for better hyperparameters."""
+    from agents.tuning.tune import tune
+    from vibgym.files import WriteError
+
+    output = None if arguments.output is None else Path(arguments.output)
+    try:
+        page, best = tune(
+            arguments.config,
+            arguments.agent,
+            arguments.trials,
+            output,
+            arguments.quiet,
+            arguments.processes,
+            arguments.ray,
+        )
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    if best is not None:
+        print(f"best: trial {best.number}, {best.score:.3f} s, {best.values}")
+    print(f"page: {page}")
+    return 0
+
+
+def record(arguments: argparse.Namespace) -> int:
+    """Keep a policy's episodes."""
+    from agents.recording.record import record
+    from agents.recording.settings import load_settings
+    from vibgym.files import WriteError
+
+    try:
+        settings = load_settings(arguments.config)
+        try:
+            place, steps, seconds = record(settings, arguments.quiet)
+        except ValueError as error:
+            raise ValueError(f"{arguments.config}: {error}") from None
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    print(f"{place}: {settings.episodes} episodes, {steps} steps in {seconds:.1f} s, {steps / seconds:.0f} steps/s")
     return 0
 
 
@@ -194,6 +262,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "compare": compare,
         "train": train,
         "tabulate": tabulate,
+        "tune": tune,
+        "record": record,
         "replicate": replicate,
     }
     run = commands[arguments.command]

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 
 from agents.evaluation.rollout import outcomes
-from agents.training.beginning import acting, experts, make_env, make_model
 from agents.training.imitation import Imitation
+from agents.training.on_policy import acting, experts, make_env, make_model
 from agents.training.settings import ImitationSettings, PPOSettings, TrainSettings
 
 VARIANTS: dict[str, dict[str, Any]] = {

@@ -20,7 +20,7 @@ from stable_baselines3.common.logger import configure
 
 import vibgym  # noqa: F401 - registers the environments
 from agents.training.adapter import StableBaselinesAdapter
-from agents.training.beginning import make_env, make_model
+from agents.training.on_policy import make_env, make_model
 from agents.training.settings import PPOSettings, TrainSettings
 from vibgym.simulation.threads import available_threads
 

@@ -25,27 +25,30 @@ from agents.comparison.results import (
 )
 from agents.comparison.sample import Sample
 from agents.evaluation.jobs import Job
-from agents.evaluation.processes import side_by_side, usable
 from agents.evaluation.provenance import provenance
 from agents.evaluation.results import Trial
 from agents.evaluation.rollout import Measured, Outcomes, measured, outcomes
 from agents.evaluation.running import run_jobs
 from agents.policy import Policy
 from agents.task_info import TaskInfo
+from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
 
 Samples = dict[tuple[str, str], dict[str, Sample]]
 """Task and hardware -> policy -> its episodes."""
 
 
-def compare(prepared: Prepared, quiet: bool = False) -> Comparison:
-    """Run every policy on all that is asked for, and compare them; writes nothing."""
+def compare(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Comparison:
+    """Run every policy on all that is asked for, and compare them; writes nothing.
+
+    ``ray``: address of a cluster that runs the policies, see :func:`agents.workers.cluster.on_ray`.
+    """
     settings = prepared.settings
     jobs: dict[tuple[str, ...], Job] = {**prepared.jobs}
     for matrix in prepared.matrices:
         jobs |= matrix.jobs
-    with side_by_side(settings.processes) as submit:
-        found = run_jobs(submit, jobs, _judged, alone=usable(settings.processes) == 1, quiet=quiet)
+    with side_by_side(settings.processes, ray) as submit:
+        found = run_jobs(submit, jobs, _judged, alone=ray is None and usable(settings.processes) == 1, quiet=quiet)
     samples = _samples(prepared, found)
     rows: list[Row] = []
     differences: list[Difference] = []

@@ -14,7 +14,6 @@ from agents.evaluation import animation, cost, report, tables
 from agents.evaluation.cost import Cost
 from agents.evaluation.effects import Cell, Effects, cell_of
 from agents.evaluation.jobs import FILES, Evaluation, Job
-from agents.evaluation.processes import side_by_side, usable
 from agents.evaluation.provenance import provenance
 from agents.evaluation.results import Results, Row, Trial, row_of
 from agents.evaluation.rollout import Rollout, outcomes, run
@@ -22,17 +21,21 @@ from agents.evaluation.running import run_jobs
 from agents.evaluation.statistics import Comparison, compare
 from agents.policy import Policy
 from agents.task_info import TaskInfo
+from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
 
 
-def evaluate(evaluation: Evaluation, quiet: bool = False) -> Results:
-    """Run every policy on every task and all hardware, compare them, and study the effects; writes nothing."""
+def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None) -> Results:
+    """Run every policy on every task and all hardware, compare them, and study the effects; writes nothing.
+
+    ``ray``: address of a cluster that runs the policies, see :func:`agents.workers.cluster.on_ray`.
+    """
     settings = evaluation.settings
     statistics = settings.confidence, settings.resamples
-    alone = usable(settings.processes) == 1
+    alone = ray is None and usable(settings.processes) == 1
     measured: Cost | Future[Cost] | None = None
     jobs: dict[tuple[str, ...], Job] = {**evaluation.jobs, **evaluation.study}
-    with side_by_side(settings.processes) as submit:
+    with side_by_side(settings.processes, ray) as submit:
         if settings.cost_per_period:
             measured = cost.measure_alone(quiet) if alone else submit(cost.measure, True)
         found = run_jobs(submit, jobs, _judged, statistics, alone=alone, quiet=quiet)

@@ -14,12 +14,12 @@ from tqdm import tqdm
 from agents.evaluation import animation, cost_figure, effects_section, figures, machine, words
 from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film
 from agents.evaluation.pages import data_address, render
-from agents.evaluation.processes import side_by_side, usable
 from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.statistics import Comparison
 from agents.evaluation.tables import kind_of, number, plain, quantity
 from agents.task_info import TaskInfo
+from agents.workers import side_by_side, usable
 from vibgym.rendering import Scenery
 from vibgym.tasks.base import HOLD_PERIODS
 

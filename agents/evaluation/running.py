@@ -9,10 +9,10 @@ from typing import Any
 from tqdm import tqdm
 
 from agents.evaluation.jobs import Job
-from agents.evaluation.processes import Submit
 from agents.policy import Policy
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
+from agents.workers import Submit
 
 Judge = Callable[..., Any]
 """``judge(policy, info, seeds, environment, key, *more, quiet)`` runs a job and returns what is kept of it; a module's own
@@ -31,7 +31,7 @@ def run_jobs(
     """What ``judge`` returns of every job, by key, in the order of the jobs.
 
     Args:
-        submit: of :func:`agents.evaluation.processes.side_by_side`.
+        submit: of :func:`agents.workers.side_by_side`.
         jobs: key -> job.
         judge: see :data:`Judge`.
         more: arguments of it.

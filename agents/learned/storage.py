@@ -32,7 +32,7 @@ def save_set(path: Path, kind: str, tensors: dict[str, np.ndarray], settings: di
     """
     check_name("path", path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    data = save({name: np.ascontiguousarray(value) for name, value in tensors.items()})
+    data = save({name: np.asarray(value, order="C") for name, value in tensors.items()})
     digest = hashlib.sha256(data).hexdigest()
     tensor_path = path.with_name(f"{path.stem}-{digest[:12]}.safetensors")
     write_atomically(tensor_path, data)

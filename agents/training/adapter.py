@@ -98,6 +98,23 @@ class StableBaselinesAdapter(VecEnv):
         self._length[done] = 0
         return _joined([each[0] for each in steps]), reward.astype(np.float32), done, infos
 
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit."""
+        own = {"return": self._return.copy(), "length": self._length.copy(), "seed": self._seed}
+        return {"scenes": [env.get_state() for env in self.envs], **own}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave.
+
+        Raises:
+            ValueError: a state of other scenes.
+        """
+        if len(state["scenes"]) != len(self.envs):
+            raise checks.refuse("state['scenes']", len(state["scenes"]), f"{len(self.envs)} states")
+        for env, own in zip(self.envs, state["scenes"], strict=True):
+            env.set_state(own)
+        self._return[:], self._length[:], self._seed = state["return"], state["length"], state["seed"]
+
     def close(self) -> None:
         for env in self.envs:
             env.close()

@@ -1,29 +1,27 @@
-"""State of a training run and the policy that comes out of it, as tensors and settings."""
+"""All that a training run has come to, on disk: a killed one goes on from it as if nothing had happened."""
 
 from __future__ import annotations
 
+import json
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
 
-from agents.learned.coding import Coding
-from agents.learned.pictures import PictureCoding
 from agents.learned.storage import as_float32, load_set, save_set
-from agents.learned.trained import ANY, RESIDUAL, described
-from agents.learned.trained import KIND as POLICY_KIND
-from agents.learned.trained import VERSION as POLICY_VERSION
-from agents.task_info import TaskInfo
-from agents.training.parts_policy import trained_tensors
-from agents.training.ppo import PartsPPO
 from agents.training.settings import MOST_STEPS, TrainSettings
+from agents.training.trees import put_together, taken_apart
 from vibgym import checks
 
 KIND = "vibgym-checkpoint"
+VERSION = 2
 FILE = "checkpoint.json"
 ADAM = ("step", "exp_avg", "exp_avg_sq")
+STATE = "state.json"
+"""Tensor that holds the plain part of a model's state, as JSON in UTF-8: so the file's SHA-256 covers it too."""
+
 FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
 """Settings that may change between the sittings of a run."""
 
@@ -36,45 +34,68 @@ class TrainingError(RuntimeError):
     """A training that ended before its time, for no fault of the program's."""
 
 
-def check_finite(model: PPO) -> None:
-    """Raise :class:`Diverged` where a weight, or what the optimizer remembers of it, is not finite."""
-    _refuse_infinite(_weights(model) | _optimizer(model))
+def check_finite(model: Any) -> None:
+    """Raise :class:`Diverged` where a weight, or what an optimizer remembers of it, is not finite."""
+    refuse_infinite(_weights(model) | _adam(model))
 
 
-def _refuse_infinite(tensors: dict[str, np.ndarray]) -> None:
+def refuse_infinite(tensors: dict[str, np.ndarray]) -> None:
+    """Raise :class:`Diverged` where a number is not finite."""
     for name, value in tensors.items():
         if not np.isfinite(value).all():
             raise Diverged(f"NaN or infinity in {name}")
 
 
-def _weights(model: PPO) -> dict[str, np.ndarray]:
-    return {f"policy.{name}": _numpy(value) for name, value in model.policy.state_dict().items()}
+def _saved(model: Any) -> tuple[dict[str, torch.nn.Module], dict[str, torch.optim.Optimizer], dict[str, torch.Tensor]]:
+    """Networks, optimizers and single tensors of an algorithm of Stable-Baselines3, by their names there."""
+    names, tensors = model._get_torch_save_params()
+    found = {name: attrgetter(name)(model) for name in names}
+    optimizers = {name: each for name, each in found.items() if isinstance(each, torch.optim.Optimizer)}
+    modules = {name: each for name, each in found.items() if name not in optimizers}
+    return modules, optimizers, {name: attrgetter(name)(model) for name in tensors}
 
 
-def _optimizer(model: PPO) -> dict[str, np.ndarray]:
-    states = model.policy.optimizer.state_dict()["state"].items()
-    return {f"adam.{index}.{name}": _numpy(state[name]) for index, state in states for name in ADAM}
+def _weights(model: Any) -> dict[str, np.ndarray]:
+    modules, _, tensors = _saved(model)
+    found = {f"{which}.{name}": value for which, each in modules.items() for name, value in each.state_dict().items()}
+    return {name: _numpy(value) for name, value in (found | tensors).items()}
+
+
+def _adam(model: Any) -> dict[str, np.ndarray]:
+    return {
+        f"adam.{which}.{index}.{name}": _numpy(state[name])
+        for which, optimizer in _saved(model)[1].items()
+        for index, state in optimizer.state_dict()["state"].items()
+        for name in ADAM
+    }
 
 
 def _numpy(tensor: torch.Tensor) -> np.ndarray:
     return tensor.detach().cpu().numpy()
 
 
-def save(directory: Path, model: PPO, settings: TrainSettings, seconds: float) -> None:
-    """Write weights, optimizer state and counters.
+def save(directory: Path, model: Any, settings: TrainSettings, seconds: float) -> None:
+    """Write weights, optimizers and the state of model and worlds.
+
+    Args:
+        directory: of the run.
+        model: an algorithm of Stable-Baselines3 that is :class:`agents.training.resumable.Resumable`.
+        settings: of the run.
+        seconds: trained so far.
 
     Raises:
-        Diverged: one of them is not finite; the last checkpoint stays.
+        Diverged: a weight is not finite; the last checkpoint stays.
     """
-    tensors = _weights(model) | _optimizer(model)
-    _refuse_infinite(tensors)
+    tensors = _weights(model) | _adam(model)
+    refuse_infinite(tensors)
+    arrays, plain = taken_apart(model.get_state(), "state")
+    text = np.frombuffer(json.dumps(plain).encode(), dtype=np.uint8)
     record = {"settings": settings.model_dump(mode="json"), "steps": model.num_timesteps, "seconds": seconds}
-    record["pace"] = model.pace if isinstance(model, PartsPPO) else 1.0
-    save_set(directory / FILE, KIND, tensors, record)
+    save_set(directory / FILE, KIND, {**tensors, **arrays, STATE: text}, record, VERSION)
 
 
-def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
-    """Take ``model`` to the last checkpoint in ``directory``, if there is one.
+def restore(directory: Path, model: Any, settings: TrainSettings) -> float:
+    """Take ``model`` and its worlds to the last checkpoint in ``directory``, if there is one.
 
     Returns:
         Seconds trained before.
@@ -85,68 +106,44 @@ def restore(directory: Path, model: PPO, settings: TrainSettings) -> float:
     path = directory / FILE
     if not path.exists():
         return 0.0
-    tensors, record = load_set(path, KIND)
-    mine = settings.model_dump(mode="json")
-    theirs = record.get("settings")
+    tensors, record = load_set(path, KIND, VERSION)
+    mine, theirs = settings.model_dump(mode="json"), record.get("settings")
     names = [key for key in mine if not isinstance(theirs, dict) or theirs.get(key) != mine[key]]
     if set(names) - FREE:
-        raise checks.refuse(
-            str(path),
-            f"other {', '.join(names)}",
-            "a checkpoint of the same settings; remove it or choose another output",
-        )
-    tensors = as_float32(str(path), tensors)
-    wanted = {f"policy.{name}": value for name, value in model.policy.state_dict().items()}
-    shapes = {name: tuple(value.shape) for name, value in wanted.items()}
-    trained = [parameter for group in model.policy.optimizer.param_groups for parameter in group["params"]]
-    for index, parameter in enumerate(trained):
-        if f"adam.{index}.step" in tensors:
-            shapes.update({f"adam.{index}.{name}": tuple(parameter.shape) for name in ADAM[1:]})
-    counted = [value for name, value in tensors.items() if name.startswith("adam.") and name.endswith(".step")]
-    if any(name not in tensors or tensors[name].shape != shape for name, shape in shapes.items()) or any(
-        value.size != 1 for value in counted
+        allowed = "a checkpoint of the same settings; remove it or choose another output"
+        raise checks.refuse(str(path), f"other {', '.join(names)}", allowed)
+    seconds = checks.number(f"{path}: seconds", record.get("seconds"), least=0.0)
+    checks.count(f"{path}: steps", record.get("steps"), least=0, most=MOST_STEPS)
+    modules, optimizers, single = _saved(model)
+    learned = as_float32(str(path), {name: value for name, value in tensors.items() if not name.startswith("state")})
+    shapes = {name: value.shape for name, value in _weights(model).items()}
+    memories: dict[str, dict[str, Any]] = {}
+    for which, optimizer in optimizers.items():
+        memories[which] = {**optimizer.state_dict(), "state": {}}
+        for index, parameter in enumerate(p for group in optimizer.param_groups for p in group["params"]):
+            prefix = f"adam.{which}.{index}"
+            if f"{prefix}.step" in learned:
+                shapes |= {f"{prefix}.step": (), **{f"{prefix}.{name}": tuple(parameter.shape) for name in ADAM[1:]}}
+                memories[which]["state"][index] = {
+                    name: torch.from_numpy(learned[f"{prefix}.{name}"])
+                    for name in ADAM
+                    if f"{prefix}.{name}" in learned
+                }
+    if (
+        any(name not in learned or learned[name].shape != shape for name, shape in shapes.items())
+        or STATE not in tensors
     ):
         raise checks.refuse(str(path), "tensors of another network", "a checkpoint of the same settings")
-    steps = checks.count(f"{path}: steps", record.get("steps"), least=0, most=MOST_STEPS)
-    seconds = checks.number(f"{path}: seconds", record.get("seconds"), least=0.0)
-    pace = checks.number(f"{path}: pace", record.get("pace"), above=0.0, most=1.0)
-    optimizer = model.policy.optimizer.state_dict()
-    indices = [index for group in optimizer["param_groups"] for index in group["params"]]
-    optimizer["state"] = {
-        index: {name: torch.from_numpy(tensors[f"adam.{index}.{name}"].copy()) for name in ADAM}
-        for index in indices
-        if f"adam.{index}.step" in tensors
-    }
-    model.policy.load_state_dict({name[7:]: torch.from_numpy(tensors[name].copy()) for name in wanted})
-    model.policy.optimizer.load_state_dict(optimizer)
-    model.num_timesteps = steps
-    if isinstance(model, PartsPPO):
-        model.pace = pace
+    try:
+        model.set_state(put_together(json.loads(tensors[STATE].tobytes()), tensors))
+    except (ValueError, KeyError, TypeError) as error:  # written by another version, whose worlds know other things
+        allowed = f"a checkpoint of this version ({error})"
+        raise checks.refuse(str(path), "a state of other worlds", allowed) from None
+    for which, module in modules.items():
+        module.load_state_dict({name: torch.from_numpy(learned[f"{which}.{name}"]) for name in module.state_dict()})
+    with torch.no_grad():
+        for name, tensor in single.items():
+            tensor.copy_(torch.from_numpy(learned[name]))
+    for which, optimizer in optimizers.items():
+        optimizer.load_state_dict(memories[which])
     return seconds
-
-
-def save_policy(path: Path, model: PPO, settings: TrainSettings, env: Any, training: dict[str, Any]) -> None:
-    """Write the acting part of the model for :func:`agents.learned.trained.load_trained`.
-
-    Raises:
-        Diverged: a weight is not finite; an older policy stays.
-    """
-    tensors = trained_tensors(model.policy.actor)  # type: ignore[arg-type]
-    _refuse_infinite(tensors)
-    serves, info = settings.serves, TaskInfo.of(env)
-    coding: Coding | PictureCoding = model.policy.coding  # type: ignore[assignment]
-    record: dict[str, Any] = {
-        "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
-        "surface": ANY if serves.surface == ANY else described(info.surface),
-        "parts": ANY if serves.parts == ANY else len(info.parts),
-        "columns": coding.columns,
-        "turned": coding.turned,
-        "remembers": coding.remembers,
-        "action": coding.action,
-        "network": settings.ppo.network,
-        "activation": settings.ppo.activation,
-        "training": training,
-    }
-    if settings.residual is not None:
-        record[RESIDUAL] = settings.residual.model_dump(mode="json")
-    save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)

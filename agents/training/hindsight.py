@@ -11,7 +11,7 @@ from stable_baselines3.common.buffers import DictReplayBuffer
 from stable_baselines3.common.type_aliases import DictReplayBufferSamples
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from vibgym import checks
+from vibgym.envs import generators
 
 
 def buffer_bytes(size: int, worlds: int, observation_space: spaces.Dict, action_space: spaces.Box) -> int:
@@ -98,13 +98,6 @@ class HindsightBuffer(DictReplayBuffer):
         self.length[(row - back) % self.buffer_size, world] = back
         self._begun[world] = 0
 
-    def close_all(self) -> None:
-        """Episodes that go on are continued nowhere: what has been stored of them is all that there is."""
-        for world in np.flatnonzero(self._begun).tolist():
-            row = (self.pos - 1) % self.buffer_size
-            self.timeouts[row, world] = self.dones[row, world] = True  # cut off, not ended: values go on behind it
-            self._close(row, world)
-
     def sample(self, batch_size: int, env: VecNormalize | None = None) -> DictReplayBufferSamples:  # type: ignore[override]
         """Uniformly drawn transitions; the first ``hindsight`` share of them with a goal reached later."""
         rows = self.generator.integers(0, self.size(), size=batch_size)
@@ -132,44 +125,24 @@ class HindsightBuffer(DictReplayBuffer):
             rewards=torch.from_numpy(reward).reshape(-1, 1),
         )
 
-    def get_state(self) -> dict[str, np.ndarray]:
-        """What has been stored: arrays (rows, worlds, ...), views in the order of the memory, and ``begun`` (worlds,)."""
-        state = {name: value[: self.size()] for name, value in self._memory().items()}
-        return {**state, "begun": self._begun}
+    def get_state(self) -> dict[str, Any]:
+        """What has been stored, arrays (rows, worlds, ...) in the order of the memory, and what is drawn next."""
+        stored = {name: value[: self.size()] for name, value in self._memory().items()}
+        return {
+            "stored": stored,
+            "begun": self._begun.copy(),
+            "position": self.pos,
+            "full": self.full,
+            "generator": generators.state_of(self.generator),
+        }
 
-    def check_state(self, name: str, state: dict[str, np.ndarray], position: int, full: bool) -> None:
-        """Whether :meth:`set_state` can take ``state``.
-
-        Args:
-            name: what errors call it.
-            state: as :meth:`get_state` gave it.
-            position: row that is written next.
-            full: whether all rows have been written.
-
-        Raises:
-            ValueError: arrays of other shapes or types, numbers that are not finite, or episodes that cannot be.
-        """
-        rows = self.buffer_size if full else position
-        wanted = {key: ((rows, *value.shape[1:]), value.dtype) for key, value in self._memory().items()}
-        wanted["begun"] = ((self.n_envs,), self._begun.dtype)
-        for key, (shape, kind) in wanted.items():
-            got = state.get(key)
-            if got is None or got.shape != shape or got.dtype != kind:
-                found = "nothing" if got is None else f"shape {got.shape}, {got.dtype}"
-                raise checks.refuse(f"{name}.{key}", found, f"shape {shape}, {kind}")
-            if kind.kind == "f" and not np.isfinite(got).all():
-                raise checks.refuse(f"{name}.{key}", "NaN or infinity", "finite numbers")
-        length, begun = state["length"], state["begun"]
-        if ((length < -1) | (length >= max(rows, 1))).any() or (begun < 0).any():
-            raise checks.refuse(f"{name}.length", "an episode beyond what is stored", f"-1 to {rows - 1}")
-
-    def set_state(self, state: dict[str, np.ndarray], position: int, full: bool) -> None:
-        """Go on from a checked ``state``; episodes that were under way end there, see :meth:`close_all`."""
-        self.pos, self.full = position, full
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave on a buffer of the same size."""
+        self.pos, self.full = state["position"], state["full"]
         for name, value in self._memory().items():
-            value[: self.size()] = state[name]
+            value[: self.size()] = state["stored"][name]
         self._begun[:] = state["begun"]
-        self.close_all()
+        self.generator = generators.generator_from("buffer", state["generator"])
 
     def _memory(self) -> dict[str, np.ndarray]:
         both = {"observations": self.observations, "next_observations": self.next_observations}

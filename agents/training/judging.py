@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from agents.training.settings import TrainSettings
 from vibgym import checks
+from vibgym.files import write_atomically
 
 FILE = "curve.csv"
 COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "return_")
@@ -27,6 +29,9 @@ class Judge:
         settings: of the run; its ``judging`` says when and how long.
         directory: of the run.
 
+    Attributes:
+        rows: of the curve so far.
+
     Raises:
         ValueError: an environment that is not one of vibgym's.
     """
@@ -36,6 +41,7 @@ class Judge:
         self.judging, self.path, self._last = settings.judging, directory / FILE, 0
         self.residual = settings.residual
         self._envs: list[tuple[Any, int]] = []
+        self.rows: list[dict[Any, Any]] = []
         if not settings.environment_name.startswith("vibgym/"):
             raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
         self.name = settings.environment_name
@@ -52,12 +58,12 @@ class Judge:
 
     def begin(self, steps: int) -> None:
         """A run begins, or goes on from so many steps: rows of steps that were lost go."""
-        rows: list[dict[Any, Any]] = []
+        self.rows = []
         if steps and self.path.exists():
             with self.path.open(newline="") as file:
-                rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
-        self._write(rows, "w")
-        self._last = steps
+                self.rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
+        self._write()
+        self._last = int(self.rows[-1]["steps"]) if self.rows else 0  # as if nothing had come between
 
     def due(self, steps: int) -> bool:
         """Whether it is time again."""
@@ -88,14 +94,13 @@ class Judge:
             "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
             "return_": round(float(np.median(returns)), 4),
         }
-        self._write([row], "a")
+        self.rows.append(row)
+        self._write()
         return row
 
     def is_best(self, row: dict[str, Any]) -> bool:
         """Whether no row of the curve so far is better: by successes, and among equals by time."""
-        with self.path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        return all(_rank(each) >= _rank(row) for each in rows)
+        return all(_rank(each) >= _rank(row) for each in self.rows)
 
     def _whole(self, policy: Policy, env: Any) -> Policy:
         """What acts in an environment: the policy, or the base that it corrects there."""
@@ -104,12 +109,12 @@ class Judge:
         info = TaskInfo.of(env)
         return ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
 
-    def _write(self, rows: list[dict[Any, Any]], mode: str) -> None:
-        with self.path.open(mode, newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            if mode == "w":
-                writer.writeheader()
-            writer.writerows(rows)
+    def _write(self) -> None:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.rows)
+        write_atomically(self.path, text.getvalue())
 
 
 def _rank(row: dict[str, Any]) -> tuple[float, float]:

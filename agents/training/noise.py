@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from stable_baselines3.common.noise import VectorizedActionNoise
+
+from vibgym.envs import generators
 
 
 class Wandering(VectorizedActionNoise):
@@ -35,6 +38,15 @@ class Wandering(VectorizedActionNoise):
         fresh = self.generator.standard_normal(self.value.shape, dtype=np.float32)
         self.value = np.float32(self.keep) * self.value + np.float32(np.sqrt(1.0 - self.keep**2)) * self.spread * fresh
         return self.value
+
+    def get_state(self) -> dict[str, Any]:
+        """Where the noise is, and what it draws next."""
+        return {"value": self.value.copy(), "generator": generators.state_of(self.generator)}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave."""
+        self.value = np.array(state["value"])
+        self.generator = generators.generator_from("noise", state["generator"])
 
     def reset(self, indices: Iterable[int] | None = None) -> None:
         """Begin again from nothing, in all worlds or in these."""

@@ -1,10 +1,12 @@
-"""SAC with hindsight on goal observations: model, checkpoint and policy of a training run."""
+"""SAC with hindsight on goal observations: its worlds, model and policies, as :mod:`agents.training.on_policy` for PPO."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import torch
 from gymnasium import spaces
@@ -12,18 +14,25 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from agents.learned.goal_features import GoalFeatures
 from agents.learned.goal_policy import NETWORK, GoalPolicy
-from agents.learned.storage import as_float32, load_set, save_set
+from agents.learned.storage import save_set
 from agents.learned.trained import KIND as POLICY_KIND
 from agents.learned.trained import VERSION as POLICY_VERSION
 from agents.learned.trained import described
 from agents.task_info import TaskInfo
 from agents.training.adapter import StableBaselinesAdapter
-from agents.training.checkpoint import ADAM, FILE, FREE, KIND, Diverged
+from agents.training.checkpoint import refuse_infinite
 from agents.training.hindsight import HindsightBuffer, buffer_bytes
 from agents.training.noise import Wandering
 from agents.training.sac import LeanSAC
-from agents.training.settings import MOST_STEPS, TrainSettings
+from agents.training.settings import TrainSettings
 from vibgym import checks
+from vibgym.envs import VibgymVectorEnv
+
+TITLE, PHASE = "SAC with hindsight (on Stable-Baselines3)", "sac"
+"""What policies' files and learning curves call it."""
+
+ADVICE = "sac.learning_rate or sac.tau"
+"""What to lower where a training diverges."""
 
 MOST_BUFFER = 2e9
 """Bytes of the replay buffer."""
@@ -52,6 +61,25 @@ class GoalExtractor(BaseFeaturesExtractor):
             difference[:, 2] = turn - self.period * torch.round(turn / self.period)
         far = torch.tanh(difference[:, self.goal] * self.inverse)  # type: ignore[index, operator]
         return torch.cat((observations["observation"][:, self.kept], far), dim=1)  # type: ignore[index]
+
+
+def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
+    """The batch of worlds that a run trains on, with goal observations.
+
+    Raises:
+        ValueError: settings that ask for another observation, or that the environment refuses.
+    """
+    checks.choice("observation", settings.environment.get("observation", "goal"), ("goal",))
+    for name, got in (("residual", settings.residual), ("imitation", settings.imitation), ("start", settings.start)):
+        if got is not None:
+            raise checks.refuse(name, got, "none with 'algorithm: sac'")
+    arguments: dict[str, Any] = {
+        "num_envs": settings.worlds, "autoreset_mode": "SameStep", **settings.environment, "observation": "goal"
+    }  # fmt: skip
+    name = settings.environment_name
+    env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
+    assert isinstance(env, VibgymVectorEnv)
+    return StableBaselinesAdapter(env)
 
 
 def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
@@ -105,7 +133,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
 
 def acting(model: LeanSAC, settings: TrainSettings) -> GoalPolicy:
     """The model's actor as it stands, in NumPy."""
-    tensors = _actor(model)
+    tensors = actor(model)
     pairs = {name: (tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in _layers(model)}
     mean, log_std = pairs.pop("mean"), pairs.pop("log_std")
     features = GoalFeatures(TaskInfo.of(_env(model).env))
@@ -118,8 +146,8 @@ def save_policy(path: Path, model: LeanSAC, settings: TrainSettings, training: d
     Raises:
         Diverged: a weight is not finite; an older policy stays.
     """
-    tensors = _actor(model)
-    _refuse_infinite(tensors)
+    tensors = actor(model)
+    refuse_infinite(tensors)
     info = TaskInfo.of(_env(model).env)
     record = {
         "network": NETWORK,
@@ -133,111 +161,6 @@ def save_policy(path: Path, model: LeanSAC, settings: TrainSettings, training: d
     save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)
 
 
-def save(directory: Path, model: LeanSAC, settings: TrainSettings, seconds: float) -> None:
-    """Write weights, optimizers, counters and the replay buffer.
-
-    Raises:
-        Diverged: one of them is not finite; the last checkpoint stays.
-    """
-    check_finite(model)
-    buffer = _buffer(model)
-    stored = {f"buffer.{name}": value for name, value in buffer.get_state().items()}
-    record = {
-        "settings": settings.model_dump(mode="json"),
-        "steps": model.num_timesteps,
-        "updates": model._n_updates,
-        "seconds": seconds,
-        "position": buffer.pos,
-        "full": buffer.full,
-    }
-    save_set(directory / FILE, KIND, _weights(model) | _adam(model) | stored, record)
-
-
-def restore(directory: Path, model: LeanSAC, settings: TrainSettings) -> float:
-    """Take ``model`` to the last checkpoint in ``directory``, if there is one; its episodes begin anew.
-
-    Returns:
-        Seconds trained before.
-
-    Raises:
-        ValueError: the checkpoint is damaged or not finite, or belongs to other settings; ``model`` is unchanged.
-    """
-    path = directory / FILE
-    if not path.exists():
-        return 0.0
-    tensors, record = load_set(path, KIND)
-    mine, theirs = settings.model_dump(mode="json"), record.get("settings")
-    names = [key for key in mine if not isinstance(theirs, dict) or theirs.get(key) != mine[key]]
-    if set(names) - FREE:
-        allowed = "a checkpoint of the same settings; remove it or choose another output"
-        raise checks.refuse(str(path), f"other {', '.join(names)}", allowed)
-    steps = checks.count(f"{path}: steps", record.get("steps"), least=0, most=MOST_STEPS)
-    updates = checks.count(f"{path}: updates", record.get("updates"), least=0, most=MOST_STEPS)
-    seconds = checks.number(f"{path}: seconds", record.get("seconds"), least=0.0)
-    buffer = _buffer(model)
-    full = checks.flag(f"{path}: full", record.get("full"))
-    position = checks.count(f"{path}: position", record.get("position"), least=0, most=buffer.buffer_size - 1)
-    stored = {name[7:]: tensors.pop(name) for name in list(tensors) if name.startswith("buffer.")}
-    buffer.check_state(f"{path}: buffer", stored, position, full)
-    tensors = as_float32(str(path), tensors)
-    shapes = {name: value.shape for name, value in _weights(model).items()}
-    states: dict[str, dict[str, Any]] = {}
-    for which, optimizer in _optimizers(model).items():
-        states[which] = {**optimizer.state_dict(), "state": {}}
-        for index, parameter in enumerate(p for group in optimizer.param_groups for p in group["params"]):
-            prefix = f"adam.{which}.{index}"
-            if f"{prefix}.step" in tensors:
-                shapes |= {f"{prefix}.step": (1,), **{f"{prefix}.{n}": tuple(parameter.shape) for n in ADAM[1:]}}
-                states[which]["state"][index] = {
-                    n: torch.from_numpy(tensors[f"{prefix}.{n}"]) for n in ADAM if f"{prefix}.{n}" in tensors
-                }
-                states[which]["state"][index]["step"].squeeze_()  # numbers come back as arrays of one
-    if any(name not in tensors or tensors[name].shape != shape for name, shape in shapes.items()):
-        raise checks.refuse(str(path), "tensors of another network", "a checkpoint of the same settings")
-    weights = {name[7:]: torch.from_numpy(value) for name, value in tensors.items() if name.startswith("policy.")}
-    model.policy.load_state_dict({name: weights[name] for name in model.policy.state_dict()})
-    assert model.log_ent_coef is not None
-    with torch.no_grad():
-        model.log_ent_coef.copy_(torch.from_numpy(tensors["log_ent_coef"]))
-    for which, optimizer in _optimizers(model).items():
-        optimizer.load_state_dict(states[which])
-    buffer.set_state(stored, position, full)
-    model.num_timesteps, model._n_updates = steps, updates
-    return seconds
-
-
-def check_finite(model: LeanSAC) -> None:
-    """Raise :class:`Diverged` where a weight, or what an optimizer remembers of it, is not finite."""
-    _refuse_infinite(_weights(model) | _adam(model))
-
-
-def _refuse_infinite(tensors: dict[str, np.ndarray]) -> None:
-    for name, value in tensors.items():
-        if not np.isfinite(value).all():
-            raise Diverged(f"NaN or infinity in {name}")
-
-
-def _weights(model: LeanSAC) -> dict[str, np.ndarray]:
-    assert model.log_ent_coef is not None
-    tensors = {f"policy.{name}": _numpy(value) for name, value in model.policy.state_dict().items()}
-    return tensors | {"log_ent_coef": _numpy(model.log_ent_coef)}
-
-
-def _optimizers(model: LeanSAC) -> dict[str, torch.optim.Optimizer]:
-    assert model.ent_coef_optimizer is not None
-    return {
-        "actor": model.actor.optimizer, "critic": model.critic.optimizer, "ent_coef": model.ent_coef_optimizer
-    }  # fmt: skip
-
-
-def _adam(model: LeanSAC) -> dict[str, np.ndarray]:
-    found = {}
-    for which, optimizer in _optimizers(model).items():
-        for index, state in optimizer.state_dict()["state"].items():
-            found |= {f"adam.{which}.{index}.{name}": _numpy(state[name]) for name in ADAM}
-    return found
-
-
 def _layers(model: LeanSAC) -> dict[str, torch.nn.Linear]:
     hidden = [each for each in model.actor.latent_pi if isinstance(each, torch.nn.Linear)]
     named = {f"layer{k}": layer for k, layer in enumerate(hidden)}
@@ -246,16 +169,19 @@ def _layers(model: LeanSAC) -> dict[str, torch.nn.Linear]:
     return named | last  # type: ignore[operator]
 
 
-def _actor(model: LeanSAC) -> dict[str, np.ndarray]:
+def actor(model: LeanSAC) -> dict[str, np.ndarray]:
+    """The tensors of what acts."""
     tensors = {}
     for name, layer in _layers(model).items():
         tensors |= {f"{name}.weight": _numpy(layer.weight), f"{name}.bias": _numpy(layer.bias)}
     return tensors
 
 
-def _buffer(model: LeanSAC) -> HindsightBuffer:
-    assert isinstance(model.replay_buffer, HindsightBuffer)
-    return model.replay_buffer
+def take_actor(model: LeanSAC, tensors: Mapping[str, np.ndarray]) -> None:
+    """Act as these tensors do."""
+    for name, layer in _layers(model).items():
+        kinds = ("weight", "bias")
+        layer.load_state_dict({kind: torch.from_numpy(tensors[f"{name}.{kind}"].copy()) for kind in kinds})
 
 
 def _env(model: LeanSAC) -> StableBaselinesAdapter:

@@ -17,13 +17,14 @@ from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
 from agents.learned.coding import Seen
 from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
+from agents.training.resumable import Resumable
 from agents.training.rollout import PartsBuffer
 
 PACE, LEAST_PACE, FAR = 1.5, 0.01, 4.0
 """By what the learning rate changes, its least share, and multiples of ``target_kl`` at which an update ends."""
 
 
-class PartsPPO(PPO):
+class PartsPPO(Resumable, PPO):
     """PPO (Schulman et al. 2017) over :class:`agents.training.parts_policy.PartsPolicy`; see the module.
 
     Args:
@@ -54,6 +55,13 @@ class PartsPPO(PPO):
     def _wrap_env(env: Any, verbose: int = 0, monitor_wrapper: bool = True) -> Any:
         """The adapter as it is: SB3 would turn images round, and networks of pixels read them as environments give them."""
         return env
+
+    def own_state(self) -> dict[str, Any]:
+        return {"pace": self.pace, "seen": None if self._seen is None else list(self._seen)}
+
+    def set_own_state(self, state: dict[str, Any]) -> None:
+        seen = state["seen"]
+        self.pace, self._seen = state["pace"], None if seen is None else Seen(*seen)
 
     def collect_rollouts(self, env: Any, callback: BaseCallback, rollout_buffer: Any, n_rollout_steps: int) -> bool:
         """Let all worlds make ``n_rollout_steps`` steps; False where the callback ends the training."""

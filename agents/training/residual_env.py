@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from agents.learned.residual import SCALE, Base
 from agents.policy import Policy
 from agents.task_info import TaskInfo
+from agents.training.trees import as_was
 from vibgym import checks
 from vibgym.envs.actions import Wrench
 
@@ -74,6 +77,25 @@ class ResidualEnv(VectorWrapper):
         if ended.any():
             self._finish(info["final_obs"], np.flatnonzero(ended))
         return self._seen(seen, ended), reward, terminated, truncated, info
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit, what the base remembers included."""
+        inner: Any = self.env.unwrapped
+        return {"env": inner.get_state(), "said": self._said.copy(), "memory": copy.deepcopy(self._memory)}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave; tuples of a memory may have become lists.
+
+        Raises:
+            ValueError: a state of another environment or base.
+        """
+        inner: Any = self.env.unwrapped
+        inner.set_state(state["env"])
+        memory = state["memory"]
+        if memory is not None:
+            _, pattern = self.base.policy.predict(inner.observed("state"))
+            memory = as_was(pattern, memory)
+        self._memory, self._said = memory, np.array(state["said"])
 
     def observed(self, kind: str) -> Any:
         """See :meth:`vibgym.envs.VibgymVectorEnv.observed`; without the base's action."""

@@ -12,9 +12,12 @@ from torch.nn import functional
 
 from agents.learned.goal_policy import LEAST_LOG_STD, MOST_LOG_STD
 from agents.training.checkpoint import Diverged
+from agents.training.hindsight import HindsightBuffer
+from agents.training.noise import Wandering
+from agents.training.resumable import Resumable
 
 
-class LeanSAC(SAC):
+class LeanSAC(Resumable, SAC):
     """SAC for small networks on one core, where most of an update's time goes into calls and not into numbers.
 
     The update is that of Haarnoja et al., "Soft Actor-Critic Algorithms and Applications", 2018
@@ -40,6 +43,23 @@ class LeanSAC(SAC):
         super().__init__(*args, **more)
         if any(True for _ in self.actor.features_extractor.parameters()) or self.ent_coef_optimizer is None:
             raise ValueError("policy: its features extractor has weights, or the entropy coefficient is not learned")
+
+    def own_state(self) -> dict[str, Any]:
+        assert isinstance(self.replay_buffer, HindsightBuffer) and isinstance(self.action_noise, Wandering)
+        return {"replay": self.replay_buffer.get_state(), "noise": self.action_noise.get_state()}
+
+    def set_own_state(self, state: dict[str, Any]) -> None:
+        assert isinstance(self.replay_buffer, HindsightBuffer) and isinstance(self.action_noise, Wandering)
+        self.replay_buffer.set_state(state["replay"])
+        self.action_noise.set_state(state["noise"])
+
+    def _setup_learn(self, *args: Any, **more: Any) -> Any:
+        """As SB3's, which would quieten the noise of a training that goes on."""
+        assert isinstance(self.action_noise, Wandering)
+        kept = self.action_noise.value.copy()
+        result = super()._setup_learn(*args, **more)
+        self.action_noise.value = kept
+        return result
 
     def train(self, gradient_steps: int, batch_size: int = 64) -> None:
         """Draw ``gradient_steps`` batches of ``batch_size`` transitions and learn from each.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -193,7 +194,13 @@ PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
 }
 
 
-def load_settings(path: Path, agent: str | None = None, seed: int | None = None) -> TrainSettings:
+TUNING = "tuning"
+"""Key of what is tuned, which no training reads: see :mod:`agents.tuning.settings`."""
+
+
+def load_settings(
+    path: Path, agent: str | None = None, seed: int | None = None, changes: Mapping[str, Any] | None = None
+) -> TrainSettings:
     """Read a training file; the first fault is a one-line ValueError that names file and field.
 
     A file holds the settings of one run, or of many agents: then its keys are the ids of environments, such as
@@ -204,18 +211,33 @@ def load_settings(path: Path, agent: str | None = None, seed: int | None = None)
         path: of the YAML file.
         agent: ``"Align/prototype"``: that of this name under ``vibgym/Align-v0``; only for files of many agents.
         seed: instead of the file's.
+        changes: values instead of the file's, by names such as ``"ppo.learning_rate"``.
     """
-    data, where = load_yaml(path), str(path)
-    if "task" not in data and any("/" in str(key) for key in data):  # ids of environments
-        data, where = _of_agent(data, where, agent, seed)
-    elif agent is not None:
-        raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
-    elif seed is not None:
-        data = {**data, "seed": seed}
+    data, where = _read(path, agent, seed)
+    data.pop(TUNING, None)
+    for name, value in (changes or {}).items():
+        first, _, rest = name.partition(".")
+        data[first] = {**(data.get(first) or {}), rest: value} if rest else value
     for name, model in PARTS_OF_SETTINGS.items():
         if isinstance(data.get(name), dict):
             data[name] = parse(model, data[name], f"{where}: {name}")
     return parse(TrainSettings, data, where)
+
+
+def load_tuning(path: Path, agent: str | None = None) -> tuple[Any, str]:
+    """What a training file says of tuning, None if nothing, and what to call it."""
+    data, where = _read(path, agent, None)
+    return data.get(TUNING), f"{where}: {TUNING}"
+
+
+def _read(path: Path, agent: str | None, seed: int | None) -> tuple[dict[str, Any], str]:
+    """The settings of one run as they stand in a file, and what to call them."""
+    data, where = load_yaml(path), str(path)
+    if "task" not in data and any("/" in str(key) for key in data):  # ids of environments
+        return _of_agent(data, where, agent, seed)
+    if agent is not None:
+        raise checks.refuse("--agent", agent, f"nothing: {path} holds the settings of one run")
+    return (dict(data) if seed is None else {**data, "seed": seed}), where
 
 
 def agents_in(path: Path) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import evaluation
-from agents.training.beginning import make_env
+from agents.training.on_policy import make_env
 from agents.training.settings import load_settings
 from tests.fuzz.campaign import count, fuzz
 from vibgym.accuracy import report

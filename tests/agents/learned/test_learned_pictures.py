@@ -13,10 +13,10 @@ from agents.learned.networks.shape import CELL, occupied
 from agents.learned.pictures import FRAMES, PictureCoding
 from agents.learned.storage import load_set, save_set
 from agents.learned.trained import KIND, VERSION, load_trained
-from agents.training import checkpoint
-from agents.training.beginning import experts, make_env, make_model
+from agents.training import on_policy
 from agents.training.imitation import Imitation
 from agents.training.networks.pixels import MAPS, PixelsActor
+from agents.training.on_policy import experts, make_env, make_model
 from agents.training.parts_policy import trained_tensors
 from agents.training.settings import load_settings
 from agents.training.train import train
@@ -184,7 +184,7 @@ def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, mo
     env = make_env(settings)
     model = make_model(settings, env)
     torch.nn.init.normal_(model.policy.actor.mean.weight)
-    checkpoint.save_policy(tmp_path / "policy.json", model, settings, env.env, {})
+    on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
     policy = load_trained(tmp_path / "policy.json", info_of("Transport", surface={"rows": 6, "columns": 8}))
     assert policy.observation == "image" and policy.action == "wrench"
     start, mine, theirs, alone, changed = np.ones(16, bool), None, None, None, 0.0

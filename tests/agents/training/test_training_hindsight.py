@@ -1,7 +1,10 @@
 """Replay with other goals: what is drawn belongs together, a fall stays a fall, and nothing that is forgotten comes back."""
 
+import copy
+
 import numpy as np
 import pytest
+import torch
 from gymnasium import spaces
 
 from agents.training.adapter import StableBaselinesAdapter
@@ -96,34 +99,17 @@ def test_the_same_draws_again_and_other_ones():
 
 
 @pytest.mark.parametrize("steps", [0, 9, 2 * SIZE + 3])
-def test_a_state_goes_to_another_buffer(steps):
-    kept, other = buffer(hindsight=1.0), buffer(hindsight=1.0)
+def test_a_buffer_goes_on_from_a_state(steps):
+    """With the same memory, draws and episodes, those that are under way too."""
+    kept, other = buffer(), buffer(seed=9)
     fill(kept, steps)
-    state = {name: value.copy() for name, value in kept.get_state().items()}
-    other.check_state("buffer", state, kept.pos, kept.full)
-    other.set_state(state, kept.pos, kept.full)
+    other.set_state(copy.deepcopy(kept.get_state()))
+    for each in (kept, other):
+        fill(each, 7)
     assert (other.pos, other.full, other.size()) == (kept.pos, kept.full, kept.size())
-    assert (other.length[: other.size()] >= 0).all()  # what was under way ends there
-    if steps:
-        under_way = kept.length[: kept.size()] < 0
-        assert other.timeouts[: kept.size()][under_way].sum() == len(set(np.nonzero(under_way)[1].tolist()))
-        drawn = other.sample(2000)
-        assert (drawn.observations["desired_goal"].numpy()[:, 1] <= steps).all() and not drawn.dones.any()
-
-
-@pytest.mark.parametrize("name, change", [
-    ("rewards", lambda value: value[1:]), ("actions", lambda value: value.astype(np.float64)),
-    ("length", lambda value: value + 99),
-    ("length", lambda value: value - 99), ("rewards", lambda value: value * np.nan), ("begun", lambda value: value - 99),
-    ("observations.achieved_goal", lambda value: None),
-])  # fmt: skip
-def test_a_damaged_state_is_refused(name, change):
-    kept, other = buffer(), buffer()
-    fill(kept, 20)
-    state = {key: value.copy() for key, value in kept.get_state().items()}
-    state[name] = change(state[name])
-    with pytest.raises(ValueError, match="^buffer.(length|" + name + "): got .*allowed"):
-        other.check_state("buffer", {key: value for key, value in state.items() if value is not None}, kept.pos, False)
+    for mine, theirs in zip(kept.sample(500), other.sample(500), strict=True):
+        pairs = [(mine[key], theirs[key]) for key in mine] if isinstance(mine, dict) else [(mine, theirs)]
+        assert mine is None or all(torch.equal(*pair) for pair in pairs)  # discounts are for other buffers
 
 
 def test_memory_is_what_is_said():

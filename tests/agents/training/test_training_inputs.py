@@ -133,7 +133,7 @@ def test_damaged_files_are_refused(copied, capsys, name, damage):
         data[-2] ^= 1
         tensors.write_bytes(bytes(data))
     else:
-        path.write_text(json.dumps({**json.loads(path.read_text()), "version": 1 + (name == "checkpoint.json")}))
+        path.write_text(json.dumps({**json.loads(path.read_text()), "version": 1}))
     output = run
     if name == "policy.json":
         output = run.parent / "other"
@@ -223,7 +223,7 @@ def test_lessons_ppo_and_the_learning_curve_end_to_end(tmp_path):
     runs = [train(config, tmp_path / name, quiet=True) for name in ("a", "b")]
     first, second = (load_set(path, KIND, VERSION)[0] for path in runs)
     assert all((first[name] == second[name]).all() for name in first)
-    tensors, record = load_set(tmp_path / "a" / "checkpoint.json", checkpoint.KIND)
+    tensors, record = load_set(tmp_path / "a" / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
     assert record["steps"] == 576 and all(np.isfinite(each).all() for each in tensors.values())
     rows = list(csv.DictReader((tmp_path / "a" / "curve.csv").open()))
     assert [(row["steps"], row["phase"]) for row in rows] == [("320", "imitation"), ("448", "ppo"), ("576", "ppo")]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from agents.training import outlines
-from agents.training.beginning import experts, make_env, make_model
 from agents.training.imitation import Imitation
+from agents.training.on_policy import experts, make_env, make_model
 from agents.training.settings import TrainSettings, load_settings
 from vibgym.config import part_from
 from vibgym.scene.outlines import is_convex

@@ -11,8 +11,8 @@ from agents.learned.residual import ResidualPolicy, load_correction
 from agents.learned.storage import load_set
 from agents.learned.trained import KIND, VERSION, load_trained
 from agents.registry import make_policy
-from agents.training.beginning import acting, begin_with, make_env, make_model
 from agents.training.judging import Judge, play
+from agents.training.on_policy import acting, begin_with, make_env, make_model
 from agents.training.settings import load_settings
 from agents.training.table import tabulate
 from agents.training.train import train
@@ -161,10 +161,10 @@ def test_bad_settings(config, old, new, message):
 
 
 def test_a_correction_of_sac_is_refused(config):
-    from agents.training import sac_run
+    from agents.training import off_policy
 
     with pytest.raises(ValueError, match="residual.*none with 'algorithm: sac'"):
-        sac_run.make_env(config("    worlds", "    algorithm: sac\n    worlds"))
+        off_policy.make_env(config("    worlds", "    algorithm: sac\n    worlds"))
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,9 @@ import torch
 import yaml
 from stable_baselines3 import SAC
 
-from agents.learned.storage import load_set, save_set
 from agents.registry import make_policy
-from agents.training import off_policy, sac_run
-from agents.training.checkpoint import FILE, KIND, Diverged
+from agents.training import checkpoint, off_policy
+from agents.training.checkpoint import Diverged
 from agents.training.settings import TrainSettings, load_settings
 from agents.training.train import train
 from tests.agents.helpers import info_of
@@ -36,7 +35,7 @@ def made():
 
     def make(steps=48, **changes):
         settings = settings_of(**changes)
-        envs.append(sac_run.make_env(settings))
+        envs.append(off_policy.make_env(settings))
         model = off_policy.make_model(settings, envs[-1])
         if steps:
             model.learn(steps, log_interval=None)
@@ -97,62 +96,12 @@ def test_actor_and_coefficient_wait_for_their_turn(made):
         assert all(bool((one[name] == other[name]).all()) for name in one) is same
 
 
-def test_a_checkpoint_goes_to_another_model(tmp_path, made):
-    model, settings = made()
-    off_policy.save(tmp_path, model, settings, 12.5)
-    other, _ = made(steps=0)
-    assert off_policy.restore(tmp_path, other, settings) == 12.5
-    for name, value in model.policy.state_dict().items():
-        assert (other.policy.state_dict()[name] == value).all()
-    assert (other.num_timesteps, other._n_updates) == (model.num_timesteps, model._n_updates)
-    assert other.log_ent_coef.item() == model.log_ent_coef.item()
-    for mine, theirs in zip(*(off_policy._optimizers(each).values() for each in (model, other))):
-        one, two = mine.state_dict()["state"], theirs.state_dict()["state"]
-        assert one.keys() == two.keys() and len(one) > 0
-        assert all((one[key][name] == two[key][name]).all() for key in one for name in one[key])
-    stored = other.replay_buffer.get_state()
-    assert (stored["actions"] == model.replay_buffer.get_state()["actions"]).all() and len(stored["actions"]) == 12
-    other.learn(16, reset_num_timesteps=False, log_interval=None)
-    assert other.num_timesteps == model.num_timesteps + 16 and other._n_updates > model._n_updates
-
-
-def edited(tensors, record, change):
-    """A checkpoint with one thing that is not as it was."""
-    if isinstance(change, dict):
-        return tensors, {**record, **change}
-    return change(dict(tensors)), record
-
-
-@pytest.mark.parametrize("change, match", [
-    ({"steps": -1}, "steps"), ({"updates": "many"}, "updates"), ({"seconds": None}, "seconds"), ({"position": 50}, "position"),
-    ({"position": 3}, "buffer"), ({"full": 1}, "full"), ({"settings": None}, "other task"),
-    (lambda tensors: {**tensors, "log_ent_coef": tensors["log_ent_coef"] * np.nan}, "NaN or infinity in log_ent_coef"),
-    (lambda tensors: {**tensors, "log_ent_coef": np.zeros(2)}, "another network"),
-    (lambda tensors: {n: v for n, v in tensors.items() if n != "policy.actor.mu.bias"}, "another network"),
-    (lambda tensors: {n: v for n, v in tensors.items() if n != "adam.critic.0.exp_avg"}, "another network"),
-    (lambda tensors: {n: v for n, v in tensors.items() if n != "buffer.rewards"}, "buffer.rewards"),
-    (lambda tensors: {**tensors, "buffer.rewards": tensors["buffer.rewards"] * np.inf}, "buffer.rewards"),
-])  # fmt: skip
-def test_a_damaged_checkpoint_changes_nothing(tmp_path, made, change, match):
-    model, settings = made(steps=24)
-    off_policy.save(tmp_path, model, settings, 1.0)
-    tensors, record = load_set(tmp_path / FILE, KIND)
-    kept = {key: value for key, value in record.items() if key not in ("format", "version", "tensors", "sha256")}
-    save_set(tmp_path / FILE, KIND, *edited(tensors, kept, change))
-    other, _ = made(steps=0)
-    before = {name: value.clone() for name, value in other.policy.state_dict().items()}
-    with pytest.raises(ValueError, match=f"{FILE}.*{match}"):
-        off_policy.restore(tmp_path, other, settings)
-    assert all((before[name] == value).all() for name, value in other.policy.state_dict().items())
-    assert other.num_timesteps == 0 and other.replay_buffer.size() == 0
-
-
 def test_what_is_not_finite_is_not_written(tmp_path, made):
     model, settings = made(steps=24)
     with torch.no_grad():
         model.actor.mu.bias[0] = np.nan
     with pytest.raises(Diverged, match="actor.mu.bias"):
-        off_policy.save(tmp_path, model, settings, 1.0)
+        checkpoint.save(tmp_path, model, settings, 1.0)
     with pytest.raises(Diverged, match="mean.bias"):
         off_policy.save_policy(tmp_path / "policy.json", model, settings, {})
     assert list(tmp_path.iterdir()) == []
@@ -167,9 +116,9 @@ def test_buffers_that_are_too_large_and_other_observations_are_refused():
     with pytest.raises(
         ValueError, match=r"^sac.buffer_size: got 100000000; allowed: a buffer of at most 2.0e\+09 bytes"
     ):
-        off_policy.make_model(settings, sac_run.make_env(settings))
+        off_policy.make_model(settings, off_policy.make_env(settings))
     with pytest.raises(ValueError, match="^observation: got 'state'; allowed: 'goal'"):
-        sac_run.make_env(settings_of(environment={"observation": "state"}))
+        off_policy.make_env(settings_of(environment={"observation": "state"}))
 
 
 @pytest.mark.parametrize("field, value", [

@@ -24,15 +24,18 @@ from agents.learned.trained import KIND as POLICY
 from agents.learned.trained import VERSION, load_trained
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
-from agents.training import checkpoint
-from agents.training.beginning import make_env, make_model
+from agents.training import checkpoint, on_policy
+from agents.training.on_policy import make_env, make_model
+from agents.training.progress import Progress
 from agents.training.settings import load_settings
-from agents.training.train import Progress, train
+from agents.training.train import train
 from tests.agents.helpers import info_of
 from tests.envs.helpers import single
 from vibgym import locks
 from vibgym.envs import VibgymEnv
 from vibgym.tasks import TASKS, Transport
+
+ADAM = "adam.policy.optimizer"
 
 TEXT = """
 task: Rotate
@@ -72,7 +75,7 @@ def trained(tmp_path_factory):
 
 
 def steps_of(directory):
-    return load_set(directory / "checkpoint.json", checkpoint.KIND)[1]["steps"]
+    return load_set(directory / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)[1]["steps"]
 
 
 def test_a_run_writes_policy_checkpoint_and_logs(trained):
@@ -113,7 +116,7 @@ def test_the_policy_on_disk_predicts_what_the_model_does(tmp_path, activation):
     with torch.no_grad():  # an untrained one acts near zero: make it act, into the bounds, too
         for parameter in model.policy.parameters():
             parameter.add_(0.4 * torch.randn_like(parameter))
-    checkpoint.save_policy(tmp_path / "policy.json", model, settings, env.env, {})
+    on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
     policy = load_trained(tmp_path / "policy.json", info_of("Rotate"))
     rows = np.random.default_rng(0).uniform(-1, 1, (200, *env.observation_space["parts"].shape)).astype(np.float32)
     seen = {"parts": rows, "mask": np.ones((200, 1), dtype=np.int8)}
@@ -159,7 +162,7 @@ def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, m
     monkeypatch.undo()
     assert steps_of(run) == 2048  # the last whole checkpoint before 2500
     assert not (run / "policy.json").exists()
-    saved, _ = load_set(run / "checkpoint.json", checkpoint.KIND)
+    saved, _ = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
 
     began = {}
     start = Progress._on_training_start
@@ -174,11 +177,11 @@ def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, m
     train(config, run, quiet=True)
     assert began["steps"] == 2048
     assert (began["weights"] == saved["policy.actor.mean.weight"]).all()
-    assert (began["adam"][0]["exp_avg"].numpy() == saved["adam.0.exp_avg"]).all()
-    assert float(began["adam"][0]["step"]) == float(saved["adam.0.step"].ravel()[0]) > 0
+    assert (began["adam"][0]["exp_avg"].numpy() == saved["adam.policy.optimizer.0.exp_avg"]).all()
+    assert float(began["adam"][0]["step"]) == float(saved["adam.policy.optimizer.0.step"].ravel()[0]) > 0
     assert steps_of(run) == 8192
     assert (run / "log-from-0" / "progress.csv").exists() and (run / "log-from-2048" / "progress.csv").exists()
-    after, _ = load_set(run / "checkpoint.json", checkpoint.KIND)
+    after, _ = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
     assert (after["policy.actor.mean.weight"] != saved["policy.actor.mean.weight"]).any()
 
 
@@ -276,18 +279,18 @@ def test_a_damaged_checkpoint_is_refused_by_name(config, tmp_path):
 
 
 @pytest.mark.parametrize("name, change", [
-    ("adam.0.exp_avg", None), ("adam.1.exp_avg_sq", lambda value: value[:1]), ("policy.actor.log_std.bias", None),
+    (ADAM + ".0.exp_avg", None), (ADAM + ".1.exp_avg_sq", lambda value: value[:1]), ("policy.actor.log_std.bias", None),
     ("policy.actor.mean.weight", lambda value: value.T),
 ])  # fmt: skip
 def test_a_checkpoint_of_another_network_is_refused(trained, tmp_path, name, change):
     path, run = trained
     settings = load_settings(path)
-    tensors, record = load_set(run / "checkpoint.json", checkpoint.KIND)
+    tensors, record = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
     value = tensors.pop(name)
     if change is not None:
         tensors[name] = change(value)
     kept = {key: record[key] for key in ("settings", "steps", "seconds")}
-    save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept)
+    save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept, checkpoint.VERSION)
     model = make_model(settings, make_env(settings))
     before = [parameter.clone() for parameter in model.policy.parameters()]
     with pytest.raises(ValueError, match="checkpoint.json.*another network"):
@@ -390,7 +393,7 @@ def test_a_diverged_training_keeps_the_last_good_files(tmp_path, capsys):
     line = capsys.readouterr().err
     assert line.count("\n") == 1 and "Traceback" not in line
     assert re.search(rf"{run}: training diverged within \d+ steps .*checkpoint of \d+ steps stays.*learning_rate", line)
-    tensors, _ = load_set(run / "checkpoint.json", checkpoint.KIND)
+    tensors, _ = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
     assert all(np.isfinite(value).all() for value in tensors.values())
     policies = {name: data for name, data in before.items() if "policy" in name}
     assert policies and policies.items() <= files_in(run).items()
@@ -407,7 +410,7 @@ def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
         parameter.grad = torch.ones_like(parameter)
     model.policy.optimizer.step()
     checkpoint.save(tmp_path, model, settings, 1.0)
-    checkpoint.save_policy(tmp_path / "policy.json", model, settings, env.env, {})
+    on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
     before = files_in(tmp_path)
     with torch.no_grad():
         if where == "adam":
@@ -418,23 +421,29 @@ def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
         checkpoint.save(tmp_path, model, settings, 2.0)
     if where.startswith("actor"):
         with pytest.raises(checkpoint.Diverged):
-            checkpoint.save_policy(tmp_path / "policy.json", model, settings, env.env, {})
+            on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
     assert files_in(tmp_path) == before
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e300])
 @pytest.mark.parametrize(
     "name",
-    ["policy.actor.log_std.bias", "policy.critic.value.bias", "adam.0.exp_avg", "adam.2.exp_avg_sq", "adam.1.step"],
+    [
+        "policy.actor.log_std.bias",
+        "policy.critic.value.bias",
+        "adam.policy.optimizer.0.exp_avg",
+        "adam.policy.optimizer.2.exp_avg_sq",
+        "adam.policy.optimizer.1.step",
+    ],
 )
 def test_a_checkpoint_that_is_not_finite_is_refused(trained, tmp_path, name, number):
     path, run = trained
     settings = load_settings(path)
-    tensors, record = load_set(run / "checkpoint.json", checkpoint.KIND)
+    tensors, record = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
     tensors[name] = tensors[name].astype(np.float64)
     tensors[name].flat[-1] = number
     kept = {key: record[key] for key in ("settings", "steps", "seconds")}
-    save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept)
+    save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept, checkpoint.VERSION)
     model = make_model(settings, make_env(settings))
     before = copy.deepcopy(model.policy.state_dict())
     with pytest.raises(
@@ -517,7 +526,7 @@ def test_a_full_disk_ends_training_in_one_line(config, tmp_path, monkeypatch, ca
 
 def test_policies_that_two_runs_write_beside_each_other_wait_for_each_other(config, tmp_path, monkeypatch):
     config.write_text(TEXT.replace("steps: 8192", "steps: 1024"))
-    save, held = checkpoint.save_policy, []
+    save, held = on_policy.save_policy, []
 
     def watched(path, *arguments):
         with pytest.raises(ValueError, match=f"process {os.getpid()}"), locks.one_run(path.parent, file=".p.json.lock"):
@@ -525,7 +534,7 @@ def test_policies_that_two_runs_write_beside_each_other_wait_for_each_other(conf
         held.append(path)
         save(path, *arguments)
 
-    monkeypatch.setattr(checkpoint, "save_policy", watched)
+    monkeypatch.setattr(on_policy, "save_policy", watched)
     path = train(config, tmp_path / "run", quiet=True, policy=tmp_path / "policies" / "p.json")
     assert held == [path] and sorted(each.suffix for each in path.parent.iterdir()) == [".json", ".safetensors"]
 

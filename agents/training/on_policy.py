@@ -1,4 +1,7 @@
-"""What a training begins with: worlds, how a network reads them and acts in them, the model, its experts and its start."""
+"""PPO on parts: its worlds, how a network reads them and acts in them, the model, its experts and start, its policies.
+
+:mod:`agents.training.off_policy` has the same for SAC, under the same names; see :data:`agents.training.train.ALGORITHMS`.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,15 @@ from agents.learned.coding import Coding
 from agents.learned.networks.acting import FLOOR
 from agents.learned.pictures import PictureCoding
 from agents.learned.residual import ResidualPolicy, load_correction
-from agents.learned.trained import CODINGS, TrainedPolicy, load_trained
+from agents.learned.storage import save_set
+from agents.learned.trained import ANY, CODINGS, RESIDUAL, TrainedPolicy, described, load_trained
+from agents.learned.trained import KIND as POLICY_KIND
+from agents.learned.trained import VERSION as POLICY_VERSION
 from agents.policy import Policy
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from agents.training.adapter import StableBaselinesAdapter
+from agents.training.checkpoint import refuse_infinite
 from agents.training.imitation import check_room
 from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
@@ -26,6 +33,12 @@ from agents.training.residual_env import ResidualEnv
 from agents.training.settings import TrainSettings
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
+
+TITLE, PHASE = "PPO with parts as samples (on Stable-Baselines3)", "ppo"
+"""What policies' files and learning curves call it."""
+
+ADVICE = "ppo.learning_rate, ppo.ent_coef, ppo.log_std_init or ppo.clip_range"
+"""What to lower where a training diverges."""
 
 MOST_ROLLOUT = 4e9
 """Bytes of a rollout: what is kept of ``ppo.n_steps`` steps of all worlds before a model learns from them."""
@@ -174,8 +187,7 @@ def lessons_steps(settings: TrainSettings) -> int:
 
 def acting(model: PartsPPO, settings: TrainSettings) -> TrainedPolicy:
     """The model as it acts without torch."""
-    actor, coding = model.policy.actor, model.policy.coding
-    return TrainedPolicy(trained_tensors(actor), actor.kind, settings.ppo.activation, coding)
+    return TrainedPolicy(actor(model), model.policy.actor.kind, settings.ppo.activation, model.policy.coding)
 
 
 def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[Policy, VibgymVectorEnv]]:
@@ -232,3 +244,45 @@ def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAda
 
 def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
     return {name: value.shape for name, value in tensors.items() if name != FLOOR}
+
+
+def actor(model: PartsPPO) -> dict[str, np.ndarray]:
+    """The tensors of what acts."""
+    return trained_tensors(model.policy.actor)
+
+
+def take_actor(model: PartsPPO, tensors: Mapping[str, np.ndarray]) -> None:
+    """Act as these tensors do."""
+    model.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
+
+
+def save_policy(path: Path, model: PartsPPO, settings: TrainSettings, training: dict[str, Any]) -> None:
+    """Write the acting part of the model for :func:`agents.learned.trained.load_trained`.
+
+    Raises:
+        Diverged: a weight is not finite; an older policy stays.
+    """
+    tensors = actor(model)
+    refuse_infinite(tensors)
+    serves, info, coding = settings.serves, TaskInfo.of(_env(model).env), model.policy.coding
+    record: dict[str, Any] = {
+        "tasks": list(dict.fromkeys([info.name, *(serves.tasks or ())])),
+        "surface": ANY if serves.surface == ANY else described(info.surface),
+        "parts": ANY if serves.parts == ANY else len(info.parts),
+        "columns": coding.columns,
+        "turned": coding.turned,
+        "remembers": coding.remembers,
+        "action": coding.action,
+        "network": settings.ppo.network,
+        "activation": settings.ppo.activation,
+        "training": training,
+    }
+    if settings.residual is not None:
+        record[RESIDUAL] = settings.residual.model_dump(mode="json")
+    save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)
+
+
+def _env(model: PartsPPO) -> StableBaselinesAdapter:
+    env = model.get_env()
+    assert isinstance(env, StableBaselinesAdapter)
+    return env

@@ -5,15 +5,18 @@ from __future__ import annotations
 import multiprocessing
 import os
 import re
+import signal
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from agents import evaluation
-from agents.evaluation.processes import LIBRARIES, side_by_side, usable
+from agents.workers import side_by_side, usable
+from agents.workers.local import LIBRARIES, TRIES
 from tests.evaluation.conftest import Pusher
 
 
@@ -43,7 +46,7 @@ def evaluated(directory: Path, processes: int) -> tuple[evaluation.Results, dict
 @pytest.fixture
 def two(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two processors at least."""
-    monkeypatch.setattr("agents.evaluation.processes.available_threads", lambda: 2)
+    monkeypatch.setattr("agents.workers.local.available_threads", lambda: 2)
 
 
 def test_same_files_with_one_process_and_two(tmp_path: Path, two: None) -> None:
@@ -76,7 +79,7 @@ def test_processes_are_others_and_share_the_processors(two: None) -> None:
 def test_one_process_is_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
     with side_by_side(1) as submit:
         assert submit(os.getpid).result() == os.getpid()
-    monkeypatch.setattr("agents.evaluation.processes.available_threads", lambda: 1)
+    monkeypatch.setattr("agents.workers.local.available_threads", lambda: 1)
     assert usable(2) == 1  # falls back where there is one processor
 
 
@@ -97,3 +100,30 @@ def test_failures_come_back(two: None) -> None:
     for processes in (1, 2):
         with pytest.raises(ArithmeticError, match="said there"), side_by_side(processes) as submit:
             submit(fails, "said there").result()
+
+
+def dies_once(path: Path) -> str:
+    """Kills its own process the first time."""
+    if not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "done"
+
+
+def dies(path: Path) -> None:
+    """Always, and counts."""
+    with path.open("a") as file:
+        file.write("x")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_killed_processes_cost_a_retry(two: None, tmp_path: Path) -> None:
+    with side_by_side(2) as submit:
+        asked = [submit(dies_once, tmp_path / str(k)) for k in range(3)] + [submit(abs, -k) for k in range(5)]
+        assert [each.result() for each in asked] == ["done"] * 3 + list(range(5))
+
+
+def test_what_kills_every_process_ends_with_an_error(two: None, tmp_path: Path) -> None:
+    with pytest.raises(BrokenProcessPool), side_by_side(2) as submit:
+        submit(dies, tmp_path / "tries").result()
+    assert (tmp_path / "tries").read_text() == "x" * TRIES

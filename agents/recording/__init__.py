@@ -1,0 +1,1 @@
+"""Episodes of a policy as a Minari data set: ``python -m agents record CONFIG``."""

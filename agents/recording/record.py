@@ -1,0 +1,127 @@
+"""From episodes to a data set on disk."""
+
+from __future__ import annotations
+
+import copy
+import os
+import tempfile
+import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import minari
+from minari.data_collector import EpisodeBuffer
+from minari.storage.datasets_root_dir import get_dataset_path
+from tqdm import tqdm
+
+import vibgym
+from agents.recording.play import Episode, Recorder
+from agents.recording.settings import RecordSettings
+from vibgym import checks
+from vibgym.files import WriteError, reason
+
+ROOT = "MINARI_DATASETS_PATH"
+"""Environment variable that says where Minari keeps its data sets."""
+
+
+def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, float]:
+    """Play, and write a data set that Minari loads: whole, or not at all.
+
+    Per step it has observations, actions as they were done, rewards and ends; per episode its seed, whether it succeeded, and
+    what was drawn for it (hardware, friction, mass): as metadata, see ``MinariDataset.storage.get_episode_metadata``.
+
+    Returns:
+        The data set's directory, its steps, and the seconds that it took.
+
+    Raises:
+        ValueError: settings that do not fit, or a data set of this name, which stays.
+        WriteError: no space is left, or the like; nothing is left behind.
+    """
+    began = time.perf_counter()
+    with kept_in(settings.directory):
+        place = Path(get_dataset_path(settings.dataset))
+        if place.exists():
+            raise checks.refuse("dataset", settings.dataset, f"a name that is not taken in {place.parent}; remove it")
+        recorder = Recorder(settings)
+        episodes = list(tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet))
+    spec = copy.deepcopy(gym.spec(settings.environment_name))
+    spec.kwargs.update(recorder.kwargs)
+    root = place
+    for _ in settings.dataset.split("/"):
+        root = root.parent
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+        with (
+            tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder,
+            kept_in(folder),
+            warnings.catch_warnings(),
+        ):
+            warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
+            made = minari.create_dataset_from_buffers(
+                settings.dataset,
+                [_buffer(k, each) for k, each in enumerate(episodes)],
+                env=spec,
+                action_space=recorder.env.single_action_space,
+                observation_space=recorder.env.single_observation_space,
+                algorithm_name=_named(settings.policy),
+                description=f"{settings.episodes} episodes of {_named(settings.policy)} on {settings.environment_name}.",
+                code_permalink=None,
+                requirements=[f"vibgym=={vibgym.__version__}"],
+                jpeg_encoding=False,
+            )
+            made.storage.update_episode_metadata([_metadata(each) for each in episodes])
+            made.storage.update_metadata({"settings": settings.model_dump_json()})
+            steps = int(made.total_steps)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            os.rename(Path(folder) / settings.dataset, place)
+            for file in list(Path(folder).rglob("namespace_metadata.json")):
+                target = root / file.relative_to(folder)
+                if not target.exists():
+                    os.rename(file, target)
+    except OSError as error:
+        raise WriteError(f"{place}: not recorded ({reason(error)})") from error
+    finally:
+        recorder.env.close()
+    return place, steps, time.perf_counter() - began
+
+
+@contextmanager
+def kept_in(directory: str | None) -> Iterator[None]:
+    """Minari keeps its data sets there, for a while; None: where it does."""
+    before = os.environ.get(ROOT)
+    if directory is not None:
+        os.environ[ROOT] = str(directory)
+    try:
+        yield
+    finally:
+        if before is None:
+            os.environ.pop(ROOT, None)
+        else:
+            os.environ[ROOT] = before
+
+
+def _buffer(number: int, episode: Episode) -> EpisodeBuffer:
+    steps = len(episode.rewards)
+    return EpisodeBuffer(
+        id=number,
+        seed=episode.seed,
+        observations=episode.observations,
+        actions=episode.actions,  # type: ignore[arg-type] - arrays, which it writes as they are
+        rewards=episode.rewards,  # type: ignore[arg-type]
+        terminations=[False] * (steps - 1) + [episode.terminated],
+        truncations=[False] * (steps - 1) + [episode.truncated],
+        infos={"is_success": [False] * steps + [episode.success]},
+    )
+
+
+def _metadata(episode: Episode) -> dict[str, Any]:
+    return {"success": episode.success, **{f"drawn_{name}": value for name, value in episode.drawn.items()}}
+
+
+def _named(policy: Any) -> str:
+    kind = policy.get("kind") if isinstance(policy, dict) else policy
+    return str(kind)

@@ -1,0 +1,1 @@
+"""Tuning of hyperparameters: ``python -m agents tune CONFIG``."""

@@ -1,0 +1,118 @@
+"""Recorded episodes are those that were played, and go to disk whole or not at all."""
+
+import errno
+import os
+
+import gymnasium as gym
+import minari
+import numpy as np
+import pytest
+
+from agents.recording import record as recording
+from agents.recording.play import Recorder
+from agents.recording.record import kept_in, record
+from agents.recording.settings import RecordSettings, load_settings
+from agents.registry import make_policy
+from agents.task_info import TaskInfo
+from vibgym.files import WriteError
+
+MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"},
+           "randomize": {"dead_zone": [0.5e-4, 1.0e-4]}}  # fmt: skip
+
+
+def settings_of(directory, **changes):
+    given = {"dataset": "vibgym/align/pose-v0", "task": "Align", "policy": {"kind": "pose", "action": "wrench"},
+             "observation": "parts", "episodes": 5, "worlds": 3, "first_seed": 7, "directory": str(directory)}  # fmt: skip
+    return RecordSettings.model_validate({**given, **changes})
+
+
+def loaded(settings):
+    with kept_in(settings.directory):
+        return minari.load_dataset(settings.dataset)
+
+
+def test_a_data_set_holds_what_single_environments_do(tmp_path):
+    """Bit for bit; and its environment comes back from it."""
+    settings = settings_of(tmp_path)
+    place, steps, _ = record(settings, quiet=True)
+    data = loaded(settings)
+    assert place.is_dir() and data.total_episodes == 5 and data.total_steps == steps
+    env = data.recover_environment()
+    assert env.spec.id == "vibgym/Align-v0" and env.observation_space["parts"].shape[1] > 20
+    alone = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
+    policy = make_policy(settings.policy, TaskInfo.of(alone), 7)
+    for number, episode in enumerate(data.iterate_episodes()):
+        observation, _ = alone.reset(seed=7 + number)
+        state, ended, step = None, False, 0
+        while not ended:
+            for name in ("parts", "mask"):
+                assert np.array_equal(episode.observations[name][step], observation[name])
+            action, state = policy.predict(alone.unwrapped.observed("state"), state)
+            assert np.array_equal(episode.actions[step], np.clip(action, -1, 1).astype(np.float32))
+            observation, reward, terminated, truncated, info = alone.step(action)
+            assert episode.rewards[step] == reward
+            assert (episode.terminations[step], episode.truncations[step]) == (terminated, truncated)
+            step, ended = step + 1, terminated or truncated
+        assert step == len(episode.rewards) and np.array_equal(
+            episode.observations["parts"][step], observation["parts"]
+        )
+        (kept,) = data.storage.get_episode_metadata([number])
+        assert kept["seed"] == 7 + number and kept["success"] == info["is_success"]
+
+
+@pytest.mark.parametrize("worlds", [1, 2, 5])
+def test_what_is_recorded_does_not_depend_on_how_many_play_at_a_time(tmp_path, worlds):
+    some = settings_of(tmp_path, worlds=worlds, environment=MACHINE, noise=0.1, episodes=4)
+    for one, other in zip(
+        Recorder(some).episodes(), Recorder(some.model_copy(update={"worlds": 4})).episodes(), strict=True
+    ):
+        assert np.array_equal(one.actions, other.actions) and np.array_equal(one.rewards, other.rewards)
+        assert one[4:7] == other[4:7] and one.drawn.keys() == other.drawn.keys() == {"dead_zone"}
+        assert all(np.array_equal(one.drawn[name], other.drawn[name]) for name in one.drawn)
+
+
+def test_several_parts_and_drawn_hardware(tmp_path):
+    changes = {"task": "Sort", "policy": {"kind": "planner", "law": "pose", "action": "wrench"}, "episodes": 2}
+    settings = settings_of(
+        tmp_path, environment={**MACHINE, "randomize": {"parts": [2, 4], **MACHINE["randomize"]}}, **changes
+    )
+    record(settings, quiet=True)
+    data = loaded(settings)
+    drawn = [float(kept["drawn_dead_zone"]) for kept in data.storage.get_episode_metadata([0, 1])]
+    assert drawn[0] != drawn[1] and all(0.5e-4 <= each <= 1e-4 for each in drawn)
+    masks = [episode.observations["mask"] for episode in data.iterate_episodes()]
+    assert all(2 <= mask[0].sum() <= 4 and mask.shape[1] == 6 for mask in masks)
+
+
+def test_a_name_that_is_taken_and_a_full_disk(tmp_path, monkeypatch):
+    settings = settings_of(tmp_path, episodes=2)
+    record(settings, quiet=True)
+    before = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*"))
+    with pytest.raises(ValueError, match="^dataset: got 'vibgym/align/pose-v0'; allowed: a name that is not taken"):
+        record(settings, quiet=True)
+
+    def full(*arguments, **more):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(recording.minari, "create_dataset_from_buffers", full)
+    with pytest.raises(WriteError, match="No space left"):
+        record(settings_of(tmp_path, dataset="vibgym/align/other-v0"), quiet=True)
+    assert sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("changes, named", [
+    ({"dataset": "no version"}, "dataset"), ({"task": "Juggle"}, "task"), ({"episodes": 0}, "episodes"),
+    ({"observation": "smell"}, "observation"), ({"policy": "juggler"}, "juggler"),
+    ({"environment": {"action": "patch"}}, "environment.action"), ({"environment": {"num_envs": 3}}, "environment.num_envs"),
+])  # fmt: skip
+def test_bad_settings_are_refused_by_name(tmp_path, changes, named):
+    with pytest.raises(ValueError, match=named):
+        record(settings_of(tmp_path, **changes), quiet=True)
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_are_refused_by_name(tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_text("dataset: a-v0\ntask: Align\npolicy: pose\nwish: 1\n")
+    with pytest.raises(ValueError, match="bad.yaml.*wish"):
+        load_settings(path)

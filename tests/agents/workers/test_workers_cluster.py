@@ -1,0 +1,116 @@
+"""Work on Ray: the same results, whatever dies meanwhile."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from agents import evaluation
+from agents.workers import side_by_side
+from agents.workers.cluster import NodesLost, on_ray
+
+ray = pytest.importorskip("ray")
+
+
+@pytest.fixture
+def cluster():
+    """Two nodes of one processor each, on this machine; nothing works on the head, lest it dies with it."""
+    from ray.cluster_utils import Cluster
+
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 0, "include_dashboard": False})
+    nodes = [made.add_node(num_cpus=1) for _ in range(2)]
+    yield made, nodes
+    ray.shutdown()
+    made.shutdown()
+
+
+def slow(number: int, folder: Path) -> tuple[int, str]:
+    """Leaves a mark that says where it is done when it begins."""
+    node = ray.get_runtime_context().get_node_id()
+    (folder / f"{number}-{node}-{time.monotonic_ns()}").touch()
+    time.sleep(1.0)
+    return number, node
+
+
+def dies_once(path: Path) -> str:
+    """Kills its own process the first time."""
+    if not path.exists():
+        path.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "done"
+
+
+def says(text: str) -> None:
+    raise ArithmeticError(text)
+
+
+def evaluated(directory: Path, address: str | None) -> tuple[bytes, list[dict[str, str]]]:
+    """CSV files of an evaluation; of results without rates, which are what a machine has just managed."""
+    settings = evaluation.settings_from(
+        {
+            "tasks": ["Transport", "Rotate"],
+            "policies": ["random", "pose", "agents/learned/shipped/{task}.json"],
+            "episodes": 3,
+            "resamples": 100,
+            "animations": False,
+            "output": str(directory),
+        }
+    )
+    found = evaluation.evaluate(evaluation.prepare(settings), quiet=True, ray=address)
+    page = evaluation.write(found, quiet=True)
+    with (page.parent / "results.csv").open(newline="") as file:
+        rows = [{k: v for k, v in row.items() if not k.endswith("steps_per_second")} for row in csv.DictReader(file)]
+    return (page.parent / "episodes.csv").read_bytes(), rows
+
+
+def test_a_node_that_is_killed_costs_a_retry(cluster: Any, tmp_path: Path) -> None:
+    made, nodes = cluster
+    with on_ray(made.address, 2) as submit:
+        asked = [submit(slow, number, tmp_path) for number in range(12)]
+        deadline = time.monotonic() + 120.0
+        while len({path.name.split("-")[1] for path in tmp_path.iterdir()}) < 2:  # until both are at work
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        made.remove_node(nodes[1], allow_graceful=False)
+        found = [each.result(120) for each in asked]
+    assert [number for number, _ in found] == list(range(12))
+    assert len({node for _, node in found}) <= 2 and len(list(tmp_path.iterdir())) >= 12
+
+
+def test_killed_workers_and_errors(cluster: Any, tmp_path: Path) -> None:
+    made, _ = cluster
+    with on_ray(made.address, 2) as submit:
+        assert submit(dies_once, tmp_path / "mark").result(120) == "done"
+        with pytest.raises(ArithmeticError, match="said there"):
+            submit(says, "said there").result(120)
+        assert submit(os.getcwd).result(120) == os.getcwd()
+
+
+def test_nodes_that_are_lost_for_good_end_it_with_an_error(cluster: Any, tmp_path: Path) -> None:
+    made, nodes = cluster
+    with on_ray(made.address, 2, lost_after=3.0) as submit:
+        assert submit(abs, -1).result(120) == 1
+        asked = submit(time.sleep, 600.0)
+        for node in nodes:
+            made.remove_node(node, allow_graceful=False)
+        with pytest.raises(NodesLost, match="no processor for 3 s"):
+            asked.result(120)
+
+
+def test_an_evaluation_is_the_same_on_a_cluster(cluster: Any, tmp_path: Path) -> None:
+    made, _ = cluster
+    assert evaluated(tmp_path / "here", None) == evaluated(tmp_path / "there", made.address)
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "host:port"])
+def test_unreachable_clusters_are_refused(address: str) -> None:
+    began = time.monotonic()
+    with pytest.raises(ValueError, match=f"--ray: got '{address}'; allowed: 'local', 'auto'"), side_by_side(2, address):
+        pass
+    assert time.monotonic() - began < 30.0
