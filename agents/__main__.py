@@ -267,7 +267,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         "replicate": replicate,
     }
     run = commands[arguments.command]
-    return interrupts.run(lambda: run(arguments))
+
+    def connected() -> int:
+        try:
+            return run(arguments)
+        except ConnectionError as error:  # of a cluster whose nodes are lost for good
+            return failed(error)
+
+    return interrupts.run(connected)
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import optuna
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from optuna.visualization import matplotlib as plots
 
 from agents.evaluation.figures import png
@@ -72,9 +73,14 @@ def _drawn(draw: Callable[[optuna.Study], Any], study: optuna.Study) -> str | No
             axes = draw(study)
         except (ValueError, RuntimeError, ZeroDivisionError):  # too few trials, or all alike
             return None
-    first = np.ravel(np.asarray(axes, dtype=object))[0]
+    every = np.ravel(np.asarray(axes, dtype=object))
+    for each in every:
+        if each.get_xscale() == "log":  # powers of ten would be formulas, which pictures here do not have
+            each.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            each.xaxis.set_minor_formatter(NullFormatter())
+    first = every[0]
     figure: Figure = first.figure
-    figure.set_size_inches(max(8.6, 2.4 * len(np.ravel(np.asarray(axes, dtype=object)))), 3.4)
+    figure.set_size_inches(max(8.6, 2.0 * len(every)), 3.4)
     figure.set_layout_engine("constrained")
     if legend := first.get_legend():
         legend.set_visible(len(legend.get_texts()) <= 6)

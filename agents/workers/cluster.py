@@ -30,7 +30,7 @@ EVERY = 1.0
 """Seconds between two looks at the cluster."""
 
 
-class NodesLost(RuntimeError):
+class NodesLost(ConnectionError):
     """No node of the cluster that could work is left."""
 
 

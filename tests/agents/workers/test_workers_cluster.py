@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from agents import __main__ as command
 from agents import evaluation
 from agents.workers import side_by_side
 from agents.workers.cluster import NodesLost, on_ray
@@ -114,3 +115,14 @@ def test_unreachable_clusters_are_refused(address: str) -> None:
     with pytest.raises(ValueError, match=f"--ray: got '{address}'; allowed: 'local', 'auto'"), side_by_side(2, address):
         pass
     assert time.monotonic() - began < 30.0
+
+
+def test_a_command_whose_cluster_is_lost_ends_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lost(*arguments: Any, **more: Any) -> None:
+        raise NodesLost("the cluster has had no processor for 60 s")
+
+    monkeypatch.setattr(evaluation, "evaluate", lost)
+    assert command.main(["evaluate", "configs/evaluations/quick.yaml", "--quiet"]) == 1
+    assert capsys.readouterr().err == "the cluster has had no processor for 60 s\n"
