@@ -44,8 +44,8 @@ class Recorder:
 
     def __init__(self, settings: RecordSettings) -> None:
         self.settings = settings
-        for name in ("observation", "action", "num_envs", "autoreset_mode"):
-            if name in settings.environment and name != "action":
+        for name in ("observation", "num_envs", "autoreset_mode"):
+            if name in settings.environment:
                 raise checks.refuse(f"environment.{name}", settings.environment[name], "nothing")
         given = dict(settings.environment)
         action = given.pop("action", None)

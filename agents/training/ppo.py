@@ -16,6 +16,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
 from agents.learned.coding import Seen
+from agents.training.checkpoint import check_finite
 from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
 from agents.training.resumable import Resumable
 from agents.training.rollout import PartsBuffer
@@ -93,7 +94,11 @@ class PartsPPO(Resumable, PPO):
         return True
 
     def train(self) -> None:
-        """Update actor and critic from the last rollout."""
+        """Update actor and critic from the last rollout.
+
+        Raises:
+            Diverged: numbers that are not finite.
+        """
         assert isinstance(self.clip_range, FloatSchedule) or callable(self.clip_range)
         rate = self.lr_schedule(self._current_progress_remaining)
         update_learning_rate(self.policy.optimizer, self.pace * rate)
@@ -131,6 +136,7 @@ class PartsPPO(Resumable, PPO):
         for name, values in losses.items():
             self.logger.record(f"train/{name}", float(np.mean(values)) if values else float("nan"))
         self.logger.record("train/pace", self.pace)
+        check_finite(self)
 
     def _adapt(self, kl: float) -> None:
         """Learn more slowly where the actor has moved too far within an update, and faster again where it hardly has."""

@@ -65,7 +65,6 @@ class Progress(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         # Here the last update is complete, so that weights, optimizers and worlds belong together.
-        checkpoint.check_finite(self.model)
         self.bar.update(self.num_timesteps - self.bar.n)
         episodes = self.model.ep_info_buffer or []
         if episodes:

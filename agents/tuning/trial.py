@@ -67,6 +67,7 @@ def run_trial(
     for each in before:
         pruner.add_trial(each.frozen(tuning.space))
     asked = pruner.ask(tuning.space)
+    limit = limit_of(tuning)
     reports: dict[int, float] = {}
     best: list[float] = []
     state = "complete"
@@ -76,7 +77,7 @@ def run_trial(
             first = not reports
 
             def judged(row: dict[str, Any], first: bool = first) -> None:
-                score = score_of(row, limit_of(tuning))
+                score = score_of(row, limit)
                 best[-1] = min(best[-1], score)
                 if first:  # of the first seed: later ones are for what has come so far
                     reports[int(row["steps"])] = score

@@ -59,6 +59,7 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
     cache = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
     environment = {"env_vars": {**here, **cache, **dict.fromkeys((*LIBRARIES, "NUMBA_NUM_THREADS"), "1")}}
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR", "configure_logging": True}
+    # Ray says at length what it will do about accelerators in some later version.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     try:
         if address == "local":

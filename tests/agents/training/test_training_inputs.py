@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-import torch
 
 from agents import __main__ as command
 from agents.learned.storage import load_set, save_set
@@ -28,13 +27,7 @@ ppo: {n_steps: 16, batch_size: 64, n_epochs: 1, net: [8], critic_net: [8]}
 """
 
 
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    """Tiny networks gain nothing by threads, and other tests run on the other core."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")

@@ -48,13 +48,7 @@ ppo: {n_steps: 32, batch_size: 256, n_epochs: 1, net: [16, 8]}
 """
 
 
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    """Tiny networks gain nothing by threads, and other tests run on the other core."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture

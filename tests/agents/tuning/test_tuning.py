@@ -5,7 +5,6 @@ import re
 
 import optuna
 import pytest
-import torch
 import yaml
 
 from agents import __main__ as command
@@ -30,13 +29,7 @@ SETTINGS = {
 }  # fmt: skip
 
 
-@pytest.fixture(autouse=True, scope="module")
-def one_thread():
-    """Tiny networks gain nothing by threads, and other tests run on the other core."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 def written(tmp_path, **tuning):
