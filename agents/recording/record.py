@@ -14,12 +14,12 @@ from typing import Any
 
 import gymnasium as gym
 import minari
-from minari.data_collector import EpisodeBuffer
 from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
 import vibgym
-from agents.recording.play import Episode, Recorder
+from agents.recording import storage
+from agents.recording.play import Recorder
 from agents.recording.settings import RecordSettings
 from vibgym import checks
 from vibgym.files import WriteError, reason
@@ -63,7 +63,7 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
             warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
             made = minari.create_dataset_from_buffers(
                 settings.dataset,
-                [_buffer(k, each) for k, each in enumerate(episodes)],
+                [],
                 env=spec,
                 action_space=recorder.env.single_action_space,
                 observation_space=recorder.env.single_observation_space,
@@ -73,9 +73,15 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
                 requirements=[f"vibgym=={vibgym.__version__}"],
                 jpeg_encoding=False,
             )
-            made.storage.update_episode_metadata([_metadata(each) for each in episodes])
-            made.storage.update_metadata({"settings": settings.model_dump_json()})
-            steps = int(made.total_steps)
+            count, steps = storage.write(made.storage.data_path, episodes)
+            made.storage.update_metadata(
+                {
+                    "total_episodes": count,
+                    "total_steps": steps,
+                    "dataset_size": made.storage.get_size(),
+                    "settings": settings.model_dump_json(),
+                }
+            )
             place.parent.mkdir(parents=True, exist_ok=True)
             os.rename(Path(folder) / settings.dataset, place)
             for file in list(Path(folder).rglob("namespace_metadata.json")):
@@ -102,24 +108,6 @@ def kept_in(directory: str | None) -> Iterator[None]:
             os.environ.pop(ROOT, None)
         else:
             os.environ[ROOT] = before
-
-
-def _buffer(number: int, episode: Episode) -> EpisodeBuffer:
-    steps = len(episode.rewards)
-    return EpisodeBuffer(
-        id=number,
-        seed=episode.seed,
-        observations=episode.observations,
-        actions=episode.actions,  # type: ignore[arg-type] - arrays, which it writes as they are
-        rewards=episode.rewards,  # type: ignore[arg-type]
-        terminations=[False] * (steps - 1) + [episode.terminated],
-        truncations=[False] * (steps - 1) + [episode.truncated],
-        infos={"is_success": [False] * steps + [episode.success]},
-    )
-
-
-def _metadata(episode: Episode) -> dict[str, Any]:
-    return {"success": episode.success, **{f"drawn_{name}": value for name, value in episode.drawn.items()}}
 
 
 def _named(policy: Any) -> str:
