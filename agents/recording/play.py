@@ -110,8 +110,8 @@ class Recorder:
                 begun += len(ended)
                 seeds: list[int | None] = [None] * worlds
                 for world in ended.tolist():
-                    seeds[world] = first + int(number[world])
-                    noises[world] = np.random.default_rng([seeds[world], 1])
+                    seed = seeds[world] = first + int(number[world])
+                    noises[world] = np.random.default_rng([seed, 1])
                 observation, info = env.reset(seed=seeds, options={"reset_mask": start})
                 for name, value in _drawn(info).items():
                     drawn[name][ended] = value[ended]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import os
 import tempfile
 import time
@@ -18,14 +19,19 @@ from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
 import vibgym
+from agents.learned.trained import described
 from agents.recording import storage
 from agents.recording.play import Recorder
 from agents.recording.settings import RecordSettings
+from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.files import WriteError, reason
 
 ROOT = "MINARI_DATASETS_PATH"
 """Environment variable that says where Minari keeps its data sets."""
+
+SCENE = "vibgym_scene"
+"""Key of what a data set says of its scene."""
 
 
 def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, float]:
@@ -80,6 +86,14 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
                     "total_steps": steps,
                     "dataset_size": made.storage.get_size(),
                     "settings": settings.model_dump_json(),
+                    SCENE: json.dumps(
+                        {
+                            **scene_of(recorder.env.unwrapped),
+                            "action": recorder.policy.action,
+                            "observation": settings.observation,
+                            "vibgym": vibgym.__version__,
+                        }
+                    ),
                 }
             )
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -93,6 +107,16 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
     finally:
         recorder.env.close()
     return place, steps, time.perf_counter() - began
+
+
+def scene_of(env: Any) -> dict[str, Any]:
+    """What a data set's numbers are of: task, table, parts and columns; as plain values."""
+    return {
+        "task": TaskInfo.of(env).name,
+        "surface": described(env.surface),
+        "parts": len(env.parts),
+        "columns": [[row.name, row.width] for row in env.parts_layout],
+    }
 
 
 @contextmanager
