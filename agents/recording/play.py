@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.policy import Policy
 from agents.recording.settings import RecordSettings
+from agents.recording.tracks import Tracks
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -75,7 +76,7 @@ class Recorder:
         observation, info = env.reset(seed=first)
         noises = [np.random.default_rng([first + k, 1]) for k in range(worlds)]
         drawn = _drawn(info)
-        tracks, age, everyone = _Tracks(worlds), np.zeros(worlds, dtype=np.int64), np.arange(worlds)
+        tracks, age, everyone = Tracks(worlds), np.zeros(worlds, dtype=np.int64), np.arange(worlds)
         tracks.begin(everyone, observation)
         start, state = np.ones(worlds, dtype=bool), None
         while given < total:
@@ -117,52 +118,6 @@ class Recorder:
                     drawn[name][ended] = value[ended]
                 tracks.begin(ended, observation)
                 age[ended] = 0
-
-
-class _Tracks:
-    """What the worlds have seen, done and been paid in their present episodes."""
-
-    def __init__(self, worlds: int) -> None:
-        self.worlds, self.steps = worlds, 64
-        self._kept: dict[Any, np.ndarray] = {}
-
-    def begin(self, worlds: np.ndarray, observation: Any) -> None:
-        """Episodes of these worlds begin with what they show now."""
-        for name, value in _named(observation):
-            self._room(name, value)[worlds, 0] = value[worlds]
-
-    def add(self, age: np.ndarray, observation: Any, action: np.ndarray, reward: np.ndarray) -> None:
-        """A step of all worlds, each after so many of its own (``age``)."""
-        if age.max() + 2 > self.steps:
-            self.steps *= 2
-            self._kept = {
-                name: np.concatenate((each, np.empty_like(each)), axis=1) for name, each in self._kept.items()
-            }
-        everyone = np.arange(self.worlds)
-        for name, value in _named(observation):
-            self._room(name, value)[everyone, age + 1] = value
-        for name, value in ((ACTION, action), (REWARD, reward)):
-            self._room(name, value)[everyone, age] = value
-
-    def cut(self, world: int, steps: int) -> tuple[Any, np.ndarray, np.ndarray]:
-        """Observations (steps + 1), actions and rewards of a world's episode."""
-        seen = {
-            name: each[world, : steps + 1].copy() for name, each in self._kept.items() if name not in (ACTION, REWARD)
-        }
-        action, reward = (self._kept[name][world, :steps].copy() for name in (ACTION, REWARD))
-        return seen[None] if None in seen else seen, action, reward
-
-    def _room(self, name: Any, value: np.ndarray) -> np.ndarray:
-        if name not in self._kept:
-            self._kept[name] = np.empty((self.worlds, self.steps, *value.shape[1:]), dtype=value.dtype)
-        return self._kept[name]
-
-
-ACTION, REWARD = ("action",), ("reward",)  # no names of observations
-
-
-def _named(observation: Any) -> Iterable[tuple[Any, np.ndarray]]:
-    return observation.items() if isinstance(observation, dict) else ((None, observation),)
 
 
 def _drawn(info: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -53,7 +53,6 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
         if place.exists():
             raise checks.refuse("dataset", settings.dataset, f"a name that is not taken in {place.parent}; remove it")
         recorder = Recorder(settings)
-        episodes = list(tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet))
     spec = copy.deepcopy(gym.spec(settings.environment_name))
     spec.kwargs.update(recorder.kwargs)
     root = place
@@ -79,6 +78,7 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
                 requirements=[f"vibgym=={vibgym.__version__}"],
                 jpeg_encoding=False,
             )
+            episodes = tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet)
             count, steps = storage.write(made.storage.data_path, episodes)
             made.storage.update_metadata(
                 {
