@@ -52,12 +52,12 @@ class Effects:
         episodes = [
             {"case": case, "policy": policy, **one}
             for (case, policy), found in self.outcomes.items()
-            for one in _episodes_of(found)
+            for one in episodes_of(found)
         ]
         return {**head, "results": [asdict(cell) for cell in self.cells], "episodes": episodes}
 
 
-def _episodes_of(found: Outcomes) -> list[dict[str, Any]]:
+def episodes_of(found: Outcomes) -> list[dict[str, Any]]:
     """One mapping per episode, with names as in episodes.csv."""
     columns = {
         "seed": found.seeds,
