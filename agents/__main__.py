@@ -1,5 +1,4 @@
-"""Command line: ``python -m agents evaluate CONFIG``, ``publish``, ``verify``, ``compare``, ``train``, ``tune``, ``record CONFIG``,
-``replicate``.
+"""Command line: ``python -m agents evaluate CONFIG``, ``publish CONFIG``, ``verify`` and so on, see ``--help``.
 
 Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else, as where
 published results do not come out again.

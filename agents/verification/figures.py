@@ -48,6 +48,9 @@ COLUMNS = (
 )
 """What is kept of an episode beside its seed: those columns of an evaluation's episodes that figures come from."""
 
+OCCURRENCES = ("success", "fallen")
+"""Columns of 0 and 1."""
+
 DIGITS = 6
 """Significant ones of what is kept. All figures come from numbers that are rounded so, published or played again."""
 
@@ -86,6 +89,11 @@ class Figure:
     unit: str
     median: bool = True
 
+    @property
+    def rate(self) -> bool:
+        """Whether it is the share of the episodes in which something occurs."""
+        return self.column in OCCURRENCES
+
     def sample(self, episodes: Episodes) -> np.ndarray:
         """What it comes from, (n,) finite."""
         values = episodes.columns[self.column]
@@ -99,7 +107,7 @@ class Figure:
         """Confidence interval, as the report has it for success rates; of a median by the order of the sample."""
         if self.median:
             return median_interval(sample, level)
-        if set(np.unique(sample)) <= {0.0, 1.0}:
+        if self.rate:
             return success_interval(sample > 0.0, level, resamples)
         equal = np.ptp(sample) == 0.0
         return Interval(sample[0], sample[0], "none") if equal else bootstrap(sample, level, resamples)

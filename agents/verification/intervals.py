@@ -1,10 +1,9 @@
-"""In which interval a re-run's figure should lie, if what is published is true.
+"""In which interval a figure of fresh episodes should lie, if what is published is true.
 
-The null hypothesis is that published and fresh episodes are of one kind. Then the fresh ones are a random sample of all of
-them taken together, whatever their distribution: the intervals hold what such a sample's figure is with a given probability at
-least, by counting and without resampling. They are exact permutation tests turned into intervals: of a success rate Fisher's
-(Fisher, "The design of experiments", 1935), of a median one by the negative hypergeometric distribution (Fligner and Wolfe,
-"Some applications of sample analogues to the probability integral transformation", The American Statistician 30, 1976).
+The null hypothesis is that published and fresh episodes are of one kind. Then the fresh ones are a random sample of all of them
+taken together, whatever their distribution, and it can be counted what such a sample's figure is. Nothing is assumed, nothing
+resampled, so that false alarms are as rare as they should be, also at one in a hundred thousand. Of a rate and a median the
+intervals follow from the published episodes alone (prediction intervals), of other means from both together.
 """
 
 from __future__ import annotations
@@ -12,54 +11,61 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-SLACK = 1e-12
-"""Of probabilities: the rounding of their sums."""
 
+def rate_between(times: int, published: int, fresh: int, alpha: float) -> tuple[float, float]:
+    """Interval of the rate in ``fresh`` episodes of what occurred ``times`` in ``published`` ones.
 
-def median_between(pool: np.ndarray, drawn: int, alpha: float) -> tuple[float, float]:
-    """Interval of the median of ``drawn`` values drawn from ``pool`` (n,) without replacement.
+    Those rates which Fisher's exact test does not reject ("The design of experiments", 1935), on either side.
 
     Args:
-        pool: finite.
-        drawn: from 1 to n.
-        alpha: the median lies outside with this probability at most, and with half of it on either side.
+        alpha: the rate lies outside with this probability at most, and with half of it on either side.
+    """
+    again = np.arange(fresh + 1)
+    chances = published + fresh, times + again, fresh
+    likely = np.minimum(stats.hypergeom.cdf(again, *chances), stats.hypergeom.sf(again - 1, *chances)) > 0.5 * alpha
+    kept = again[likely]
+    return float(kept[0] / fresh), float(kept[-1] / fresh)
+
+
+def median_between(published: np.ndarray, fresh: int, alpha: float) -> tuple[float, float]:
+    """Interval of the median of ``fresh`` values, from the ``published`` ones (n,).
+
+    How many published values lie below the j-th of the fresh ones has a negative hypergeometric distribution (Fligner, Wolfe,
+    "Some applications of sample analogues to the probability integral transformation", The American Statistician 30, 1976).
+    With ties less is outside, and so it is with an even number: the lower one of the two in the middle would have to be below,
+    or the upper one above.
+
+    Args:
+        alpha: see :func:`rate_between`.
 
     Returns:
-        Two values of the pool. With ties, and of an even number (of two values in the middle the lower one must lie below, or
-        the upper one above), less is outside.
+        Two published values; minus or plus infinity where there are too few of them.
     """
-    ordered, size = np.sort(pool), len(pool)
-    ranks = np.arange(size + 1)
-    # Of the values drawn the j-th is among the lowest k of the pool where j or more of those k are drawn.
-    low_enough = stats.hypergeom.sf((drawn + 1) // 2 - 1, size, ranks, drawn)
-    high_enough = stats.hypergeom.cdf(drawn // 2, size, ranks, drawn)
-    below = int(np.flatnonzero(low_enough <= 0.5 * alpha + SLACK)[-1])  # so many values may be left out below
-    above = int(np.flatnonzero(high_enough <= 0.5 * alpha + SLACK)[0])  # and all beyond so many
-    return float(ordered[below]), float(ordered[above - 1])
+    ordered, ranks = np.sort(published), np.arange(len(published))
+    lower, upper = (fresh + 1) // 2, fresh // 2 + 1
+    below = stats.betabinom.cdf(ranks, len(ranks), lower, fresh - lower + 1) <= 0.5 * alpha
+    above = stats.betabinom.sf(ranks, len(ranks), upper, fresh - upper + 1) <= 0.5 * alpha
+    low = float(ordered[below][-1]) if below.any() else -np.inf
+    high = float(ordered[above][0]) if above.any() else np.inf
+    return low, high
 
 
-def mean_between(pool: np.ndarray, drawn: int, alpha: float) -> tuple[float, float]:
-    """Interval of the mean of ``drawn`` values drawn from ``pool`` (n,), whole numbers, without replacement.
+def mean_between(pool: np.ndarray, fresh: int, alpha: float) -> tuple[float, float]:
+    """Interval of the mean of ``fresh`` values drawn without replacement from ``pool`` (n,), published and fresh ones together.
+
+    A permutation test, exact by the distribution of the sum.
 
     Args:
-        pool: finite; rates are means of 0 and 1.
-        drawn: from 1 to n.
-        alpha: see :func:`median_between`.
+        pool: whole numbers.
+        fresh: from 1 to n.
+        alpha: see :func:`rate_between`.
     """
     whole = np.rint(pool).astype(np.int64)
-    least, most = int(whole.min()), int(whole.max())
-    if most == least:
-        return float(least), float(least)
-    step = most - least if set(np.unique(whole).tolist()) == {least, most} else 1
-    if step == 1 and most - least > 1:
-        chances = _sums(whole - least, drawn)
-    else:  # a rate: Fisher's
-        chances = stats.hypergeom.pmf(np.arange(drawn + 1), len(whole), int((whole == most).sum()), drawn)
-    upto = np.cumsum(chances)
-    below = upto - chances  # P(sum < s)
-    low = int(np.flatnonzero(below <= 0.5 * alpha + SLACK)[-1])
-    high = int(np.flatnonzero(1.0 - upto <= 0.5 * alpha + SLACK)[0])
-    return least + step * low / drawn, least + step * high / drawn
+    least = int(whole.min())
+    chances = _sums(whole - least, fresh)
+    upto, beyond = np.cumsum(chances), np.cumsum(chances[::-1])[::-1]  # P(sum <= s), P(sum >= s)
+    kept = np.flatnonzero(np.minimum(upto, beyond) > 0.5 * alpha)
+    return least + float(kept[0]) / fresh, least + float(kept[-1]) / fresh
 
 
 def _sums(pool: np.ndarray, drawn: int) -> np.ndarray:
@@ -70,11 +76,10 @@ def _sums(pool: np.ndarray, drawn: int) -> np.ndarray:
     chances = np.zeros((drawn + 1, most + 1))  # of so many values drawn with such a sum
     chances[0, 0] = 1.0
     for value, count in zip(values.tolist(), counts.tolist(), strict=True):
-        after, taken = np.zeros_like(chances), np.arange(min(count, drawn, left) + 1)
+        after, taken = np.zeros_like(chances), np.arange(min(count, drawn) + 1)
         shares = stats.hypergeom.pmf(taken[:, None], left, count, drawn - np.arange(drawn + 1))
         for more in taken[: 1 + most // value if value else None].tolist():
-            rest = drawn + 1 - more
-            moved = shares[more, :rest, None] * chances[:rest, : most + 1 - more * value]
+            moved = shares[more, : drawn + 1 - more, None] * chances[: drawn + 1 - more, : most + 1 - more * value]
             after[more:, more * value :] += moved
         chances, left = after, left - count
     return chances[drawn]

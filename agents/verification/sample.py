@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,11 @@ from agents.evaluation.running import run_jobs
 from agents.policy import Policy
 from agents.task_info import TaskInfo
 from agents.verification.figures import COLUMNS, EFFECTS, REPORT, Episodes, Place
-from agents.verification.published import Published
+from agents.verification.published import EPISODE_FILE, Published
 from agents.workers import side_by_side, usable
 from vibgym import checks
 
-MOST_EPISODES = 10_000
+MOST_EPISODES = 1000
 
 
 @dataclass(frozen=True)
@@ -90,27 +90,31 @@ class Played:
 
 
 def play(
-    published: Published, asked: Asked, processes: int = 1, quiet: bool = False, ray: str | None = None
+    published: Published,
+    places: Sequence[Place],
+    fresh: Sequence[int],
+    again: int,
+    processes: int = 1,
+    quiet: bool = False,
+    ray: str | None = None,
 ) -> dict[Place, Played]:
-    """Play the sample; writes nothing.
+    """Play fresh episodes in some places, and the first ``again`` of the published ones with them; writes nothing.
 
     Raises:
         ValueError: environments or policies that cannot be made.
     """
-    fresh, jobs = asked.seeds(published), {}
     made = _jobs(published)
-    for place in asked.places(published):
+    jobs: dict[tuple[str, ...], Job] = {}
+    for place in places:
         if place not in made:
-            raise checks.refuse(f"{published.directory}: {place}", "episodes", "places that the settings speak of")
-        job, again = made[place], published.episodes[place].seeds[: asked.again]
-        jobs[tuple(place)] = Job(job.info, [*again, *fresh], job.environment, job.content, job.policy)
+            raise checks.refuse(
+                str(published.directory / EPISODE_FILE), str(place), "places that the settings speak of"
+            )
+        jobs[place] = replace(made[place], seeds=[*published.episodes[place].seeds[:again], *fresh])
     with side_by_side(processes, ray) as submit:
         found = run_jobs(submit, jobs, _played, (), alone=ray is None and usable(processes) == 1, quiet=quiet)
-    cut = {place: len(jobs[place].seeds) - len(fresh) for place in jobs}
-    return {
-        Place(*place): Played(those.some(slice(None, cut[place])), those.some(slice(cut[place], None)))
-        for place, those in found.items()
-    }
+    cut = -len(fresh)
+    return {place: Played(found[place].some(slice(None, cut)), found[place].some(slice(cut, None))) for place in places}
 
 
 def _jobs(published: Published) -> dict[Place, Job]:

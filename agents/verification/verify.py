@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.verification.differences import differences, versions_apart
 from agents.verification.figures import FIGURES, Episodes, Figure, Place
-from agents.verification.intervals import mean_between, median_between
+from agents.verification.intervals import mean_between, median_between, rate_between
 from agents.verification.published import Published
 from agents.verification.sample import Asked, play
 
@@ -38,7 +38,7 @@ class Checked:
     @property
     def inside(self) -> bool:
         """Whether it lies there, but for rounding."""
-        slack = 1e-9 * max(abs(self.low), abs(self.high))
+        slack = 1e-9 * abs(self.found)
         return self.low - slack <= self.found <= self.high + slack
 
     def as_row(self) -> dict[str, Any]:
@@ -83,10 +83,10 @@ def verify(
     Raises:
         ValueError: a sample that cannot be.
     """
-    asked.seeds(published), asked.places(published)
+    seeds, places = asked.seeds(published), asked.places(published)
     different, played = differences(published), {}
     try:
-        played = play(published, asked, processes, quiet, ray)
+        played = play(published, places, seeds, asked.again, processes, quiet, ray)
     except ValueError as error:
         if not different:
             raise
@@ -113,7 +113,11 @@ def check(
     share = alpha / max(len(samples), 1)
     checked = []
     for place, figure, before, now in samples:
-        between = median_between if figure.median else mean_between
-        low, high = between(np.concatenate([before, now]), len(now), share)
+        if figure.median:
+            low, high = median_between(before, len(now), share)
+        elif figure.rate:
+            low, high = rate_between(int(before.sum()), len(before), len(now), share)
+        else:
+            low, high = mean_between(np.concatenate([before, now]), len(now), share)
         checked.append(Checked(place, figure, figure.value(before), figure.value(now), low, high, len(now)))
     return tuple(checked), share
