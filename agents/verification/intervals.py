@@ -8,6 +8,8 @@ intervals follow from the published episodes alone (prediction intervals), of ot
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import stats
 
@@ -41,13 +43,18 @@ def median_between(published: np.ndarray, fresh: int, alpha: float) -> tuple[flo
     Returns:
         Two published values; minus or plus infinity where there are too few of them.
     """
-    ordered, ranks = np.sort(published), np.arange(len(published))
-    lower, upper = (fresh + 1) // 2, fresh // 2 + 1
-    below = stats.betabinom.cdf(ranks, len(ranks), lower, fresh - lower + 1) <= 0.5 * alpha
-    above = stats.betabinom.sf(ranks, len(ranks), upper, fresh - upper + 1) <= 0.5 * alpha
-    low = float(ordered[below][-1]) if below.any() else -np.inf
-    high = float(ordered[above][0]) if above.any() else np.inf
-    return low, high
+    low, high = _ranks(len(published), fresh, alpha)
+    ordered = np.concatenate([[-np.inf], np.sort(published), [np.inf]])
+    return float(ordered[low]), float(ordered[high])
+
+
+@lru_cache(maxsize=1024)
+def _ranks(published: int, fresh: int, alpha: float) -> tuple[int, int]:
+    """Ranks of the published values between which the median lies: 0 and ``published`` + 1 where none is low or high enough."""
+    lower, upper, ranks = (fresh + 1) // 2, fresh // 2 + 1, np.arange(published)
+    below = stats.betabinom.cdf(ranks, published, lower, fresh - lower + 1) <= 0.5 * alpha
+    above = stats.betabinom.sf(ranks, published, upper, fresh - upper + 1) <= 0.5 * alpha
+    return int(below.sum()), published + 1 - int(above.sum())
 
 
 def mean_between(pool: np.ndarray, fresh: int, alpha: float) -> tuple[float, float]:
