@@ -22,12 +22,14 @@ CONFIG ?= configs/agents/ppo.yaml
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 
 .NOTPARALLEL:
-.PHONY: help venv test fuzz report compare replicate accuracy benchmark train format clean
+.PHONY: help venv test fuzz report publish verify compare replicate accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
 	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
 	@echo "make report      evaluate the shipped policies: runs/report/report.html"
+	@echo "make publish     keep what make report found: results/report/"
+	@echo "make verify      play a sample of results/report/ again: does each figure lie in its interval?"
 	@echo "make replicate   the thesis's figures beside ours: runs/replicate/replicate.html"
 	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
 	@echo "make benchmark   accuracy and speed, as the README quotes them"
@@ -74,6 +76,13 @@ fuzz: $(DEV)
 
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml
+
+publish: $(REPORT)
+	$(PY) -m agents publish configs/evaluations/report.yaml
+
+# What is published comes out again: ARGS="--episodes 100", ARGS="--task Align".
+verify: $(REPORT)
+	$(PY) -m agents verify $(ARGS)
 
 replicate: $(REPORT)
 	$(PY) -m agents replicate
