@@ -24,7 +24,7 @@ from agents.recording import storage
 from agents.recording.play import Recorder
 from agents.recording.settings import RecordSettings
 from agents.task_info import TaskInfo
-from vibgym import checks
+from vibgym import checks, locks
 from vibgym.files import WriteError, reason
 
 ROOT = "MINARI_DATASETS_PATH"
@@ -50,63 +50,54 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
     began = time.perf_counter()
     with kept_in(settings.directory):
         place = Path(get_dataset_path(settings.dataset))
+    root = place.parents[settings.dataset.count("/")]
+    root.mkdir(parents=True, exist_ok=True)
+    with locks.one_run(root, "dataset", f".{settings.dataset.replace('/', '-')}.lock"):
         if place.exists():
             raise checks.refuse("dataset", settings.dataset, f"a name that is not taken in {place.parent}; remove it")
         recorder = Recorder(settings)
+        try:
+            with tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder, kept_in(folder):
+                steps = _write(recorder, quiet)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                os.rename(Path(folder) / settings.dataset, place)
+                for file in list(Path(folder).rglob("namespace_metadata.json")):
+                    target = root / file.relative_to(folder)
+                    if not target.exists():
+                        os.rename(file, target)
+        except OSError as error:
+            raise WriteError(f"{place}: not recorded ({reason(error)})") from error
+        finally:
+            recorder.env.close()
+    return place, steps, time.perf_counter() - began
+
+
+def _write(recorder: Recorder, quiet: bool) -> int:
+    """Play, and write a data set to where Minari keeps them now; returns its steps."""
+    settings, env = recorder.settings, recorder.env
     spec = copy.deepcopy(gym.spec(settings.environment_name))
     spec.kwargs.update(recorder.kwargs)
-    root = place
-    for _ in settings.dataset.split("/"):
-        root = root.parent
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        with (
-            tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder,
-            kept_in(folder),
-            warnings.catch_warnings(),
-        ):
-            warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
-            made = minari.create_dataset_from_buffers(
-                settings.dataset,
-                [],
-                env=spec,
-                action_space=recorder.env.single_action_space,
-                observation_space=recorder.env.single_observation_space,
-                algorithm_name=_named(settings.policy),
-                description=f"{settings.episodes} episodes of {_named(settings.policy)} on {settings.environment_name}.",
-                code_permalink=None,
-                requirements=[f"vibgym=={vibgym.__version__}"],
-                jpeg_encoding=False,
-            )
-            episodes = tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet)
-            count, steps = storage.write(made.storage.data_path, episodes)
-            made.storage.update_metadata(
-                {
-                    "total_episodes": count,
-                    "total_steps": steps,
-                    "dataset_size": made.storage.get_size(),
-                    "settings": settings.model_dump_json(),
-                    SCENE: json.dumps(
-                        {
-                            **scene_of(recorder.env.unwrapped),
-                            "action": recorder.policy.action,
-                            "observation": settings.observation,
-                            "vibgym": vibgym.__version__,
-                        }
-                    ),
-                }
-            )
-            place.parent.mkdir(parents=True, exist_ok=True)
-            os.rename(Path(folder) / settings.dataset, place)
-            for file in list(Path(folder).rglob("namespace_metadata.json")):
-                target = root / file.relative_to(folder)
-                if not target.exists():
-                    os.rename(file, target)
-    except OSError as error:
-        raise WriteError(f"{place}: not recorded ({reason(error)})") from error
-    finally:
-        recorder.env.close()
-    return place, steps, time.perf_counter() - began
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
+        made = minari.create_dataset_from_buffers(
+            settings.dataset,
+            [],
+            env=spec,
+            action_space=env.single_action_space,
+            observation_space=env.single_observation_space,
+            algorithm_name=_named(settings.policy),
+            description=f"{settings.episodes} episodes of {_named(settings.policy)} on {settings.environment_name}.",
+            code_permalink=None,
+            requirements=[f"vibgym=={vibgym.__version__}"],
+            jpeg_encoding=False,
+        )
+    episodes = tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet)
+    count, steps = storage.write(made.storage.data_path, episodes)
+    how = {"action": recorder.policy.action, "observation": settings.observation, "vibgym": vibgym.__version__}
+    facts = {"total_episodes": count, "total_steps": steps, "dataset_size": made.storage.get_size()}
+    scene = json.dumps({**scene_of(env.unwrapped), **how})
+    made.storage.update_metadata({**facts, "settings": settings.model_dump_json(), SCENE: scene})
+    return steps
 
 
 def scene_of(env: Any) -> dict[str, Any]:

@@ -107,7 +107,10 @@ class Bandit:
     """One state in which two actions were done as often, one of which is worth 1 more; episodes end at once."""
 
     def __init__(self, recorded, samples=4000):
-        self.settings = settings_of(recorded, offline={"method": "iql", "batch_size": 128, "net": [16], "critic_net": [16], "floor": 10.0, **RATES})
+        self.settings = settings_of(
+            recorded,
+            offline={"method": "iql", "batch_size": 128, "net": [16], "critic_net": [16], "floor": 10.0, **RATES},
+        )
         self.env = offline.make_env(self.settings)
         data, self.coding = transitions(self.settings)
         good = torch.arange(samples) % 2 == 0
