@@ -63,10 +63,10 @@ class OfflineSettings(NetworkSettings):
     dataset: str = Field(min_length=1)  # Minari's name, as ``python -m agents record`` gave it
     directory: str | None = None  # of the data sets; None: where Minari keeps them
     method: Literal["cloning", "iql"] = "cloning"
-    batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
+    batch_size: int = Field(1024, ge=1, le=10_000_000)  # parts
     learning_rate: Rate = 1e-3
     final_learning_rate: Rate = 1e-4  # reached linearly at the end
-    floor: float = Field(0.1, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
     # Of "iql" alone (Kostrikov, Nair & Levine 2021):
     gamma: float = Field(0.98, gt=0, lt=1)
     expectile: float = Field(0.8, gt=0.5, lt=1)  # of the values of actions that were done, which counts as a state's

@@ -92,7 +92,7 @@ def test_several_parts(tmp_path):
 def test_cloning_does_what_was_done(recorded, tmp_path):
     """From 200 episodes: most of those that it never saw succeed; the policy tells what it was learned from."""
     config = tmp_path / "run.yaml"
-    network = {"floor": 0.3, "batch_size": 512, "learning_rate": 2e-3}
+    network = {"batch_size": 512, "learning_rate": 2e-3}
     given = settings_of(recorded, steps=900, judging={"episodes": 50, "every": 10_000}, offline=network)
     config.write_text(yaml.safe_dump(given.model_dump(exclude_none=True)))
     path = train(config, tmp_path / "run", quiet=True)
