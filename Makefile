@@ -18,22 +18,26 @@ REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
 ACCURACY := $(VENV)/.installed-accuracy
 PUSHT := $(VENV)-pusht
+LEARNERS := $(VENV)-cleanrl/.installed $(VENV)-rllib/.installed $(VENV)-zoo/.installed
 CONFIG ?= configs/agents/ppo.yaml
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 
 .NOTPARALLEL:
-.PHONY: help venv test fuzz report compare replicate accuracy benchmark train format clean
+.PHONY: help venv learners test fuzz report publish verify compare replicate accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
 	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
 	@echo "make report      evaluate the shipped policies: runs/report/report.html"
+	@echo "make publish     keep what make report found: results/report/"
+	@echo "make verify      play a sample of results/report/ again: does each figure lie in its interval?"
 	@echo "make replicate   the thesis's figures beside ours: runs/replicate/replicate.html"
 	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
 	@echo "make benchmark   accuracy and speed, as the README quotes them"
 	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
 	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
 	@echo "make venv        $(VENV) with everything for development"
+	@echo "make learners    $(VENV)-cleanrl, -rllib, -zoo: what other libraries' learners need, see docs/learners"
 	@echo "make format      sort imports, format"
 	@echo "make clean       remove the environment and all caches; runs/ stays"
 
@@ -61,7 +65,7 @@ $(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	@touch $(LEARN) $(REPORT)
 
 # From an empty cache, so that no kernel is an old one. Kernels are compiled while one core would have nothing to do.
-test: $(DEV)
+test: $(DEV) $(LEARNERS)
 	@cache=$$(mktemp -d) && trap 'rm -rf "$$cache"' EXIT INT TERM && export NUMBA_CACHE_DIR="$$cache" && \
 		{ $(PY) -m vibgym warm >"$$cache/warm.log" 2>&1 & } && warm=$$! && \
 		$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/lint-imports && $(BIN)/pyright --pythonpath $(PY) && \
@@ -75,11 +79,33 @@ fuzz: $(DEV)
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml
 
+publish: $(REPORT)
+	$(PY) -m agents publish configs/evaluations/report.yaml
+
+# What is published comes out again: ARGS="--episodes 100", ARGS="--task Align".
+verify: $(REPORT)
+	$(PY) -m agents verify $(ARGS)
+
 replicate: $(REPORT)
 	$(PY) -m agents replicate
 
 accuracy: $(ACCURACY)
 	$(PY) -m vibgym.accuracy configs/accuracy/shipped.yaml
+
+learners: $(DEV) $(LEARNERS)
+
+# Learners that need other versions than ours: an environment each, which shows ours beneath what differs.
+$(VENV)-%/.installed: docs/learners/%.txt $(VENV)/pyvenv.cfg | $(DEV)
+	$(PY) -m venv --clear --without-pip $(@D)
+	$(PY) -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
+		>"$$($(@D)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/beneath.pth"
+	$(@D)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile -r $<
+	@touch $@
+
+# CleanRL's release forbids Python 3.11. Of it we need one file, which asks for nothing but what we have.
+$(VENV)-cleanrl/.installed: $(VENV)/pyvenv.cfg | $(DEV)
+	$(PIP) --no-deps --ignore-requires-python --upgrade --target $(@D) cleanrl==1.2.0
+	@touch $@
 
 # gym-pusht, which we compare with, needs an older pymunk: an environment of its own.
 $(PUSHT)/.installed:
@@ -111,5 +137,5 @@ format: $(DEV)
 	$(BIN)/ruff format
 
 clean:
-	rm -rf .venv .venv-pusht build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
+	rm -rf .venv .venv-* build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
 	find vibgym agents benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -1,6 +1,7 @@
-"""Command line: ``python -m agents evaluate CONFIG``, ``compare``, ``train``, ``tune``, ``record CONFIG``, ``replicate``.
+"""Command line: ``python -m agents evaluate CONFIG``, ``publish CONFIG``, ``verify`` and so on, see ``--help``.
 
-Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
+Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else, as where
+published results do not come out again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vibgym import interrupts
+
+PUBLISHED = Path("results/report")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -48,9 +51,28 @@ def parser() -> argparse.ArgumentParser:
     tuning = commands.add_parser("tune", help="look for better hyperparameters, or go on looking")
     tuning.add_argument("--agent", metavar="NAME", help="which one of a file of many, such as Align/ideal")
     tuning.add_argument("--trials", type=int, metavar="N", help="in all, instead of the file's")
-    for command in (training, tuning):
+    publishing = commands.add_parser("publish", help="keep the figures and episodes of an evaluation that has been run")
+    publishing.add_argument("config", type=Path, metavar="CONFIG", help="YAML file of the evaluation")
+    publishing.add_argument("--run", type=Path, metavar="DIR", help="the evaluation's files, instead of its 'output'")
+    publishing.add_argument("--output", type=Path, default=PUBLISHED, metavar="DIR", help="where they go")
+    verifying = commands.add_parser(
+        "verify", help="play a sample of published results: does each figure come out again?"
+    )
+    verifying.add_argument("published", type=Path, nargs="?", default=PUBLISHED, metavar="DIR", help="see publish")
+    verifying.add_argument(
+        "--episodes", type=int, default=20, metavar="N", help="fresh ones of each policy in each place"
+    )
+    verifying.add_argument("--again", type=int, default=5, metavar="N", help="published ones of each, played again")
+    verifying.add_argument("--first-seed", type=int, metavar="N", help="of the fresh ones, instead of the next one")
+    verifying.add_argument("--task", action="append", metavar="NAME", help="only this one; may be given several times")
+    verifying.add_argument(
+        "--policy", action="append", metavar="NAME", help="only this one; may be given several times"
+    )
+    verifying.add_argument("--output", type=Path, metavar="FILE", help="CSV file of all figures and their intervals")
+    verifying.add_argument("--quiet", action="store_true", help="no progress bars")
+    for command in (training, tuning, verifying):
         command.add_argument("--processes", type=int, default=2, metavar="N", help="side by side on this machine")
-    for command in (evaluating, comparing, training, tuning):
+    for command in (evaluating, comparing, training, tuning, verifying):
         command.add_argument("--ray", metavar="ADDRESS", help="work on a Ray cluster: auto, local or HOST:PORT")
     for command in (evaluating, comparing, training, tuning):
         command.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/")
@@ -99,6 +121,46 @@ def evaluate(arguments: argparse.Namespace) -> int:
     print(evaluation.summary_table(results))
     print(f"\nreport: {page}")
     return 0
+
+
+def publish(arguments: argparse.Namespace) -> int:
+    """Keep what an evaluation has found."""
+    from agents import verification
+    from vibgym.files import WriteError
+
+    try:
+        record = verification.publish(arguments.config, arguments.run, arguments.output)
+    except ValueError as error:
+        return refused(error)
+    except WriteError as error:
+        return failed(error)
+    print(f"published: {record}")
+    return 0
+
+
+def verify(arguments: argparse.Namespace) -> int:
+    """Play a sample of published results and say whether each figure comes out again."""
+    from agents import verification
+    from vibgym import checks, files
+
+    asked = verification.Asked(
+        arguments.episodes, arguments.again, arguments.first_seed, arguments.task, arguments.policy
+    )
+    try:
+        checks.count("--processes", arguments.processes, most=256)
+        published = verification.load_published(arguments.published)
+        if arguments.output is not None:
+            files.output_files([arguments.output], "--output")
+        found = verification.verify(published, asked, arguments.processes, arguments.quiet, arguments.ray)
+    except ValueError as error:
+        return refused(error)
+    try:
+        if arguments.output is not None:
+            files.write_atomically(arguments.output, verification.figures_csv(found))
+    except files.WriteError as error:
+        return failed(error)
+    print(verification.report_of(found))
+    return 0 if found.holds else 1
 
 
 def compare(arguments: argparse.Namespace) -> int:
@@ -259,6 +321,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     commands = {
         "evaluate": evaluate,
+        "publish": publish,
+        "verify": verify,
         "compare": compare,
         "train": train,
         "tabulate": tabulate,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from agents.evaluation.rollout import Outcomes
@@ -39,6 +39,7 @@ class Effects:
     cases: dict[str, dict[str, Any]]  # name -> arguments of the environment
     policies: tuple[str, ...]
     cells: tuple[Cell, ...]  # case after case, in the order of the policies
+    outcomes: Mapping[tuple[str, str], Outcomes] = field(default_factory=dict)  # by (case, policy)
 
     def rows(self) -> Iterable[tuple[str, tuple[Cell, ...]]]:
         """Every case with its cells."""
@@ -48,7 +49,26 @@ class Effects:
     def as_values(self) -> dict[str, Any]:
         """For JSON."""
         head = {"task": self.task, "seeds": self.seeds, "cases": self.cases}
-        return {**head, "results": [asdict(cell) for cell in self.cells]}
+        episodes = [
+            {"case": case, "policy": policy, **one}
+            for (case, policy), found in self.outcomes.items()
+            for one in episodes_of(found)
+        ]
+        return {**head, "results": [asdict(cell) for cell in self.cells], "episodes": episodes}
+
+
+def episodes_of(found: Outcomes) -> list[dict[str, Any]]:
+    """One mapping per episode, with names as in episodes.csv."""
+    columns = {
+        "seed": found.seeds,
+        "success": found.success.tolist(),
+        "steps": found.steps.tolist(),
+        "time_to_goal_s": found.time_to_goal.tolist(),
+        "position_error_m": found.position_error.tolist(),
+        "heading_error_rad": found.heading_error.tolist(),
+        "fallen": found.fallen.tolist(),
+    }
+    return [dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def cell_of(case: str, policy: str, found: Outcomes, level: float, resamples: int) -> Cell:

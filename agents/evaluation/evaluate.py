@@ -14,9 +14,9 @@ from agents.evaluation import animation, cost, report, tables
 from agents.evaluation.cost import Cost
 from agents.evaluation.effects import Cell, Effects, cell_of
 from agents.evaluation.jobs import FILES, Evaluation, Job
-from agents.evaluation.provenance import provenance
+from agents.evaluation.provenance import policy_files, provenance
 from agents.evaluation.results import Results, Row, Trial, row_of
-from agents.evaluation.rollout import Rollout, outcomes, run
+from agents.evaluation.rollout import Outcomes, Rollout, outcomes, run
 from agents.evaluation.running import run_jobs
 from agents.evaluation.statistics import Comparison, compare
 from agents.policy import Policy
@@ -35,6 +35,8 @@ def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None
     alone = ray is None and usable(settings.processes) == 1
     measured: Cost | Future[Cost] | None = None
     jobs: dict[tuple[str, ...], Job] = {**evaluation.jobs, **evaluation.study}
+    # Of what is about to run: while it does, files may change.
+    origin = provenance() | {"policy_files": policy_files((job.content, job.info.name) for job in jobs.values())}
     with side_by_side(settings.processes, ray) as submit:
         if settings.cost_per_period:
             measured = cost.measure_alone(quiet) if alone else submit(cost.measure, True)
@@ -51,9 +53,9 @@ def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None
         rollouts=rollouts,
         rows=tuple(found[trial][1] for trial in evaluation.jobs),
         comparisons=_comparisons(rollouts, *statistics, quiet),
-        provenance=provenance(),
+        provenance=origin,
         cost=measured,
-        effects=_effects(evaluation, tuple(found[key] for key in evaluation.study)),
+        effects=_effects(evaluation, {key: found[key] for key in evaluation.study}),
     )
 
 
@@ -67,13 +69,14 @@ def _comparisons(rollouts: dict[Trial, Rollout], level: float, resamples: int, q
     )
 
 
-def _effects(evaluation: Evaluation, cells: tuple[Cell, ...]) -> Effects | None:
+def _effects(evaluation: Evaluation, found: dict[tuple[str, str], tuple[Outcomes, Cell]]) -> Effects | None:
     asked = evaluation.settings.effects
     if asked is None:
         return None
     policies = tuple(dict.fromkeys(policy for _, policy in evaluation.study))
     seeds = tuple(evaluation.settings.seed_list(asked.task, asked.episodes))
-    return Effects(asked.task, seeds, asked.arguments(), policies, cells)
+    cells, episodes = tuple(cell for _, cell in found.values()), {key: each for key, (each, _) in found.items()}
+    return Effects(asked.task, seeds, asked.arguments(), policies, cells, episodes)
 
 
 def _first_line(policy: Policy) -> str:
@@ -90,13 +93,14 @@ def _judged(
     level: float,
     resamples: int,
     quiet: bool,
-) -> tuple[Rollout, Row] | Cell:
-    """A trial's rollout and its statistics; of the study of effects, where ``key`` is (case, policy), a cell."""
+) -> tuple[Rollout, Row] | tuple[Outcomes, Cell]:
+    """A trial's rollout and its statistics; of the study of effects, where ``key`` is (case, policy), outcomes and a cell."""
     if isinstance(key, Trial):
         rollout = run(policy, info.name, seeds, environment, key.policy, quiet)
         return rollout, row_of(key, rollout, level, resamples)
     case, name = key
-    return cell_of(case, name, outcomes(policy, info.name, seeds, environment, name, quiet), level, resamples)
+    ends = outcomes(policy, info.name, seeds, environment, name, quiet)
+    return ends, cell_of(case, name, ends, level, resamples)
 
 
 def write(found: Results, film: tuple[Trial, Path] | None = None, quiet: bool = False) -> Path:

@@ -81,7 +81,7 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
         ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
     """
     tasks, scenery, jobs = trials(settings)
-    study = _study(settings)
+    study = effects_jobs(settings)
     film = None if gif is None else (_filmed(gif, jobs), gif.path)
     writable(settings, FILES)
     if gif is not None and gif.path.resolve() in [(Path(settings.output) / name).resolve() for name in FILES]:
@@ -150,8 +150,12 @@ def _jobs(
     return jobs
 
 
-def _study(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
-    """Jobs of the study of effects."""
+def effects_jobs(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
+    """Jobs of the study of effects, by (case, policy); none without one.
+
+    Raises:
+        ValueError: a bad environment setting, or an unfitting policy.
+    """
     asked, jobs = settings.effects, {}
     if asked is None:
         return jobs

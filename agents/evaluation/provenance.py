@@ -1,12 +1,16 @@
-"""Where results come from: versions, commit, machine, time."""
+"""Where results come from: versions, commit, machine, time, and the files that policies were read from."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import platform
 import subprocess
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from vibgym.accuracy.provenance import processor
 from vibgym.simulation.threads import available_threads
@@ -65,3 +69,49 @@ def provenance() -> dict[str, object]:
         "machine": {"system": platform.platform(), "processor": processor(), "cores": available_threads()},
         "versions": versions(),
     }
+
+
+def digest(data: str | bytes) -> str:
+    """SHA-256 of bytes, or of a text as UTF-8, in hexadecimal digits."""
+    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
+
+
+def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
+    """The files that policies are read from, by their paths as they are given, with the digests of what stands there.
+
+    Args:
+        policies: what :func:`agents.registry.make_policy` takes, and the name of a task.
+
+    Returns:
+        A JSON file and the tensors that it names, for every path that is said; None for one that cannot be read.
+    """
+    found: dict[str, str | None] = {}
+    for content, task in policies:
+        for path in _paths(content):
+            found |= _file_and_tensors(Path(path.replace("{task}", task.lower())), found)
+    return dict(sorted(found.items()))
+
+
+def _paths(content: Any) -> Iterator[str]:
+    """All names of JSON files in a policy's settings, also in those of a policy that another one corrects."""
+    if isinstance(content, str) and content.endswith(".json"):
+        yield content
+    elif isinstance(content, Mapping):
+        for each in content.values():
+            yield from _paths(each)
+
+
+def _file_and_tensors(path: Path, known: Mapping[str, str | None]) -> dict[str, str | None]:
+    if path.as_posix() in known:
+        return {}
+    try:
+        data = path.read_bytes()
+    except (OSError, ValueError):  # ValueError: characters that no name of a file has
+        return {path.as_posix(): None}
+    found: dict[str, str | None] = {path.as_posix(): digest(data)}
+    try:
+        tensors = path.with_name(json.loads(data)["tensors"])
+        found[tensors.as_posix()] = digest(tensors.read_bytes())
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        pass  # a file that names no tensors is whole by itself; one whose tensors are gone is refused when it is read
+    return found

@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.policy import Policy
 from agents.recording.settings import RecordSettings
+from agents.recording.tracks import Tracks
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
 from vibgym import checks
@@ -63,69 +64,61 @@ class Recorder:
         self.policy = make_policy(settings.policy, TaskInfo.of(self.env), settings.first_seed)
 
     def episodes(self) -> Iterator[Episode]:
-        """One after the other, in the order of their seeds."""
-        done = 0
-        while done < self.settings.episodes:
-            found = self._batch(self.settings.first_seed + done)
-            yield from found[: self.settings.episodes - done]
-            done += len(found)
+        """One after the other, in the order of their seeds.
 
-    def _batch(self, first_seed: int) -> list[Episode]:
-        """An episode in every world, of which world k begins with ``first_seed + k``."""
+        A world whose episode has ended begins the next one, so that none plays for nothing.
+        """
         env, worlds, policy = self.env, self.env.num_envs, self.policy
-        noises = [np.random.default_rng([first_seed + world, 1]) for world in range(worlds)]
-        observation, info = env.reset(seed=first_seed)
-        drawn = {name: np.array(value) for name, value in info.get("drawn", {}).items() if not name.startswith("_")}
-        seen, acted, paid = [observation], [], []
-        playing, start, state = np.ones(worlds, dtype=bool), np.ones(worlds, dtype=bool), None
-        lengths = np.zeros(worlds, dtype=np.int64)
-        flags = np.zeros((3, worlds), dtype=bool)
         low, high = env.single_action_space.low, env.single_action_space.high
-        while playing.any():
+        total, first, deviation = self.settings.episodes, self.settings.first_seed, self.settings.noise
+        number = np.arange(worlds)  # of the episode that a world plays; those past the last are played for nothing
+        begun, given, waiting = worlds, 0, dict[int, Episode]()
+        observation, info = env.reset(seed=first)
+        noises = [np.random.default_rng([first + k, 1]) for k in range(worlds)]
+        drawn = _drawn(info)
+        tracks, age, everyone = Tracks(worlds), np.zeros(worlds, dtype=np.int64), np.arange(worlds)
+        tracks.begin(everyone, observation)
+        start, state = np.ones(worlds, dtype=bool), None
+        while given < total:
             kept = policy.observation == self.settings.observation
             reads = observation if kept else env.unwrapped.observed(policy.observation)
             action, state = policy.predict(reads, state, start, deterministic=True)
-            if self.settings.noise > 0.0:
-                action = action + self.settings.noise * np.stack(
-                    [each.standard_normal(action.shape[1]) for each in noises]
-                )
+            if deviation > 0.0:
+                action = action + deviation * np.stack([each.standard_normal(action.shape[1]) for each in noises])
             action = np.clip(action, low, high).astype(np.float32)
             observation, reward, terminated, truncated, info = env.step(action)
-            seen.append(observation)
-            acted.append(action)
-            paid.append(reward)
-            lengths += playing
-            ended = playing & (terminated | truncated)
-            flags[:, ended] = np.stack([terminated, truncated, info["is_success"]])[:, ended]
-            playing &= ~ended
+            tracks.add(age, observation, action, reward)
+            age += 1
             start = terminated | truncated
-            if start.any() and playing.any():  # worlds that have ended play on, and nobody looks
-                observation, _ = env.reset(options={"reset_mask": start})
-        rows = _stacked(seen)
-        actions, rewards = np.stack(acted, axis=1), np.stack(paid, axis=1)
-        return [
-            Episode(
-                first_seed + world,
-                _cut(rows, world, length + 1),
-                actions[world, :length].copy(),
-                rewards[world, :length].copy(),
-                bool(flags[0, world]),
-                bool(flags[1, world]),
-                bool(flags[2, world]),
-                {name: value[world] for name, value in drawn.items()},
-            )
-            for world, length in enumerate(lengths.tolist())
-        ]
+            ended = np.flatnonzero(start)
+            for world in ended[number[ended] < total].tolist():
+                rows, actions, rewards = tracks.cut(world, int(age[world]))
+                waiting[int(number[world])] = Episode(
+                    first + int(number[world]),
+                    rows,
+                    actions,
+                    rewards,
+                    bool(terminated[world]),
+                    bool(truncated[world]),
+                    bool(info["is_success"][world]),
+                    {name: np.copy(value[world]) for name, value in drawn.items()},
+                )
+            while given in waiting:
+                yield waiting.pop(given)
+                given += 1
+            if len(ended) and given < total:
+                number[ended] = begun + np.arange(len(ended))
+                begun += len(ended)
+                seeds: list[int | None] = [None] * worlds
+                for world in ended.tolist():
+                    seed = seeds[world] = first + int(number[world])
+                    noises[world] = np.random.default_rng([seed, 1])
+                observation, info = env.reset(seed=seeds, options={"reset_mask": start})
+                for name, value in _drawn(info).items():
+                    drawn[name][ended] = value[ended]
+                tracks.begin(ended, observation)
+                age[ended] = 0
 
 
-def _stacked(seen: list[Any]) -> Any:
-    """(worlds, steps, ...) of a list of batches."""
-    if isinstance(seen[0], dict):
-        return {name: np.stack([each[name] for each in seen], axis=1) for name in seen[0]}
-    return np.stack(seen, axis=1)
-
-
-def _cut(rows: Any, world: int, length: int) -> Any:
-    if isinstance(rows, dict):
-        return {name: each[world, :length].copy() for name, each in rows.items()}
-    return rows[world, :length].copy()
+def _drawn(info: dict[str, Any]) -> dict[str, np.ndarray]:
+    return {name: np.array(value) for name, value in info.get("drawn", {}).items() if not name.startswith("_")}

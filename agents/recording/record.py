@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import os
 import tempfile
 import time
@@ -14,18 +15,23 @@ from typing import Any
 
 import gymnasium as gym
 import minari
-from minari.data_collector import EpisodeBuffer
 from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
 import vibgym
-from agents.recording.play import Episode, Recorder
+from agents.learned.trained import described
+from agents.recording import storage
+from agents.recording.play import Recorder
 from agents.recording.settings import RecordSettings
-from vibgym import checks
+from agents.task_info import TaskInfo
+from vibgym import checks, locks
 from vibgym.files import WriteError, reason
 
 ROOT = "MINARI_DATASETS_PATH"
 """Environment variable that says where Minari keeps its data sets."""
+
+SCENE = "vibgym_scene"
+"""Key of what a data set says of its scene."""
 
 
 def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, float]:
@@ -44,49 +50,64 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
     began = time.perf_counter()
     with kept_in(settings.directory):
         place = Path(get_dataset_path(settings.dataset))
+    root = place.parents[settings.dataset.count("/")]
+    root.mkdir(parents=True, exist_ok=True)
+    with locks.one_run(root, "dataset", f".{settings.dataset.replace('/', '-')}.lock"):
         if place.exists():
             raise checks.refuse("dataset", settings.dataset, f"a name that is not taken in {place.parent}; remove it")
         recorder = Recorder(settings)
-        episodes = list(tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet))
+        try:
+            with tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder, kept_in(folder):
+                steps = _write(recorder, quiet)
+                place.parent.mkdir(parents=True, exist_ok=True)
+                os.rename(Path(folder) / settings.dataset, place)
+                for file in list(Path(folder).rglob("namespace_metadata.json")):
+                    target = root / file.relative_to(folder)
+                    if not target.exists():
+                        os.rename(file, target)
+        except OSError as error:
+            raise WriteError(f"{place}: not recorded ({reason(error)})") from error
+        finally:
+            recorder.env.close()
+    return place, steps, time.perf_counter() - began
+
+
+def _write(recorder: Recorder, quiet: bool) -> int:
+    """Play, and write a data set to where Minari keeps them now; returns its steps."""
+    settings, env = recorder.settings, recorder.env
     spec = copy.deepcopy(gym.spec(settings.environment_name))
     spec.kwargs.update(recorder.kwargs)
-    root = place
-    for _ in settings.dataset.split("/"):
-        root = root.parent
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-        with (
-            tempfile.TemporaryDirectory(prefix=".recording-", dir=root) as folder,
-            kept_in(folder),
-            warnings.catch_warnings(),
-        ):
-            warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
-            made = minari.create_dataset_from_buffers(
-                settings.dataset,
-                [_buffer(k, each) for k, each in enumerate(episodes)],
-                env=spec,
-                action_space=recorder.env.single_action_space,
-                observation_space=recorder.env.single_observation_space,
-                algorithm_name=_named(settings.policy),
-                description=f"{settings.episodes} episodes of {_named(settings.policy)} on {settings.environment_name}.",
-                code_permalink=None,
-                requirements=[f"vibgym=={vibgym.__version__}"],
-                jpeg_encoding=False,
-            )
-            made.storage.update_episode_metadata([_metadata(each) for each in episodes])
-            made.storage.update_metadata({"settings": settings.model_dump_json()})
-            steps = int(made.total_steps)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            os.rename(Path(folder) / settings.dataset, place)
-            for file in list(Path(folder).rglob("namespace_metadata.json")):
-                target = root / file.relative_to(folder)
-                if not target.exists():
-                    os.rename(file, target)
-    except OSError as error:
-        raise WriteError(f"{place}: not recorded ({reason(error)})") from error
-    finally:
-        recorder.env.close()
-    return place, steps, time.perf_counter() - began
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
+        made = minari.create_dataset_from_buffers(
+            settings.dataset,
+            [],
+            env=spec,
+            action_space=env.single_action_space,
+            observation_space=env.single_observation_space,
+            algorithm_name=_named(settings.policy),
+            description=f"{settings.episodes} episodes of {_named(settings.policy)} on {settings.environment_name}.",
+            code_permalink=None,
+            requirements=[f"vibgym=={vibgym.__version__}"],
+            jpeg_encoding=False,
+        )
+    episodes = tqdm(recorder.episodes(), total=settings.episodes, unit="episode", disable=quiet)
+    count, steps = storage.write(made.storage.data_path, episodes)
+    how = {"action": recorder.policy.action, "observation": settings.observation, "vibgym": vibgym.__version__}
+    facts = {"total_episodes": count, "total_steps": steps, "dataset_size": made.storage.get_size()}
+    scene = json.dumps({**scene_of(env.unwrapped), **how})
+    made.storage.update_metadata({**facts, "settings": settings.model_dump_json(), SCENE: scene})
+    return steps
+
+
+def scene_of(env: Any) -> dict[str, Any]:
+    """What a data set's numbers are of: task, table, parts and columns; as plain values."""
+    return {
+        "task": TaskInfo.of(env).name,
+        "surface": described(env.surface),
+        "parts": len(env.parts),
+        "columns": [[row.name, row.width] for row in env.parts_layout],
+    }
 
 
 @contextmanager
@@ -102,24 +123,6 @@ def kept_in(directory: str | None) -> Iterator[None]:
             os.environ.pop(ROOT, None)
         else:
             os.environ[ROOT] = before
-
-
-def _buffer(number: int, episode: Episode) -> EpisodeBuffer:
-    steps = len(episode.rewards)
-    return EpisodeBuffer(
-        id=number,
-        seed=episode.seed,
-        observations=episode.observations,
-        actions=episode.actions,  # type: ignore[arg-type] - arrays, which it writes as they are
-        rewards=episode.rewards,  # type: ignore[arg-type]
-        terminations=[False] * (steps - 1) + [episode.terminated],
-        truncations=[False] * (steps - 1) + [episode.truncated],
-        infos={"is_success": [False] * steps + [episode.success]},
-    )
-
-
-def _metadata(episode: Episode) -> dict[str, Any]:
-    return {"success": episode.success, **{f"drawn_{name}": value for name, value in episode.drawn.items()}}
 
 
 def _named(policy: Any) -> str:

@@ -110,6 +110,18 @@ def check_room(settings: ImitationSettings, coding: Coding | PictureCoding, worl
         raise checks.refuse("imitation.steps", settings.steps, allowed)
 
 
+def relative_error(mean: torch.Tensor, sought: torch.Tensor, weight: torch.Tensor, floor: float) -> torch.Tensor:
+    """Mean squared error of actions, in part relative to what is sought: at the goal small pushes are all that counts.
+
+    Args:
+        mean, sought: (samples, parts, numbers).
+        weight: (samples, parts), 0 where there is no part.
+        floor: size of actions below which errors are not weighed by it any more.
+    """
+    scale = 1.0 / (floor**2 + (sought**2).mean(dim=-1))
+    return (((mean - sought) ** 2).mean(dim=-1) * scale * weight).sum() / weight.sum().clamp(min=1.0)
+
+
 class Imitation:
     """Teaches a policy's actor what an expert does.
 
@@ -161,19 +173,14 @@ class Imitation:
         """Fit the actor's mean to all that has been found; returns the last epoch's mean error, squared and relative."""
         rows, mask, wanted = (torch.from_numpy(each[: self.steps]) for each in self._found)
         size, rate = max(self.settings.batch_size // mask.shape[1], 1), self.settings.learning_rate
-        floor = self.settings.floor**2
         updates, done, total = epochs * -(-len(rows) // size), 0, 0.0
         for _ in range(epochs):
             total = 0.0
             for chosen in torch.from_numpy(self.generator.permutation(len(rows))).split(size):
                 for group in optimizer.param_groups:  # a cosine, to a tenth
                     group["lr"] = rate * (0.55 + 0.45 * float(np.cos(np.pi * done / updates)))
-                here = mask[chosen]
                 mean, _ = self.policy.actor(rows[chosen])
-                sought = wanted[chosen]
-                # In part relative to what is wanted: at the goal small pushes are all that counts.
-                scale = 1.0 / (floor + (sought**2).mean(dim=-1))
-                error = (((mean - sought) ** 2).mean(dim=-1) * scale * here).sum() / here.sum().clamp(min=1.0)
+                error = relative_error(mean, wanted[chosen], mask[chosen], self.settings.floor)
                 optimizer.zero_grad()
                 error.backward()
                 optimizer.step()

@@ -19,11 +19,12 @@ from vibgym import checks
 from vibgym.files import write_atomically
 
 FILE = "curve.csv"
-COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "return_")
+COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "return_")
 
 
 class Judge:
-    """Plays a policy and writes ``curve.csv``: share of successes, median time to the goal (s) and median return.
+    """Plays a policy and writes ``curve.csv``: share of successes, median time to the goal (s), the same as a mean over
+    all episodes, those that fail counted with their limit, and median return.
 
     Args:
         settings: of the run; its ``judging`` says when and how long.
@@ -85,13 +86,17 @@ class Judge:
                 self._envs.append((env, self.judging.first_seed + first))
         found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
         success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))
-        reached = self._envs[0][0].unwrapped.step_time * steps_taken[success]
+        env = self._envs[0][0].unwrapped
+        reached = env.step_time * steps_taken[success]
+        limits = [np.full(each.num_envs, each.unwrapped.max_episode_steps) for each, _ in self._envs]
+        mean = env.step_time * np.where(success, steps_taken, np.concatenate(limits)).mean()
         row = {
             "steps": steps,
             "seconds": round(seconds, 1),
             "phase": phase,
             "success": round(float(success.mean()), 4),
             "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
+            "mean_time": round(float(mean), 4),
             "return_": round(float(np.median(returns)), 4),
         }
         self.rows.append(row)

@@ -70,9 +70,7 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
         ValueError: settings that ask for another observation, or that the environment refuses.
     """
     checks.choice("observation", settings.environment.get("observation", "goal"), ("goal",))
-    for name, got in (("residual", settings.residual), ("imitation", settings.imitation), ("start", settings.start)):
-        if got is not None:
-            raise checks.refuse(name, got, "none with 'algorithm: sac'")
+    settings.check_alone()
     arguments: dict[str, Any] = {
         "num_envs": settings.worlds, "autoreset_mode": "SameStep", **settings.environment, "observation": "goal"
     }  # fmt: skip

@@ -27,10 +27,11 @@ from agents.task_info import TaskInfo
 from agents.training.adapter import StableBaselinesAdapter
 from agents.training.checkpoint import refuse_infinite
 from agents.training.imitation import check_room
+from agents.training.offline_learner import OfflineLearner
 from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
 from agents.training.residual_env import ResidualEnv
-from agents.training.settings import TrainSettings
+from agents.training.settings import NetworkSettings, TrainSettings
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
@@ -39,6 +40,9 @@ TITLE, PHASE = "PPO with parts as samples (on Stable-Baselines3)", "ppo"
 
 ADVICE = "ppo.learning_rate, ppo.ent_coef, ppo.log_std_init or ppo.clip_range"
 """What to lower where a training diverges."""
+
+Learner = PartsPPO | OfflineLearner
+"""What has a policy of parts."""
 
 MOST_ROLLOUT = 4e9
 """Bytes of a rollout: what is kept of ``ppo.n_steps`` steps of all worlds before a model learns from them."""
@@ -100,7 +104,7 @@ def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> Vibgy
 
 def reads(settings: TrainSettings) -> type[Coding] | type[PictureCoding]:
     """What the run's network reads."""
-    return CODINGS[settings.ppo.network]
+    return CODINGS[settings.network.network]
 
 
 def action_of(settings: TrainSettings) -> str:
@@ -114,12 +118,12 @@ def coding_of(settings: TrainSettings, env: VibgymVectorEnv | ResidualEnv) -> Co
     Raises:
         ValueError: columns to be blind to that there are not.
     """
-    layout, blind = env.parts_layout, settings.ppo.blind
+    layout, blind = env.parts_layout, settings.network.blind
     names = [row.name for row in layout]
     for name in blind:
-        checks.choice("ppo.blind", name, tuple(names))
+        checks.choice(f"{settings.algorithm}.blind", name, tuple(names))
     columns = [[row.name, row.width] for row in layout if row.name not in blind] if blind else None
-    flags = settings.ppo.turned, settings.ppo.remembers
+    flags = settings.network.turned, settings.network.remembers
     return reads(settings)(env.surface, env.parts, layout, action_of(settings), columns, *flags)
 
 
@@ -140,10 +144,6 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         raise checks.refuse("ppo.n_steps", ppo.n_steps, allowed)
     if settings.imitation is not None:
         check_room(settings.imitation, coding, settings.worlds)
-    if ppo.network == "elements" and not coding.shape.has_elements:
-        why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
-        raise checks.refuse("ppo.network", ppo.network, f"'parts': {why}")
-
     if ppo.noise_floor is not None and ppo.network != "parts":
         raise checks.refuse("ppo.noise_floor", ppo.noise_floor, f"none with the network {ppo.network!r}")
 
@@ -165,12 +165,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         touch_cost=ppo.touch_cost,
         critic_steps=ppo.critic_steps + lessons_steps(settings),
         policy_kwargs={
-            "coding": coding,
-            "actor": ppo.network,
-            "net": list(ppo.net),
-            "critic_net": list(ppo.critic_net),
-            "activation": ppo.activation,
-            "attention": ppo.attention,
+            **networks(ppo, coding),
             "log_std": ppo.log_std_init,
             "noise_floor": ppo.noise_floor,
         },
@@ -179,15 +174,34 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     )
 
 
+def networks(network: NetworkSettings, coding: Coding | PictureCoding) -> dict[str, Any]:
+    """Arguments of :class:`agents.training.parts_policy.PartsPolicy`.
+
+    Raises:
+        ValueError: a network of elements, and none to read.
+    """
+    if network.network == "elements" and not coding.shape.has_elements:
+        why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
+        raise checks.refuse("ppo.network", network.network, f"'parts': {why}")
+    return {
+        "coding": coding,
+        "actor": network.network,
+        "net": list(network.net),
+        "critic_net": list(network.critic_net),
+        "activation": network.activation,
+        "attention": network.attention,
+    }
+
+
 def lessons_steps(settings: TrainSettings) -> int:
     """Steps that imitation takes before PPO begins, all worlds together."""
     lessons = settings.imitation
     return 0 if lessons is None else lessons.rounds * lessons.steps * settings.worlds
 
 
-def acting(model: PartsPPO, settings: TrainSettings) -> TrainedPolicy:
+def acting(model: Learner, settings: TrainSettings) -> TrainedPolicy:
     """The model as it acts without torch."""
-    return TrainedPolicy(actor(model), model.policy.actor.kind, settings.ppo.activation, model.policy.coding)
+    return TrainedPolicy(actor(model), model.policy.actor.kind, settings.network.activation, model.policy.coding)
 
 
 def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[Policy, VibgymVectorEnv]]:
@@ -246,17 +260,17 @@ def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
     return {name: value.shape for name, value in tensors.items() if name != FLOOR}
 
 
-def actor(model: PartsPPO) -> dict[str, np.ndarray]:
+def actor(model: Learner) -> dict[str, np.ndarray]:
     """The tensors of what acts."""
     return trained_tensors(model.policy.actor)
 
 
-def take_actor(model: PartsPPO, tensors: Mapping[str, np.ndarray]) -> None:
+def take_actor(model: Learner, tensors: Mapping[str, np.ndarray]) -> None:
     """Act as these tensors do."""
     model.policy.actor.load_state_dict({name: torch.from_numpy(value.copy()) for name, value in tensors.items()})
 
 
-def save_policy(path: Path, model: PartsPPO, settings: TrainSettings, training: dict[str, Any]) -> None:
+def save_policy(path: Path, model: Learner, settings: TrainSettings, training: dict[str, Any]) -> None:
     """Write the acting part of the model for :func:`agents.learned.trained.load_trained`.
 
     Raises:
@@ -273,8 +287,8 @@ def save_policy(path: Path, model: PartsPPO, settings: TrainSettings, training: 
         "turned": coding.turned,
         "remembers": coding.remembers,
         "action": coding.action,
-        "network": settings.ppo.network,
-        "activation": settings.ppo.activation,
+        "network": settings.network.network,
+        "activation": settings.network.activation,
         "training": training,
     }
     if settings.residual is not None:
@@ -282,7 +296,7 @@ def save_policy(path: Path, model: PartsPPO, settings: TrainSettings, training: 
     save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)
 
 
-def _env(model: PartsPPO) -> StableBaselinesAdapter:
+def _env(model: Learner) -> StableBaselinesAdapter:
     env = model.get_env()
     assert isinstance(env, StableBaselinesAdapter)
     return env

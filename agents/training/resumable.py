@@ -18,6 +18,12 @@ class Resumable:
     tells of; Python's and NumPy's global generators are used by nothing here.
     """
 
+    def begin(self, seed: int) -> None:
+        """Before the first rollout: its episodes begin with these seeds, other ones than those of lessons."""
+        model: Any = self
+        if model._last_obs is None:
+            model.get_env().seed(seed)
+
     def get_state(self) -> dict[str, Any]:
         """Nested mappings of arrays and plain values; weights and optimizers are kept apart."""
         model: Any = self

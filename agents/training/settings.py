@@ -23,7 +23,20 @@ Rate = Annotated[float, Field(gt=0, le=1)]
 Width = Annotated[int, Field(ge=1, le=4096)]
 
 
-class PPOSettings(Settings):
+class NetworkSettings(Settings):
+    """The network that acts, what it reads, and its critic."""
+
+    network: Literal["parts", "elements", "pixels"] = "parts"
+    activation: Literal["tanh", "relu"] = "tanh"
+    net: list[Width] = Field([128, 128], min_length=1, max_length=8)
+    critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
+    attention: Width = 32
+    turned: bool = False  # rows are turned by quarter turns until their way leads to the right and up
+    remembers: bool = False  # rows tell what a part was told at the last step
+    blind: list[str] = Field([], max_length=100)  # names of columns that the network does not read
+
+
+class PPOSettings(NetworkSettings):
     """PPO with parts as samples; defaults are what trained fastest on two cores."""
 
     n_steps: int = Field(32, ge=1, le=1_000_000)
@@ -42,14 +55,25 @@ class PPOSettings(Settings):
     )  # exploration grows with actions above it; None: is the same for all
     touch_cost: float = Field(0.0, ge=0, le=1000)  # of a step, to a part in touch with another; in training alone
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
-    activation: Literal["tanh", "relu"] = "tanh"
-    net: list[Width] = Field([128, 128], min_length=1, max_length=8)
-    critic_net: list[Width] = Field([64, 64], min_length=1, max_length=8)
-    attention: Width = 32
-    network: Literal["parts", "elements", "pixels"] = "parts"
-    turned: bool = False  # rows are turned by quarter turns until their way leads to the right and up
-    remembers: bool = False  # rows tell what a part was told at the last step
-    blind: list[str] = Field([], max_length=100)  # names of columns that the network does not read
+
+
+class OfflineSettings(NetworkSettings):
+    """Learning from a data set alone, see :mod:`agents.training.offline`; a step is an update from one minibatch."""
+
+    dataset: str = Field(min_length=1)  # Minari's name, as ``python -m agents record`` gave it
+    directory: str | None = None  # of the data sets; None: where Minari keeps them
+    method: Literal["cloning", "iql"] = "cloning"
+    batch_size: int = Field(1024, ge=1, le=10_000_000)  # parts
+    learning_rate: Rate = 1e-3
+    final_learning_rate: Rate = 1e-4  # reached linearly at the end
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
+    # Of "iql" alone (Kostrikov, Nair & Levine 2021):
+    gamma: float = Field(0.98, gt=0, lt=1)
+    expectile: float = Field(0.8, gt=0.5, lt=1)  # of the values of actions that were done, which counts as a state's
+    temperature: float = Field(
+        1.0, gt=0, le=100
+    )  # standard deviations of advantage that change a weight by a factor of e
+    tau: Rate = 0.01  # of the target network
 
 
 class ImitationSettings(Settings):
@@ -151,9 +175,25 @@ class TrainSettings(Settings):
     residual: ResidualSettings | None = None
     judging: JudgingSettings | None = None
     serves: ServesSettings = ServesSettings()
-    algorithm: Literal["ppo", "sac"] = "ppo"
+    algorithm: Literal["ppo", "sac", "offline"] = "ppo"
     ppo: PPOSettings = PPOSettings()  # type: ignore[call-arg]
     sac: SACSettings = SACSettings()  # type: ignore[call-arg]
+    offline: OfflineSettings | None = None  # needed by "algorithm: offline"
+
+    @property
+    def network(self) -> NetworkSettings:
+        """Of the parts' network, which SAC has not."""
+        return self.offline if self.algorithm == "offline" and self.offline is not None else self.ppo
+
+    def check_alone(self) -> None:
+        """Refuse what goes before PPO alone, or beside it.
+
+        Raises:
+            ValueError: there is some.
+        """
+        for name, got in (("residual", self.residual), ("imitation", self.imitation), ("start", self.start)):
+            if got is not None:
+                raise checks.refuse(name, got, f"none with 'algorithm: {self.algorithm}'")
 
     @property
     def environment_name(self) -> str:
@@ -186,6 +226,7 @@ class TrainSettings(Settings):
 PARTS_OF_SETTINGS: dict[str, type[Settings]] = {
     "ppo": PPOSettings,
     "sac": SACSettings,
+    "offline": OfflineSettings,
     "imitation": ImitationSettings,
     "residual": ResidualSettings,
     "judging": JudgingSettings,

@@ -14,7 +14,7 @@ from stable_baselines3.common.logger import configure
 from agents.evaluation.provenance import processor, versions
 from agents.learned.storage import check_name, load_set
 from agents.policy import Policy
-from agents.training import checkpoint, off_policy, on_policy
+from agents.training import checkpoint, off_policy, offline, on_policy
 from agents.training.checkpoint import Diverged, TrainingError
 from agents.training.imitation import Imitation
 from agents.training.judging import Judge
@@ -26,10 +26,10 @@ from vibgym.files import WriteError, output_directory, output_files, reason
 
 POLICY = "policy.json"
 
-ALGORITHMS: dict[str, ModuleType] = {"ppo": on_policy, "sac": off_policy}
+ALGORITHMS: dict[str, ModuleType] = {"ppo": on_policy, "sac": off_policy, "offline": offline}
 """Modules with the same names: ``make_env``, ``make_model``, ``acting``, ``actor``, ``take_actor``, ``save_policy``."""
 
-LINES = {"ppo": 1, "sac": 500}
+LINES = {"ppo": 1, "sac": 500, "offline": 1}
 """Rollouts, or of SAC episodes, between two lines of the log."""
 
 
@@ -175,8 +175,7 @@ def learn(model: Any, settings: TrainSettings, progress: Progress) -> None:
     progress.saved_at = model.num_timesteps  # what was restored, or what the lessons have come to
     sitting = progress.directory / f"log-from-{model.num_timesteps}"
     model.set_logger(configure(str(sitting), ["csv", "tensorboard"]))
-    if model._last_obs is None:  # no rollout yet: episodes begin, other ones than those of the lessons
-        model.get_env().seed(settings.seed + model.num_timesteps)
+    model.begin(settings.seed + model.num_timesteps)
     try:
         if model.num_timesteps < settings.steps:
             todo, line = settings.steps - model.num_timesteps, LINES[settings.algorithm]

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import optuna
 from optuna.trial import TrialState
 
@@ -67,7 +66,6 @@ def run_trial(
     for each in before:
         pruner.add_trial(each.frozen(tuning.space))
     asked = pruner.ask(tuning.space)
-    limit = limit_of(tuning)
     reports: dict[int, float] = {}
     best: list[float] = []
     state = "complete"
@@ -77,7 +75,7 @@ def run_trial(
             first = not reports
 
             def judged(row: dict[str, Any], first: bool = first) -> None:
-                score = score_of(row, limit)
+                score = float(row["mean_time"])
                 best[-1] = min(best[-1], score)
                 if first:  # of the first seed: later ones are for what has come so far
                     reports[int(row["steps"])] = score
@@ -104,18 +102,3 @@ def read(path: Path) -> Tried:
     """A trial's result again."""
     data = json.loads(path.read_text(encoding="utf-8"))
     return Tried(**{**data, "reports": {int(steps): score for steps, score in data["reports"].items()}})
-
-
-def score_of(row: Mapping[str, Any], limit: float) -> float:
-    """Of a row of a learning curve: time to the goal, and the limit for the share of episodes that does not reach it, s."""
-    success = float(row["success"])
-    return success * float(row["time_to_goal"] or limit) + (1.0 - success) * limit
-
-
-def limit_of(tuning: Tuning) -> float:
-    """Length of an episode, s."""
-    own = {key: value for key, value in tuning.base.environment.items() if key != "observation"}
-    env: Any = gym.make_vec(tuning.base.environment_name, num_envs=1, **own)
-    limit = float(env.unwrapped.max_episode_steps * env.unwrapped.step_time)
-    env.close()
-    return limit

@@ -16,6 +16,7 @@ from agents.workers.kernels import compiled
 from agents.workers.local import LIBRARIES, Submit, usable
 from vibgym import checks
 from vibgym.files import reason
+from vibgym.simulation.threads import MOST
 
 TRIES = 5
 """How often a piece of work is begun whose process or node was lost."""
@@ -57,7 +58,7 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
     _check_answers(address)
     here = {"PYTHONPATH": os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)}
     cache = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
-    environment = {"env_vars": {**here, **cache, **dict.fromkeys((*LIBRARIES, "NUMBA_NUM_THREADS"), "1")}}
+    environment = {"env_vars": {**here, **cache, **dict.fromkeys((*LIBRARIES, "NUMBA_NUM_THREADS", MOST), "1")}}
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR", "configure_logging": True}
     # Ray says at length what it will do about accelerators in some later version.
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")

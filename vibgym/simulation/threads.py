@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Generic, TypeVar
 
+from vibgym import checks
 from vibgym.physics.contact_area.pressure_moments import LANES
 
 SMALLEST_BLOCK = 16
@@ -20,6 +21,9 @@ SMALLEST_BLOCK = 16
 
 BLOCKS_PER_THREAD = 4
 """More blocks than threads, so that a thread that is held up leaves its share to the others."""
+
+MOST = "VIBGYM_THREADS"
+"""Environment variable for schedulers that count processors and assign none, as Ray does."""
 
 _pool: tuple[int, int, ThreadPoolExecutor] | None = None
 
@@ -53,8 +57,14 @@ class Pool(Generic[Tool]):
 
 
 def available_threads() -> int:
-    """Processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Processors this process may use: those that the system gives it, at most so many as ``VIBGYM_THREADS`` says."""
+    given = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    most = os.environ.get(MOST, "")
+    if not most:
+        return given
+    if not most.isdecimal() or int(most) < 1:
+        raise checks.refuse(MOST, most, "a whole number >= 1")
+    return min(given, int(most))
 
 
 def _executor(workers: int) -> ThreadPoolExecutor:

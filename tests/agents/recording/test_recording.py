@@ -14,6 +14,7 @@ from agents.recording.record import kept_in, record
 from agents.recording.settings import RecordSettings, load_settings
 from agents.registry import make_policy
 from agents.task_info import TaskInfo
+from vibgym import locks
 from vibgym.files import WriteError
 
 MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"},
@@ -98,6 +99,16 @@ def test_a_name_that_is_taken_and_a_full_disk(tmp_path, monkeypatch):
     with pytest.raises(WriteError, match="No space left"):
         record(settings_of(tmp_path, dataset="vibgym/align/other-v0"), quiet=True)
     assert sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*")) == before
+
+
+def test_two_that_record_the_same(tmp_path):
+    """The second is refused at once; another data set beside it is recorded."""
+    settings = settings_of(tmp_path, episodes=2)
+    with locks.one_run(tmp_path, "dataset", ".vibgym-align-pose-v0.lock"):
+        with pytest.raises(ValueError, match="^dataset: got .*in which no other run is at work"):
+            record(settings, quiet=True)
+        record(settings_of(tmp_path, episodes=2, dataset="vibgym/align/other-v0"), quiet=True)
+    assert {path.name for path in tmp_path.iterdir()} == {"vibgym"}
 
 
 @pytest.mark.parametrize("changes, named", [

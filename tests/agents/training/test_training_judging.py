@@ -54,6 +54,7 @@ def test_rows_tell_what_the_policy_does(tmp_path):
     assert not success.any() and (steps == 20).all() and len(set(returns.round(9))) > 1
     for each in (first, second):  # the same seeds every time
         assert (each["success"], each["time_to_goal"]) == ("0.0", "")
+        assert float(each["mean_time"]) == pytest.approx(20 * env.step_time)  # the limit, of episodes that fail
         assert float(each["return_"]) == pytest.approx(np.median(returns), abs=1e-4)
 
 

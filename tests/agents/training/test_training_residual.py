@@ -112,6 +112,7 @@ def test_no_correction_is_judged_as_the_base(config, tmp_path):
     success, steps, returns = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 500_000)
     assert row["success"] == success.mean() == 1.0 and row["return_"] == round(float(np.median(returns)), 4)
     assert row["time_to_goal"] == round(float(np.median(alone.unwrapped.step_time * steps)), 4)
+    assert row["mean_time"] == round(float(np.mean(alone.unwrapped.step_time * steps)), 4)
     # What it was trained with it sees, too.
     assert (
         env.envs[0].parts_layout[-1].name == "base"

@@ -54,6 +54,11 @@ RUNS = {
         "steps": 640, "checkpoint_steps": 96,
         "sac": {"buffer_size": 400, "learning_starts": 200, "batch_size": 16, "gradient_steps": 2, "net": [8, 8]},
     },
+    "a data set": {
+        "task": "Align", "algorithm": "offline", "environment": {"action": "wrench"}, "worlds": 1, "checkpoint_steps": 150,
+        "offline": {"dataset": "vibgym/align/pose-v0", "method": "iql", "batch_size": 32, "net": [8], "critic_net": [8],
+                    "remembers": True},
+    },
 }  # fmt: skip
 
 
@@ -78,10 +83,12 @@ def assert_same(one, two):
 
 
 @pytest.mark.parametrize("case", RUNS)
-def test_stopped_runs_end_as_unbroken_ones(tmp_path, monkeypatch, case):
+def test_stopped_runs_end_as_unbroken_ones(tmp_path, monkeypatch, recorded, case):
     """Stopped three times, after steps that hit checkpoints, updates and the middle of rollouts."""
     config = tmp_path / "run.yaml"
     settings = {**BASE, **RUNS[case]}
+    if "offline" in settings:
+        settings["offline"] = {**settings["offline"], "directory": str(recorded)}
     config.write_text(yaml.safe_dump(settings))
     train(config, tmp_path / "whole", quiet=True)
     stops = random.Random(case).sample(range(settings["worlds"], settings["steps"]), 3)

@@ -1,18 +1,26 @@
 """Tuning: the same study whatever happens to it on the way."""
 
+import errno
 import json
+import os
 import re
 
 import optuna
 import pytest
 import yaml
+from sqlalchemy import event
+from sqlalchemy.engine import Engine
 
+import vibgym
 from agents import __main__ as command
+from agents.tuning import page
 from agents.tuning import study as studies
 from agents.tuning.settings import Tuning
 from agents.tuning.study import STUDY, best, proposed
 from agents.tuning.trial import Tried
 from agents.tuning.tune import tune
+from vibgym import locks
+from vibgym.files import write_together
 
 SETTINGS = {
     "task": "Transport", "environment": {"action": "wrench"}, "worlds": 8, "steps": 512, "checkpoint_steps": 128,
@@ -120,3 +128,88 @@ def test_a_file_without_a_space_is_refused(tmp_path):
     path.write_text(yaml.safe_dump({key: value for key, value in SETTINGS.items() if key != "tuning"}))
     with pytest.raises(ValueError, match="plain.yaml: tuning: got None; allowed: a mapping with 'space'"):
         Tuning(path)
+
+
+def test_studies_that_do_not_belong_are_refused_and_stay(tmp_path, capsys, monkeypatch):
+    config, folder = written(tmp_path, trials=1), tmp_path / "s"
+    arguments = ["tune", str(config), "--output", str(folder), "--quiet", "--processes", "1"]
+    monkeypatch.setattr(
+        studies, "run_trial", lambda path, agent, number, values, *_: Tried(number, values, "failed", None, {})
+    )
+    assert command.main(arguments) == 0
+    settings, kept = (folder / studies.SETTINGS).read_text(), (folder / STUDY).read_bytes()
+    capsys.readouterr()
+
+    def refused(*words):
+        assert command.main(arguments) == 2
+        line = capsys.readouterr().err
+        assert line.count("\n") == 1 and all(word in line for word in words), line
+
+    (folder / studies.SETTINGS).write_text(settings.replace(vibgym.__version__, "0.0.0-other"))
+    refused(str(folder), "version.vibgym", "remove it or choose another output")
+    (folder / studies.SETTINGS).write_text("[1]")
+    refused(studies.SETTINGS, "not readable")
+    (folder / studies.SETTINGS).unlink()
+    refused(STUDY, "unknown settings")
+    assert (folder / STUDY).read_bytes() == kept and not (folder / studies.SETTINGS).exists()
+    (folder / studies.SETTINGS).write_text(settings)
+    (folder / STUDY).write_bytes(b"no database at all" * 100)
+    refused(STUDY, "not readable", "not a database")
+    assert (folder / STUDY).read_bytes() == b"no database at all" * 100
+    (folder / STUDY).write_bytes(kept)
+    with locks.one_run(folder):
+        refused("output", str(folder), "no other run is at work", f"process {os.getpid()}")
+    assert (folder / STUDY).read_bytes() == kept and (folder / studies.SETTINGS).read_text() == settings
+
+
+@pytest.mark.parametrize("full", ["trial", "study", "page"])
+def test_a_full_disk_ends_tuning_in_one_line_and_it_goes_on(tmp_path, capsys, monkeypatch, full):
+    config, folder = written(tmp_path, trials=2), tmp_path / "s"
+    arguments = ["tune", str(config), "--output", str(folder), "--quiet", "--processes", "1"]
+    no_space = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def tried(path, agent, number, values, *_):
+        if full == "trial":
+            write_together({folder / "x": "x"})
+        return Tried(number, values, "complete", 1.0 + number, {})
+
+    def stop(*_, **__):
+        raise no_space
+
+    monkeypatch.setattr(studies, "run_trial", tried)
+    with monkeypatch.context() as patch:
+        if full == "study":  # as SQLite says it: no page may be added to the file
+            assert command.main([*arguments, "--trials", "1"]) == 0
+
+            def small(connection, _):
+                pages = connection.execute("PRAGMA page_count").fetchone()[0]
+                connection.execute(f"PRAGMA max_page_count = {max(pages, 1)}")
+
+            tried_with = {f"ppo.{number}": "x" * 4000 for number in range(3)}
+            patch.setattr(studies.Tried, "frozen", _large(studies.Tried.frozen, tried_with))
+            event.listen(Engine, "connect", small)
+        elif full == "trial":
+            real = studies.write_atomically  # of the settings, after which nothing goes on the disk any more
+            patch.setattr(studies, "write_atomically", lambda *a: (real(*a), patch.setattr(os, "fsync", stop)))
+        else:
+            patch.setattr(
+                page, "write_together", lambda contents: (patch.setattr(os, "fsync", stop), write_together(contents))
+            )
+        try:
+            assert command.main(arguments) == 1
+        finally:
+            if full == "study":
+                event.remove(Engine, "connect", small)
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and ("No space left" in line or "disk is full" in line), line
+    assert not [path for path in folder.iterdir() if path.suffix == ".tmp"]
+    assert command.main(arguments) == 0 and len(study_in(folder)) == 2
+
+
+def _large(frozen, more):
+    def made(self, space):
+        found = frozen(self, space)
+        found.set_user_attr("more", more)
+        return found
+
+    return made

@@ -1,0 +1,79 @@
+"""Each page of docs/learners runs as its reader would run it, with few steps."""
+
+import base64
+import csv
+import hashlib
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FEW = 4096  # one update of every learner
+# A file with its name above it, or a command.
+BLOCK = re.compile(r"^(?:`(?P<name>[\w.]+)`:\n\n)?```(?P<kind>python|yaml|sh)\n(?P<text>.*?)^```", re.M | re.S)
+
+
+def environment(name):
+    """Directory that ``make learners`` made beside ours."""
+    directory = Path(f"{sys.prefix}-{name}" if name else sys.prefix)
+    assert (directory / ".installed").exists() or not name, f"{directory} is missing: make learners"
+    return directory
+
+
+@pytest.mark.parametrize(
+    "page, own", [("cleanrl", ""), ("rllib", "rllib"), ("skrl", ""), ("torchrl", ""), ("zoo", "zoo")]
+)
+def test_a_page_trains_and_plays(page, own, tmp_path):
+    text = (ROOT / f"docs/learners/{page}.md").read_text(encoding="utf-8")
+    commands = []
+    for block in BLOCK.finditer(text):
+        if block["kind"] == "sh":
+            commands.append(block["text"])
+        else:
+            (tmp_path / block["name"]).write_text(block["text"], encoding="utf-8")
+    assert commands
+    settings = {
+        "PATH": f"{environment(own) / 'bin'}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+        "STEPS": str(FEW),
+        "CLEANRL": str(environment("cleanrl") / "cleanrl"),
+        "OMP_NUM_THREADS": "1",
+    }
+    script = "\n".join(["set -eu", *commands])
+    # Whoever hangs ends with its group; loaded machines take minutes.
+    result = subprocess.run(
+        ["timeout", "600", "bash", "-c", script],
+        cwd=tmp_path,
+        env={**os.environ, **settings},
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, (result.stdout + result.stderr)[-4000:]
+    assert re.search(r"^success \d+%, time (\d+\.\d\d|nan) s$", result.stdout, re.M), result.stdout[-2000:]
+
+
+def test_the_file_of_cleanrl_is_the_release_s():
+    directory = environment("cleanrl")
+    rows = csv.reader((directory / "cleanrl-1.2.0.dist-info/RECORD").read_text(encoding="utf-8").splitlines())
+    said = {name: digest for name, digest, _ in rows}["cleanrl/ppo_continuous_action.py"]
+    digest = hashlib.sha256((directory / "cleanrl/ppo_continuous_action.py").read_bytes()).digest()
+    assert said == "sha256=" + base64.urlsafe_b64encode(digest).decode().rstrip("=")
+
+
+def test_the_index_names_the_tested_versions():
+    index = (ROOT / "docs/learners/index.md").read_text(encoding="utf-8")
+    lists = (ROOT / file for file in ("constraints.txt", "docs/learners/rllib.txt", "docs/learners/zoo.txt"))
+    pins = dict(
+        line.split("==") for file in lists for line in file.read_text(encoding="utf-8").splitlines() if "==" in line
+    )
+    for name, package in {
+        "SB3 zoo": "rl_zoo3",
+        "TorchRL": "torchrl",
+        "RLlib": "ray[rllib]",
+        "skrl": "skrl",
+    }.items():
+        assert re.search(rf"\[{name}\]\(\w+\.md\) {re.escape(pins[package])} ", index), name
