@@ -93,7 +93,7 @@ def parser() -> argparse.ArgumentParser:
 
 def evaluate(arguments: argparse.Namespace) -> int:
     """Run an evaluation, write its files and print the summary."""
-    from agents import evaluation
+    from agents import evaluation, workers
     from vibgym import files, locks
 
     held = contextlib.ExitStack()  # the directory is this run's until its files are written
@@ -116,6 +116,8 @@ def evaluate(arguments: argparse.Namespace) -> int:
         with held:
             results = evaluation.evaluate(prepared, arguments.quiet, arguments.ray)
             page = evaluation.write(results, prepared.film, arguments.quiet)
+    except workers.NoCluster as error:
+        return refused(error)
     except files.WriteError as error:
         return failed(error)
     print(evaluation.summary_table(results))
@@ -165,7 +167,7 @@ def verify(arguments: argparse.Namespace) -> int:
 
 def compare(arguments: argparse.Namespace) -> int:
     """Run a comparison, write its files and print the summary."""
-    from agents import comparison
+    from agents import comparison, workers
     from vibgym import files, locks
 
     held = contextlib.ExitStack()
@@ -182,6 +184,8 @@ def compare(arguments: argparse.Namespace) -> int:
         with held:
             found = comparison.compare(prepared, arguments.quiet, arguments.ray)
             page = comparison.write(found)
+    except workers.NoCluster as error:
+        return refused(error)
     except files.WriteError as error:
         return failed(error)
     print(comparison.summary_table(found))
@@ -304,6 +308,21 @@ def replicate(arguments: argparse.Namespace) -> int:
     return 0
 
 
+EXTRAS = {
+    "h5py": "data",
+    "jinja2": "report",
+    "joblib": "report",
+    "matplotlib": "report",
+    "minari": "data",
+    "optuna": "tune",
+    "ray": "cluster",
+    "scipy": "report",
+    "stable_baselines3": "learn",
+    "torch": "learn",
+}
+"""Which of our extras brings a package that a command may need."""
+
+
 def refused(error: ValueError) -> int:
     """Say in one line what is wrong with the input."""
     print(" ".join(str(error).split()), file=sys.stderr)
@@ -337,6 +356,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             return run(arguments)
         except ConnectionError as error:  # of a cluster whose nodes are lost for good
             return failed(error)
+        except ModuleNotFoundError as error:
+            extra = EXTRAS.get((error.name or "").partition(".")[0])
+            if extra is None:
+                raise
+            text = f"{arguments.command}: {error.name} is not installed: pip install 'vibgym[{extra}]'"
+            return failed(RuntimeError(text))
 
     return interrupts.run(connected)
 

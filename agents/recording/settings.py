@@ -26,7 +26,7 @@ class RecordSettings(Settings):
     observation: str = "state"  # what is kept; the policy reads its own
     episodes: int = Field(1000, ge=1, le=10_000_000)
     first_seed: int = Field(1_000_000, ge=0, le=2**31)  # episode k begins with this seed + k
-    worlds: int = Field(500, ge=1, le=100_000)  # played at a time, of which nothing depends that plays without chance
+    worlds: int = Field(250, ge=1, le=100_000)  # played at a time, of which nothing depends that plays without chance
     noise: float = Field(
         0.0, ge=0, le=2
     )  # standard deviation of what is added to actions, which are kept as they were done

@@ -35,6 +35,10 @@ class NodesLost(ConnectionError):
     """No node of the cluster that could work is left."""
 
 
+class NoCluster(ValueError):
+    """No cluster at the address that was given."""
+
+
 @contextmanager
 def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iterator[Submit]:
     """Gives ``submit(function, *arguments)``, which returns a future of work on a cluster.
@@ -49,12 +53,11 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
         lost_after: seconds without a processor after which :class:`NodesLost` is raised by what is still waited for.
 
     Raises:
-        ValueError: no cluster answers there, or Ray is not installed.
+        NoCluster: none answers there.
+        ModuleNotFoundError: Ray is not installed.
     """
-    try:
-        import ray
-    except ImportError:
-        raise checks.refuse("--ray", address, "nothing: Ray is not installed (pip install ray)") from None
+    import ray
+
     _check_answers(address)
     here = {"PYTHONPATH": os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)}
     cache = {name: os.environ[name] for name in ("NUMBA_CACHE_DIR",) if name in os.environ}
@@ -76,7 +79,7 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
     except (ConnectionError, ValueError, OSError, RuntimeError) as error:
         said = str(error).strip().partition("\n")[0]
         allowed = f"'local', 'auto' where a cluster runs here, or the host:port of one ({said})"
-        raise checks.refuse("--ray", address, allowed) from None
+        raise _none(address, allowed) from None
     watch = Watch(lost_after)
     try:
         work = ray.remote(num_cpus=1, max_retries=TRIES - 1)(_in_directory)
@@ -95,18 +98,22 @@ def _check_answers(address: str) -> None:
     """Refuse a ``host:port`` at which nothing listens: Ray itself would try for minutes.
 
     Raises:
-        ValueError: it is none, or nothing answers.
+        NoCluster: it is none, or nothing answers.
     """
     if address in ("local", "auto"):
         return
     host, colon, port = address.removeprefix("ray://").rpartition(":")
     allowed = "'local', 'auto' where a cluster runs here, or the host:port of one"
     if not colon or not host or not port.isdigit() or int(port) > 65535:
-        raise checks.refuse("--ray", address, allowed)
+        raise _none(address, allowed)
     try:
         socket.create_connection((host, int(port)), ANSWERS_WITHIN).close()
     except OSError as error:
-        raise checks.refuse("--ray", address, f"{allowed} ({reason(error)})") from None
+        raise _none(address, f"{allowed} ({reason(error)})") from None
+
+
+def _none(address: str, allowed: str) -> NoCluster:
+    return NoCluster(str(checks.refuse("--ray", address, allowed)))
 
 
 def _in_directory(directory: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from agents.workers import local
+from agents.workers.cluster import on_ray
 from agents.workers.local import Submit
 
 
@@ -18,13 +19,12 @@ def side_by_side(processes: int, ray: str | None = None) -> Iterator[Submit]:
         ray: None, or where a Ray cluster is, see :func:`agents.workers.cluster.on_ray`: work is then done there.
 
     Raises:
-        ValueError: no cluster answers there, or Ray is not installed.
+        NoCluster: none answers there, see :mod:`agents.workers.cluster`.
+        ModuleNotFoundError: Ray is not installed.
     """
     if ray is None:
         with local.side_by_side(processes) as submit:
             yield submit
         return
-    from agents.workers.cluster import on_ray  # Ray is an extra, and slow to import
-
     with on_ray(ray, processes) as submit:
         yield submit

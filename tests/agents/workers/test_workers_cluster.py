@@ -117,6 +117,19 @@ def test_unreachable_clusters_are_refused(address: str) -> None:
     assert time.monotonic() - began < 30.0
 
 
+@pytest.mark.parametrize("arguments", [
+    ["evaluate", "configs/evaluations/quick.yaml"], ["compare", "configs/comparisons/quick.yaml"], ["verify"],
+    ["tune", "configs/tuning/align.yaml"], ["train", "configs/agents/ppo.yaml", "--agent", "Align/ideal", "--seeds", "0", "1"],
+])  # fmt: skip
+def test_commands_refuse_unreachable_clusters_in_one_line(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = [] if arguments[0] == "verify" else ["--output", str(tmp_path / "out")]
+    assert command.main([*arguments, *output, "--quiet", "--ray", "127.0.0.1:1"]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1 and said[0].startswith("--ray: got '127.0.0.1:1'; allowed: 'local', 'auto'")
+
+
 def test_a_command_whose_cluster_is_lost_ends_in_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
