@@ -66,7 +66,7 @@ class Recorder:
     def episodes(self) -> Iterator[Episode]:
         """One after the other, in the order of their seeds.
 
-        A world whose episode has ended begins the next one, so that none plays for nothing.
+        A world whose episode has ended begins the next one, until all have begun.
         """
         env, worlds, policy = self.env, self.env.num_envs, self.policy
         low, high = env.single_action_space.low, env.single_action_space.high
@@ -79,8 +79,8 @@ class Recorder:
         tracks, age, everyone = Tracks(worlds), np.zeros(worlds, dtype=np.int64), np.arange(worlds)
         tracks.begin(everyone, observation)
         start, state = np.ones(worlds, dtype=bool), None
+        kept = policy.observation == self.settings.observation
         while given < total:
-            kept = policy.observation == self.settings.observation
             reads = observation if kept else env.unwrapped.observed(policy.observation)
             action, state = policy.predict(reads, state, start, deterministic=True)
             if deviation > 0.0:

@@ -76,7 +76,7 @@ class Judge:
         Args:
             policy: as it acts; of a correction the network alone, which is played on the base of each scene.
             steps, seconds: of the training so far.
-            phase: of the training, ``"imitation"``, ``"ppo"`` or ``"sac"``.
+            phase: of the training, ``"imitation"``, ``"ppo"``, ``"sac"`` or ``"offline"``.
         """
         self._last = steps
         if not self._envs:

@@ -97,13 +97,10 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
         allowed = f"a buffer of at most {MOST_BUFFER:.1e} bytes; this one has {size:.1e}"
         raise checks.refuse("sac.buffer_size", sac.buffer_size, allowed)
 
-    def learning_rate(remaining: float) -> float:
-        return sac.final_learning_rate + remaining * (sac.learning_rate - sac.final_learning_rate)
-
     return LeanSAC(
         "MultiInputPolicy",
         env,
-        learning_rate=learning_rate,
+        learning_rate=sac.rate,
         buffer_size=sac.buffer_size,
         learning_starts=sac.learning_starts,
         batch_size=sac.batch_size,

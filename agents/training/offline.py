@@ -7,6 +7,7 @@ from typing import Any
 
 from stable_baselines3.common.utils import set_random_seed
 
+from agents.learned.coding import Coding
 from agents.training import on_policy
 from agents.training.adapter import StableBaselinesAdapter
 from agents.training.offline_learner import OfflineLearner
@@ -48,14 +49,17 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> OfflineL
     from agents.training.transitions import read  # Minari is an extra
 
     offline = _own(settings)
+    if offline.network == "pixels":
+        raise checks.refuse("offline.network", offline.network, "'parts' or 'elements', which read rows of parts")
     set_random_seed(settings.seed)
     coding = on_policy.coding_of(settings, env.env)
+    assert isinstance(coding, Coding)  # no pictures
     data = read(offline, env.env, on_policy.action_of(settings), coding)
     policy = PartsPolicy(
         env.observation_space,
         env.action_space,
-        lambda _: offline.learning_rate,
-        **on_policy.networks(offline, coding),
+        offline.rate,
+        **on_policy.networks(settings, coding),
         log_std=-3.0,  # it does not explore
     )
     return OfflineLearner(policy, env, data, offline, settings.steps)

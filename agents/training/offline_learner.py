@@ -117,8 +117,7 @@ class OfflineLearner:
     def _update(self, step: int) -> dict[str, float]:
         data, settings = self.data, self.settings
         for group in self.optimizer.param_groups:
-            left = 1.0 - step / self.steps
-            group["lr"] = settings.final_learning_rate + left * (settings.learning_rate - settings.final_learning_rate)
+            group["lr"] = settings.rate(1.0 - step / self.steps)
         chosen = torch.randint(len(data.at), (max(settings.batch_size // data.mask.shape[1], 1),))
         at, action = data.at[chosen], data.action[chosen]
         rows, mask = data.rows[at], data.mask[at]

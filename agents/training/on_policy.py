@@ -31,7 +31,7 @@ from agents.training.offline_learner import OfflineLearner
 from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
 from agents.training.residual_env import ResidualEnv
-from agents.training.settings import NetworkSettings, TrainSettings
+from agents.training.settings import TrainSettings
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 
@@ -147,16 +147,13 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     if ppo.noise_floor is not None and ppo.network != "parts":
         raise checks.refuse("ppo.noise_floor", ppo.noise_floor, f"none with the network {ppo.network!r}")
 
-    def learning_rate(remaining: float) -> float:
-        return ppo.final_learning_rate + remaining * (ppo.learning_rate - ppo.final_learning_rate)
-
     return PartsPPO(
         PartsPolicy,
         env,
         n_steps=ppo.n_steps,
         batch_size=ppo.batch_size,
         n_epochs=ppo.n_epochs,
-        learning_rate=learning_rate,
+        learning_rate=ppo.rate,
         gamma=ppo.gamma,
         gae_lambda=ppo.gae_lambda,
         clip_range=ppo.clip_range,
@@ -165,7 +162,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
         touch_cost=ppo.touch_cost,
         critic_steps=ppo.critic_steps + lessons_steps(settings),
         policy_kwargs={
-            **networks(ppo, coding),
+            **networks(settings, coding),
             "log_std": ppo.log_std_init,
             "noise_floor": ppo.noise_floor,
         },
@@ -174,15 +171,16 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO
     )
 
 
-def networks(network: NetworkSettings, coding: Coding | PictureCoding) -> dict[str, Any]:
+def networks(settings: TrainSettings, coding: Coding | PictureCoding) -> dict[str, Any]:
     """Arguments of :class:`agents.training.parts_policy.PartsPolicy`.
 
     Raises:
         ValueError: a network of elements, and none to read.
     """
+    network = settings.network
     if network.network == "elements" and not coding.shape.has_elements:
         why = "this action has no elements" if not coding.shape.side else "it is blind to the column 'element'"
-        raise checks.refuse("ppo.network", network.network, f"'parts': {why}")
+        raise checks.refuse(f"{settings.algorithm}.network", network.network, f"'parts': {why}")
     return {
         "coding": coding,
         "actor": network.network,

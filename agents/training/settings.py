@@ -23,6 +23,17 @@ Rate = Annotated[float, Field(gt=0, le=1)]
 Width = Annotated[int, Field(ge=1, le=4096)]
 
 
+class RateSettings(Settings):
+    """A learning rate that falls linearly."""
+
+    learning_rate: Rate = 1e-3
+    final_learning_rate: Rate = 1e-4  # reached linearly at the end
+
+    def rate(self, remaining: float) -> float:
+        """Where this share of the training remains."""
+        return self.final_learning_rate + remaining * (self.learning_rate - self.final_learning_rate)
+
+
 class NetworkSettings(Settings):
     """The network that acts, what it reads, and its critic."""
 
@@ -36,14 +47,12 @@ class NetworkSettings(Settings):
     blind: list[str] = Field([], max_length=100)  # names of columns that the network does not read
 
 
-class PPOSettings(NetworkSettings):
+class PPOSettings(NetworkSettings, RateSettings):
     """PPO with parts as samples; defaults are what trained fastest on two cores."""
 
     n_steps: int = Field(32, ge=1, le=1_000_000)
     batch_size: int = Field(4096, ge=2, le=100_000_000)  # parts
     n_epochs: int = Field(3, ge=1, le=1000)
-    learning_rate: Rate = 1e-3
-    final_learning_rate: Rate = 1e-4  # reached linearly at the end
     gamma: float = Field(0.98, gt=0, le=1)
     gae_lambda: float = Field(0.95, gt=0, le=1)
     clip_range: float = Field(0.2, gt=0, le=10)
@@ -57,15 +66,13 @@ class PPOSettings(NetworkSettings):
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
 
 
-class OfflineSettings(NetworkSettings):
+class OfflineSettings(NetworkSettings, RateSettings):
     """Learning from a data set alone, see :mod:`agents.training.offline`; a step is an update from one minibatch."""
 
     dataset: str = Field(min_length=1)  # Minari's name, as ``python -m agents record`` gave it
     directory: str | None = None  # of the data sets; None: where Minari keeps them
     method: Literal["cloning", "iql"] = "cloning"
-    batch_size: int = Field(1024, ge=1, le=10_000_000)  # parts
-    learning_rate: Rate = 1e-3
-    final_learning_rate: Rate = 1e-4  # reached linearly at the end
+    batch_size: int = Field(1024, ge=2, le=10_000_000)  # parts
     floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
     # Of "iql" alone (Kostrikov, Nair & Levine 2021):
     gamma: float = Field(0.98, gt=0, lt=1)
@@ -132,7 +139,7 @@ class ResidualSettings(Settings):
             raise PydanticCustomError("base", allowed) from None  # type: ignore[arg-type]
 
 
-class SACSettings(Settings):
+class SACSettings(RateSettings):
     """Stable-Baselines3's SAC with hindsight, see :mod:`agents.training.off_policy`."""
 
     buffer_size: int = Field(300_000, ge=1, le=1_000_000_000)  # transitions of all worlds
@@ -141,8 +148,6 @@ class SACSettings(Settings):
     gradient_steps: int = Field(4, ge=1, le=100_000)  # at each update
     policy_delay: int = Field(2, ge=1, le=1000)  # gradient steps of the critics for one of the actor
     batch_size: int = Field(256, ge=1, le=10_000_000)
-    learning_rate: Rate = 1e-3
-    final_learning_rate: Rate = 1e-4  # reached linearly at the end
     gamma: float = Field(0.95, gt=0, lt=1)
     tau: Rate = 0.02  # of the target network
     ent_coef: float = Field(0.1, gt=0, le=100)  # at the beginning; learned from there

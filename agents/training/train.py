@@ -30,7 +30,7 @@ ALGORITHMS: dict[str, ModuleType] = {"ppo": on_policy, "sac": off_policy, "offli
 """Modules with the same names: ``make_env``, ``make_model``, ``acting``, ``actor``, ``take_actor``, ``save_policy``."""
 
 LINES = {"ppo": 1, "sac": 500, "offline": 1}
-"""Rollouts, or of SAC episodes, between two lines of the log."""
+"""Rollouts, of SAC episodes, or from data sets blocks of updates, between two lines of the log."""
 
 
 def _saved(directory: Path) -> str:

@@ -35,7 +35,7 @@ class Transitions(NamedTuple):
     facts: dict[str, Any]  # name, episodes, steps and digest of the data set
 
 
-def read(settings: OfflineSettings, env: Any, action: str, coding: Any) -> Transitions:
+def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Transitions:
     """All steps of a data set.
 
     Args:
@@ -47,7 +47,7 @@ def read(settings: OfflineSettings, env: Any, action: str, coding: Any) -> Trans
     Raises:
         ValueError: there is no such data set, or it is not of this environment, scene or version, or damaged.
     """
-    if not isinstance(coding, Coding) or action not in BY_PART:
+    if action not in BY_PART:
         raise checks.refuse("environment.action", action, f"one with numbers for every part: {', '.join(BY_PART)}")
     with kept_in(settings.directory):
         place = Path(get_dataset_path(settings.dataset))

@@ -123,7 +123,7 @@ class Bandit:
     def learned(self, updates=1200, **changes):
         own = OfflineSettings.model_validate({**self.settings.offline.model_dump(), **changes})
         torch.manual_seed(0)
-        networks = on_policy.networks(own, self.coding)
+        networks = on_policy.networks(self.settings.model_copy(update={"offline": own}), self.coding)
         policy = PartsPolicy(
             self.env.observation_space, self.env.action_space, lambda _: 1e-3, **networks, log_std=-3.0
         )
@@ -151,6 +151,16 @@ def test_values_are_those_of_the_paper(recorded, expectile):
     assert action == pytest.approx(0.5 * (2.0 * share - 1.0), abs=0.02)
     cloned, _, _ = bandit.learned(method="cloning", updates=500)
     assert cloned == pytest.approx(0.0, abs=0.02)
+
+
+def test_networks_that_do_not_fit_are_refused_by_their_name(recorded):
+    for changes, named in (
+        ({"offline": {"network": "pixels"}, "environment": {"action": "wrench", "observation": "image"}}, "'pixels'"),
+        ({"offline": {"network": "elements"}}, "'elements'.*this action has no elements"),
+    ):
+        settings = settings_of(recorded, **changes)
+        with pytest.raises(ValueError, match=f"^offline.network: got {named}"):
+            offline.make_model(settings, offline.make_env(settings))
 
 
 def test_a_data_set_that_is_not_there_is_refused(recorded):

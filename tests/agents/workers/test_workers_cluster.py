@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import ray
 
 from agents import __main__ as command
 from agents import evaluation
 from agents.workers import side_by_side
 from agents.workers.cluster import NodesLost, on_ray
-
-ray = pytest.importorskip("ray")
 
 
 @pytest.fixture
