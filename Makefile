@@ -87,10 +87,10 @@ verify: $(REPORT)
 	$(PY) -m agents verify $(ARGS)
 
 replicate: $(REPORT)
-	$(PY) -m agents replicate
+	$(PY) -m studies.thesis
 
 accuracy: $(ACCURACY)
-	$(PY) -m vibgym.accuracy configs/accuracy/shipped.yaml
+	$(PY) -m studies.accuracy configs/accuracy/shipped.yaml
 
 learners: $(DEV) $(LEARNERS)
 
@@ -114,20 +114,20 @@ $(PUSHT)/.installed:
 	@touch $@
 
 benchmark: $(LEARN) $(ACCURACY) $(PUSHT)/.installed
-	$(PY) -m benchmarks.accuracy
-	$(PY) -m benchmarks.kernel
-	$(PY) -m benchmarks.speed
-	$(PY) -m benchmarks.contacts
-	$(PY) -m benchmarks.crowds --pusht $(PUSHT)/bin/python
-	$(PY) -m benchmarks.pile
-	$(PY) -m benchmarks.camera
-	$(PY) -m benchmarks.control
-	$(PY) -m benchmarks.training
+	$(PY) -m studies.benchmarks.accuracy
+	$(PY) -m studies.benchmarks.kernel
+	$(PY) -m studies.benchmarks.speed
+	$(PY) -m studies.benchmarks.contacts
+	$(PY) -m studies.benchmarks.crowds --pusht $(PUSHT)/bin/python
+	$(PY) -m studies.benchmarks.pile
+	$(PY) -m studies.benchmarks.camera
+	$(PY) -m studies.benchmarks.control
+	$(PY) -m studies.benchmarks.training
 
 # Some hours: three seeds of every agent; then their table and the best of each. AGENTS="Align/ideal" for some of them.
 train: $(LEARN)
 	@for agent in $(AGENTS); do for seed in 0 1 2; do $(PY) -m agents train $(CONFIG) --agent $$agent --seed $$seed || exit; done; done
-	$(PY) -m agents tabulate $(CONFIG) $(AGENTS:%=--agent %) --ship agents/learned/shipped --page docs/agents.md
+	$(PY) -m agents tabulate $(CONFIG) $(AGENTS:%=--agent %) --ship vibgym/policies/trained/shipped --page docs/agents.md
 
 compare: $(REPORT)
 	$(PY) -m agents compare configs/comparisons/agents.yaml
@@ -138,4 +138,4 @@ format: $(DEV)
 
 clean:
 	rm -rf .venv .venv-* build dist .hypothesis .import_linter_cache .pytest_cache .ruff_cache
-	find vibgym agents benchmarks tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	find vibgym agents studies tests -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true

@@ -81,20 +81,13 @@ def parser() -> argparse.ArgumentParser:
     recording = commands.add_parser("record", help="play a policy and keep its episodes as a Minari data set")
     recording.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/recordings/")
     recording.add_argument("--quiet", action="store_true", help="no progress bar")
-    replicating = commands.add_parser("replicate", help="draw the thesis's figures beside ours")
-    replicating.add_argument(
-        "--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="directory of the page"
-    )
-    replicating.add_argument(
-        "--figure", action="append", metavar="NAME", help="only this figure; may be given several times"
-    )
     return result
 
 
 def evaluate(arguments: argparse.Namespace) -> int:
     """Run an evaluation, write its files and print the summary."""
-    from agents import evaluation, workers
-    from vibgym import files, locks
+    from agents import evaluation, locks, workers
+    from vibgym import files
 
     held = contextlib.ExitStack()  # the directory is this run's until its files are written
     try:
@@ -167,8 +160,8 @@ def verify(arguments: argparse.Namespace) -> int:
 
 def compare(arguments: argparse.Namespace) -> int:
     """Run a comparison, write its files and print the summary."""
-    from agents import comparison, workers
-    from vibgym import files, locks
+    from agents import comparison, locks, workers
+    from vibgym import files
 
     held = contextlib.ExitStack()
     try:
@@ -293,21 +286,6 @@ def tabulate(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def replicate(arguments: argparse.Namespace) -> int:
-    """Draw the thesis's figures beside ours."""
-    from agents.replicate.page import write
-    from vibgym.files import WriteError
-
-    try:
-        page = write(arguments.output, arguments.figure)
-    except ValueError as error:
-        return refused(error)
-    except WriteError as error:
-        return failed(error)
-    print(f"page: {page}")
-    return 0
-
-
 EXTRAS = {
     "h5py": "data",
     "jinja2": "report",
@@ -347,7 +325,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         "tabulate": tabulate,
         "tune": tune,
         "record": record,
-        "replicate": replicate,
     }
     run = commands[arguments.command]
 

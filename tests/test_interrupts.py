@@ -14,7 +14,7 @@ import pytest
 from vibgym import interrupts
 
 COMMANDS = {
-    "accuracy": ["vibgym.accuracy", "configs/accuracy/quick.yaml"],
+    "accuracy": ["studies.accuracy", "configs/accuracy/quick.yaml"],
     "warm": ["vibgym", "warm"],
     "train": ["agents", "train", "configs/agents/align.yaml"],
     "evaluate": ["agents", "evaluate", "configs/evaluations/quick.yaml"],
@@ -85,7 +85,7 @@ def test_in_other_threads_and_where_interruptions_are_switched_off_signals_are_l
 
 def test_only_the_projects_own_commands_end_at_once(monkeypatch):
     for words, expected in (
-        (["python", "-m", "vibgym.accuracy", "x"], True),
+        (["python", "-m", "studies.accuracy", "x"], True),
         (["python", "-m", "vibgym", "warm"], True),
         (["python", "-m", "pytest", "vibgym"], False),
         (["python", "-m"], False),

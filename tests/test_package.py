@@ -29,7 +29,7 @@ def loaded_after(code):
     "import vibgym",
     "import vibgym.fields, vibgym.config, vibgym.tasks, vibgym.envs",
     "import vibgym\nimport gymnasium\nenv = gymnasium.make('vibgym/Align-v0')\nenv.reset(seed=0)",
-    "import agents.policy, agents.registry",
+    "import vibgym.policies.protocol, vibgym.policies.registry",
 ])  # fmt: skip
 def test_extras_are_not_imported(code):
     # Everything after `import gymnasium` is the package's doing.

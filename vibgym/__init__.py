@@ -27,5 +27,5 @@ def __getattr__(name: str) -> Any:
     if name in _ROOMS:
         return importlib.import_module(f"vibgym.{name}")
     if name == "parallel_env":  # PettingZoo is an extra
-        return importlib.import_module("vibgym.envs.multi_agent").parallel_env
+        return importlib.import_module("vibgym.adapters.pettingzoo").parallel_env
     raise AttributeError(f"module 'vibgym' has no attribute {name!r}")

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 
 from vibgym import interrupts
-from vibgym.physics.core import jit
+from vibgym._numba import jit
 
 
 def parser() -> argparse.ArgumentParser:

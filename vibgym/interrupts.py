@@ -15,7 +15,7 @@ CODE = 130
 
 WHOLE = "whatever was written before is whole"
 
-PROGRAMS = ("vibgym", "vibgym.accuracy")
+PROGRAMS = ("vibgym", "studies.accuracy")
 """That Python finds only after it has imported this package, which takes seconds."""
 
 

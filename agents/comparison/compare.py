@@ -25,14 +25,14 @@ from agents.comparison.results import (
 )
 from agents.comparison.sample import Sample
 from agents.evaluation.jobs import Job
-from agents.evaluation.provenance import provenance
 from agents.evaluation.results import Trial
 from agents.evaluation.rollout import Measured, Outcomes, measured, outcomes
 from agents.evaluation.running import run_jobs
-from agents.policy import Policy
-from agents.task_info import TaskInfo
+from agents.provenance import provenance
 from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
 
 Samples = dict[tuple[str, str], dict[str, Sample]]
 """Task and hardware -> policy -> its episodes."""

@@ -13,10 +13,10 @@ from agents.comparison.studies import Case, Line, MatrixSettings
 from agents.evaluation.entries import laid_over, with_sensor
 from agents.evaluation.jobs import Job, Known, trials, writable
 from agents.evaluation.results import Trial
-from agents.policy import Policy
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from vibgym import checks
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 
 FILES = ("compare.csv", "compare.json", "compare.html")
 

@@ -17,7 +17,7 @@ from agents.comparison.sample import Sample
 from agents.comparison.settings import ComparisonSettings
 from agents.comparison.studies import Case, Line
 from agents.evaluation.statistics import Interval, bootstrap, exact, quartiles, success_interval
-from agents.task_info import TaskInfo
+from vibgym.policies.task_info import TaskInfo
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,7 @@ class Contender:
         return self.name if seed is None else f"{self.name}, seed {seed}"
 
     def content(self, seed: int | None) -> Any:
-        """What :func:`agents.registry.make_policy` takes for the policy that one run gave."""
+        """What :func:`vibgym.policies.registry.make_policy` takes for the policy that one run gave."""
         return self.entry.content if seed is None else _filled(self.entry.content, seed)
 
     def curve_path(self, task: str, seed: int | None) -> Path:

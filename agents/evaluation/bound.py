@@ -18,7 +18,7 @@ def least_times(env: SharedInterface) -> np.ndarray:
 
     Returns:
         nan where no bound is known: for several parts and tasks without a goal pose, models other than the planar one, parts
-        that may stick, and where friction or the table's tilt are not what part and table say.
+        that may stick, and where friction or the table's incline are not what part and table say.
     """
     core, truth = env.core, env.truth
     state = core.simulator.state
@@ -36,5 +36,5 @@ def least_times(env: SharedInterface) -> np.ndarray:
         amplitude=core.actuators.most_amplitude,
         latency=core.actuators.least_latency,
     )
-    usual = (state.friction[:, 0] == 1.0) & (state.tilt == 0.0).all(axis=1)
+    usual = (state.friction[:, 0] == 1.0) & (state.incline == 0.0).all(axis=1)
     return np.where(usual, bound.seconds(truth.pose[:, 0], truth.goal[:, 0]), np.nan)

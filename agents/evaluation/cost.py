@@ -20,10 +20,10 @@ import numpy as np
 from tqdm import tqdm
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from vibgym.config import part_from
 from vibgym.physics.core.drive import element_drive
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 from vibgym.scene import Part, Surface
 from vibgym.simulation import Simulator
 from vibgym.tasks.lattice import lattice
@@ -98,7 +98,7 @@ def block_kinds(count: int, rows: int) -> list[int]:
 def heap_rows(surface: Surface, count: int) -> int:
     """Blocks in a column of a heap of ``count``: about a square, one block's width clear of the border."""
     height = max(float(np.ptp(part_from(name).outline[:, 1])) for name in BLOCKS)
-    fit = math.floor((surface.height - 2.0 * height) / (height + GAP))
+    fit = math.floor((surface.depth - 2.0 * height) / (height + GAP))
     return max(1, min(math.ceil(math.sqrt(count)), fit))
 
 
@@ -112,14 +112,14 @@ def heaped(surface: Surface, parts: Sequence[Part], rows: int) -> np.ndarray:
         pose[first : first + rows, 1] = (height + GAP) * (np.arange(len(column)) - 0.5 * (len(column) - 1))
         left += width + GAP
     pose[:, 0] += 0.5 * (surface.width - left + GAP)
-    pose[:, 1] += 0.5 * surface.height
+    pose[:, 1] += 0.5 * surface.depth
     return pose
 
 
 def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray | None:
     """Poses (parts, 3), random headings, spread over a lattice with sqrt(2) element sizes between; None if it has no room."""
     gap, radius = math.sqrt(2.0) * surface.element_size, max(part.radius for part in parts)
-    cells = lattice(np.zeros(2), np.array([surface.width, surface.height]), radius, gap)
+    cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
     if len(cells) < len(parts):
         return None
     chosen = cells[(np.arange(len(parts)) * len(cells)) // len(parts)]
@@ -157,7 +157,7 @@ class Controlling:
 
     def __init__(self, surface: Surface, parts: Sequence[Part], pose: np.ndarray, policy: str) -> None:
         half = 0.5 * surface.width
-        zones = {BLOCKS[0]: (0.0, 0.0, half, surface.height), BLOCKS[1]: (half, 0.0, surface.width, surface.height)}
+        zones = {BLOCKS[0]: (0.0, 0.0, half, surface.depth), BLOCKS[1]: (half, 0.0, surface.width, surface.depth)}
         names = [part.name for part in parts]
         settings: dict[str, Any] = {
             "num_envs": 1,

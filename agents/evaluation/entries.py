@@ -21,7 +21,7 @@ class PolicyEntry:
     """One policy of an evaluation."""
 
     name: str  # in the report
-    content: Any  # what :func:`agents.registry.make_policy` takes
+    content: Any  # what :func:`vibgym.policies.registry.make_policy` takes
     tasks: tuple[str, ...] | None  # on which it runs; None: on all that it serves
     hardware: tuple[str, ...] | None  # on which it runs; None: on all
 

@@ -14,15 +14,15 @@ from agents.evaluation import animation, cost, report, tables
 from agents.evaluation.cost import Cost
 from agents.evaluation.effects import Cell, Effects, cell_of
 from agents.evaluation.jobs import FILES, Evaluation, Job
-from agents.evaluation.provenance import policy_files, provenance
 from agents.evaluation.results import Results, Row, Trial, row_of
 from agents.evaluation.rollout import Outcomes, Rollout, outcomes, run
 from agents.evaluation.running import run_jobs
 from agents.evaluation.statistics import Comparison, compare
-from agents.policy import Policy
-from agents.task_info import TaskInfo
+from agents.provenance import policy_files, provenance
 from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
 
 
 def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None) -> Results:

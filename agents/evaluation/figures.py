@@ -20,7 +20,7 @@ from PIL import Image
 
 from agents.evaluation.results import Results, Trial
 from agents.evaluation.rollout import Rollout
-from agents.task_info import TaskInfo
+from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery, colours
 from vibgym.scene import Surface
 
@@ -95,12 +95,12 @@ def outcome_colours(rollout: Rollout) -> list[str]:
 
 def height_of_map(surface: Surface) -> float:
     """Of a map 6.2 inches wide, inches."""
-    return 5.75 * (surface.height + surface.element_size) / (surface.width + surface.element_size) + 0.32
+    return 5.75 * (surface.depth + surface.element_size) / (surface.width + surface.element_size) + 0.32
 
 
 def draw_table(axes: Axes, surface: Surface) -> None:
     """The surface from above, in mm."""
-    size, edge = (1e3 * surface.width, 1e3 * surface.height), 1e3 * surface.element_size
+    size, edge = (1e3 * surface.width, 1e3 * surface.depth), 1e3 * surface.element_size
     axes.add_patch(Rectangle((0, 0), *size, facecolor="#f7f8f9", edgecolor="#474e5c", linewidth=1.0, zorder=0))
     lines: list[Any] = [[(edge * j, 0), (edge * j, size[1])] for j in range(1, surface.columns)]
     lines += [[(0, edge * i), (size[0], edge * i)] for i in range(1, surface.rows)]

@@ -14,12 +14,12 @@ from agents.evaluation.entries import HardwareEntry, PolicyEntry, laid_over, wit
 from agents.evaluation.results import Trial
 from agents.evaluation.run_settings import RunSettings
 from agents.evaluation.settings import EvaluationSettings
-from agents.policy import Policy
-from agents.registry import CONTROLLERS, make_policy
-from agents.task_info import TaskInfo
 from vibgym import checks
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 
 FILES = ("results.csv", "episodes.csv", "results.json", "report.html")

@@ -129,7 +129,7 @@ UNITS = {
     "stuck": (100.0, " %"),
     "friction": (100.0, " %"),
     "mass": (100.0, " %"),
-    "tilt": (180.0 / math.pi, "°"),
+    "incline": (180.0 / math.pi, "°"),
 }
 """Of what may be drawn for every episode: factor and unit in which it is said."""
 
@@ -214,7 +214,7 @@ def _bias(bias: Any, values: Mapping[str, Any], surface: Surface) -> Words | Non
 
 
 def _size(name: str, value: Any, surface: Surface) -> str:
-    position, heading = deviations(name, value, surface.width + surface.height).tolist()
+    position, heading = deviations(name, value, surface.width + surface.depth).tolist()
     found = [f"{1e3 * position:.3g} mm"] if position else []
     return " and ".join([*found, *([f"{math.degrees(heading):.3g}°"] if heading else [])])
 

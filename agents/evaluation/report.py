@@ -18,8 +18,8 @@ from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.statistics import Comparison
 from agents.evaluation.tables import kind_of, number, plain, quantity
-from agents.task_info import TaskInfo
 from agents.workers import side_by_side, usable
+from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.tasks.base import HOLD_PERIODS
 

@@ -11,7 +11,7 @@ from agents.evaluation.entries import HardwareEntry, laid_over
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import Comparison, quartiles, success_interval
-from agents.task_info import TaskInfo
+from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.scene import Surface
 

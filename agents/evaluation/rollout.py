@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from tqdm import tqdm
 
 from agents.evaluation.log import SERIES, Ends, Film, Log, Measures
-from agents.policy import Policy
+from vibgym.policies.protocol import Policy
 
 Kept = TypeVar("Kept", bound=Ends)
 

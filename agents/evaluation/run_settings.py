@@ -39,7 +39,7 @@ class RunSettings(Settings):
     Attributes:
         tasks: names of environments without ``vibgym/`` and version.
         policies: each a name ("zero"), the path of a trained policy, or a mapping of ``name`` (shown in the report),
-            ``kind`` and the policy's own arguments, see :func:`agents.registry.make_policy`. From Python also objects that
+            ``kind`` and the policy's own arguments, see :func:`vibgym.policies.make_policy`. From Python also objects that
             have ``predict``, themselves or as ``policy`` of such a mapping, beside ``action`` where they must be told which.
             Relative paths start from the current directory. A mapping may have ``tasks`` and ``hardware``, lists of names, on
             which the policy runs; by default it runs on all that it serves.
@@ -106,7 +106,7 @@ class RunSettings(Settings):
         return found
 
     def named_policies(self) -> dict[str, Any]:
-        """Name in the report -> what :func:`agents.registry.make_policy` takes."""
+        """Name in the report -> what :func:`vibgym.policies.registry.make_policy` takes."""
         return {entry.name: entry.content for entry in self.entries()}
 
     def check(self) -> None:

@@ -9,10 +9,10 @@ from typing import Any
 from tqdm import tqdm
 
 from agents.evaluation.jobs import Job
-from agents.policy import Policy
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from agents.workers import Submit
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 
 Judge = Callable[..., Any]
 """``judge(policy, info, seeds, environment, key, *more, quiet)`` runs a job and returns what is kept of it; a module's own

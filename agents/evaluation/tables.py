@@ -15,7 +15,7 @@ from agents.evaluation.effects import Cell, Effects
 from agents.evaluation.results import Results, Row, Trial
 from agents.evaluation.rollout import Rollout
 from agents.evaluation.words import facts
-from agents.task_info import TaskInfo
+from vibgym.policies.task_info import TaskInfo
 
 
 def episodes_of(trial: Trial, rollout: Rollout) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.task_info import TaskInfo
+from vibgym.policies.task_info import TaskInfo
 from vibgym.scene import Part
 
 NUMBER_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")

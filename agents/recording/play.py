@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.policy import Policy
 from agents.recording.settings import RecordSettings
 from agents.recording.tracks import Tracks
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from vibgym import checks
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 
 
 class Episode(NamedTuple):

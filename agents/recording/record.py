@@ -19,13 +19,14 @@ from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
 import vibgym
-from agents.learned.trained import described
+from agents import locks
 from agents.recording import storage
 from agents.recording.play import Recorder
 from agents.recording.settings import RecordSettings
-from agents.task_info import TaskInfo
-from vibgym import checks, locks
+from vibgym import checks
 from vibgym.files import WriteError, reason
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.trained import described
 
 ROOT = "MINARI_DATASETS_PATH"
 """Environment variable that says where Minari keeps its data sets."""

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.learned.storage import as_float32, load_set, save_set
 from agents.training.settings import MOST_STEPS, TrainSettings
 from agents.training.trees import put_together, taken_apart
 from vibgym import checks
+from vibgym.policies.trained.storage import as_float32, load_set, save_set
 
 KIND = "vibgym-checkpoint"
 VERSION = 2

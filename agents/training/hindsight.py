@@ -30,7 +30,7 @@ class HindsightBuffer(DictReplayBuffer):
     over all worlds, and the cost of a batch does not grow with the buffer.
 
     Only the two goals are kept apart; whatever else an observation says of the goal would be that of the goal first meant, so
-    a network must not see it: see :class:`agents.learned.goal_features.GoalFeatures`.
+    a network must not see it: see :class:`vibgym.policies.trained.goal_features.GoalFeatures`.
 
     Args:
         buffer_size: transitions of all worlds; at least one for each is kept.

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from agents.learned.coding import Coding, Seen
-from agents.learned.pictures import PictureCoding
-from agents.policy import Policy
 from agents.training.parts_policy import PartsPolicy
 from agents.training.settings import ImitationSettings
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
+from vibgym.policies.protocol import Policy
+from vibgym.policies.trained.coding import Coding, Seen
+from vibgym.policies.trained.pictures import PictureCoding
 
 MOST_FOUND = 4e9
 """Bytes of demonstrations."""
@@ -36,7 +36,7 @@ class Demonstrations(NamedTuple):
 class Demonstrator:
     """One scene in which an expert is asked what to do.
 
-    An expert that is told what was done in its place (:meth:`agents.control.steering.Steering.acted`) answers to it. Only a
+    An expert that is told what was done in its place (``Steering.acted``) answers to it. Only a
     network that remembers it too can learn that: another had three times the error, and 74 % success in Align. For these
     the expert goes on as if all had done what it said.
 

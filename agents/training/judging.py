@@ -10,13 +10,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.learned.residual import ResidualPolicy
-from agents.policy import Policy
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from agents.training.settings import TrainSettings
 from vibgym import checks
 from vibgym.files import write_atomically
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.residual import ResidualPolicy
 
 FILE = "curve.csv"
 COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "return_")

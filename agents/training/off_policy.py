@@ -12,21 +12,21 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
-from agents.learned.goal_features import GoalFeatures
-from agents.learned.goal_policy import NETWORK, GoalPolicy
-from agents.learned.storage import save_set
-from agents.learned.trained import KIND as POLICY_KIND
-from agents.learned.trained import VERSION as POLICY_VERSION
-from agents.learned.trained import described
-from agents.task_info import TaskInfo
-from agents.training.adapter import StableBaselinesAdapter
 from agents.training.checkpoint import refuse_infinite
 from agents.training.hindsight import HindsightBuffer, buffer_bytes
 from agents.training.noise import Wandering
 from agents.training.sac import LeanSAC
 from agents.training.settings import TrainSettings
 from vibgym import checks
+from vibgym.adapters.sb3 import StableBaselinesAdapter
 from vibgym.envs import VibgymVectorEnv
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.goal_features import GoalFeatures
+from vibgym.policies.trained.goal_policy import NETWORK, GoalPolicy
+from vibgym.policies.trained.storage import save_set
+from vibgym.policies.trained.trained import KIND as POLICY_KIND
+from vibgym.policies.trained.trained import VERSION as POLICY_VERSION
+from vibgym.policies.trained.trained import described
 
 TITLE, PHASE = "SAC with hindsight (on Stable-Baselines3)", "sac"
 """What policies' files and learning curves call it."""
@@ -136,7 +136,7 @@ def acting(model: LeanSAC, settings: TrainSettings) -> GoalPolicy:
 
 
 def save_policy(path: Path, model: LeanSAC, settings: TrainSettings, training: dict[str, Any]) -> None:
-    """Write the actor for :func:`agents.learned.trained.load_trained`.
+    """Write the actor for :func:`vibgym.policies.trained.trained.load_trained`.
 
     Raises:
         Diverged: a weight is not finite; an older policy stays.

@@ -7,14 +7,14 @@ from typing import Any
 
 from stable_baselines3.common.utils import set_random_seed
 
-from agents.learned.coding import Coding
 from agents.training import on_policy
-from agents.training.adapter import StableBaselinesAdapter
 from agents.training.offline_learner import OfflineLearner
 from agents.training.on_policy import acting, actor, take_actor  # noqa: F401 - a policy of parts, as PPO's
 from agents.training.parts_policy import PartsPolicy
 from agents.training.settings import OfflineSettings, TrainSettings
 from vibgym import checks
+from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.policies.trained.coding import Coding
 
 TITLE, PHASE = "learning from a data set", "offline"
 """What policies' files and learning curves call it."""

@@ -15,12 +15,12 @@ import torch
 from stable_baselines3.common.utils import polyak_update
 from torch import nn
 
-from agents.learned.coding import Coding
 from agents.training.checkpoint import check_finite
 from agents.training.imitation import relative_error
 from agents.training.networks.parts import PartsCritic
 from agents.training.parts_policy import PartsPolicy
 from agents.training.settings import OfflineSettings
+from vibgym.policies.trained.coding import Coding
 
 if TYPE_CHECKING:
     from agents.training.transitions import Transitions  # Minari is an extra

@@ -13,18 +13,6 @@ import gymnasium as gym
 import numpy as np
 import torch
 
-from agents.learned.coding import Coding
-from agents.learned.networks.acting import FLOOR
-from agents.learned.pictures import PictureCoding
-from agents.learned.residual import ResidualPolicy, load_correction
-from agents.learned.storage import save_set
-from agents.learned.trained import ANY, CODINGS, RESIDUAL, TrainedPolicy, described, load_trained
-from agents.learned.trained import KIND as POLICY_KIND
-from agents.learned.trained import VERSION as POLICY_VERSION
-from agents.policy import Policy
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
-from agents.training.adapter import StableBaselinesAdapter
 from agents.training.checkpoint import refuse_infinite
 from agents.training.imitation import check_room
 from agents.training.offline_learner import OfflineLearner
@@ -33,7 +21,19 @@ from agents.training.ppo import PartsPPO
 from agents.training.residual_env import ResidualEnv
 from agents.training.settings import TrainSettings
 from vibgym import checks
+from vibgym.adapters.sb3 import StableBaselinesAdapter
 from vibgym.envs import VibgymVectorEnv
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.coding import Coding
+from vibgym.policies.trained.networks.acting import FLOOR
+from vibgym.policies.trained.pictures import PictureCoding
+from vibgym.policies.trained.residual import ResidualPolicy, load_correction
+from vibgym.policies.trained.storage import save_set
+from vibgym.policies.trained.trained import ANY, CODINGS, RESIDUAL, TrainedPolicy, described, load_trained
+from vibgym.policies.trained.trained import KIND as POLICY_KIND
+from vibgym.policies.trained.trained import VERSION as POLICY_VERSION
 
 TITLE, PHASE = "PPO with parts as samples (on Stable-Baselines3)", "ppo"
 """What policies' files and learning curves call it."""
@@ -269,7 +269,7 @@ def take_actor(model: Learner, tensors: Mapping[str, np.ndarray]) -> None:
 
 
 def save_policy(path: Path, model: Learner, settings: TrainSettings, training: dict[str, Any]) -> None:
-    """Write the acting part of the model for :func:`agents.learned.trained.load_trained`.
+    """Write the acting part of the model for :func:`vibgym.policies.trained.trained.load_trained`.
 
     Raises:
         Diverged: a weight is not finite; an older policy stays.

@@ -12,11 +12,11 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
-from agents.learned.coding import Coding
-from agents.learned.pictures import PictureCoding
 from agents.training.networks.elements import ElementsActor
 from agents.training.networks.parts import PartsActor, PartsCritic
 from agents.training.networks.pixels import PixelsActor, PixelsCritic
+from vibgym.policies.trained.coding import Coding
+from vibgym.policies.trained.pictures import PictureCoding
 
 NETWORKS: dict[str, tuple[Any, Any]] = {
     "parts": (PartsActor, PartsCritic),
@@ -109,7 +109,7 @@ class PartsPolicy(ActorCriticPolicy):
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """The environment's actions, see :meth:`agents.policy.Policy.predict`."""
+        """The environment's actions, see :meth:`vibgym.policies.protocol.Policy.predict`."""
         seen = self.coding.see(observation, state, episode_start)
         with torch.no_grad():
             mean, log_std = self.actor(torch.from_numpy(seen.rows))

@@ -15,11 +15,11 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
-from agents.learned.coding import Seen
 from agents.training.checkpoint import check_finite
 from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
 from agents.training.resumable import Resumable
 from agents.training.rollout import PartsBuffer
+from vibgym.policies.trained.coding import Seen
 
 PACE, LEAST_PACE, FAR = 1.5, 0.01, 4.0
 """By what the learning rate changes, its least share, and multiples of ``target_kl`` at which an update ends."""
@@ -29,7 +29,7 @@ class PartsPPO(Resumable, PPO):
     """PPO (Schulman et al. 2017) over :class:`agents.training.parts_policy.PartsPolicy`; see the module.
 
     Args:
-        policy, env, **settings: as SB3's; ``env`` is a :class:`agents.training.adapter.StableBaselinesAdapter` over worlds with
+        policy, env, **settings: as SB3's; ``env`` is a :class:`vibgym.adapters.sb3.StableBaselinesAdapter` over worlds with
             observations by parts. ``batch_size`` counts parts.
         touch_cost: what a step in touch with another part costs, in training alone: tasks count touches, but do not price them.
         critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to

@@ -12,10 +12,10 @@ import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
-from agents.learned.storage import load_set, save_set
 from agents.training import checkpoint
 from agents.training.judging import Judge
 from agents.training.settings import TrainSettings
+from vibgym.policies.trained.storage import load_set, save_set
 
 BEST = "best.json"
 

@@ -11,18 +11,18 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from agents.learned.residual import SCALE, Base
-from agents.policy import Policy
-from agents.task_info import TaskInfo
 from agents.training.trees import as_was
 from vibgym import checks
 from vibgym.envs.actions import Wrench
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.residual import SCALE, Base
 
 
 class ResidualEnv(VectorWrapper):
     """Batch of worlds in which a base policy acts, corrected by the learner's action.
 
-    Observations are those by parts, in whose rows the base's action stands; see :mod:`agents.learned.residual`. Those that end
+    Observations are those by parts, in whose rows the base's action stands (``policies.trained.residual``). Those that end
     an episode, ``info["final_obs"]``, have it too. The base remembers what was done, not what it said.
 
     Args:

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from stable_baselines3.common.buffers import BaseBuffer
 
-from agents.learned.coding import Coding, Seen
-from agents.learned.pictures import PictureCoding
+from vibgym.policies.trained.coding import Coding, Seen
+from vibgym.policies.trained.pictures import PictureCoding
 
 AT_ONCE = 10_000_000
 """Numbers of observations of which the critic tells the values in one go."""

@@ -10,11 +10,11 @@ from stable_baselines3 import SAC
 from stable_baselines3.common.utils import polyak_update
 from torch.nn import functional
 
-from agents.learned.goal_policy import LEAST_LOG_STD, MOST_LOG_STD
 from agents.training.checkpoint import Diverged
 from agents.training.hindsight import HindsightBuffer
 from agents.training.noise import Wandering
 from agents.training.resumable import Resumable
+from vibgym.policies.trained.goal_policy import LEAST_LOG_STD, MOST_LOG_STD
 
 
 class LeanSAC(Resumable, SAC):

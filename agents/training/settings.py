@@ -11,10 +11,10 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.learned.residual import base_named
 from agents.training import outlines
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
+from vibgym.policies.trained.residual import base_named
 from vibgym.tasks import TASKS
 
 MOST_STEPS = 10**12

@@ -1,6 +1,6 @@
 """The table of trained agents: every seed of a run on fresh episodes, and which of them is shipped.
 
-``python -m agents tabulate configs/agents/ppo.yaml --seeds 0 1 2 --ship agents/learned/shipped``
+``python -m agents tabulate configs/agents/ppo.yaml --seeds 0 1 2 --ship vibgym/policies/trained/shipped``
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import numpy as np
 
 from agents.evaluation.rollout import run
 from agents.evaluation.statistics import bootstrap, success_interval
-from agents.learned.storage import load_set
-from agents.learned.trained import KIND, RESIDUAL, VERSION
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from agents.training.judging import FILE as CURVE
 from agents.training.judging import usual
 from agents.training.settings import TrainSettings, load_settings
 from agents.training.train import POLICY
 from vibgym import checks
 from vibgym.files import csv_text, write_together
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
 
 FIRST_SEED = 200_000
 """Of the fresh episodes: neither training nor learning curves have seen these."""

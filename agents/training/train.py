@@ -11,18 +11,19 @@ from typing import Any
 import torch
 from stable_baselines3.common.logger import configure
 
-from agents.evaluation.provenance import processor, versions
-from agents.learned.storage import check_name, load_set
-from agents.policy import Policy
+from agents import locks
+from agents.provenance import processor, versions
 from agents.training import checkpoint, off_policy, offline, on_policy
 from agents.training.checkpoint import Diverged, TrainingError
 from agents.training.imitation import Imitation
 from agents.training.judging import Judge
 from agents.training.progress import Judged, Progress
 from agents.training.settings import TrainSettings, load_settings
-from vibgym import checks, locks
+from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 from vibgym.files import WriteError, output_directory, output_files, reason
+from vibgym.policies.protocol import Policy
+from vibgym.policies.trained.storage import check_name, load_set
 
 POLICY = "policy.json"
 

@@ -13,11 +13,11 @@ import torch
 from minari.storage.datasets_root_dir import get_dataset_path
 
 import vibgym
-from agents.learned.coding import BY_PART, Coding
 from agents.recording.record import SCENE, kept_in, scene_of
 from agents.recording.storage import FILE
 from agents.training.settings import OfflineSettings
 from vibgym import checks
+from vibgym.policies.trained.coding import BY_PART, Coding
 
 AT_ONCE = 1000
 """Episodes that are read side by side."""

@@ -16,7 +16,7 @@ from optuna.visualization import matplotlib as plots
 
 from agents.evaluation.figures import png
 from agents.evaluation.pages import data_address, render
-from agents.evaluation.provenance import provenance
+from agents.provenance import provenance
 from agents.tuning.settings import Tuning
 from agents.tuning.study import NAME, STUDY, best
 from agents.tuning.trial import Tried

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from agents import locks
 from agents.tuning.page import write
 from agents.tuning.settings import Tuning
 from agents.tuning.study import best, run_study
 from agents.tuning.trial import Tried
 from agents.workers import side_by_side
-from vibgym import checks, locks
+from vibgym import checks
 from vibgym.files import output_directory
 
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation.provenance import commit, digest, versions
 from agents.evaluation.settings import load_settings
+from agents.provenance import commit, digest, versions
 from agents.verification.figures import figure_rows, place_of
 from agents.verification.published import FIGURE_FILE, RECORD, Published, canonical, written_settings
 

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluation.jobs import effects_jobs, trials
-from agents.evaluation.provenance import digest
 from agents.evaluation.settings import EvaluationSettings, load_settings, settings_from
+from agents.locks import one_run
+from agents.provenance import digest
 from agents.verification.differences import settings_apart
 from agents.verification.figures import COLUMNS, EFFECTS, REPORT, Episodes, Place, figure_rows
 from agents.verification.published import (
@@ -22,7 +23,6 @@ from agents.verification.published import (
 )
 from vibgym import checks
 from vibgym.files import csv_text, output_directory, output_files, reason, write_together
-from vibgym.locks import one_run
 
 RESULTS = "results.json"
 

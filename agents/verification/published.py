@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.provenance import digest
 from agents.evaluation.settings import EvaluationSettings, settings_from
+from agents.provenance import digest
 from agents.verification.figures import COLUMNS, EFFECTS, REPORT, Episodes, Place, place_of
 from vibgym import checks
 from vibgym.files import reason

@@ -13,12 +13,12 @@ from agents.evaluation.jobs import Job, effects_jobs, trials
 from agents.evaluation.results import Trial
 from agents.evaluation.rollout import outcomes, run
 from agents.evaluation.running import run_jobs
-from agents.policy import Policy
-from agents.task_info import TaskInfo
 from agents.verification.figures import COLUMNS, EFFECTS, REPORT, Episodes, Place
 from agents.verification.published import EPISODE_FILE, Published
 from agents.workers import side_by_side, usable
 from vibgym import checks
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
 
 MOST_EPISODES = 1000
 

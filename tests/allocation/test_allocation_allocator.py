@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of
 from tests.allocation.test_allocation_cut import cut
+from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of
 from vibgym import Part, Simulator, allocation
 from vibgym.actuators import DataSheet
 from vibgym.allocation.allocator import INVERSES, MARGIN, Allocator
@@ -182,7 +182,7 @@ def test_a_world_gets_the_same_bits_alone_and_in_any_batch():
 
 
 def test_one_pulse_shifts_the_place_of_rest_as_wanted():
-    """The law behind :mod:`agents.control.settling` and the allocation together: a T / c, with the planar model, at rest."""
+    """The law behind ``policies.classical.settling`` and the allocation together: a T / c, with the planar model, at rest."""
     worlds, generator = 40, np.random.default_rng(3)
     part, surface = ALUMINIUM, SURFACE
     pose = np.column_stack(

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, affinity, box
 
-from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE
+from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part
 from vibgym.allocation.cut import cut_parts, new_pieces, outlines_of
 
@@ -30,7 +30,7 @@ def cut(parts, pose, present=None):
 @given(
     st.integers(0, len(PARTS) - 1),
     st.floats(-0.01, SURFACE.width + 0.01),
-    st.floats(-0.01, SURFACE.height + 0.01),
+    st.floats(-0.01, SURFACE.depth + 0.01),
     st.floats(-math.pi, math.pi),
 )
 def test_pieces_are_the_intersections_with_the_elements(which, x, y, heading):

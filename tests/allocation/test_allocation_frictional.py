@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.agents.helpers import ALUMINIUM, DISC, STEEL, SURFACE
+from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part, Simulator, Surface
 from vibgym.allocation import mean_acceleration, mean_state, phasors_for
 from vibgym.allocation.frictional import FrictionalInverse, coefficients, rim_of

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.inverse import SURFACE, cases, errors, lever, parts
+from studies.benchmarks.inverse import SURFACE, cases, errors, lever, parts
 from vibgym import Part, Surface
 from vibgym.allocation import Inverse, phasors_for
 from vibgym.physics.averaged.least_norm import least_norm

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.agents.helpers import ALUMINIUM, STEEL, SURFACE
+from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE
 from vibgym import Part, Simulator
 from vibgym.bounds.moving import moves
 from vibgym.bounds.tables import SHARES, WEIGHTS, sample, scratch_for, turner_for

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.agents.helpers import ALUMINIUM, SURFACE
+from tests.policies.helpers import ALUMINIUM, SURFACE
 from vibgym import Part, Simulator, Surface
 from vibgym.bounds import TimeBound
 from vibgym.bounds.tables import (

@@ -10,11 +10,11 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3_env
 
-from agents.control.measured import Measured
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from tests.envs.helpers import assert_same, batch, single
 from vibgym.allocation import phasors_for
+from vibgym.policies.classical.measured import Measured
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.paths import route
 
 THREE = ["steel_block", "aluminium_block", "steel_block"]

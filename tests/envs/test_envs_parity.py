@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from tests.envs.helpers import ACTIONS, SMALL, TASKS, assert_same, batch, single
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
 WORLDS = 3

@@ -36,7 +36,7 @@ def own_quantities(core, measured, relations, world, part):
     surface, one, task, episode = core.surface, core.parts[part], core.task, core.episode
     (x, y, heading), moved = measured.pose[world, part], measured.mean_velocity[world, part]
     way, turn = relations.error[world, part, :2], relations.error[world, part, 2]
-    size, low, speed = np.array([surface.width, surface.height]), 0.0, surface.table_speed
+    size, low, speed = np.array([surface.width, surface.depth]), 0.0, surface.table_speed
     edges = np.array([x - low, size[0] - x, y - low, size[1] - y])
     zone = np.zeros(4) if task.zones is None else task.zones[task.kind[part]][[0, 2, 1, 3]]
     motion = episode.motion[world, part].reshape(-1, 3)

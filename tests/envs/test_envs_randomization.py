@@ -10,7 +10,7 @@ from tests.envs.helpers import assert_same, batch, single, still
 from vibgym.envs.randomization import EFFECTS
 from vibgym.tasks import TASKS
 
-ALL = {"friction": [0.5, 1.5], "mass": [0.25, 4.0], "tilt": [0.01, 0.03]}
+ALL = {"friction": [0.5, 1.5], "mass": [0.25, 4.0], "incline": [0.01, 0.03]}
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))
@@ -27,7 +27,7 @@ def test_the_batch_is_gymnasiums_own_of_single_environments(task, more, mode):
         action = random.uniform(-1.5, 1.5, native.action_space.shape).astype(np.float32)
         got, expected = native.step(action), sync.step(action)
         assert_same(got, expected, f"step {step}")
-        seen.append(got[4]["drawn"]["tilt"].tobytes())
+        seen.append(got[4]["drawn"]["incline"].tobytes())
         done = got[2] | got[3]
         if mode is AutoresetMode.DISABLED and done.any():
             mask = done & (np.arange(3) != step % 3) if done.sum() > 1 else done
@@ -48,8 +48,8 @@ def test_drawn_evenly_within_the_ranges_one_a_part_and_episode():
         share = np.sort((values.ravel() - low) / (high - low))
         assert np.abs(share - np.linspace(0.0, 1.0, share.size)).max() < 1.6 / math.sqrt(share.size)  # Kolmogorov, 99 %
         assert abs(np.corrcoef(values[:, 0], values[:, 1])[0, 1]) < 0.2
-    tilt = info["drawn"]["tilt"]
-    size, turn = np.hypot(*tilt.T), np.arctan2(tilt[:, 1], tilt[:, 0])
+    incline = info["drawn"]["incline"]
+    size, turn = np.hypot(*incline.T), np.arctan2(incline[:, 1], incline[:, 0])
     angle = np.sort((np.arcsin(size / 9.81) - 0.01) / 0.02)
     for share in (angle, np.sort(turn / (2.0 * math.pi) + 0.5)):
         assert np.abs(share - np.linspace(0.0, 1.0, 400)).max() < 1.6 / math.sqrt(400)
@@ -66,7 +66,7 @@ def test_every_task_takes_it_and_the_simulator_gets_it(task):
     _, info = env.reset(seed=3)
     simulator, parts = env.unwrapped.core.simulator, len(env.unwrapped.parts)
     assert {name: values.shape for name, values in info["drawn"].items()} == {
-        "friction": (parts,), "mass": (parts,), "tilt": (2,),
+        "friction": (parts,), "mass": (parts,), "incline": (2,),
     }  # fmt: skip
     for name, values in info["drawn"].items():
         assert getattr(simulator, name)[0].tobytes() == values.tobytes()
@@ -94,14 +94,14 @@ def test_parts_start_sliding_in_place_whatever_their_friction():
     assert np.ptp(env.unwrapped.truth.velocity[:, 0, 0]) > 0.02
 
 
-def test_a_tilt_makes_parts_drift_downhill():
+def test_an_incline_makes_parts_drift_downhill():
     """With 2 b V / (mu g) in the end, to the first order of the average."""
-    env = batch("Align", 8, action="phasor", randomize={"tilt": [0.02, 0.02]}, max_episode_steps=300)
+    env = batch("Align", 8, action="phasor", randomize={"incline": [0.02, 0.02]}, max_episode_steps=300)
     _, info = env.reset(seed=2, options={"pose": [0.416, 0.104, 0.0]})
     for _ in range(12):
         env.step(still(env))
     moved = env.unwrapped.truth.pose[:, 0, :2] - [0.416, 0.104]
-    downhill = info["drawn"]["tilt"] / 9.81 / math.sin(0.02)
+    downhill = info["drawn"]["incline"] / 9.81 / math.sin(0.02)
     assert np.hypot(*downhill.T) == pytest.approx(1.0)
     assert ((moved * downhill).sum(1) > 0.9 * np.hypot(*moved.T)).all() and (np.hypot(*moved.T) > 3e-3).all()
 
@@ -118,7 +118,7 @@ BAD = [
     (
         "Align",
         {"randomize": {"gravity": [1, 2]}},
-        r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, tilt$",
+        r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, incline$",
     ),
     (
         "Sort",
@@ -134,9 +134,9 @@ BAD = [
     ("Align", {"randomize": {"mass": [1, True]}}, r"randomize\['mass'\]\[1\]: got True"),
     ("Align", {"randomize": {"mass": [1, 2, 3]}}, r"randomize\['mass'\]: "),
     ("Align", {"randomize": {"mass": [1, math.nan]}}, r"randomize\['mass'\]\[1\]: got nan"),
-    ("Align", {"randomize": {"tilt": 0.3}}, r"randomize\['tilt'\]: got 0.3; allowed: .*<= 0.2"),
-    ("Align", {"randomize": {"tilt": [0.1, 0.05]}}, r"randomize\['tilt'\]\[1\]: got 0.05"),
-    ("Align", {"randomize": {"tilt": "steep"}}, r"randomize\['tilt'\]: got 'steep'"),
+    ("Align", {"randomize": {"incline": 0.3}}, r"randomize\['incline'\]: got 0.3; allowed: .*<= 0.2"),
+    ("Align", {"randomize": {"incline": [0.1, 0.05]}}, r"randomize\['incline'\]\[1\]: got 0.05"),
+    ("Align", {"randomize": {"incline": "steep"}}, r"randomize\['incline'\]: got 'steep'"),
     ("Align", {"randomize": {"friction": [1, 6]}, "model": "averaged"}, r"randomize\['friction'\]: got .a factor 6 on"),
     ("Sort", {"randomize": {"mass": [0.1, 1]}, "parts": [STEEL, LIGHT]}, r"randomize\['mass'\]: got .part 0 .*part 1 "),
 ]
@@ -151,9 +151,9 @@ def test_bad_settings_are_one_error_that_names_them(task, settings, message):
 
 
 def test_every_effect_takes_the_ends_of_its_range():
-    ends = {"friction": [0.5, 0.5], "mass": [2.0, 2.0], "tilt": 0.0}
+    ends = {"friction": [0.5, 0.5], "mass": [2.0, 2.0], "incline": 0.0}
     assert ends.keys() == EFFECTS.keys()
     _, info = single("Rotate", randomize=ends).reset(seed=0)
     assert {name: values.tolist() for name, values in info["drawn"].items()} == {
-        "friction": [0.5], "mass": [2.0], "tilt": [0.0, 0.0],
+        "friction": [0.5], "mass": [2.0], "incline": [0.0, 0.0],
     }  # fmt: skip

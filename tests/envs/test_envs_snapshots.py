@@ -16,8 +16,8 @@ CASES = [
     ("Align", {"action": "field", "model": "averaged", "periods_per_step": 3}),
     ("Sort", {"action": "field", "randomize": {"parts": [2, 6]}, "walls": ["left"]}),
     ("SortCrowded", {"action": "patch", "observation": "image"}),
-    ("Rotate", {"randomize": {"friction": [0.5, 1.5], "tilt": 0.05}}),
-    ("Singulate", {"action": "field", "randomize": {"parts": [3, 6], "mass": [0.5, 2.0], "tilt": [0.01, 0.02]}}),
+    ("Rotate", {"randomize": {"friction": [0.5, 1.5], "incline": 0.05}}),
+    ("Singulate", {"action": "field", "randomize": {"parts": [3, 6], "mass": [0.5, 2.0], "incline": [0.01, 0.02]}}),
     ("Singulate", {}),
     ("Follow", {"action": "field", "parts": ["steel_block", "aluminium_block"], "paths": {"heading": "along"}}),
 ]

@@ -173,7 +173,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
     ),
     "randomize": (
         lambda **ranges: gym.make("vibgym/Sort-v0", actuators="prototype", randomize=ranges),
-        dict(friction=[0.9, 1.1], mass=[0.5, 2.0], tilt=0.01, parts=[2, 3], dead_zone=[0.0, 1e-4], latency=[0, 3],
+        dict(friction=[0.9, 1.1], mass=[0.5, 2.0], incline=0.01, parts=[2, 3], dead_zone=[0.0, 1e-4], latency=[0, 3],
              limit=[2e-4, 3e-4], gain_spread=[0.0, 0.1], bandwidth=[1.0, 5.0], dead=[0.0, 0.1], stuck=[0.0, 0.1]),
     ),
     "surface_from": (config.surface_from, dict(value="prototype")),

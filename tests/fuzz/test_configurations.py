@@ -20,9 +20,9 @@ from hypothesis import strategies as st
 from agents import evaluation
 from agents.training.on_policy import make_env
 from agents.training.settings import load_settings
+from studies.accuracy import report
+from studies.accuracy import settings as accuracy_settings
 from tests.fuzz.campaign import count, fuzz
-from vibgym.accuracy import report
-from vibgym.accuracy import settings as accuracy_settings
 
 ENVIRONMENT = """
   surface: {rows: 8, columns: 32, element_size_mm: 26, horizontal_amplitude_mm: 2.7, frequency: 25, gravity: 9.81}
@@ -31,7 +31,7 @@ ENVIRONMENT = """
     - {shape: disc, radius_mm: 20, friction: 0.6, restitution: 0.2, contact_friction: 0.3, name: disc}
     - {shape: polygon, vertices_mm: [[0, 0], [50, 0], [50, 20], [20, 20], [20, 40], [0, 40]], friction: 0.5, name: angle}
   walls: [left, top]
-  randomize: {parts: [1, 3], friction: [0.9, 1.1], tilt: 0.002, dead_zone_mm: [0.05, 0.1]}
+  randomize: {parts: [1, 3], friction: [0.9, 1.1], incline: 0.002, dead_zone_mm: [0.05, 0.1]}
   actuators: {kind: prototype, dead_zone_mm: 0.1, latency: 1, phase_spread_deg: 5, dead: [[0, 1]]}
   sensor: {kind: pose, noise: [0.0001, 0.003], dropout: 0.1, estimator: {kind: model, drift: 0.01}}
 """
@@ -58,7 +58,7 @@ def evaluate(path: Path, output: Path) -> None:
 
 
 def measure(path: Path, output: Path) -> None:
-    """As far as ``python -m vibgym.accuracy`` can."""
+    """As far as ``python -m studies.accuracy`` can."""
     settings = accuracy_settings.load_settings(path, str(output))
     try:
         report.prepare(settings)

@@ -36,7 +36,7 @@ OF_ACTUATORS = {
 OF_WORLDS = {
     "friction": st.just([0.9, 1.1]),
     "mass": st.just([0.5, 1.5]),
-    "tilt": st.just(0.005),
+    "incline": st.just(0.005),
 }
 ESTIMATORS = ["none", "kalman", "model", {"kind": "model", "model": "auto"}]
 

@@ -1,5 +1,5 @@
-"""The independent integrator for the tests: :mod:`benchmarks.point_sampling`, which knows nothing of the kernels."""
+"""The independent integrator for the tests: :mod:`studies.benchmarks.point_sampling`, which knows nothing of the kernels."""
 
-from benchmarks.point_sampling import simulate, strew, strew_disc
+from studies.benchmarks.point_sampling import simulate, strew, strew_disc
 
 __all__ = ["simulate", "strew", "strew_disc"]

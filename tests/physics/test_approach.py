@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
+from vibgym._numba.jit import jit
+from vibgym._numba.reference import reference
 from vibgym.physics.collision import approach
 from vibgym.physics.collision.coupling import Encounter, FixedEncounter, new_contacts, place_parts
 from vibgym.physics.collision.hulls import wall_gap
 from vibgym.physics.core.drive import polar_drive
-from vibgym.physics.core.jit import jit
 from vibgym.physics.core.records import new_state
-from vibgym.physics.core.reference import reference
-from vibgym.physics.friction.workspace import FixedScene, Scene, new_workspace
+from vibgym.physics.planar.workspace import FixedScene, Scene, new_workspace
 from vibgym.scene.hulls import gaps_between, hulls_of
 from vibgym.scene.parts import bodies_of
 from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
@@ -130,7 +130,7 @@ def test_gaps_of_the_test():
     space, encounter = encounter_of([part], ("left",))
     enter(encounter, np.array([[0.02, 0.4, 0.7]]), np.zeros((1, 3)))
     placed_safe_step(encounter, np.array([[0, -1]]), LONGEST)
-    width, height = SURFACE.width, SURFACE.height
+    width, height = SURFACE.width, SURFACE.depth
     gap = wall_gap(encounter.hulls, encounter.contacts.placed, 0, 0, width, height)
     assert gap == pytest.approx(gap_to_the_left(part, 0.02, 0.4, 0.7), abs=1e-15)
     assert space is not None

@@ -18,7 +18,7 @@ CONVERGED = {"steps": 128, "substeps": 2, "pieces": 6}
 
 def scene(worlds, seed=1, spin=0.0, velocity=(0.0, 0.0), margin=0.08):
     rng = np.random.default_rng(seed)
-    low, high = [margin, margin, -math.pi], [SURFACE.width - margin, SURFACE.height - margin, math.pi]
+    low, high = [margin, margin, -math.pi], [SURFACE.width - margin, SURFACE.depth - margin, math.pi]
     pose = rng.uniform(low, high, (worlds, 3))[:, None]
     start = np.zeros((worlds, 1, 3))
     start[:, 0] = [*velocity, spin]

@@ -26,7 +26,7 @@ PARTS = {
 def scene(surface, worlds, seed, spin, margin):
     rng = np.random.default_rng(seed)
     pose = rng.uniform(
-        [margin, margin, -math.pi], [surface.width - margin, surface.height - margin, math.pi], (worlds, 3)
+        [margin, margin, -math.pi], [surface.width - margin, surface.depth - margin, math.pi], (worlds, 3)
     )[:, None]
     velocity = np.zeros((worlds, 1, 3))
     velocity[..., 2] = spin

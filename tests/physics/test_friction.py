@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vibgym.physics.friction.wrench import sliding_wrench
+from vibgym.physics.planar.wrench import sliding_wrench
 
 
 def wrench(x, y, c, s, gravity, phase, slip, spin):

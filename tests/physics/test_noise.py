@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from vibgym._numba.jit import jit
 from vibgym.physics.core import noise
-from vibgym.physics.core.jit import jit
 
 # Known answers of Philox4x32-10 from the authors' library (Random123, file kat_vectors): counter, key, result.
 KNOWN = [

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym import Part, Simulator, Surface
-from vibgym.physics.friction.wrench import sliding_wrench
+from vibgym.physics.planar.wrench import sliding_wrench
 
 G = 9.81
 OMEGA = 2 * math.pi * 25.0

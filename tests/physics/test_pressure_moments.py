@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.physics.contact_area.cut import cells_across, new_cut, place_outline, points_at
-from vibgym.physics.contact_area.outline import cut_outline
-from vibgym.physics.contact_area.phasors import new_phasors
-from vibgym.physics.contact_area.pressure_moments import (
+from vibgym.physics.core.drive import polar_drive
+from vibgym.physics.planar.cut import cells_across, new_cut, place_outline, points_at
+from vibgym.physics.planar.outline import cut_outline
+from vibgym.physics.planar.phasors import new_phasors
+from vibgym.physics.planar.pressure_moments import (
     LANES,
     MOMENT_ROWS,
     PIECE_FIELDS,
@@ -18,9 +19,8 @@ from vibgym.physics.contact_area.pressure_moments import (
     pressure_moments,
     read_phasors,
 )
-from vibgym.physics.core.drive import polar_drive
-from vibgym.physics.friction.series import LARGEST_VARIATION
-from vibgym.physics.friction.wrench import expanded_wrench, sliding_wrench
+from vibgym.physics.planar.series import LARGEST_VARIATION
+from vibgym.physics.planar.wrench import expanded_wrench, sliding_wrench
 
 SURFACE = Surface()
 PARTS = {

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
 from vibgym import Part, Simulator, Surface
-from vibgym.physics.friction.static import implicit_slip
+from vibgym.physics.planar.static import implicit_slip
 
 G = 9.81
 OMEGA = 2 * math.pi * 25.0

@@ -14,7 +14,7 @@ OMEGA = 2 * math.pi * 25.0
 def test_prototype():
     surface = Surface()
     assert (surface.rows, surface.columns) == (8, 32)
-    assert (surface.width, surface.height) == pytest.approx((0.832, 0.208))
+    assert (surface.width, surface.depth) == pytest.approx((0.832, 0.208))
     assert surface.period == pytest.approx(0.04)
     assert surface.angular_frequency == pytest.approx(OMEGA)
     assert surface.lift_off_amplitude == pytest.approx(9.81 / OMEGA**2) == surface.max_amplitude

@@ -8,10 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
 from tests.envs.helpers import assert_same
 from vibgym import Part, Surface
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 from vibgym.sensing import Reading
 from vibgym.sensing.estimation import estimator_from
 from vibgym.sensing.pose import PoseSensor
@@ -116,7 +116,7 @@ def test_variances_stay_positive_whatever_is_read():
             assert (variances >= 0.0).all() and np.isfinite(own.measurement.pose).all(), k
 
 
-LEARNED, SPOKEN = "agents/learned/shipped/align.json", {"action": "wrench", "observation": "parts"}
+LEARNED, SPOKEN = "vibgym/policies/trained/shipped/align.json", {"action": "wrench", "observation": "parts"}
 """A policy that was trained in the ideal world, and what it speaks and reads."""
 
 

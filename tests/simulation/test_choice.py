@@ -116,7 +116,7 @@ def held_scene(surface, worlds, seed):
     rng = np.random.default_rng(seed)
     shape = (worlds, surface.rows, surface.columns)
     pose = np.column_stack([
-        rng.uniform(0.4, 0.6, worlds) * surface.width, rng.uniform(0.4, 0.6, worlds) * surface.height,
+        rng.uniform(0.4, 0.6, worlds) * surface.width, rng.uniform(0.4, 0.6, worlds) * surface.depth,
         rng.uniform(-3, 3, worlds),
     ])[:, None]  # fmt: skip
     return pose, rng.uniform(0.0, surface.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)

@@ -1,4 +1,4 @@
-"""Conditions of single worlds: factors on friction and mass, and a tilted table; closed forms, and parts made so."""
+"""Conditions of single worlds: factors on friction and mass, and an inclined table; closed forms, and parts made so."""
 
 import dataclasses
 import math
@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from studies.accuracy.reference import integrate
 from vibgym import Part, Simulator, Surface
-from vibgym.accuracy.reference import integrate
 from vibgym.scene.parts import shipped_part
 
 G = 9.81
@@ -18,10 +18,10 @@ SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.4, static_friction=0.5)
 
 
-def tilted(surface, part, tilt, velocity=None, pose=(0.3, 0.1, 0.0), **keywords):
+def inclined(surface, part, incline, velocity=None, pose=(0.3, 0.1, 0.0), **keywords):
     simulator = Simulator(surface, part, **keywords)
     simulator.reset(pose, velocity)
-    simulator.set_conditions(slice(None), tilt=tilt)
+    simulator.set_conditions(slice(None), incline=incline)
     return simulator
 
 
@@ -31,14 +31,14 @@ def fields(surface, worlds, seed):
     return surface.max_amplitude * random.random(shape), random.uniform(-math.pi, math.pi, shape)
 
 
-# -- a still, tilted table ---------------------------------------------------------------------------------------------
+# -- a still, inclined table ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("slope", [-2.0, -0.3, 0.3, 2.0])
-def test_a_sliding_part_is_slowed_by_friction_less_the_tilt(slope):
+def test_a_sliding_part_is_slowed_by_friction_less_the_incline(slope):
     """In a line: v = v_0 - (mu g - b) t, until it stops after v_0^2 / (2 (mu g - b)) and sticks."""
     braking, start = 0.4 * G - slope, 0.5
-    simulator = tilted(STILL, BLOCK, [slope, 0.0], [start, 0.0, 0.0])
+    simulator = inclined(STILL, BLOCK, [slope, 0.0], [start, 0.0, 0.0])
     simulator.advance(0.0, 0.0, 1)
     assert simulator.velocity[0, 0] == pytest.approx([start - braking * PERIOD, 0.0, 0.0], abs=1e-12)
     way = start * PERIOD - 0.5 * braking * PERIOD**2
@@ -53,7 +53,7 @@ def test_a_sliding_part_is_slowed_by_friction_less_the_tilt(slope):
 def test_static_friction_holds_up_to_its_coefficient(direction):
     along = np.array([math.cos(direction), math.sin(direction)])
     for share, held in ((0.9, True), (0.9999, True), (1.0001, False), (1.1, False)):
-        simulator = tilted(STILL, BLOCK, share * 0.5 * G * along)
+        simulator = inclined(STILL, BLOCK, share * 0.5 * G * along)
         simulator.advance(0.0, 0.0, 2)
         assert simulator.sticking.all() == held
         # Once it goes, sliding friction is all that is left.
@@ -62,9 +62,9 @@ def test_static_friction_holds_up_to_its_coefficient(direction):
 
 
 def test_across_the_slope_a_sliding_part_turns_downhill():
-    """Where the tilt is mu g, friction takes from the speed what the tilt adds downhill: v + v_y is constant, and in the end
+    """Where the incline is mu g, friction takes from the speed what it adds downhill: v + v_y is constant, and in the end
     the part goes straight down with half the speed that it came with."""
-    simulator = tilted(STILL, BLOCK, [0.0, 0.4 * G], [0.2, 0.0, 0.0], pose=(0.2, 0.05, 0.0))
+    simulator = inclined(STILL, BLOCK, [0.0, 0.4 * G], [0.2, 0.0, 0.0], pose=(0.2, 0.05, 0.0))
     for _ in range(6):
         simulator.advance(0.0, 0.0, 1)
         x, y, _ = simulator.velocity[0, 0]
@@ -72,39 +72,39 @@ def test_across_the_slope_a_sliding_part_turns_downhill():
     assert y == pytest.approx(0.1, rel=0.01) and not simulator.fallen.any()
 
 
-def test_energy_on_a_tilted_table_never_grows():
-    """Kinetic energy less the work of the tilt, with contacts and walls."""
+def test_energy_on_an_inclined_table_never_grows():
+    """Kinetic energy less the work of the incline, with contacts and walls."""
     parts = [BLOCK, Part.disc(0.02, friction=0.1, restitution=0.9), Part.disc(0.015, friction=0.0, restitution=1.0)] * 2
     worlds, random = 12, np.random.default_rng(3)
     simulator = Simulator(STILL, parts, walls=["left", "right", "bottom", "top"], worlds=worlds)
     x = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     pose = np.stack([x, np.full(6, 0.1), np.zeros(6)], axis=1)
     simulator.reset(pose, random.normal(0.0, 1.0, (worlds, 6, 3)) * [0.5, 0.5, 5.0])
-    tilt, factor = random.normal(0.0, 1.5, (worlds, 2)), random.uniform(0.3, 3.0, (worlds, 6))
-    simulator.set_conditions(slice(None), friction=random.uniform(0.3, 3.0, (worlds, 6)), mass=factor, tilt=tilt)
+    incline, factor = random.normal(0.0, 1.5, (worlds, 2)), random.uniform(0.3, 3.0, (worlds, 6))
+    simulator.set_conditions(slice(None), friction=random.uniform(0.3, 3.0, (worlds, 6)), mass=factor, incline=incline)
     mass, inertia = np.array([p.mass for p in parts]) * factor, np.array([p.gyration for p in parts])
     energies = []
     for _ in range(25):
         place, v = simulator.pose, simulator.velocity
         moving = 0.5 * mass * (v[..., 0] ** 2 + v[..., 1] ** 2 + inertia * v[..., 2] ** 2)
-        energies.append((moving - mass * (place[..., :2] * tilt[:, None]).sum(-1)).sum(1))
+        energies.append((moving - mass * (place[..., :2] * incline[:, None]).sum(-1)).sum(1))
         simulator.advance(0.0, 0.0, 1)
     energy = np.array(energies)
     # What undoes overlaps may lift a part by their depth.
-    lift = simulator.deepest_overlap * (mass * np.hypot(*tilt.T)[:, None]).sum(1)
+    lift = simulator.deepest_overlap * (mass * np.hypot(*incline.T)[:, None]).sum(1)
     assert (np.diff(energy, axis=0) <= lift + 1e-12).all() and simulator.statistics["contact"] > 50
     assert simulator.deepest_overlap < 3e-4 and not simulator.fallen.any() and not simulator.diverged.any()
 
 
-# -- a moving, tilted table --------------------------------------------------------------------------------------------
+# -- a moving, inclined table --------------------------------------------------------------------------------------------
 
 
-def test_a_part_sticks_while_friction_carries_table_and_tilt():
+def test_a_part_sticks_while_friction_carries_table_and_incline():
     """a_h w^2 + b <= mu_0 g; on a level table, or turned by 90 degrees, it is the same."""
     surface = Surface(horizontal_amplitude=0.3 * G / SURFACE.angular_frequency**2)
     for slope, held in ((0.0, True), (0.19 * G, True), (0.21 * G, False)):
         for along in ((1.0, 0.0), (0.0, -1.0)):
-            simulator = tilted(surface, BLOCK, slope * np.array(along), [0.0, surface.table_speed, 0.0])
+            simulator = inclined(surface, BLOCK, slope * np.array(along), [0.0, surface.table_speed, 0.0])
             simulator.advance(0.0, 0.0, 3)
             moved = np.abs(simulator.pose[0, 0] - [0.3, 0.1, 0.0]).max()
             assert (moved < 1e-12) == held
@@ -115,7 +115,7 @@ def test_drift_down_a_slope():
     for friction, share in ((0.1, 0.002), (0.05, 0.0006)):  # eps = 0.015 and 0.007: of second order
         part = Part.rectangle(0.05, 0.035, friction=friction)
         slope = 0.02 * friction * G
-        simulator = tilted(ONE, part, [slope, 0.0], pose=(4.0, 4.0, 0.0))
+        simulator = inclined(ONE, part, [slope, 0.0], pose=(4.0, 4.0, 0.0))
         simulator.advance(0.0, 0.0, 1500)
         drift = complex(*simulator.mean_velocity[0, 0, :2])
         assert abs(drift) == pytest.approx(2.0 * slope * ONE.table_speed / (friction * G), rel=share)
@@ -126,28 +126,28 @@ def test_drift_down_a_slope():
 )
 def test_against_the_independent_reference(slope, share, frequency, switches):
     """Sliding, and sticking and slipping, on random elements."""
-    tilt = slope * np.array([math.cos(2.0), math.sin(2.0)])
+    incline = slope * np.array([math.cos(2.0), math.sin(2.0)])
     surface = Surface(rows=4, columns=8, frequency=frequency)
     amplitude, phase = fields(surface, 1, 5)
     amplitude *= share
     start, velocity = [0.1, 0.05, 0.4], [0.0, surface.table_speed, 0.0]
     known = integrate(
-        surface, BLOCK, start, velocity, amplitude[0], phase[0], 3, tilt=tilt, tolerance=1e-5, estimate=False
+        surface, BLOCK, start, velocity, amplitude[0], phase[0], 3, incline=incline, tolerance=1e-5, estimate=False
     )
     assert len(known.switches) == switches
     ends = []
-    for each in (tilt, 0.0):
-        simulator = tilted(surface, BLOCK, each, velocity, start, steps=64, substeps=2, pieces=6)
+    for each in (incline, 0.0):
+        simulator = inclined(surface, BLOCK, each, velocity, start, steps=64, substeps=2, pieces=6)
         simulator.advance(amplitude, phase, 3)
         ends.append(np.abs(simulator.pose[0, 0] - known.pose[-1]).max())
     assert ends[0] < 3e-5 and ends[1] > 30.0 * ends[0] and ends[1] > 1e-3
 
 
-def test_order_of_convergence_under_tilt():
-    """Runge-Kutta steps stay of fourth order: the tilt is part of every stage."""
+def test_order_of_convergence_under_incline():
+    """Runge-Kutta steps stay of fourth order: the incline is part of every stage."""
 
     def end(substeps):
-        simulator = tilted(ONE, BLOCK, [1.5, -2.0], [0.1, 0.05, 2.0], pose=(4, 4, 0), steps=4, substeps=substeps)
+        simulator = inclined(ONE, BLOCK, [1.5, -2.0], [0.1, 0.05, 2.0], pose=(4, 4, 0), steps=4, substeps=substeps)
         simulator.advance(ONE.max_amplitude, 1.0, 2)
         return simulator.pose[0, 0]
 
@@ -157,12 +157,12 @@ def test_order_of_convergence_under_tilt():
         assert 12.0 < coarse / fine < 20.0
 
 
-def test_averaged_against_planar_under_tilt():
+def test_averaged_against_planar_under_incline():
     """The error stays what it is on a level table."""
     part, worlds = shipped_part("aluminium_block"), 24
     random = np.random.default_rng(0)
     pose = random.uniform([0.2, 0.06, -3.0], [0.6, 0.15, 3.0], (worlds, 3))[:, None]
-    tilt = 0.3 * np.stack([np.cos(np.arange(worlds)), np.sin(np.arange(worlds))], axis=1)
+    incline = 0.3 * np.stack([np.cos(np.arange(worlds)), np.sin(np.arange(worlds))], axis=1)
     friction = random.uniform(0.8, 1.2, (worlds, 1))
     amplitude, phase = fields(SURFACE, worlds, 1)
 
@@ -175,9 +175,9 @@ def test_averaged_against_planar_under_tilt():
         return simulator.pose[:, 0]
 
     errors = []
-    for conditions in ({}, {"tilt": tilt, "friction": friction}):
+    for conditions in ({}, {"incline": incline, "friction": friction}):
         errors.append(np.median(np.abs(ends("averaged", conditions) - ends("planar", conditions))[:, :2]))
-    moved = ends("planar", {"tilt": tilt, "friction": friction}) - ends("planar", {})
+    moved = ends("planar", {"incline": incline, "friction": friction}) - ends("planar", {})
     assert errors[1] < 1.5 * errors[0] and np.median(np.abs(moved[:, :2])) > 20.0 * errors[1]
 
 
@@ -259,9 +259,9 @@ def test_a_world_of_its_own_conditions_does_not_see_the_others():
     parts, worlds, random = [BLOCK, Part.disc(0.02, friction=0.5)], 40, np.random.default_rng(8)
     pose, velocity = [[0.2, 0.1, 0.0], [0.25, 0.1, 0.0]], random.normal(0.0, 0.3, (worlds, 2, 3))
     friction, mass = random.uniform(0.3, 3.0, (2, worlds, 2))
-    tilt = random.normal(0.0, 0.5, (worlds, 2))
+    incline = random.normal(0.0, 0.5, (worlds, 2))
     usual = np.arange(worlds) % 4 == 0
-    friction[usual], mass[usual], tilt[usual] = 1.0, 1.0, 0.0
+    friction[usual], mass[usual], incline[usual] = 1.0, 1.0, 0.0
     amplitude, phase = fields(SURFACE, worlds, 9)
 
     def run(chosen, threads=1, conditions=True):
@@ -269,7 +269,7 @@ def test_a_world_of_its_own_conditions_does_not_see_the_others():
         simulator.reset(pose, velocity[chosen])
         if conditions:
             simulator.set_conditions(
-                np.arange(len(chosen)), friction=friction[chosen], mass=mass[chosen], tilt=tilt[chosen]
+                np.arange(len(chosen)), friction=friction[chosen], mass=mass[chosen], incline=incline[chosen]
             )
         simulator.advance(amplitude[chosen], phase[chosen], 4)
         return simulator.pose
@@ -283,13 +283,13 @@ def test_a_world_of_its_own_conditions_does_not_see_the_others():
     assert not (run(everything, conditions=False)[~usual] == together[~usual]).all(axis=(1, 2)).any()
 
 
-def test_a_tilt_carries_parts_into_a_wall():
-    """Without friction and from rest: nothing but the tilt says that it will touch. It rebounds with e times its speed."""
+def test_an_incline_carries_parts_into_a_wall():
+    """Without friction and from rest: nothing but the incline says that it will touch. It rebounds with e times its speed."""
     part = Part.disc(0.02, friction=0.0, restitution=0.5, contact_friction=0.0)
     slope, gap, start = 3.0, 0.001, 0.021
     simulator = Simulator(STILL, part, walls=["left"])
     simulator.reset([start, 0.1, 0.0])
-    simulator.set_conditions(0, tilt=[-slope, 0.0])
+    simulator.set_conditions(0, incline=[-slope, 0.0])
     simulator.advance(0.0, 0.0, 1)
     meet = math.sqrt(2.0 * gap / slope)
     left = PERIOD - meet
@@ -307,12 +307,12 @@ def test_conditions_are_read_back_kept_and_cleared():
     parts = [BLOCK, BLOCK]
     simulator = Simulator(SURFACE, parts, worlds=3)
     simulator.reset([[0.2, 0.1, 0.0], [0.4, 0.1, 0.0]])
-    assert (simulator.friction == 1.0).all() and (simulator.mass == 1.0).all() and (simulator.tilt == 0.0).all()
-    simulator.set_conditions([True, False, True], friction=[0.5, 2.0], tilt=[[0.1, 0.2], [0.3, 0.0]])
+    assert (simulator.friction == 1.0).all() and (simulator.mass == 1.0).all() and (simulator.incline == 0.0).all()
+    simulator.set_conditions([True, False, True], friction=[0.5, 2.0], incline=[[0.1, 0.2], [0.3, 0.0]])
     simulator.set_conditions(1, mass=3.0)
     assert simulator.friction.tolist() == [[0.5, 2.0], [1.0, 1.0], [0.5, 2.0]]
     assert simulator.mass.tolist() == [[1.0, 1.0], [3.0, 3.0], [1.0, 1.0]]
-    assert simulator.tilt.tolist() == [[0.1, 0.2], [0.0, 0.0], [0.3, 0.0]]
+    assert simulator.incline.tolist() == [[0.1, 0.2], [0.0, 0.0], [0.3, 0.0]]
     simulator.advance(0.0, 0.0, 1)
     state = simulator.get_state()
     simulator.advance(0.0, 0.0, 3)
@@ -320,9 +320,9 @@ def test_conditions_are_read_back_kept_and_cleared():
     other.set_state(state)
     other.advance(0.0, 0.0, 3)
     same(simulator, other)
-    assert (other.friction == simulator.friction).all() and (other.tilt == simulator.tilt).all()
+    assert (other.friction == simulator.friction).all() and (other.incline == simulator.incline).all()
     simulator.reset([[0.2, 0.1, 0.0], [0.4, 0.1, 0.0]])
-    assert (simulator.friction == 1.0).all() and (simulator.mass == 1.0).all() and (simulator.tilt == 0.0).all()
+    assert (simulator.friction == 1.0).all() and (simulator.mass == 1.0).all() and (simulator.incline == 0.0).all()
 
 
 LIGHT = Part.disc(0.02, friction=0.5, mass=0.001, name="light")
@@ -335,9 +335,9 @@ BAD = [
     ({"mass": [1.0, 2.0, 3.0]}, r"mass: got .*broadcast to \(2, 2\)"),
     ({"mass": [0.3, 1.0]}, "mass: got .part 1 .'heavy'., 3.33e.03 times as heavy as part 0 .'light'."),
     ({"friction": math.nan}, "friction: got .nan.*finite"),
-    ({"tilt": 8.0}, r"tilt: got \[8.0, 8.0\]; allowed: .*9.81"),
-    ({"tilt": [[0.0, 1.0, 2.0]]}, r"tilt: .*broadcast to \(2, 2\)"),
-    ({"tilt": "steep"}, "tilt: "),
+    ({"incline": 8.0}, r"incline: got \[8.0, 8.0\]; allowed: .*9.81"),
+    ({"incline": [[0.0, 1.0, 2.0]]}, r"incline: .*broadcast to \(2, 2\)"),
+    ({"incline": "steep"}, "incline: "),
     ({"worlds": [2]}, "worlds: got .*allowed: a mask of shape .2,., or indices from 0 to 1"),
     ({"worlds": [True]}, "worlds: "),
     ({"worlds": [-1]}, "worlds: "),
@@ -361,7 +361,7 @@ def test_bad_conditions_are_one_error_and_change_nothing(given, message):
 def test_damaged_conditions_of_a_state_are_refused():
     simulator = Simulator(SURFACE, [LIGHT, HEAVY])
     state = simulator.get_state()
-    for name, bad in (("friction", -1.0), ("mass", 0.0), ("tilt", 50.0), ("mass", np.array([[0.3, 1.0]]))):
+    for name, bad in (("friction", -1.0), ("mass", 0.0), ("incline", 50.0), ("mass", np.array([[0.3, 1.0]]))):
         with pytest.raises(ValueError, match=rf"^state\['{name}'\]: got "):
             simulator.set_state({**state, name: bad + np.zeros_like(state[name])})
     assert all(np.array_equal(values, state[name]) for name, values in simulator.get_state().items())
@@ -371,7 +371,7 @@ def test_the_averaged_model_refuses_what_may_stick():
     part = Part.rectangle(0.05, 0.035, friction=0.6)
     simulator = Simulator(SURFACE, part, worlds=2, model="averaged")
     simulator.set_conditions([0, 1], friction=[[1.0], [5.6]])  # a_h w^2 = 66.6 m/s^2, mu (g + a_v w^2) = 65.9
-    for given, name in (({"friction": 5.7}, "friction"), ({"friction": 5.6, "tilt": [0.6, 0.6]}, "friction")):
+    for given, name in (({"friction": 5.7}, "friction"), ({"friction": 5.6, "incline": [0.6, 0.6]}, "friction")):
         with pytest.raises(ValueError, match=rf"^{name}: got .a factor .*allowed: scenes that always slide"):
             simulator.set_conditions(1, **given)
     assert simulator.friction.tolist() == [[1.0], [5.6]]

@@ -148,7 +148,7 @@ BY_WALL = {  # a place 30 mm of free way from each wall, and the direction to it
     "left": ((0.05, 0.1), (-1.0, 0.0)),
     "right": ((STILL.width - 0.05, 0.1), (1.0, 0.0)),
     "bottom": ((0.4, 0.05), (0.0, -1.0)),
-    "top": ((0.4, STILL.height - 0.05), (0.0, 1.0)),
+    "top": ((0.4, STILL.depth - 0.05), (0.0, 1.0)),
 }
 
 
@@ -190,7 +190,7 @@ def test_a_fast_disc_between_walls():
     for y in np.linspace(0.02, 0.18, 9):
         place, after = run([small], [[0.4, y, 0.0]], [[0.0, 3.0, 0.0]], 25, walls=ALL_WALLS)
         assert abs(after[0, 1]) == pytest.approx(3.0, abs=EXACT)
-        room = STILL.height - 0.016
+        room = STILL.depth - 0.016
         travelled = (y - 0.008 + 3.0 * 25 * PERIOD) % (2.0 * room)
         exact = 0.008 + min(travelled, 2.0 * room - travelled)
         blows = int((y - 0.008 + 3.0 * 25 * PERIOD) // room)

@@ -302,7 +302,7 @@ def in_walls(simulator):
             c, s = math.cos(turn), math.sin(turn)
             corners = part.outline @ np.array([[c, s], [-s, c]]) + [x, y]
             low, high = corners.min(axis=0), corners.max(axis=0)
-        table = np.array([SURFACE.width, SURFACE.height])
+        table = np.array([SURFACE.width, SURFACE.depth])
         for name, gap in zip(("left", "bottom", "right", "top"), (*low, *(table - high))):
             if name in simulator.walls:
                 gaps[k] = min(gaps[k], gap)
@@ -360,7 +360,7 @@ def test_rest_against_one_another():
 
 
 def test_a_pile_in_a_corner():
-    """30 parts of four kinds, 12 s of full push. The long run is ``python -m benchmarks.pile``."""
+    """30 parts of four kinds, 12 s of full push. The long run is ``python -m studies.benchmarks.pile``."""
     parts = [MIXED[k % 4] for k in range(30)]
     simulator = Simulator(SURFACE, parts, walls=WALLS)
     simulator.reset(grid(parts))

@@ -96,7 +96,7 @@ def test_overlap_with_a_wall(wall):
         "left": [0.024, 0.1, 0.0],
         "right": [SURFACE.width - 0.024, 0.1, 0.0],
         "bottom": [0.7, 0.019, 0.0],
-        "top": [0.7, SURFACE.height - 0.019, 0.0],
+        "top": [0.7, SURFACE.depth - 0.019, 0.0],
     }
     made = simulator(walls=[wall])
     pose = np.tile(APART, (3, 1, 1))

@@ -188,7 +188,7 @@ def test_a_part_over_the_border_falls_and_stays(pose, velocity):
     there = simulator.pose
     # seen half a step ahead of the border, or up to one step of 6.7 ms at 2 m/s before it
     axis = 0 if velocity[0] else 1
-    border = np.array([SURFACE.width, SURFACE.height])[axis] if velocity[axis] > 0 else 0.0
+    border = np.array([SURFACE.width, SURFACE.depth])[axis] if velocity[axis] > 0 else 0.0
     assert abs(there[0, 0, axis] - border) < 2 * SURFACE.period / 6
     simulator.advance(SURFACE.max_amplitude, 1.0, 5)
     assert np.array_equal(simulator.pose, there) and (simulator.mean_velocity == 0).all()
@@ -209,7 +209,7 @@ def test_overhang_alone_does_not_fall():
 
 # Centroids of both lie outside the material: in the C's gap, in the hook's notch.
 HOOK = Part.polygon([[0, 0], [0.1, 0], [0.1, 0.006], [0.006, 0.006], [0.006, 0.1], [0, 0.1]], friction=0.6)
-X, Y = SURFACE.width - 0.001, SURFACE.height - 0.001
+X, Y = SURFACE.width - 0.001, SURFACE.depth - 0.001
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ def test_a_non_convex_part_falls_when_its_centre_leaves_the_hull_of_what_is_supp
     x, y, heading = pose
     c, s = math.cos(heading), math.sin(heading)
     on = Polygon(part.outline @ np.array([[c, s], [-s, c]]) + (x, y)).intersection(
-        box(0, 0, SURFACE.width, SURFACE.height)
+        box(0, 0, SURFACE.width, SURFACE.depth)
     )
     hull = on.convex_hull
     assert hull.covers(Point(x, y)) != falls
@@ -349,7 +349,7 @@ def test_bad_construction_is_refused(argument, value):
 def test_the_limit_itself_is_allowed():
     for amplitude in (SURFACE.max_amplitude, 9.81 / (50 * math.pi) ** 2, 0.0):
         Simulator(SURFACE, BLOCK).advance(amplitude, 1e6)
-    Simulator(SURFACE, BLOCK).reset([0.0, SURFACE.height, -100.0])
+    Simulator(SURFACE, BLOCK).reset([0.0, SURFACE.depth, -100.0])
 
 
 # -- divergence --------------------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ def test_the_part_lies_wholly_on_the_surface_at_start_and_goal(task, surface, pa
     for pose in drawn(task, surface, part, numbers):
         corners = outline_at(part, pose)
         assert np.isfinite(pose).all()
-        assert (corners >= -1e-12).all() and (corners <= [surface.width + 1e-12, surface.height + 1e-12]).all()
+        assert (corners >= -1e-12).all() and (corners <= [surface.width + 1e-12, surface.depth + 1e-12]).all()
 
 
 @given(numbers=uniforms)

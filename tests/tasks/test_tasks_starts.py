@@ -53,7 +53,7 @@ def on_surface(parts, pose, surface):
         left, bottom, right, top = shape.bounds
         if min(left, bottom) < radius - 1e-12:
             return False
-        if right > surface.width - radius + 1e-12 or top > surface.height - radius + 1e-12:
+        if right > surface.width - radius + 1e-12 or top > surface.depth - radius + 1e-12:
             return False
     return True
 

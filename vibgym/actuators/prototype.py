@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.reference import Pinned
 from vibgym.actuators.commands import Commands
 from vibgym.actuators.data_sheet import DataSheet
 from vibgym.actuators.stage import ActuatorStage
@@ -29,7 +30,6 @@ from vibgym.physics.core.hardware import (
     draw_elements,
 )
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
-from vibgym.physics.core.reference import Pinned
 from vibgym.scene.surface import Surface
 
 MOST_LATENCY = 1000

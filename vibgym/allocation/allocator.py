@@ -18,11 +18,11 @@ from functools import partial
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.jit import borrowing
 from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
 from vibgym.allocation.effect import effects, reaches
 from vibgym.allocation.projections import SPREAD, Limits, Work, new_work, serve, start_table
-from vibgym.physics.core.jit import borrowing
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers

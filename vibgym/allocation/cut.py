@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import Part, Surface
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.jit import borrowing
 
 
 class Outlines(NamedTuple):

@@ -27,8 +27,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.jit import borrowing
 from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
-from vibgym.physics.core.jit import borrowing
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers

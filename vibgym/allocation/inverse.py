@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.reference import Pinned
 from vibgym.physics.averaged.along_way import Inversion, new_room
 from vibgym.physics.averaged.contact import AveragedScheme, new_workspace
 from vibgym.physics.averaged.correction import correct_worlds, invert_worlds
@@ -21,7 +22,6 @@ from vibgym.physics.averaged.inverse import new_kept
 from vibgym.physics.averaged.map import instant_states, mean_accelerations, mean_states
 from vibgym.physics.core.drive import Drive, polar_drive
 from vibgym.physics.core.records import STATE, new_state
-from vibgym.physics.core.reference import Pinned
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

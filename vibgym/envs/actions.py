@@ -228,7 +228,7 @@ class Wrench(Action):
         push, given, holds = self._process.push(velocity, wanted)
         pose = measurement.pose
         x, y = pose[..., 0], pose[..., 1]
-        beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.height)
+        beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.depth)
         self._unserved[...] = np.select([measurement.gone, beside, ~holds], [GONE, BESIDE, STICKS], SERVED)
         served = self._unserved == SERVED
         self._given[...] = np.where(served[..., None], given, 0.0)

@@ -221,8 +221,8 @@ class Core:
         highest = {name: high for name, (_, high) in self.randomization.ranges.items()}
         # One part as heavy as may be and the others as light, for every part in turn.
         mass = np.where(np.eye(parts, dtype=bool), highest.get("mass", 1.0), lowest.get("mass", 1.0))
-        tilt = [self.surface.gravity * np.sin(highest.get("tilt", 0.0)), 0.0]
-        rows = Conditions(np.full((parts, parts), highest.get("friction", 1.0)), mass, np.tile(tilt, (parts, 1)))
+        incline = [self.surface.gravity * np.sin(highest.get("incline", 0.0)), 0.0]
+        rows = Conditions(np.full((parts, parts), highest.get("friction", 1.0)), mass, np.tile(incline, (parts, 1)))
         if self.randomization.ranges:
             self.simulator.check_conditions(rows, rows._asdict(), "randomize[{!r}]")
 

@@ -57,7 +57,7 @@ FEATURES = (
         "position",
         2,
         "centre on the surface, x and y; -1 and 1 are the borders",
-        "half the width, half the height",
+        "half the width, half the depth",
         "place",
     ),
     Feature(
@@ -248,11 +248,11 @@ class Layout:
 
 def scales(surface: Surface) -> np.ndarray:
     """Scale of every feature, (features of the table, 2), SI units; see :class:`Numbers`."""
-    longer, half = max(surface.width, surface.height), 0.5 * surface.element_size
+    longer, half = max(surface.width, surface.depth), 0.5 * surface.element_size
     speed = max(surface.table_speed, LEAST_SPEED)
     by_name = {
         "element": (half, half),
-        "position": (0.5 * surface.width, 0.5 * surface.height),
+        "position": (0.5 * surface.width, 0.5 * surface.depth),
         "way": (longer, longer),
         "way_coarse": (COARSE, COARSE),
         "way_fine": (FINE, FINE),

@@ -9,11 +9,11 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, Pinned
 from vibgym.envs import layout as table
 from vibgym.envs.base import Observation
 from vibgym.envs.row_observation import PartsObservation
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
 from vibgym.sensing import Measurement, Sensor
@@ -192,7 +192,7 @@ class GoalObservation(StateObservation):
             raise checks.refuse("observation", "goal", "'state', 'image' (only tasks with a goal pose have 'goal')")
         n, surface = task.goal_size(), task.surface
         self.low = np.array([-0.1, -0.1, -self.TURN_LIMIT], dtype=np.float32)[:n]
-        self.high = np.array([surface.width + 0.1, surface.height + 0.1, self.TURN_LIMIT], dtype=np.float32)[:n]
+        self.high = np.array([surface.width + 0.1, surface.depth + 0.1, self.TURN_LIMIT], dtype=np.float32)[:n]
 
     @property
     def space(self) -> spaces.Space:

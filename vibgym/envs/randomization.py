@@ -19,7 +19,7 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation.conditions import LEAST_FACTOR, MOST_FACTOR
 
 STEEPEST = 0.2
-"""rad, of a table's tilt: the load, which is left as it is, would be 2 % smaller."""
+"""rad, of a table's incline: the load, which is left as it is, would be 2 % smaller."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def within(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -
     return bounds[0] + (bounds[1] - bounds[0]) * uniform
 
 
-def tilts(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
+def inclines(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
     """(n, 2) m/s^2, downhill on tables whose angle is evenly in the range, in any direction."""
     size = surface.gravity * np.sin(within(bounds, uniform[:, 0], surface))
     turn = 2.0 * math.pi * uniform[:, 1]
@@ -69,7 +69,7 @@ def one_a_part(parts: int) -> int:
 EFFECTS: dict[str, Effect] = {
     "friction": Effect(factor_range, one_a_part, within),
     "mass": Effect(factor_range, one_a_part, within),
-    "tilt": Effect(angle_range, lambda parts: 2, tilts),
+    "incline": Effect(angle_range, lambda parts: 2, inclines),
 }
 """By the name in ``randomize=``, which :meth:`vibgym.Simulator.set_conditions` has for them, too."""
 

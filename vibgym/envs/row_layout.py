@@ -49,7 +49,7 @@ OWN = (
         "position",
         2,
         "centre on the surface, x and y; -1 and 1 are the borders",
-        "half the width, half the height",
+        "half the width, half the depth",
         "place",
     ),
     Feature(
@@ -188,7 +188,7 @@ def row_scales(surface: Surface) -> np.ndarray:
     gap = math.sqrt(2.0) * surface.element_size
     own = {
         **dict(zip(("friction", "radius", "gyration", "extent"), zip(TRAITS, TRAITS, strict=True), strict=True)),
-        "position": (0.5 * surface.width, 0.5 * surface.height),
+        "position": (0.5 * surface.width, 0.5 * surface.depth),
         "element": (half, half),
         "way_far": (FAR, FAR),
         "way_coarse": (COARSE, COARSE),

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, Pinned
 from vibgym.envs import row_layout as table
 from vibgym.envs.base import Observation
 from vibgym.envs.row_layout import RowLayout
 from vibgym.physics.collision.hulls import Hulls, part_gap, place_hulls
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.sensing import Measurement
 from vibgym.tasks import Task
 from vibgym.tasks.episode import PREVIEW, Episode, Relations
@@ -249,7 +249,7 @@ class PartsObservation(Observation):
             kind=self._kind,
             traits=table.traits_of(task.parts),
             zone=self._zone,
-            size=np.array([task.surface.width, task.surface.height]),
+            size=np.array([task.surface.width, task.surface.depth]),
             hulls=hulls,
             column=layout.column,
             scale=layout.scale,

@@ -125,8 +125,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     Success (within tolerance, or all parts done, for 10 periods in a row, or as many as ``hold`` says), a fallen part or a
     diverged simulation terminate it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m),
     ``heading_error`` (rad, magnitude, where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where
-    ``randomize`` draws any, ``drawn``: the factors ``friction`` and ``mass`` of every part (parts,), and ``tilt`` (2,), the
-    acceleration x, y (m/s^2) of what lies on the tilted table. Observations do not show them. With ``action="wrench"``,
+    ``randomize`` draws any, ``drawn``: the factors ``friction`` and ``mass`` of every part (parts,), and ``incline`` (2,), the
+    acceleration x, y (m/s^2) of what lies on the inclined table. Observations do not show them. With ``action="wrench"``,
     ``commanded`` says which parts' wishes the elements do not serve, and why (``unserved``, (parts,), an index of
     :data:`vibgym.envs.actions.REASONS`).
 
@@ -154,7 +154,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             ``age`` (periods) and ``sigma`` (m, m, rad) of each part, and of a camera how many parts it took for others at
             the last look (``swaps``), how many ran into one another (``merges``), and how many it lost (``losses``).
         randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
-            factors on friction between table and part, and on mass, one a part. ``"tilt"``: the largest angle of a tilted
+            factors on friction between table and part, and on mass, one a part. ``"incline"``: the largest angle of an inclined
             table, or [low, high], rad; its direction is drawn, too. Sort and Singulate also take ``"parts": [low, high]``: so
             many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
             (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was drawn.

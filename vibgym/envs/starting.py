@@ -81,9 +81,9 @@ def starting_from(options: Mapping[str, Any], task: Task, worlds: int, longest: 
 def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:
     pose = np.array(checks.array(name, value, shape))
     surface = task.surface
-    off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.height)
+    off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
     if off.any():
-        allowed = f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.height:g}]"
+        allowed = f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
         raise checks.refuse(name, pose[off][0].tolist(), allowed)
     return pose
 

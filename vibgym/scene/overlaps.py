@@ -20,13 +20,13 @@ IN_MOTION = 1e-3
 
 def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
     """Poses (parts, 3) before the first reset: a single part in the middle, several in a row or a grid about it."""
-    columns = int(np.ceil(np.sqrt(len(parts) * surface.width / surface.height)))
+    columns = int(np.ceil(np.sqrt(len(parts) * surface.width / surface.depth)))
     rows = -(-len(parts) // columns)
     index = np.arange(len(parts))
     x = (index % columns + 0.5) * surface.width / columns
-    y = (index // columns + 0.5) * surface.height / rows
+    y = (index // columns + 0.5) * surface.depth / rows
     if len(parts) == 1:
-        x, y = np.array([0.5 * surface.width]), np.array([0.5 * surface.height])
+        x, y = np.array([0.5 * surface.width]), np.array([0.5 * surface.depth])
     return np.column_stack([x, y, np.zeros(len(parts))])
 
 
@@ -66,7 +66,7 @@ def check(
     for wall in walls:
         for world, part in np.argwhere(~away).tolist():
             place_hulls(hulls, part, *pose[world, part], placed)
-            gap = wall_gap(hulls, placed, part, WALLS.index(wall), surface.width, surface.height)
+            gap = wall_gap(hulls, placed, part, WALLS.index(wall), surface.width, surface.depth)
             if gap < -min(allowed, share[part]):
                 raise _refuse(name, world, parts, part, f"the {wall} wall", -gap)
 

@@ -89,7 +89,7 @@ class Surface:
         return self.columns * self.element_size
 
     @property
-    def height(self) -> float:
+    def depth(self) -> float:
         """Extent along y, m."""
         return self.rows * self.element_size
 
@@ -146,5 +146,5 @@ class Surface:
             -room["left"],
             self.width + room["right"],
             -room["bottom"],
-            self.height + room["top"],
+            self.depth + room["top"],
         )

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.jit import borrowing
 from vibgym.config import to_si
-from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from, normals, uniforms
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
@@ -104,7 +104,7 @@ class PoseSensor(Sensor):
         **base: Any,
     ) -> None:
         super().__init__(surface, parts, worlds, periods, **base)
-        largest = surface.width + surface.height
+        largest = surface.width + surface.depth
         self.noise = deviations("sensor.noise", noise, largest)
         self.bias = deviations("sensor.bias", bias, largest)
         self.dropout = checks.number("sensor.dropout", dropout, least=0.0, most=1.0)

@@ -1,6 +1,6 @@
 """``model="auto"``: the cheapest model and settings that keep a tolerance, from evidence measured once and stored.
 
-The evidence (``evidence.json``, written by ``python -m vibgym.accuracy.evidence``) holds, for classes of scenes, how far every
+The evidence (``evidence.json``, written by ``python -m studies.accuracy.evidence``) holds, for classes of scenes, how far every
 candidate strays from a converged run in 25 periods and what a period costs. Scenes of one class are alike up to scale: errors
 are in units of the table's amplitude ``a_h``, and what decides is
 

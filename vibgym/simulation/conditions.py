@@ -1,4 +1,4 @@
-"""The worlds' conditions: factors on friction and mass, and the table's tilt, which the physics takes as they are."""
+"""The worlds' conditions: factors on friction and mass, and the table's incline, which the physics takes as they are."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ class Conditions(NamedTuple):
 
     friction: np.ndarray  # (n, parts) factor on both coefficients of friction between part and table
     mass: np.ndarray  # (n, parts) factor on mass and inertia
-    tilt: np.ndarray  # (n, 2) m/s^2, constant acceleration of what lies on the table
+    incline: np.ndarray  # (n, 2) m/s^2, constant acceleration of what lies on the table
 
     @property
     def slope(self) -> np.ndarray:
-        """(n,) m/s^2, magnitude of the tilt."""
-        return np.hypot(self.tilt[:, 0], self.tilt[:, 1])
+        """(n,) m/s^2, magnitude of the incline."""
+        return np.hypot(self.incline[:, 0], self.incline[:, 1])
 
 
 def conditions_of(now: Conditions, given: Mapping[str, Any], gravity: float, where: str) -> Conditions:
     """Checked conditions; what is None stays as it is ``now``.
 
     Args:
-        gravity: m/s^2, which a tilt cannot exceed.
+        gravity: m/s^2, which an incline cannot exceed.
         where: how errors name an argument, with ``{}`` for the condition's own name.
 
     Raises:
@@ -43,12 +43,16 @@ def conditions_of(now: Conditions, given: Mapping[str, Any], gravity: float, whe
             return old
         return checks.array(where.format(name), given[name], old.shape, least=LEAST_FACTOR, most=MOST_FACTOR)
 
-    tilt = now.tilt if given["tilt"] is None else checks.array(where.format("tilt"), given["tilt"], now.tilt.shape)
-    found = Conditions(factor("friction"), factor("mass"), tilt)
+    incline = (
+        now.incline
+        if given["incline"] is None
+        else checks.array(where.format("incline"), given["incline"], now.incline.shape)
+    )
+    found = Conditions(factor("friction"), factor("mass"), incline)
     steep = ~(found.slope <= gravity * (1.0 + 1e-12))
     if steep.any():
         allowed = f"accelerations (x, y) of at most {gravity:g} m/s^2 together, the table's gravity"
-        raise checks.refuse(where.format("tilt"), found.tilt[steep][0].tolist(), allowed)
+        raise checks.refuse(where.format("incline"), found.incline[steep][0].tolist(), allowed)
     return found
 
 

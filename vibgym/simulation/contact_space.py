@@ -203,7 +203,7 @@ def _inset(piece: np.ndarray) -> np.ndarray:
 
 def _wall_shapes(space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]) -> int:
     """Add the walls, once for each material, as thick bars outside the surface; returns how many shapes that makes."""
-    width, height = surface.width, surface.height
+    width, height = surface.width, surface.depth
     thick = max(width, height)
     bars = {
         "left": (-thick, -thick, 0.0, height + thick),

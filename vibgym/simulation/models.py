@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.reference import Pinned
 from vibgym.physics.averaged import contact, integrator
 from vibgym.physics.averaged.contact import AveragedScheme
-from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
-from vibgym.physics.core.reference import Pinned
-from vibgym.physics.friction.planar import slide_rows
-from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.physics.planar.friction import slide_rows
+from vibgym.physics.planar.pressure_moments import LANES
+from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of, kinds_of
 from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.protocol import NO_PATHS, Model, Setup
@@ -88,8 +88,8 @@ class Averaged(Alone):
             return
         worst = int(np.argmax(factors * part.static_friction * 2.0 * self._setup.surface.gravity + conditions.slope))
         factor, slope = float(factors[worst]), float(conditions.slope[worst])
-        got = f"a factor {factor:g} on friction {part.static_friction:g} and a tilt of {slope:.3g} m/s^2"
-        name = "friction" if factor > 1.0 else "tilt"
+        got = f"a factor {factor:g} on friction {part.static_friction:g} and an incline of {slope:.3g} m/s^2"
+        name = "friction" if factor > 1.0 else "incline"
         check_sliding(self._setup.surface, factor * part.static_friction, slope, where.format(name), got)
 
 

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from vibgym._numba.reference import Pinned
 from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, FixedEncounter, new_contacts
 from vibgym.physics.collision.multibody import (
     CALLS,
@@ -19,12 +20,11 @@ from vibgym.physics.collision.multibody import (
     new_prospect,
     resolve,
 )
-from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
-from vibgym.physics.core.reference import Pinned
-from vibgym.physics.friction.planar import slide_rows
-from vibgym.physics.friction.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.physics.planar.friction import slide_rows
+from vibgym.physics.planar.pressure_moments import LANES
+from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of
 from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.contact_space import ContactSpace, check_masses, impact_properties_of
@@ -72,15 +72,15 @@ class Multibody:
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse masses that are too different, and friction that contacts cannot follow."""
-        if not len(conditions.tilt):
+        if not len(conditions.incline):
             return
         parts, surface = self._setup.parts, self._setup.surface
         masses = conditions.mass * [part.mass for part in parts]
         check_masses(where.format("mass"), parts, masses[np.argmax(masses.max(axis=1) / masses.min(axis=1))])
         friction = (conditions.friction * [part.friction for part in parts]).max(axis=1)
         hardest = np.argmax(friction * surface.gravity + 0.5 * conditions.slope)
-        own, tilt = float(friction[hardest]), float(conditions.slope[hardest])
-        check_contact_steps(where.format("friction"), surface, own, tilt, self._bend)
+        own, incline = float(friction[hardest]), float(conditions.slope[hardest])
+        check_contact_steps(where.format("friction"), surface, own, incline, self._bend)
 
     def reset(self) -> None:
         """Begin counting anew."""

@@ -7,10 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
+from vibgym._numba.reference import Pinned
 from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
-from vibgym.physics.core.reference import Pinned
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.conditions import Conditions

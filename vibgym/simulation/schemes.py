@@ -11,8 +11,8 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.physics.averaged.contact import AveragedScheme
-from vibgym.physics.contact_area.pressure_moments import LANES
 from vibgym.physics.core.records import Scheme
+from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part
@@ -116,12 +116,13 @@ def planar_schemes(
     )
 
 
-def check_contact_steps(argument: str, surface: Surface, friction: float, tilt: float, bend: float) -> None:
-    """Refuse friction (and a tilt, m/s^2) that contacts would need too many steps of a period for, see ``PlanarSchemes.bend``.
+def check_contact_steps(argument: str, surface: Surface, friction: float, incline: float, bend: float) -> None:
+    """Refuse friction (and an incline, m/s^2) that contacts would need too many steps of a period for;
+    ``bend``: see ``PlanarSchemes``.
 
     The kernels find the number of steps for each world (:func:`vibgym.physics.collision.coupling.couplings_needed`).
     """
-    needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * tilt) / bend)
+    needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
     if not needed <= MOST_STEPS:
         allowed = f"friction that contacts can follow in {MOST_STEPS} steps of a period of {surface.period:g} s"
         raise checks.refuse(argument, f"a friction of {friction:g}", allowed)
@@ -139,17 +140,17 @@ def averaged_scheme(
 
 
 def check_sliding(
-    surface: Surface, static_friction: float, tilt: float = 0.0, argument: str = "model", value: Any = "averaged"
+    surface: Surface, static_friction: float, incline: float = 0.0, argument: str = "model", value: Any = "averaged"
 ) -> None:
-    """Refuse scenes that the averaged model does not cover, by the argument that makes them so; ``tilt``: m/s^2."""
-    needed = static_friction * (surface.gravity + surface.full_scale) + tilt
+    """Refuse scenes that the averaged model does not cover, by the argument that makes them so; ``incline``: m/s^2."""
+    needed = static_friction * (surface.gravity + surface.full_scale) + incline
     horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
     if not horizontal > needed:
         raise checks.refuse(
             argument,
             value,
-            f"scenes that always slide, a_h w^2 > static_friction (g + a_v w^2) + tilt; here {horizontal:.4g} <= {needed:.4g} "
-            "m/s^2: use model='planar', or lower max_amplitude",
+            f"scenes that always slide, a_h w^2 > static_friction (g + a_v w^2) + incline; here {horizontal:.4g} <= "
+            f"{needed:.4g} m/s^2: use model='planar', or lower max_amplitude",
         )
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.reference import Pinned
 from vibgym.physics.core.drive import Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
-from vibgym.physics.core.reference import Pinned
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
 from vibgym.scene.parts import Part, kinds_of
@@ -94,7 +94,7 @@ class Simulator:
         parts = (parts,) if isinstance(parts, Part) else parts
         if not isinstance(parts, Sequence) or not parts or not all(isinstance(part, Part) for part in parts):
             raise checks.refuse("parts", parts, "a vibgym.Part or a list of them")
-        largest = 2.0 * (surface.width + surface.height)
+        largest = 2.0 * (surface.width + surface.depth)
         for part in parts:
             if part.radius > largest:
                 got = f"{part.name!r} with radius {part.radius:g} m"
@@ -151,11 +151,11 @@ class Simulator:
         pose = checks.array("pose", pose, shape)
         velocity = checks.array("velocity", 0.0 if velocity is None else velocity, shape)
         surface = self.surface
-        off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.height)
+        off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
         if off.any():
             bad = pose[off][0].tolist()
             raise checks.refuse(
-                "pose", bad, f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.height:g}]"
+                "pose", bad, f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
             )
         fallen = np.zeros(shape[:2], dtype=bool)
         overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
@@ -177,7 +177,7 @@ class Simulator:
         for name, usual in CONDITIONS.items():
             getattr(state, name)[worlds] = usual
 
-    def set_conditions(self, worlds: Any, *, friction: Any = None, mass: Any = None, tilt: Any = None) -> None:
+    def set_conditions(self, worlds: Any, *, friction: Any = None, mass: Any = None, incline: Any = None) -> None:
         """Say under which conditions some worlds go on, until the next reset of these; what is None stays as it is.
 
         Args:
@@ -185,8 +185,8 @@ class Simulator:
             friction: factor on the coefficients of static and sliding friction between part and table, broadcastable to
                 (n, parts), 0.01 to 100. Friction between parts stays what it is.
             mass: likewise, on mass and planar inertia. It shows where parts touch one another.
-            tilt: constant acceleration x and y of all that lies on the table, m/s^2, broadcastable to (n, 2), at most the
-                table's gravity together. A table tilted by a small angle has ``g sin(angle)``, downhill; that the load
+            incline: constant acceleration x and y of all that lies on the table, m/s^2, broadcastable to (n, 2), at most the
+                table's gravity together. A table inclined by a small angle has ``g sin(angle)``, downhill; that the load
                 becomes smaller by ``cos(angle)`` is left out.
 
         Raises:
@@ -196,7 +196,7 @@ class Simulator:
         """
         rows = worlds_from(worlds, self.worlds)
         now = Conditions(*(getattr(self._state, name)[rows] for name in Conditions._fields))
-        given = {"friction": friction, "mass": mass, "tilt": tilt}
+        given = {"friction": friction, "mass": mass, "incline": incline}
         found = self.check_conditions(now, given, "{}")
         self.condition(rows, found._asdict())
 
@@ -295,9 +295,9 @@ class Simulator:
         return self._state.mass.copy()
 
     @property
-    def tilt(self) -> np.ndarray:
+    def incline(self) -> np.ndarray:
         """(worlds, 2) acceleration x and y of all that lies on the table, m/s^2; a copy."""
-        return self._state.tilt.copy()
+        return self._state.incline.copy()
 
     @property
     def statistics(self) -> dict[str, int]:

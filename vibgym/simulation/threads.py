@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Generic, TypeVar
 
 from vibgym import checks
-from vibgym.physics.contact_area.pressure_moments import LANES
+from vibgym.physics.planar.pressure_moments import LANES
 
 SMALLEST_BLOCK = 16
 """Worlds below which a second thread costs more than it saves."""

@@ -155,7 +155,7 @@ class Task(ABC):
             "heading": self.heading_tolerance,
             "slow": self.speed_limit,
             "apart": self.apart,
-            "far": math.hypot(surface.width, surface.height),
+            "far": math.hypot(surface.width, surface.depth),
             "hold": self.hold,
             "periods": periods,
         }

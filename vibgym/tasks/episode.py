@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout
 from vibgym.physics.collision.hulls import Hulls, part_gap, place_hulls
-from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import state_at
-from vibgym.physics.core.reference import Layout
 
 DISTANCE_SCALE = 0.1  # m of progress that earn the term's full reward
 APPROACH_SCALE = 0.010  # m

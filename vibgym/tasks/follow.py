@@ -132,7 +132,7 @@ class Follow(Task):
         there = np.ones(paths.shape[:2], dtype=bool) if present is None else present
         goal = np.empty((*paths.shape[:2], 3))
         route.first_poses(paths, np.empty(len(route.MOTION)), goal)
-        beside = np.array([-self.surface.width, -self.surface.height, 0.0])
+        beside = np.array([-self.surface.width, -self.surface.depth, 0.0])
         return Start(np.where(there[..., None], goal, beside), there, goal, paths)
 
     def put_down(self, start: Start, pose: np.ndarray) -> Start:

@@ -51,7 +51,7 @@ class PoseTask(Task):
 
     def __init__(self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS) -> None:
         super().__init__(surface, parts, hold=hold)
-        room = min(surface.width, surface.height) / 2
+        room = min(surface.width, surface.depth) / 2
         for part in self.parts:
             if part.radius > room:
                 got = f"{part.name!r} with radius {part.radius:g} m"
@@ -76,7 +76,7 @@ class PoseTask(Task):
     def somewhere(self, uniform: np.ndarray) -> np.ndarray:
         """Positions (n, 2) at which the part lies wholly on the surface, from ``uniform`` (n, 2)."""
         margin = self.parts[0].radius
-        room = np.array([self.surface.width - 2.0 * margin, self.surface.height - 2.0 * margin])
+        room = np.array([self.surface.width - 2.0 * margin, self.surface.depth - 2.0 * margin])
         return margin + room * uniform
 
     def goal_size(self) -> int:

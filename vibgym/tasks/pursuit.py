@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, Pinned
 from vibgym.physics.core.records import State
-from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.tasks.episode import BARRED, HEADING, MOTION, POSITION, PREVIEW, Episode, Relations, Rules, Start
 from vibgym.tasks.paths import route
 from vibgym.tasks.scoring import Scored, Scoring

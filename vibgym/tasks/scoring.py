@@ -6,9 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
+from vibgym._numba.reference import Pinned
 from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.core.records import STATE, State
-from vibgym.physics.core.reference import Pinned
 from vibgym.tasks.episode import (
     JUDGED,
     QUANTITIES,

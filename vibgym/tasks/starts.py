@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.jit import jit
 from vibgym.physics.collision.hulls import hull_gap, part_gap, place_hulls, wall_gap
-from vibgym.physics.core.jit import jit
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -40,7 +40,7 @@ class Room(NamedTuple):
     """What the drawing kernels know of the surface."""
 
     width: float  # m
-    height: float  # m
+    depth: float  # m
     cells: (
         np.ndarray
     )  # (n, 2) m, centres of cells that hold any part, column by column, each from the bottom to the top
@@ -92,7 +92,7 @@ def scatter(hulls, room, order, count, numbers, placed, pose):
         radius = hulls.radius[part]
         for t in range(numbers.shape[1]):
             pose[part, 0] = radius + (room.width - 2.0 * radius) * numbers[part, t, 0]
-            pose[part, 1] = radius + (room.height - 2.0 * radius) * numbers[part, t, 1]
+            pose[part, 1] = radius + (room.depth - 2.0 * radius) * numbers[part, t, 1]
             pose[part, 2] = math.pi * (2.0 * numbers[part, t, 2] - 1.0)
             place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
             if is_clear(hulls, placed, pose, order, k, room.clear):
@@ -150,7 +150,7 @@ def slide(hulls, placed, pose, order, count, ux, uy, length):
 def is_on_surface(hulls, placed, part, room):
     """Whether a placed part lies wholly on the surface."""
     for wall in range(4):
-        if not wall_gap(hulls, placed, part, wall, room.width, room.height) >= 0.0:
+        if not wall_gap(hulls, placed, part, wall, room.width, room.depth) >= 0.0:
             return False
     return True
 
@@ -169,12 +169,12 @@ def heap(hulls, room, order, count, numbers, placed, pose):
     first = order[0]
     margin = largest * (0.5 + math.sqrt(count))
     for axis in range(2):
-        size = room.width if axis == 0 else room.height
+        size = room.width if axis == 0 else room.depth
         edge = min(max(margin, hulls.radius[first]), 0.5 * size)
         pose[first, axis] = edge + (size - 2.0 * edge) * numbers[first, 0, axis]
     pose[first, 2] = math.pi * (2.0 * numbers[first, 1, 0] - 1.0)
     place_hulls(hulls, first, pose[first, 0], pose[first, 1], pose[first, 2], placed)
-    far = room.width + room.height + 4.0 * largest
+    far = room.width + room.depth + 4.0 * largest
     for k in range(1, count):
         part, found = order[k], False
         for t in range(numbers.shape[1]):
@@ -239,7 +239,7 @@ def draw_starts(hulls, room, heaped, low, high, given, uniform, pose, present):
             count = chosen_first(present[world], order)
         pose[world], present[world] = 0.0, False
         for k in range(parts):
-            pose[world, k, 0], pose[world, k, 1] = -room.width, -room.height
+            pose[world, k, 0], pose[world, k, 1] = -room.width, -room.depth
         for k in range(count):
             present[world, order[k]] = True
         tries = uniform[world, 1 + parts :].reshape((parts, TRIES, -1))
@@ -275,16 +275,16 @@ class Starts:
         self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[arrangement])
         gap = max(0.0 if self.heaped else CLEAR, apart)
         radius = max(part.radius for part in parts)
-        cells = lattice(np.zeros(2), np.array([surface.width, surface.height]), radius, gap)
+        cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
         if len(cells) < self.most:
             names = ", ".join(dict.fromkeys(part.name for part in parts))
             raise checks.refuse(
                 "parts",
                 f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart",
-                f"at most {len(cells)} on this surface, {surface.width:g} x {surface.height:g} m",
+                f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m",
             )
         self._hulls = hulls_of(parts)
-        self._room = Room(surface.width, surface.height, cells, CLEAR)
+        self._room = Room(surface.width, surface.depth, cells, CLEAR)
 
     def draw(self, uniform: np.ndarray, present: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, parts, 3) and which parts are there (n, parts), from ``uniform`` (n, draws) in [0, 1).

@@ -32,7 +32,7 @@ def default_zones(surface: Surface, names: Sequence[str]) -> dict[str, tuple[flo
     firsts = (0, last, last // 2)
     size = surface.element_size
     return {
-        name: (size * first, 0.0, size * (first + ZONE_COLUMNS), surface.height)
+        name: (size * first, 0.0, size * (first + ZONE_COLUMNS), surface.depth)
         for name, first in zip(names, firsts, strict=False)
     }
 
@@ -67,14 +67,14 @@ def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray
 
 
 def _rectangle(name: str, value: Any, surface: Surface) -> np.ndarray:
-    allowed = f"[x_low, y_low, x_high, y_high] in m on the surface, {surface.width:g} x {surface.height:g} m"
+    allowed = f"[x_low, y_low, x_high, y_high] in m on the surface, {surface.width:g} x {surface.depth:g} m"
     four = getattr(value, "shape", None) == (4,) or (isinstance(value, Sequence) and len(value) == 4)
     if isinstance(value, str) or not four:
         raise checks.refuse(name, value, allowed)
     zone = np.array(checks.array(name, value, (4,)))
     if not (zone[:2] < zone[2:]).all():
         raise checks.refuse(name, list(value), "x_low < x_high and y_low < y_high")
-    if (zone[:2] < -ROUNDING).any() or zone[2] > surface.width + ROUNDING or zone[3] > surface.height + ROUNDING:
+    if (zone[:2] < -ROUNDING).any() or zone[2] > surface.width + ROUNDING or zone[3] > surface.depth + ROUNDING:
         raise checks.refuse(name, list(value), allowed)
     return zone
 

@@ -1,1 +1,1 @@
-"""The networks in torch; their acting halves are in :mod:`agents.learned.networks`."""
+"""The networks in torch; their acting halves are in :mod:`vibgym.policies.trained.networks`."""

@@ -10,9 +10,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from agents.learned.networks.shape import Shape
 from agents.training.networks.layers import hidden, linear
 from agents.training.networks.parts import LOG_STD_RANGE, Eyes
+from vibgym.policies.trained.networks.shape import Shape
 
 BASIS = 32
 """Basis functions of an element's place."""
@@ -53,7 +53,7 @@ def elements_about(place: torch.Tensor, side: int) -> torch.Tensor:
     """What the branch of places sees of the elements of a patch (..., side * side, 4), rows first: x, y and their squares.
 
     Args:
-        place: (..., 2) where the part's centre lies in its element, see :func:`agents.learned.networks.shape.offsets`.
+        place: (..., 2) where the part's centre lies in its element, see :func:`vibgym.policies.trained.networks.shape.offsets`.
     """
     within = 0.5 * (place + 1.0)
     first = torch.floor(within + (0.5 - 0.5 * side))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from agents.learned.networks.acting import FLOOR, LOG_STD_RANGE
-from agents.learned.networks.shape import Shape
 from agents.training.networks.layers import Attention, hidden, linear
+from vibgym.policies.trained.networks.acting import FLOOR, LOG_STD_RANGE
+from vibgym.policies.trained.networks.shape import Shape
 
 
 class Eyes(nn.Module):

@@ -16,9 +16,9 @@ import math
 import torch
 from torch import nn
 
-from agents.learned.networks.shape import CELL, LEAST_MASS, WAY_SCALES, Picture, occupied
 from agents.training.networks.layers import hidden, linear
 from agents.training.networks.parts import LOG_STD_RANGE
+from vibgym.policies.trained.networks.shape import CELL, LEAST_MASS, WAY_SCALES, Picture, occupied
 
 MAPS = 4
 """Of mass, that the convolution makes of every plane."""

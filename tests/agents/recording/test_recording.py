@@ -8,14 +8,14 @@ import minari
 import numpy as np
 import pytest
 
+from agents import locks
 from agents.recording import record as recording
 from agents.recording.play import Recorder
 from agents.recording.record import kept_in, record
 from agents.recording.settings import RecordSettings, load_settings
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
-from vibgym import locks
 from vibgym.files import WriteError
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 
 MACHINE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"},
            "randomize": {"dead_zone": [0.5e-4, 1.0e-4]}}  # fmt: skip

@@ -7,9 +7,9 @@ import pytest
 import torch
 from gymnasium import spaces
 
-from agents.training.adapter import StableBaselinesAdapter
 from agents.training.hindsight import HindsightBuffer, buffer_bytes
 from tests.envs.helpers import SMALL, batch
+from vibgym.adapters.sb3 import StableBaselinesAdapter
 
 WORLDS, SIZE = 3, 40
 SPACE = spaces.Dict({

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learned.coding import Coding
-from agents.task_info import TaskInfo
 from agents.training.imitation import Imitation
 from agents.training.parts_policy import PartsPolicy
 from agents.training.settings import ImitationSettings
-from tests.agents.learned.helpers import coding_for
 from tests.envs.helpers import batch
+from tests.policies.trained.helpers import coding_for
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.coding import Coding
 
 WORLDS = 8
 

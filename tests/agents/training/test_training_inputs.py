@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from agents import __main__ as command
-from agents.learned.storage import load_set, save_set
-from agents.learned.trained import KIND, VERSION, load_trained
 from agents.training import checkpoint
 from agents.training.settings import load_settings
 from agents.training.train import train
-from tests.agents.helpers import info_of
+from tests.policies.helpers import info_of
+from vibgym.policies.trained.storage import load_set, save_set
+from vibgym.policies.trained.trained import KIND, VERSION, load_trained
 
 TEXT = """
 task: Align

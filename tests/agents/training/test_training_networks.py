@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learned.networks.acting import ACTING
-from agents.learned.networks.shape import Shape, offsets
 from agents.training.networks.elements import elements_about
 from agents.training.networks.parts import PartsCritic
 from agents.training.parts_policy import NETWORKS, trained_tensors
+from vibgym.policies.trained.networks.acting import ACTING
+from vibgym.policies.trained.networks.shape import Shape, offsets
 
 ACTORS = {kind: NETWORKS[kind][0] for kind in ("parts", "elements")}
 """Those that read rows; networks of pixels have tests of their own."""

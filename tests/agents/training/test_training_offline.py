@@ -9,17 +9,17 @@ import pytest
 import torch
 import yaml
 
-from agents.learned.storage import load_set
-from agents.learned.trained import load_trained
 from agents.recording.record import SCENE, record
 from agents.recording.settings import RecordSettings
-from agents.task_info import TaskInfo
 from agents.training import off_policy, offline, on_policy
 from agents.training.offline_learner import OfflineLearner
 from agents.training.parts_policy import PartsPolicy
 from agents.training.settings import OfflineSettings, TrainSettings
 from agents.training.train import train
 from agents.training.transitions import Transitions, read
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import load_trained
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 

@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learned.coding import Seen
-from agents.learned.trained import TrainedPolicy
-from agents.task_info import TaskInfo
-from agents.training.adapter import StableBaselinesAdapter
 from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
 from agents.training.rollout import PartsBuffer
-from tests.agents.helpers import info_of
-from tests.agents.learned.helpers import coding_for
 from tests.envs.helpers import batch
+from tests.policies.helpers import info_of
+from tests.policies.trained.helpers import coding_for
+from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.coding import Seen
+from vibgym.policies.trained.trained import TrainedPolicy
 
 GAMMA, LAMBDA = 0.9, 0.8
 STEPS, WORLDS, PARTS = 9, 3, 2

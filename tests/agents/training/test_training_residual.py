@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 import torch
 
-from agents.learned.residual import ResidualPolicy, load_correction
-from agents.learned.storage import load_set
-from agents.learned.trained import KIND, VERSION, load_trained
-from agents.registry import make_policy
 from agents.training.judging import Judge, play
 from agents.training.on_policy import acting, begin_with, make_env, make_model
 from agents.training.settings import load_settings
 from agents.training.table import tabulate
 from agents.training.train import train
-from tests.agents.helpers import info_of
+from tests.policies.helpers import info_of
+from vibgym.policies.registry import make_policy
+from vibgym.policies.trained.residual import ResidualPolicy, load_correction
+from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import KIND, VERSION, load_trained
 
 POSE = {"kind": "pose", "action": "wrench"}
 TEXT = """

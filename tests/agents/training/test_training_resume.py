@@ -13,11 +13,11 @@ import pytest
 import torch
 import yaml
 
-from agents.learned.storage import load_set
 from agents.training import checkpoint
 from agents.training.progress import Progress
 from agents.training.train import train
 from agents.training.trees import as_was, put_together, taken_apart
+from vibgym.policies.trained.storage import load_set
 
 PPO = {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8], "critic_net": [8], "target_kl": 0.02}
 BASE = {"worlds": 8, "steps": 1024, "checkpoint_steps": 256, "judging": {"episodes": 3, "every": 200}}
@@ -111,7 +111,7 @@ def test_stopped_runs_end_as_unbroken_ones(tmp_path, monkeypatch, recorded, case
 
 
 def test_a_killed_run_ends_as_an_unbroken_one(tmp_path):
-    """By SIGKILL, at a random instant once it has begun; ``python -m benchmarks.kills`` does so many times."""
+    """By SIGKILL, at a random instant once it has begun; ``python -m studies.benchmarks.kills`` does so many times."""
     config = tmp_path / "run.yaml"
     config.write_text(yaml.safe_dump({**BASE, **RUNS["raw actions, ideal"], "steps": 8192}))
     train(config, tmp_path / "whole", quiet=True)

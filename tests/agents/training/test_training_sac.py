@@ -9,12 +9,12 @@ import torch
 import yaml
 from stable_baselines3 import SAC
 
-from agents.registry import make_policy
 from agents.training import checkpoint, off_policy
 from agents.training.checkpoint import Diverged
 from agents.training.settings import TrainSettings, load_settings
 from agents.training.train import train
-from tests.agents.helpers import info_of
+from tests.policies.helpers import info_of
+from vibgym.policies.registry import make_policy
 
 SMALL = {
     "task": "Align", "algorithm": "sac", "environment": {"action": "field", "max_episode_steps": 8}, "worlds": 4,

@@ -19,20 +19,20 @@ import torch
 from stable_baselines3 import PPO
 
 from agents import __main__ as command
-from agents.learned.storage import load_set, save_set
-from agents.learned.trained import KIND as POLICY
-from agents.learned.trained import VERSION, load_trained
-from agents.registry import make_policy
-from agents.task_info import TaskInfo
+from agents import locks
 from agents.training import checkpoint, on_policy
 from agents.training.on_policy import make_env, make_model
 from agents.training.progress import Progress
 from agents.training.settings import load_settings
 from agents.training.train import train
-from tests.agents.helpers import info_of
 from tests.envs.helpers import single
-from vibgym import locks
+from tests.policies.helpers import info_of
 from vibgym.envs import VibgymEnv
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.storage import load_set, save_set
+from vibgym.policies.trained.trained import KIND as POLICY
+from vibgym.policies.trained.trained import VERSION, load_trained
 from vibgym.tasks import TASKS, Transport
 
 ADAM = "adam.policy.optimizer"

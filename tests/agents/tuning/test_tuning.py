@@ -13,13 +13,13 @@ from sqlalchemy.engine import Engine
 
 import vibgym
 from agents import __main__ as command
+from agents import locks
 from agents.tuning import page
 from agents.tuning import study as studies
 from agents.tuning.settings import Tuning
 from agents.tuning.study import STUDY, best, proposed
 from agents.tuning.trial import Tried
 from agents.tuning.tune import tune
-from vibgym import locks
 from vibgym.files import write_together
 
 SETTINGS = {

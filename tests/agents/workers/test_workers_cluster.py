@@ -55,7 +55,7 @@ def evaluated(directory: Path, address: str | None) -> tuple[bytes, list[dict[st
     settings = evaluation.settings_from(
         {
             "tasks": ["Transport", "Rotate"],
-            "policies": ["random", "pose", "agents/learned/shipped/{task}.json"],
+            "policies": ["random", "pose", "vibgym/policies/trained/shipped/{task}.json"],
             "episodes": 3,
             "resamples": 100,
             "animations": False,

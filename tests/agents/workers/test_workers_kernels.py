@@ -14,7 +14,7 @@ import pytest
 from agents.workers import cluster
 
 SMALL = """
-from vibgym.physics.core.jit import jit
+from vibgym._numba.jit import jit
 
 
 @jit

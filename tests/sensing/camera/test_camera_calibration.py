@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.sensing.camera.helpers import SURFACE, setup
-from vibgym.physics.core.jit import jit
+from vibgym._numba.jit import jit
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing.camera.calibration import Grid, assign_marks, at_height, grid_of, locate, template_for
 from vibgym.sensing.camera.optics import projected
@@ -20,7 +20,7 @@ def located(grid: Grid, u: float, v: float, jacobian: np.ndarray):
 
 
 def residual(**settings):
-    points = np.random.default_rng(3).uniform([0, 0], [SURFACE.width, SURFACE.height], (3000, 2))
+    points = np.random.default_rng(3).uniform([0, 0], [SURFACE.width, SURFACE.depth], (3000, 2))
     return setup(BLOCK, **settings).residual(points)
 
 

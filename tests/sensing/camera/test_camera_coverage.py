@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from vibgym.physics.core.jit import jit
+from vibgym._numba.jit import jit
 from vibgym.sensing.camera.coverage import add_polygon
 
 

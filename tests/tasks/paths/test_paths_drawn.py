@@ -41,7 +41,7 @@ def test_drawn_paths_keep_their_promises(surface, parts, settings):
     for world in paths:
         motion = np.stack([route.sample(path, times) for path in world])
         for k, part in enumerate(parts):
-            place, room = motion[k, :, :2], np.array([surface.width, surface.height])
+            place, room = motion[k, :, :2], np.array([surface.width, surface.depth])
             assert (place >= part.radius - 1e-9).all() and (place <= room - part.radius + 1e-9).all()
             assert reach[k].most_effort(motion[k]) <= EFFORT + 2e-3
             assert route.duration(world[k, 0]) <= drawn.lasts + 1e-12
@@ -74,7 +74,7 @@ def test_longest_and_shortest_draws_are_within_bounds():
     for value in (0.0, np.nextafter(1.0, 0.0)):
         path = drawn.draw(np.full((1, drawn.draws), value))[0, 0]
         motion = route.sample(path, np.linspace(0.0, drawn.lasts, 300))
-        assert motion[:, 0].min() >= BLOCK.radius - 1e-9 and motion[:, 1].max() <= SURFACE.height - BLOCK.radius + 1e-9
+        assert motion[:, 0].min() >= BLOCK.radius - 1e-9 and motion[:, 1].max() <= SURFACE.depth - BLOCK.radius + 1e-9
 
 
 @pytest.mark.parametrize("settings, message", [

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.averaged.averages import coupled, direction, first_order_at, interpolate
 from vibgym.physics.averaged.contact import AveragedScheme, Workspace, cut_at, new_workspace
-from vibgym.physics.contact_area.cut import cells_across
-from vibgym.physics.contact_area.outline import POINTS_PER_PIECE
-from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import Body, Table
+from vibgym.physics.planar.cut import cells_across
+from vibgym.physics.planar.outline import POINTS_PER_PIECE
 
 
 class Room(NamedTuple):

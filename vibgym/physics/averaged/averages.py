@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.jit import borrowing
 
 POLYNOMIAL_END = 0.8
 """Square of slip up to which the first-order coefficients are polynomials; above, they come from the table."""
@@ -181,7 +181,7 @@ def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, v
     """Mean force and torque per unit mass and friction coefficient at the mean velocity ``(vx, vy, spin)``.
 
     Args:
-        points, phasor_c, phasor_s, n: contact points (:func:`vibgym.physics.contact_area.outline.contact_points`) and
+        points, phasor_c, phasor_s, n: contact points (:func:`vibgym.physics.planar.outline.contact_points`) and
         phasors, m/s^2. speed: of the table, m/s.
         radius: of a circle about the centre of mass that holds all points, m.
 

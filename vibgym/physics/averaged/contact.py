@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.averaged.averages import (
     Averages,
     Scratch,
@@ -17,7 +18,8 @@ from vibgym.physics.averaged.averages import (
     velocity_wobble,
     wobble,
 )
-from vibgym.physics.contact_area.cut import (
+from vibgym.physics.core.records import Body, Table
+from vibgym.physics.planar.cut import (
     PLACED,
     Cut,
     cells_across,
@@ -28,9 +30,7 @@ from vibgym.physics.contact_area.cut import (
     read_points,
     spin_split,
 )
-from vibgym.physics.contact_area.phasors import Phasors, new_phasors
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import Body, Table
+from vibgym.physics.planar.phasors import Phasors, new_phasors
 
 CLOSE = 1e-5
 """Error allowed in the wobble that is taken off at the start, over the table's speed."""

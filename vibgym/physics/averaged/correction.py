@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import reference
 from vibgym.physics.averaged.along_way import evaluate
 from vibgym.physics.averaged.inverse import invert_world, largest, row_times
 from vibgym.physics.averaged.least_norm import WEAKEST, least_norm
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.reference import reference
 
 UNEVEN = 10.0
 """How much longer than where elements move a part well a correction may be, and still be one step. Where they hardly move it in

@@ -19,13 +19,13 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import reference
 from vibgym.physics.averaged.averages import slip_margin, wobble
 from vibgym.physics.averaged.contact import AveragedScheme, Workspace, look_under, mean_acceleration, steady_part
-from vibgym.physics.contact_area.phasors import forget_phasors
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import Body, Motion, State, Table, is_finite, under_conditions
-from vibgym.physics.core.reference import reference
+from vibgym.physics.planar.phasors import forget_phasors
 
 
 class AveragedScene(NamedTuple):
@@ -99,10 +99,10 @@ def look_ahead(scene, world, motion):
 
 @borrowing
 def acceleration_of(scene, n, motion):
-    """Mean acceleration for the cut at hand, by friction and by the table's tilt, which is constant: nothing of it wobbles."""
+    """Mean acceleration for the cut at hand, by friction and by the table's incline, a constant that does not wobble."""
     body = scene.body
     ax, ay, aw = mean_acceleration(scene.table, body, scene.scheme, n, motion.vx, motion.vy, motion.spin, scene.work)
-    return ax + body.tilt_x, ay + body.tilt_y, aw
+    return ax + body.incline_x, ay + body.incline_y, aw
 
 
 @borrowing

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.averaged.along_way import evaluate, write_map
 from vibgym.physics.averaged.least_norm import least_norm
-from vibgym.physics.core.jit import borrowing
 
 ITERATIONS = 30
 SCALINGS = 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.jit import borrowing
 
 WEAKEST = 1e-12
 """Directions that the unknowns move less than 1e-6 as strongly as the best one (squared) count as out of reach."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.averaged.averages import wobble
 from vibgym.physics.averaged.contact import look_under, mean_acceleration, steady_part
-from vibgym.physics.contact_area.phasors import forget_phasors
-from vibgym.physics.core.jit import borrowing
+from vibgym.physics.planar.phasors import forget_phasors
 
 
 @borrowing

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.collision.hulls import A_FACE, B_FACE, farthest, hull_contact, wall_direction
-from vibgym.physics.contact_area.pressure_moments import LANES
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import friction_in, tilt_size
+from vibgym.physics.core.records import friction_in, incline_size
+from vibgym.physics.planar.pressure_moments import LANES
 
 FAST, SLOWLY = 0.02, 6.0
 """m/s; where parts come together more slowly, so many times the overlap of an impact is allowed."""
@@ -81,7 +81,7 @@ def meet_wall(encounter, approach, shortest, pair, part, wall):
     x, y, vx, vy, spin = part_motion(encounter.scene.workspace, part)
     nx, ny, border = wall_direction(table, wall)
     scene = encounter.scene
-    pull = pull_on(encounter, part) + tilt_size(scene.state, scene.workspace.world[part])
+    pull = pull_on(encounter, part) + incline_size(scene.state, scene.workspace.world[part])
     curve, h = spin * spin * arm_of(hulls, part), approach.h
     # Also what goes away from the wall may first turn a corner into it.
     if border - (nx * x + ny * y) > hulls.radius[part] + max(nx * vx + ny * vy, 0.0) * h + 0.5 * pull * h * h:
@@ -101,7 +101,7 @@ def meet_part(encounter, approach, shortest, pair, i, j):
     xi, yi, ui, wi, si = part_motion(encounter.scene.workspace, i)
     xj, yj, uj, wj, sj = part_motion(encounter.scene.workspace, j)
     h = approach.h
-    pull = pull_on(encounter, i) + pull_on(encounter, j)  # a tilted table accelerates both alike
+    pull = pull_on(encounter, i) + pull_on(encounter, j)  # an inclined table accelerates both alike
     dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
     speed = math.sqrt(du * du + dw * dw)
     clear = hulls.radius[i] + hulls.radius[j] + speed * h + 0.5 * pull * h * h

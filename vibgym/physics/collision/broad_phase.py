@@ -1,7 +1,7 @@
 """Which parts can come to touch: pairs that are near before a period, and paths that have come near after it.
 
-Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g`` (and a tilted table by as much
-as it is tilted), which bounds how far it gets.
+Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g`` (and an inclined table by as much
+as it is inclined), which bounds how far it gets.
 Parts whose circumscribed circles stay apart under that bound are not near. After a period without contacts the paths are
 known, and the outlines' distances along them say whether anything came to touch.
 """
@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import math
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.collision.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import friction_in, tilt_size
+from vibgym.physics.core.records import friction_in, incline_size
 
 IN_TOUCH = 2e-4
 """m; what begins a period nearer than this is taken to touch in it, and no path without contacts is tried."""
@@ -22,10 +22,10 @@ NEVER, NEAR, TOUCHING = 0, 1, 2
 
 
 @borrowing
-def travel_bound(table, friction, tilt, vx, vy):
-    """Largest distance, m, that a part can cover in a period while nothing but the table (tilt in m/s^2) moves it."""
+def travel_bound(table, friction, incline, vx, vy):
+    """Largest distance, m, that a part can cover in a period while nothing but the table (incline in m/s^2) moves it."""
     # Not less for parts at the table's speed: what spins on an uneven pressure may become faster than the table.
-    pull = friction * table.gravity + 0.5 * tilt
+    pull = friction * table.gravity + 0.5 * incline
     return (math.sqrt(vx * vx + vy * vy) + pull * table.period) * table.period
 
 
@@ -58,11 +58,11 @@ def near_pairs(table, bodies, hulls, walls, state, world, pose, velocity, away, 
     Returns:
         Number of pairs.
     """
-    parts, tilt = pose.shape[0], tilt_size(state, world)
+    parts, incline = pose.shape[0], incline_size(state, world)
     n, largest = 0, 0.0
     for i in range(parts):
         mu = friction_in(bodies, state, world, i)
-        reach[i] = hulls.radius[i] + travel_bound(table, mu, tilt, velocity[i, 0], velocity[i, 1]) + slack
+        reach[i] = hulls.radius[i] + travel_bound(table, mu, incline, velocity[i, 0], velocity[i, 1]) + slack
         if not away[i]:
             largest = max(largest, reach[i])
     for i in range(parts):  # sorted along x, the longer side of most tables, by insertion: it is nearly sorted often
@@ -119,7 +119,7 @@ def proximity(table, hulls, pose, pairs, n, placed):
 def curvature_bound(table, bodies, hulls, state, world, part, step):
     """How far a point of a part can be from the straight line between two poses ``step`` s apart, m."""
     friction, radius = friction_in(bodies, state, world, part), hulls.radius[part]
-    gyration, bend = bodies.gyration[bodies.kind[part]], tilt_size(state, world) * step * step / 8.0
+    gyration, bend = bodies.gyration[bodies.kind[part]], incline_size(state, world) * step * step / 8.0
     return 2.0 * friction * table.gravity * (1.0 + radius * radius / gyration) * step * step / 8.0 + bend
 
 

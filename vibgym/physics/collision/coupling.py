@@ -17,17 +17,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, reference
 from vibgym.physics.collision.approach import safe_step
 from vibgym.physics.collision.broad_phase import near_pairs, pair_capacity, pair_gap
 from vibgym.physics.collision.hulls import Hulls, place_hulls
 from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts, weigh_parts
 from vibgym.physics.collision.solver import JOLT, Solver, forget_impacts, leave, solve
-from vibgym.physics.contact_area.pressure_moments import LANES
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.records import friction_in, tilt_size
-from vibgym.physics.core.reference import Layout, reference
-from vibgym.physics.friction.stepper import apply_friction, cut_stale, enter_part
-from vibgym.physics.friction.workspace import FixedScene, Scene, Step
+from vibgym.physics.core.records import friction_in, incline_size
+from vibgym.physics.planar.pressure_moments import LANES
+from vibgym.physics.planar.stepper import apply_friction, cut_stale, enter_part
+from vibgym.physics.planar.workspace import FixedScene, Scene, Step
 
 STRAY = 0.1
 """m/s along x or y by which contacts may change a part's velocity before the list of pairs that may touch is made anew."""
@@ -201,12 +201,12 @@ def leave_world(scene, world):
 
 @borrowing
 def couplings_needed(encounter, world):
-    """Fewest steps of the coupling from cut to cut: so many that friction and tilt add little to an overlap in each."""
+    """Fewest steps of the coupling from cut to cut: so many that friction and incline add little to an overlap in each."""
     scene = encounter.scene
     friction = 0.0
     for part in range(encounter.solver.bodies.shape[0]):
         friction = max(friction, friction_in(scene.bodies, scene.state, world, part))
-    pull = friction * scene.table.gravity + 0.5 * tilt_size(scene.state, world)
+    pull = friction * scene.table.gravity + 0.5 * incline_size(scene.state, world)
     steps = scene.table.period / scene.scheme.steps * math.sqrt(pull / encounter.bend)
     return max(encounter.couplings, int(math.ceil(steps - 1e-9)))
 

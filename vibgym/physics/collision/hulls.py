@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import borrowing, jit
-from vibgym.physics.core.reference import reference
+from vibgym._numba.jit import borrowing, jit
+from vibgym._numba.reference import reference
 
 LEFT, RIGHT, BOTTOM, TOP = 0, 1, 2, 3
 """Walls along the borders: bits of a set of walls, and sides of :func:`wall_gap`."""

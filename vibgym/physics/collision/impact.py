@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.jit import borrowing
 
 MOST_PIECES = 24
 """Switches are few: slip ends or turns once, faces come to lie flat or tip over."""

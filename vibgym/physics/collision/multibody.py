@@ -2,7 +2,7 @@
 
 1. :func:`broad_phase` finds out in which worlds anything is near enough to touch within the period.
 2. Where something touches already, the period is taken with contacts. All others go through
-   :func:`vibgym.physics.friction.planar.slide_rows`, kind by kind, with the numbers of worlds that have one part.
+   :func:`vibgym.physics.planar.friction.slide_rows`, kind by kind, with the numbers of worlds that have one part.
 3. :func:`resolve` compares the paths of what was near. Worlds in which no pair has touched are done; the others go back to
    the period's start and take it with contacts (:mod:`vibgym.physics.collision.coupling`).
 """
@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, reference
 from vibgym.physics.collision.broad_phase import (
     NEAR,
     NEVER,
@@ -23,10 +25,8 @@ from vibgym.physics.collision.broad_phase import (
     proximity,
 )
 from vibgym.physics.collision.coupling import Encounter, collide_period, fixed_encounter_at
-from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import State, new_state, state_at
-from vibgym.physics.core.reference import Layout, reference
-from vibgym.physics.friction.workspace import Scene
+from vibgym.physics.planar.workspace import Scene
 
 FREE, LOOKED, CONTACT, CALLS = 0, 1, 2, 3
 """Columns of the counts: periods in which nothing was near, in which nothing near touched, with contacts; solver calls."""

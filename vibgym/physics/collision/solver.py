@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.collision.foreign import call_foreign
-from vibgym.physics.contact_area.pressure_moments import LANES
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.foreign import call_foreign
+from vibgym._numba.jit import borrowing
+from vibgym.physics.planar.pressure_moments import LANES
 
 JOLT = 0.1
 """m/s; where contacts change a part's velocity by more, it has been hit, not held: what lies beneath it is looked at again, and

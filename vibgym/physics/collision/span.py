@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.collision.hulls import hull_gap, wall_direction
-from vibgym.physics.core.jit import borrowing
 
 LEVEL = 4e-6
 """m; corners that lie as deep as the deepest to within so much touch as well."""

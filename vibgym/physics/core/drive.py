@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.core.hardware import hardware_at, realise
-from vibgym.physics.core.jit import borrowing
 
 FIELD_STRENGTHS = 6
 """Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""

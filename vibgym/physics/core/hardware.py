@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, Pinned
 from vibgym.physics.core.noise import normals, uniforms
-from vibgym.physics.core.reference import Layout, Pinned
 
 FORMS = ("hard", "soft", "cubic")
 """What becomes of an amplitude ``a`` below the dead zone ``d``: nothing, ``a^2 / d``, ``a^3 / d^2``; larger ones stay."""

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.reference import Layout
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout
 
 
 class Table(NamedTuple):
@@ -38,8 +38,8 @@ class Body(NamedTuple):
     static_friction: float
     convex: bool
     turns: bool  # False for a disc, whose contact area does not depend on heading
-    tilt_x: float = 0.0  # m/s^2, constant acceleration of what lies on the table, for that is tilted
-    tilt_y: float = 0.0
+    incline_x: float = 0.0  # m/s^2, constant acceleration of what lies on the table, for that is inclined
+    incline_y: float = 0.0
 
 
 class Bodies(NamedTuple):
@@ -97,10 +97,10 @@ class State(NamedTuple):
     diverged: np.ndarray  # (worlds,) bool
     friction: np.ndarray  # (worlds, parts) factor on both coefficients of friction between part and table
     mass: np.ndarray  # (worlds, parts) factor on mass and inertia
-    tilt: np.ndarray  # (worlds, 2) m/s^2, constant acceleration of what lies on the table
+    incline: np.ndarray  # (worlds, 2) m/s^2, constant acceleration of what lies on the table
 
 
-CONDITIONS = {"friction": 1.0, "mass": 1.0, "tilt": 0.0}
+CONDITIONS = {"friction": 1.0, "mass": 1.0, "incline": 0.0}
 """Fields of the state that the physics does not change, and what they are unless somebody says otherwise."""
 
 
@@ -116,20 +116,22 @@ def new_state(worlds: int, parts: int) -> State:
         diverged=np.zeros(worlds, np.bool_),
         friction=np.ones((worlds, parts)),
         mass=np.ones((worlds, parts)),
-        tilt=np.zeros((worlds, 2)),
+        incline=np.zeros((worlds, 2)),
     )
 
 
 @borrowing
-def tilt_size(state, world):
-    """Magnitude of a world's tilt, m/s^2."""
-    return math.sqrt(state.tilt[world, 0] * state.tilt[world, 0] + state.tilt[world, 1] * state.tilt[world, 1])
+def incline_size(state, world):
+    """Magnitude of a world's incline, m/s^2."""
+    return math.sqrt(
+        state.incline[world, 0] * state.incline[world, 0] + state.incline[world, 1] * state.incline[world, 1]
+    )
 
 
 @borrowing
-def body_tilt(body):
-    """Magnitude of the tilt that a body is under, m/s^2."""
-    return math.sqrt(body.tilt_x * body.tilt_x + body.tilt_y * body.tilt_y)
+def body_incline(body):
+    """Magnitude of the incline that a body is under, m/s^2."""
+    return math.sqrt(body.incline_x * body.incline_x + body.incline_y * body.incline_y)
 
 
 @borrowing
@@ -140,11 +142,11 @@ def friction_in(bodies, state, world, part):
 
 @borrowing
 def under_conditions(body, state, world, part):
-    """A body as it is in its world: with the factor on its friction, and the table's tilt."""
+    """A body as it is in its world: with the factor on its friction, and the table's incline."""
     factor = state.friction[world, part]
     return Body(
         body.outline, body.area, body.radius, body.gyration, factor * body.friction, factor * body.static_friction,
-        body.convex, body.turns, state.tilt[world, 0], state.tilt[world, 1],
+        body.convex, body.turns, state.incline[world, 0], state.incline[world, 1],
     )  # fmt: skip
 
 

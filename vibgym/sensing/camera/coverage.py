@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym.physics.core.jit import borrowing
+from vibgym._numba.jit import borrowing
 
 
 @borrowing

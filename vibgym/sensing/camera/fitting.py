@@ -60,8 +60,8 @@ def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarr
     random = np.random.default_rng(seed)
     radius = setup.known.traits.radius[kind]
     surface = setup.surface
-    low = np.minimum(radius, 0.5 * np.array([surface.width, surface.height]))
-    place = low + (np.array([surface.width, surface.height]) - 2.0 * low) * random.random((count, 2))
+    low = np.minimum(radius, 0.5 * np.array([surface.width, surface.depth]))
+    place = low + (np.array([surface.width, surface.depth]) - 2.0 * low) * random.random((count, 2))
     return np.column_stack([place, random.uniform(-math.pi, math.pi, count)])
 
 

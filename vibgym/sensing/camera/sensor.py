@@ -227,7 +227,7 @@ class CameraSensor(Sensor):
             shapes=setup.rig.shapes,
             traits=setup.known.traits,
             model=self.errors,
-            frame=np.array([-border, surface.width + border, -border, surface.height + border]),
+            frame=np.array([-border, surface.width + border, -border, surface.depth + border]),
             foot=setup.known.foot,
             pixel=np.array([pixel, setup.pitch * pixel]),
             step=setup.known.step,

@@ -151,7 +151,7 @@ class Setup:
         """The camera as it is, and as the one who put it up knows it: without the lens's distortion."""
         surface = self.surface
         height = checks.number("sensor.height", settings.height, least=0.01, most=1e3)
-        middle = (0.5 * surface.width, 0.5 * surface.height)
+        middle = (0.5 * surface.width, 0.5 * surface.depth)
         x, y = middle if settings.position is None else _pair("sensor.position", settings.position)
         tilt = _pair("sensor.tilt", settings.tilt)
         tilt = tuple(checks.number("sensor.tilt", each, least=-1.0, most=1.0) for each in tilt)
@@ -171,7 +171,7 @@ class Setup:
 
     def _corners(self, border: float) -> np.ndarray:
         """(4, 2) m, of the surface with a border around it."""
-        right, top = self.surface.width + border, self.surface.height + border
+        right, top = self.surface.width + border, self.surface.depth + border
         return np.array([[-border, -border], [right, -border], [right, top], [-border, top]])
 
     def _frame(self, border: float) -> np.ndarray:
@@ -277,7 +277,7 @@ class Setup:
         along, across = (checks.count("sensor.tetragons", each, least=1, most=200) for each in tetragons)
         surface = self.surface
         mark = checks.number("sensor.mark", settings.mark, least=4.0 * self._pixel(), most=1.0)
-        template = template_for(surface.width, surface.height, (along, across), mark)
+        template = template_for(surface.width, surface.depth, (along, across), mark)
         needed = 0.5 * mark + 2.0 * self.pitch * self._pixel()
         if border < needed:
             allowed = f"at least {needed:.4g} m, so that marks on the surface's border are seen"

@@ -9,7 +9,7 @@ motion of a part near rest, everything predicted since:
 
     p' = v,   v' = -c v + d,   d' = 0          c = mu g / (2 a_h w)
 
-``p`` stands for x, y or heading, each by itself, ``d`` for an acceleration that the model does not know (a tilted table, a
+``p`` stands for x, y or heading, each by itself, ``d`` for an acceleration that the model does not know (an inclined table, a
 wrong friction coefficient). The process noise of ``v'`` is a floor, and a share of the acceleration that acts: parked parts
 average their readings, driven ones trust them.
 """
@@ -22,9 +22,9 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.jit import borrowing
-from vibgym.physics.core.reference import Layout, Pinned
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.estimation.predictors import Predictor, damping_of
 from vibgym.sensing.measurement import Reading, new_measurement

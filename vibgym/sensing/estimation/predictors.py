@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vibgym._numba.jit import borrowing
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.jit import borrowing
 from vibgym.physics.core.records import State, new_state
 from vibgym.sensing.base import Sensor
 from vibgym.simulation.simulator import Simulator

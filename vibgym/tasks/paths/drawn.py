@@ -107,7 +107,7 @@ class DrawnPaths:
     def _cells_of(self, surface: Surface, apart: float, least: float) -> np.ndarray:
         """(parts, 4) where the centres of each part may be: x_low, y_low, x_high, y_high; as large as can be."""
         radius = max(part.radius for part in self.parts)
-        size, best, found = np.array([surface.width, surface.height]), -math.inf, np.zeros((0, 4))
+        size, best, found = np.array([surface.width, surface.depth]), -math.inf, np.zeros((0, 4))
         for columns in range(1, len(self.parts) + 1):
             count = np.array([columns, math.ceil(len(self.parts) / columns)])
             step = (size + apart) / count  # from cell to cell
@@ -124,7 +124,7 @@ class DrawnPaths:
             got = f"{len(self.parts)} parts of radius up to {radius:.4g} m"
             allowed = (
                 f"as many as have room for paths of radius {1e3 * least:.4g} mm, {1e3 * apart:.4g} mm apart, on "
-                f"{surface.width:g} x {surface.height:g} m; slower paths need less"
+                f"{surface.width:g} x {surface.depth:g} m; slower paths need less"
             )
             raise checks.refuse("parts", got, allowed)
         return found

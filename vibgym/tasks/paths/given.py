@@ -104,7 +104,7 @@ class GivenPaths:
 
     def _check_place(self, name: str, path: np.ndarray, part: Part) -> None:
         place, margin = self._motion(path)[:, :2], part.radius - SLACK
-        room = np.array([self.surface.width, self.surface.height])
+        room = np.array([self.surface.width, self.surface.depth])
         off = ((place < margin) | (place > room - margin)).any(axis=1)
         if off.any():
             low, high = part.radius, room - part.radius

@@ -1,0 +1,127 @@
+"""Where results come from: versions, commit, machine, time, and the files that policies were read from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import subprocess
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from vibgym.simulation.threads import available_threads
+
+PACKAGES = (
+    "vibgym",
+    "numpy",
+    "numba",
+    "gymnasium",
+    "scipy",
+    "torch",
+    "stable-baselines3",
+    "safetensors",
+    "pygame-ce",
+    "cma",
+    "matplotlib",
+    "pillow",
+)
+
+
+def versions() -> dict[str, str | None]:
+    """Version of Python and of every package that has a part in the results; None of one that is not installed."""
+    found: dict[str, str | None] = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = None
+    if found["vibgym"] is None:  # run from a checkout that is not installed
+        import vibgym
+
+        found["vibgym"] = getattr(vibgym, "__version__", None)
+    return found
+
+
+def commit() -> str | None:
+    """Git commit of the checkout, "+ changes" if its tracked files differ from it; None if there is none."""
+    here = Path(__file__).parent
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(here), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
+
+    try:
+        found = git("rev-parse", "HEAD")
+        return f"{found} + changes" if git("status", "--porcelain", "--untracked-files=no") else found
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def processor() -> str:
+    """Name of the processor, as far as the system tells."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass  # not Linux
+    return platform.processor() or platform.machine()
+
+
+def provenance() -> dict[str, object]:
+    """All of it, as JSON values."""
+    return {
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+        "commit": commit(),
+        "machine": {"system": platform.platform(), "processor": processor(), "cores": available_threads()},
+        "versions": versions(),
+    }
+
+
+def digest(data: str | bytes) -> str:
+    """SHA-256 of bytes, or of a text as UTF-8, in hexadecimal digits."""
+    return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
+
+
+def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
+    """The files that policies are read from, by their paths as they are given, with the digests of what stands there.
+
+    Args:
+        policies: what :func:`vibgym.policies.registry.make_policy` takes, and the name of a task.
+
+    Returns:
+        A JSON file and the tensors that it names, for every path that is said; None for one that cannot be read.
+    """
+    found: dict[str, str | None] = {}
+    for content, task in policies:
+        for path in _paths(content):
+            found |= _file_and_tensors(Path(path.replace("{task}", task.lower())), found)
+    return dict(sorted(found.items()))
+
+
+def _paths(content: Any) -> Iterator[str]:
+    """All names of JSON files in a policy's settings, also in those of a policy that another one corrects."""
+    if isinstance(content, str) and content.endswith(".json"):
+        yield content
+    elif isinstance(content, Mapping):
+        for each in content.values():
+            yield from _paths(each)
+
+
+def _file_and_tensors(path: Path, known: Mapping[str, str | None]) -> dict[str, str | None]:
+    if path.as_posix() in known:
+        return {}
+    try:
+        data = path.read_bytes()
+    except (OSError, ValueError):  # ValueError: characters that no name of a file has
+        return {path.as_posix(): None}
+    found: dict[str, str | None] = {path.as_posix(): digest(data)}
+    try:
+        tensors = path.with_name(json.loads(data)["tensors"])
+        found[tensors.as_posix()] = digest(tensors.read_bytes())
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        pass  # a file that names no tensors is whole by itself; one whose tensors are gone is refused when it is read
+    return found

@@ -1,1 +1,0 @@
-"""Search for sensorless schedules, and their judgement: ``python -m agents.training.sensorless CONFIG``."""

@@ -1,0 +1,1 @@
+"""The laboratory: measures, proves and replicates; nobody needs it to use vibgym."""

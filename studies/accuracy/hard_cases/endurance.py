@@ -1,0 +1,251 @@
+"""A million periods, 1e5 s, steps that are too large, and parts of one gram and of one ton."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import tracemalloc
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from studies.accuracy.hard_cases.case import HardCase, Outcome, at_most
+from studies.accuracy.hard_cases.motion import one_element, random_drive, sound, threshold
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
+
+MU = 0.6
+MILLION = 1_000_000
+LATE_PERIODS = 2_500_000
+"""1e5 s on the prototype's 25 Hz."""
+
+# -- a million periods -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LongRun:
+    """A part that circles on a surface at rest, every 1e5 periods: velocity, place, period mean; memory at both ends."""
+
+    velocity: np.ndarray
+    pose: np.ndarray
+    mean_velocity: np.ndarray
+    radius: float  # m, mu g / w^2
+    speed: float  # m/s, of the circle
+    time: float  # s, by the simulator's clock
+    grown: int  # bytes, resident or as traced, whichever is more
+
+
+def _resident() -> int:
+    """Bytes in use by the process, 0 where the system does not say."""
+    try:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
+@functools.cache
+def long_run() -> LongRun:
+    surface = one_element(0.5, frequency=10.0)  # a million periods are 1e5 s
+    sim = Simulator(surface, Part.rectangle(0.05, 0.035, friction=MU), threads=1)
+    sim.reset([0.25, 0.25, 0.3], [*surface.idle_velocity(MU), 0])
+    sim.advance(0.0, 0.0, 1000)
+    velocity, pose, mean = [sim.velocity[0, 0]], [sim.pose[0, 0]], [sim.mean_velocity[0, 0]]
+    tracing = tracemalloc.is_tracing()
+    if not tracing:
+        tracemalloc.start()
+    traced, resident = tracemalloc.get_traced_memory()[0], _resident()
+    for _ in range(10):
+        sim.advance(0.0, 0.0, MILLION // 10)
+        sound(sim)
+        velocity.append(sim.velocity[0, 0])
+        pose.append(sim.pose[0, 0])
+        mean.append(sim.mean_velocity[0, 0])
+    grown = max(tracemalloc.get_traced_memory()[0] - traced, _resident() - resident)
+    if not tracing:
+        tracemalloc.stop()
+    w = surface.angular_frequency
+    radius = MU * surface.gravity / w**2
+    return LongRun(np.array(velocity), np.array(pose), np.array(mean), radius, radius * w, sim.time, grown)
+
+
+def long_phase() -> Outcome:
+    run = long_run()
+    return at_most(
+        np.abs(run.velocity - run.velocity[0]).max() / run.speed, 1e-9, "of speed", "velocity at the period's start"
+    )
+
+
+def long_place() -> Outcome:
+    run = long_run()
+    drift = np.abs(run.pose[:, :2] - run.pose[0, :2]).max() / run.radius
+    turned = float(np.abs(run.pose[:, 2] - run.pose[0, 2]).max())
+    note = f"radius {1e3 * run.radius:.3g} mm; turned {turned:.1g} rad"
+    # A drift of one rounding a period: 1e6 * 1e-16 m against millimetres.
+    return at_most(drift + turned, 1e-6, "of radius", note)
+
+
+def long_mean() -> Outcome:
+    run = long_run()
+    return at_most(np.abs(run.mean_velocity[:, :2]).max() / run.speed, 1e-9, "of speed", "mean over one period")
+
+
+def long_radius() -> Outcome:
+    run = long_run()
+    return at_most(abs(np.hypot(*run.velocity[-1, :2]) / run.speed - 1.0), 1e-3, "of speed", "mu g / w after the run")
+
+
+def long_memory() -> Outcome:
+    return at_most(long_run().grown / MILLION, 2.0, "bytes a period")
+
+
+# -- late ----------------------------------------------------------------------------------------------------------------
+
+
+def late_state() -> Outcome:
+    """From one state, once at time 0 and once at 1e5 s: bit for bit, and the clock right."""
+    surface = Surface()
+    amplitude, phase = random_drive(surface, 15)
+    early, late = (Simulator(surface, Part.rectangle(0.05, 0.035, friction=MU)) for _ in range(2))
+    early.reset([0.4, 0.1, 0.3], [0, 0, 2])
+    state = early.get_state()
+    late.set_state({**state, "periods": LATE_PERIODS})
+    for sim in (early, late):
+        sim.advance(amplitude, phase, 20)
+        sound(sim)
+    wrong = int((early.pose != late.pose).sum() + (early.velocity != late.velocity).sum())
+    wrong += int(abs(late.time - 1e5 - 20 * surface.period) > 1e-9)
+    return at_most(wrong, 0, "numbers", "state carried to 1e5 s, then 20 periods")
+
+
+def late_run() -> Outcome:
+    """What the long run left, set down afresh at time 0, goes on bit for bit as in the simulator that got there."""
+    run, surface = long_run(), one_element(0.5, frequency=10.0)
+    if abs(run.time - 1e5 - 100.0) > 1e-6:
+        raise ArithmeticError(f"the clock says {run.time!r} s after 1 001 000 periods of 0.1 s")
+    part = Part.rectangle(0.05, 0.035, friction=MU)
+    fresh, old = Simulator(surface, part), Simulator(surface, part)
+    fresh.reset(run.pose[-1], run.velocity[-1])
+    state = fresh.get_state()
+    old.set_state({**state, "periods": MILLION + 1000})
+    for sim in (fresh, old):
+        sim.advance(0.1 * surface.lift_off_amplitude, 0.4, 5)
+        sound(sim)
+    return at_most(int((fresh.pose != old.pose).sum()), 0, "numbers", f"reached by advancing, t = {run.time:g} s")
+
+
+# -- steps that are too large --------------------------------------------------------------------------------------------
+
+OVERSIZED_BOUND = 1e-3
+"""m in ten periods, farthest point of the part; about a pixel of the prototype's camera, 3 % of what the part moves."""
+
+
+def _worlds(kind: str, count: int = 16) -> tuple[Surface, Part, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(11)
+    surface, velocity = Surface(), np.zeros((count, 1, 3))
+    part = Part.rectangle(0.05, 0.035, friction=0.58)
+    if kind == "stick and slip":
+        surface = Surface(horizontal_amplitude=1.2 * threshold(MU))
+        part, velocity[:] = Part.rectangle(0.05, 0.035, friction=MU, static_friction=0.63), [0, surface.table_speed, 0]
+    elif kind == "small part":
+        part = Part.rectangle(0.015, 0.012, friction=0.58)
+    elif kind == "spin":
+        velocity[..., 2] = rng.uniform(-60.0, 60.0, (count, 1))
+    pose = rng.uniform([0.1, 0.06, -3], [0.7, 0.14, 3], (count, 1, 3))
+    amplitude = rng.uniform(0.0, surface.lift_off_amplitude, (count, surface.rows, surface.columns))
+    return surface, part, pose, velocity, amplitude, rng.uniform(-math.pi, math.pi, amplitude.shape)
+
+
+OVERSIZED_SCENES = ("block", "small part", "spin", "stick and slip")
+
+
+def coarse_errors(kind: str, periods: int = 10) -> dict[tuple[int, int], float]:
+    """Worst error (m, farthest point) after ``periods`` for small ``steps`` and ``substeps``; NaN where refused.
+
+    Against steps fine enough that their own error does not count; 16 worlds with fields at random.
+    """
+    surface, part, pose, velocity, amplitude, phase = _worlds(kind)
+
+    def end(**knobs: Any) -> np.ndarray:
+        sim = Simulator(surface, part, worlds=len(pose), **knobs)
+        sim.reset(pose, velocity)
+        sim.advance(amplitude, phase, periods)
+        sound(sim)
+        return sim.pose
+
+    exact, errors = end(steps=200, substeps=2), {}
+    for steps in range(1, 7):
+        for substeps in (1, 2, 4):
+            try:
+                apart = end(steps=steps, substeps=substeps) - exact
+            except ValueError as error:
+                if "steps" not in str(error):
+                    raise
+                errors[steps, substeps] = math.nan
+                continue
+            errors[steps, substeps] = float(
+                (np.hypot(apart[..., 0], apart[..., 1]) + part.radius * abs(apart[..., 2])).max()
+            )
+    return errors
+
+
+def oversized(kind: str) -> Outcome:
+    errors = coarse_errors(kind)
+    wrong = {knobs: error for knobs, error in errors.items() if error > OVERSIZED_BOUND}
+    worst = max([error for error in errors.values() if not math.isnan(error)], default=0.0)
+    listed = ", ".join(f"{steps}x{substeps} {1e3 * error:.2g}" for (steps, substeps), error in wrong.items())
+    refused = sum(map(math.isnan, errors.values()))
+    note = f"{refused} of {len(errors)} refused" + (
+        f"; wrong without a word (steps x substeps mm): {listed}" if wrong else ""
+    )
+    return at_most(worst, OVERSIZED_BOUND, "m", note)
+
+
+# -- mass ----------------------------------------------------------------------------------------------------------------
+
+
+def mass() -> Outcome:
+    """Friction is proportional to weight: mass must not show in a single bit."""
+    surface, ends = Surface(horizontal_amplitude=1.1 * threshold(MU)), []
+    amplitude, phase = random_drive(surface, 16)
+    for kilograms in (1e-3, 1.0, 1e3):
+        sim = Simulator(surface, Part.rectangle(0.05, 0.035, friction=MU, static_friction=0.63, mass=kilograms))
+        sim.reset([0.4, 0.1, 0.3], [0, surface.table_speed, 1])
+        sim.advance(amplitude, phase, 20)
+        sound(sim)
+        ends.append(np.concatenate([sim.pose.ravel(), sim.velocity.ravel()]))
+    wrong = int((ends[0] != ends[1]).sum() + (ends[0] != ends[2]).sum())
+    return at_most(wrong, 0, "numbers", "1 g, 1 kg, 1 t; 20 periods of sticking and sliding")
+
+
+CASES = (
+    HardCase("a million periods: phase", "Does the phase of a steady motion creep over a million periods?", long_phase),
+    HardCase(
+        "a million periods: place", "Does a part that circles in place wander over a million periods?", long_place
+    ),
+    HardCase(
+        "a million periods: mean velocity",
+        "Does a part that circles in place have a mean velocity after a million periods?",
+        long_mean,
+    ),
+    HardCase("a million periods: radius", "Is the circle still mu g / w^2 after a million periods?", long_radius),
+    HardCase("a million periods: memory", "Does memory grow while the clock runs?", long_memory),
+    HardCase("at 1e5 s, state set", "Do results depend on absolute time?", late_state),
+    HardCase(
+        "at 1e5 s, by advancing",
+        "Is the clock right after a million periods, and does the motion there depend on time?",
+        late_run,
+    ),
+    *(
+        HardCase(
+            f"oversized steps: {kind}",
+            "Few steps and substeps a period: refused or right, with nothing in between?",
+            lambda kind=kind: oversized(kind),
+        )
+        for kind in OVERSIZED_SCENES
+    ),
+    HardCase("one gram and one ton", "Does mass, which cancels, leave traces?", mass),
+)

@@ -1,0 +1,299 @@
+"""Reference: one part in planar contact with the elements, resolved in time, sliding and sticking; slow and independent.
+
+It shares no code with the kernels of ``vibgym.physics``: shapely cuts the contact area at every evaluation, friction is
+integrated over it in closed form, SciPy's DOP853 advances slip and its events end it.
+
+A sliding part whose slip falls below a small threshold is caught if static friction can hold it (the needed wrench lies
+within the limit surface of ``mu_0``); otherwise it goes on sliding. A stuck part moves with the table until the needed
+wrench leaves that surface; it starts to slide along the one slip acceleration that friction ``mu`` against itself
+leaves over.
+
+The threshold is ``100 tolerance`` times the scale of velocity ``a_h w + mu_0 g / w``. Friction never drives two motions
+of one part apart (it is monotone in slip), so an error of slip made there is not amplified: in position it stays below
+that times the duration.
+
+The error is measured, not assumed: the same motion is computed again with a hundred times the tolerance, its threshold
+and a coarser cubature, and three times the difference is given as the error. That is about the coarse run's error; the
+run handed out is better.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq, minimize_scalar
+
+from studies.accuracy.contact import COARSE, FINE, Cubature
+from studies.accuracy.forces import ROUNDING, Forces
+from vibgym import checks
+
+LOOKS = 96
+"""Times per period at which a stuck part is asked whether it still holds."""
+
+_LEAST_STEPS, _COARSE_STEPS = 20, 12  # in a period, so that none passes over a contact that comes and goes
+_RESTARTS = 1000  # changes between sticking and sliding in one period before the run gives up
+_CAUTION = 3.0  # for the difference of two runs: where edges are crossed, tolerance and error are not in step
+_STIFF_UNTIL = 1e-3  # slip over the scale of velocity: below, direction settles fast and an implicit method is due
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A part's motion at the boundaries of the periods.
+
+    Attributes:
+        pose: (periods + 1, 3) x, y (m) of the centre of mass and heading (rad).
+        velocity: (periods + 1, 3), m/s and rad/s, at the instant.
+        sticking: (periods + 1,) whether the part moves with the table at that instant.
+        fallen: whether the centre of mass has left the support; from then on the part rests where that was seen.
+        fall_time: s, or NaN.
+        switches: (n, 2) time (s) and what begins then: 1 sticking, 0 sliding.
+        error: (periods + 1, 3) estimated error of ``pose``; zeros without estimate.
+        evaluations: how often the contact area was cut.
+    """
+
+    pose: np.ndarray
+    velocity: np.ndarray
+    sticking: np.ndarray
+    fallen: bool
+    fall_time: float
+    switches: np.ndarray
+    error: np.ndarray
+    evaluations: int
+
+
+def integrate(
+    surface: Any,
+    part: Any,
+    pose: Any,
+    velocity: Any,
+    amplitude: Any,
+    phase: Any,
+    periods: int,
+    *,
+    tolerance: float = 1e-9,
+    estimate: bool = True,
+    incline: Any = (0.0, 0.0),
+) -> Trajectory:
+    """The motion of one part over whole periods under a held drive, from time 0.
+
+    Args:
+        surface, part: a ``Surface`` and a ``Part`` of ``vibgym.scene``; only their plain attributes are read.
+        pose, velocity: (3,) at the start, m and rad, m/s and rad/s, in the world frame.
+        amplitude, phase: broadcastable to (rows, columns): vertical motion ``a_v cos(wt + alpha)`` of the elements, m
+            and rad.
+        periods: how many.
+        tolerance: relative, of every step; absolute ones follow from the scales of length and velocity of the drive.
+        incline: (2,) m/s^2, constant acceleration of what lies on the table.
+        estimate: run again at ``100 tolerance`` for :attr:`Trajectory.error`; costs about half as much again.
+
+    Raises:
+        ValueError: a bad argument, a drive beyond lift-off.
+        RuntimeError: sticking and sliding alternate without end.
+    """
+    pose = checks.array("pose", pose, (3,))
+    velocity = checks.array("velocity", velocity, (3,))
+    shape = (surface.rows, surface.columns)
+    highest = surface.lift_off_amplitude * (1.0 + 1e-12)
+    amplitude = checks.array("amplitude", amplitude, shape, least=0.0, most=highest)
+    phase = checks.array("phase", phase, shape)
+    periods = checks.count("periods", periods)
+    incline = checks.array("incline", incline, (2,))
+    tolerance = checks.number("tolerance", tolerance, least=1e-12, most=1e-4)
+    run = _Run(surface, part, amplitude, phase, incline, tolerance, FINE, _LEAST_STEPS).go(pose, velocity, periods)
+    if not estimate:
+        return run
+    rough = 100.0 * tolerance
+    coarse = _Run(surface, part, amplitude, phase, incline, rough, COARSE, _COARSE_STEPS).go(pose, velocity, periods)
+    difference = _CAUTION * np.abs(run.pose - coarse.pose)
+    evaluations = run.evaluations + coarse.evaluations
+    return Trajectory(**{**vars(run), "error": difference, "evaluations": evaluations})
+
+
+class _Run(Forces):
+    def __init__(
+        self, surface, part, amplitude, phase, incline, tolerance, cubature: Cubature, least_steps: int
+    ) -> None:
+        super().__init__(surface, part, amplitude, phase, cubature, incline)
+        self.tolerance = tolerance
+        self.longest = self.period / least_steps
+        slope = float(np.hypot(*incline))
+        self.scale = (
+            self.radius * self.w + max(max(self.static, 1e-3) * self.gravity, slope) / self.w
+        )  # of velocity, m/s
+        self.threshold = 100.0 * tolerance * self.scale
+        length = self.scale / self.w
+        self.absolute = tolerance * np.array(
+            [length, length, length / self.gyration, self.scale, self.scale, self.scale / self.gyration]
+        )
+        self.switches: list[tuple[float, float]] = []
+        self.fall_time = math.nan
+        self.now = 0.0  # start of the current period, s
+
+    # -- sticking ------------------------------------------------------------------------------------------------------
+
+    def stick(self, y: np.ndarray, t0: float, fresh: float) -> tuple[float, np.ndarray, str]:
+        """Carry a part on until it lets go, falls or the period ends; ``fresh`` is the time below which it cannot let go."""
+        if self.radius == 0.0 and not self.incline.any():
+            return self.period, self.carried(y, t0, self.period), "end"
+        found: list[np.ndarray | None] = [None]
+
+        def excess(t: float) -> float:
+            at = self.carried(y, t0, t)
+            value, found[0] = self.load(at, t, found[0])
+            return min(value, 1e6) - 1.0 - ROUNDING
+
+        def support(t: float) -> float:
+            return self.cutter.support(*self.carried(y, t0, t)[:3])
+
+        spacing = self.period / LOOKS
+        times = [t0, *(k * spacing for k in range(math.floor(t0 / spacing) + 1, LOOKS)), self.period]
+        times = [t for k, t in enumerate(times) if k == 0 or t > times[k - 1]]
+        values = [excess(times[0])]
+        if values[0] > 0.0 and t0 >= fresh:
+            return t0, self.carried(y, t0, t0), "release"
+        for k in range(1, len(times)):
+            before, t = times[k - 1], times[k]
+            values.append(excess(t))
+            ends = math.inf
+            if values[k] > 0.0:
+                low = values[k - 1]
+                ends = _root(excess, before, t) if low <= 0.0 else before
+            elif (
+                k >= 2
+                and 2.0 * values[k - 1] > min(values[k - 2], values[k])
+                and values[k - 1] > max(values[k - 2], values[k])
+            ):
+                # A peak between looks may stick out.
+                top: Any = minimize_scalar(lambda s: -excess(s), bounds=(times[k - 2], t), method="bounded")
+                if -top.fun > 0.0:
+                    ends = _root(excess, times[k - 2], float(top.x))
+            if support(t) < 0.0:
+                falls = _root(support, before, t) if support(before) >= 0.0 else before
+                if falls <= ends:
+                    return falls, self.carried(y, t0, falls), "fall"
+            if ends < math.inf:
+                return ends, self.carried(y, t0, ends), "release"
+        return self.period, self.carried(y, t0, self.period), "end"
+
+    def let_go(self, t0: float, y: np.ndarray) -> tuple[float, np.ndarray] | None:
+        """A moment later, sliding at twice the threshold; None where the part holds on again before it gets there."""
+
+        def acceleration(t: float) -> np.ndarray:
+            return self.breakaway(self.carried(y, t0, t), t)
+
+        at_once = acceleration(t0)
+        wait = 1e-9 * self.period
+        while wait < 0.05 * self.period:
+            later = acceleration(t0 + wait)
+            slip = 0.5 * wait * (at_once + later)
+            if np.linalg.norm(slip) >= 2.0 * self.threshold:
+                after = self.carried(y, t0, t0 + wait)
+                # What the part has lagged behind meanwhile is smaller than threshold times wait.
+                after[3:] -= slip / np.array([1.0, 1.0, self.gyration])
+                return t0 + wait, after
+            wait *= 1.5
+        return None
+
+    # -- sliding -------------------------------------------------------------------------------------------------------
+
+    def slide(self, y: np.ndarray, t0: float) -> tuple[float, np.ndarray, str]:
+        def caught(t: float, y: np.ndarray) -> float:
+            return float(np.linalg.norm(self.slip(t, y))) - self.threshold
+
+        def falls(t: float, y: np.ndarray) -> float:
+            return self.cutter.support(y[0], y[1], y[2])
+
+        def grown(t: float, y: np.ndarray) -> float:
+            return float(np.linalg.norm(self.slip(t, y))) - _STIFF_UNTIL * self.scale
+
+        caught.terminal = falls.terminal = grown.terminal = True  # type: ignore[attr-defined]
+        caught.direction, grown.direction = -1.0, 1.0  # type: ignore[attr-defined]
+        events = [caught, falls]
+        stiff = grown(t0, y) < -0.5 * _STIFF_UNTIL * self.scale
+        solution = solve_ivp(
+            self.slope, (t0, self.period), y, "Radau" if stiff else "DOP853", events=events + [grown] * stiff,
+            rtol=self.tolerance, atol=self.absolute, max_step=self.longest,
+        )  # fmt: skip
+        if solution.status < 0:
+            raise RuntimeError(f"the reference cannot go on at {self.now + t0:.9g} s: {solution.message}")
+        t, y = float(solution.t[-1]), solution.y[:, -1]
+        if solution.status == 0:
+            return t, y, "end"
+        if solution.t_events[1].size:
+            return t, y, "fall"
+        return t, y, "caught" if solution.t_events[0].size else "grown"
+
+    # -- the whole motion ----------------------------------------------------------------------------------------------
+
+    def go(self, pose: np.ndarray, velocity: np.ndarray, periods: int) -> Trajectory:
+        y = np.concatenate([pose, velocity]).astype(float)
+        small = float(np.linalg.norm(self.slip(0.0, y))) <= self.threshold
+        stuck = small and self.holds(y, 0.0)
+        if stuck:
+            self.switches.append((0.0, 1.0))
+        states, sticking = [y.copy()], [stuck]
+        fallen = self.cutter.support(*pose) < 0.0
+        if fallen:
+            self.fall_time = 0.0
+        for period in range(periods):
+            self.now = period * self.period
+            if not fallen:
+                y, stuck, fallen = self.pass_period(y, stuck)
+            if fallen:
+                y, stuck = np.concatenate([y[:3], np.zeros(3)]), False
+            states.append(y.copy())
+            sticking.append(stuck)
+        path = np.array(states)
+        return Trajectory(
+            pose=path[:, :3],
+            velocity=path[:, 3:],
+            sticking=np.array(sticking),
+            fallen=fallen,
+            fall_time=self.fall_time,
+            switches=np.array(self.switches).reshape(-1, 2),
+            error=np.zeros((periods + 1, 3)),
+            evaluations=self.evaluations,
+        )
+
+    def pass_period(self, y: np.ndarray, stuck: bool) -> tuple[np.ndarray, bool, bool]:
+        t, fresh = 0.0, 0.0
+        for _ in range(_RESTARTS):
+            if stuck:
+                t, y, why = self.stick(y, t, fresh)
+            elif self.needs_start(t, y):
+                why = "release"
+            else:
+                t, y, why = self.slide(y, t)
+            if why == "end":
+                return y, stuck, False
+            if why == "fall":
+                self.fall_time = self.now + t
+                return y, False, True
+            if why == "caught" and self.holds(y, t):
+                stuck = True
+                self.switches.append((self.now + t, 1.0))
+            elif why in ("caught", "release"):
+                started = self.let_go(t, y)
+                if started is None:
+                    # The limit surface was only grazed: the part holds again before it has moved.
+                    stuck, fresh = True, t + 0.05 * self.period
+                    continue
+                if stuck:
+                    self.switches.append((self.now + t, 0.0))
+                stuck = False
+                t, y = started
+        raise RuntimeError(f"sticking and sliding alternate without end at {self.now + t:.9g} s")
+
+    def needs_start(self, t: float, y: np.ndarray) -> bool:
+        """Whether slip is so small that its direction has to be found first."""
+        return float(np.linalg.norm(self.slip(t, y))) <= self.threshold
+
+
+def _root(function: Callable[[float], float], low: float, high: float) -> float:
+    found: Any = brentq(function, low, high, xtol=1e-15, rtol=np.float64(1e-14))
+    return float(found)

@@ -1,0 +1,172 @@
+"""What a report is asked for: scenes, models and their knobs, peers, tolerances."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from vibgym import checks
+from vibgym.config import Settings, load_yaml, parse
+from vibgym.scene.parts import shipped_part
+from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
+
+MODELS = ("planar", "averaged")
+MOST_COMBINATIONS = 1000
+"""Of the knobs in one entry: each is a simulator, and then a line of the report."""
+
+PEERS: dict[str, dict[str, Any]] = {
+    "point_sampling": {"points": 12, "steps": 12},
+    "LSODA": {"rtol": 1e-4},
+    "DOP853": {"rtol": 1e-4},
+    "mujoco": {"timestep": 1e-3, "contact_time": None, "impratio": 10.0},
+}
+"""Peers, their knobs and what these are unless given."""
+
+
+class TruthSettings(Settings):
+    """The planar run that everything is measured against, and by how much the independent reference checks it.
+
+    Attributes:
+        steps, substeps, pieces: knobs of the planar model.
+        reference_worlds: how many worlds the reference integrates, 0 for none.
+        reference_periods: how many of the scene's periods at most.
+        reference_tolerance: relative tolerance of the reference.
+    """
+
+    steps: int = Field(default=128, ge=8, le=4096)
+    substeps: int = Field(default=2, ge=1, le=64)
+    pieces: int = Field(default=6, ge=1, le=64)
+    reference_worlds: int = Field(default=2, ge=0)
+    reference_periods: int = Field(default=5, ge=1)
+    reference_tolerance: float = Field(default=1e-8, ge=1e-12, le=1e-4)
+
+
+class ReportSettings(Settings):
+    """A report of error against cost.
+
+    Attributes:
+        scenes: mappings, see :class:`studies.accuracy.scenes.SceneSettings`.
+        models: mappings of ``model`` and its knobs; a list of values of a knob stands for every one of them, and several
+            lists for all combinations.
+        peers: likewise with ``peer``, see :data:`PEERS`.
+        strong_tolerances: of the trajectory's error, m.
+        weak_tolerances: of the mean velocity's error, relative.
+        auto_tolerances: what ``model="auto"`` is asked for on every scene; none leaves that section out.
+        peer_worlds: how many of a scene's worlds the slow peers (SciPy, MuJoCo) run.
+        rounds: how often every setting is timed, in turn with all others.
+        truth: see :class:`TruthSettings`.
+        orders, bound, hard_cases, friction_experiment: whether the report has these sections.
+        output: directory for what is written, made if needed.
+    """
+
+    scenes: list[Any] = Field(min_length=1, max_length=100)
+    models: list[Any] = Field(min_length=1, max_length=100)
+    peers: list[Any] = []
+    strong_tolerances: list[float] = Field(default=[1e-3, 1e-4, 5e-5, 1e-5], min_length=1, max_length=12)
+    weak_tolerances: list[float] = Field(default=[0.05, 0.02, 0.01, 0.001], min_length=1, max_length=12)
+    auto_tolerances: list[float] = []
+    peer_worlds: int = Field(default=4, ge=1)
+    rounds: int = Field(default=7, ge=1, le=1000)
+    truth: Any = {}
+    orders: bool = True
+    bound: bool = True
+    hard_cases: bool = True
+    friction_experiment: bool = True
+    output: str = Field(default="runs/accuracy", min_length=1)
+
+    def truth_settings(self) -> TruthSettings:
+        """``truth``, checked."""
+        return parse(TruthSettings, self.truth, "truth")
+
+    def model_settings(self) -> list[tuple[str, dict[str, Any]]]:
+        """Every model with one value for each knob that was given."""
+        # What one element takes may be too coarse for several: a scene that refuses a setting then has a line that says so.
+        surface, part = Surface(rows=1, columns=1), shipped_part("aluminium_block")
+        found: list[tuple[str, dict[str, Any]]] = []
+        for index, given in enumerate(self.models):
+            where = f"models.{index}"
+            model, choices = _named(given, where, "model", MODELS)
+            for knobs in _combinations(choices, where):
+                try:
+                    Simulator(surface, part, model=model, **knobs)
+                except ValueError as error:
+                    raise ValueError(f"{where}.{error}") from None
+                found.append((model, knobs))
+        return found
+
+    def peer_settings(self) -> list[tuple[str, dict[str, Any]]]:
+        """Every peer with one value for each knob."""
+        found: list[tuple[str, dict[str, Any]]] = []
+        for index, given in enumerate(self.peers):
+            where = f"peers.{index}"
+            peer, choices = _named(given, where, "peer", tuple(PEERS))
+            for knobs in _combinations(choices, where):
+                for name, value in knobs.items():
+                    _check_peer_knob(peer, name, value, where)
+                found.append((peer, PEERS[peer] | knobs))
+        return found
+
+
+def _named(given: Any, where: str, key: str, allowed: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
+    if not isinstance(given, Mapping):
+        raise checks.refuse(where, given, f"a mapping with '{key}' and its knobs")
+    content = dict(given)
+    name = checks.choice(f"{where}.{key}", content.pop(key, None), allowed)
+    for knob in content:
+        if not isinstance(knob, str):
+            raise checks.refuse(where, knob, "keys that are strings")
+    return name, content
+
+
+def _combinations(choices: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
+    lists = [value if isinstance(value, list) else [value] for value in choices.values()]
+    number = math.prod(map(len, lists))
+    if number > MOST_COMBINATIONS:
+        raise checks.refuse(where, f"lists of {number} combinations", f"at most {MOST_COMBINATIONS}")
+    return [dict(zip(choices, values, strict=True)) for values in itertools.product(*lists)]
+
+
+def _check_peer_knob(peer: str, name: str, value: Any, where: str) -> None:
+    if name not in PEERS[peer]:
+        raise checks.refuse(f"{where}.{name}", value, f"the knobs of {peer!r}: {', '.join(PEERS[peer])}")
+    if name in ("points", "steps"):
+        checks.count(f"{where}.{name}", value, least=2 if name == "points" else 1, most=4096)
+    elif name == "rtol":
+        checks.number(f"{where}.{name}", value, least=1e-12, most=0.1)
+    elif value is not None or name != "contact_time":
+        checks.number(f"{where}.{name}", value, above=0.0)
+
+
+def settings_from(data: Any, output: str | None = None) -> ReportSettings:
+    """Checked settings from a mapping with the attributes of :class:`ReportSettings` as keys.
+
+    Args:
+        data: the mapping.
+        output: another output directory.
+
+    Raises:
+        ValueError: the first fault, in one line.
+    """
+    settings = parse(ReportSettings, data, "report")
+    for name in ("strong_tolerances", "weak_tolerances", "auto_tolerances"):
+        for index, value in enumerate(getattr(settings, name)):
+            checks.number(f"report.{name}.{index}", value, above=0.0)
+    settings.truth_settings()
+    settings.model_settings()
+    settings.peer_settings()
+    return settings if output is None else settings.model_copy(update={"output": output})
+
+
+def load_settings(path: Path, output: str | None = None) -> ReportSettings:
+    """Checked settings from a YAML file; see :func:`settings_from`. Errors name the file."""
+    data = load_yaml(path)
+    try:
+        return settings_from(data, output)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None

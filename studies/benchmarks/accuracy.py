@@ -1,0 +1,180 @@
+"""How far the planar model is from the truth, and what a period costs: ``python -m studies.benchmarks.accuracy``.
+
+Prints four tables and writes nothing. Random fields put every element on its own amplitude in [0, g/w^2] and phase.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from studies.benchmarks import point_sampling
+from vibgym import Part, Simulator, Surface
+from vibgym.scene.parts import shipped_part
+
+STEADY = {0.3: (0.30485, 4.96), 0.6: (0.30438, 9.93), 0.9: (0.30359, 14.94)}
+"""Steady speed (m/s) and direction (deg) by friction: full amplitude, phase 270 deg, from an independent integration."""
+
+CONVERGED: dict[str, Any] = {"steps": 128, "substeps": 2, "pieces": 6}
+FINER: dict[str, Any] = {"steps": 256, "substeps": 2, "pieces": 10}
+WORLDS = 64
+PERIODS = 25  # one second
+MARGIN = 0.100  # m from a part's centre to the border at the start, where the surface is wide enough
+
+
+def parts() -> dict[str, Part]:
+    """The parts that are compared."""
+    side, arm = 0.060, 0.030
+    corners = [[0, 0], [side, 0], [side, arm], [arm, arm], [arm, side], [0, side]]
+    return {
+        "aluminium block": shipped_part("aluminium_block"),
+        "steel block": shipped_part("steel_block"),
+        "20 mm disc": Part.disc(0.010, friction=0.6),
+        "60x60 mm L-shape": Part.polygon(corners, friction=0.6),
+        "100x20 mm bar": Part.rectangle(0.100, 0.020, friction=0.6),
+    }
+
+
+def random_scene(surface: Surface, seed: int, spin: float) -> tuple[np.ndarray, ...]:
+    """Pose and velocity (worlds, 1, 3), amplitude and phase (worlds, rows, columns)."""
+    rng = np.random.default_rng(seed)
+    pose = np.empty((WORLDS, 1, 3))
+    for axis, extent in enumerate((surface.width, surface.depth)):
+        margin = min(MARGIN, 0.5 * extent)
+        pose[:, 0, axis] = rng.uniform(margin, extent - margin, WORLDS)
+    pose[:, 0, 2] = rng.uniform(-math.pi, math.pi, WORLDS)
+    velocity = np.zeros((WORLDS, 1, 3))
+    velocity[:, 0, 2] = spin
+    shape = (WORLDS, surface.rows, surface.columns)
+    return pose, velocity, rng.uniform(0.0, surface.lift_off_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
+
+
+def run(surface: Surface, part: Part, scene: tuple[np.ndarray, ...], periods: int, **scheme: Any) -> Simulator:
+    """A simulator that has gone through the scene."""
+    pose, velocity, amplitude, phase = scene
+    simulator = Simulator(surface, part, worlds=len(pose), **scheme)
+    simulator.reset(pose, velocity)
+    simulator.advance(amplitude, phase, periods)
+    return simulator
+
+
+def errors(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position (mm) and heading (deg) error of poses (n, 3)."""
+    return 1e3 * np.hypot(*(one - other)[:, :2].T), np.degrees(np.abs(one - other)[:, 2])
+
+
+def compare(one: Simulator, other: Simulator) -> tuple[np.ndarray, np.ndarray, int]:
+    """Errors over the worlds where neither part fell, and the number of the others."""
+    fell = (one.fallen | other.fallen)[:, 0]
+    return *errors(one.pose[~fell, 0], other.pose[~fell, 0]), int(fell.sum())
+
+
+def spread(values: np.ndarray) -> str:
+    """Median, 95th percentile, largest."""
+    return f"{np.median(values):9.4f} {np.percentile(values, 95):9.4f} {values.max():9.4f}"
+
+
+def steady_velocities() -> None:
+    """Table 1."""
+    print("1  Steady velocity, full amplitude, phase 270 deg, default settings      (target: 0.1 %, 0.1 deg)")
+    print("   friction   m/s       expected   error %   deg       expected   error deg")
+    surface = Surface(rows=60, columns=200)  # long enough to settle: 5.2 m
+    for friction, (speed, direction) in STEADY.items():
+        simulator = Simulator(surface, Part.rectangle(0.050, 0.035, friction=friction))
+        simulator.reset([0.3, 0.3, 0.4])
+        simulator.advance(surface.max_amplitude, 1.5 * math.pi, 250)
+        x, y, _ = simulator.mean_velocity[0, 0]
+        v, angle = math.hypot(x, y), math.degrees(math.atan2(y, x))
+        print(
+            f"   {friction:<8}   {v:.6f}  {speed:.5f}    {100 * (v / speed - 1):+.4f}   "
+            f"{angle:8.4f}  {direction:8.2f}   {angle - direction:+.4f}"
+        )
+
+
+def random_fields(surface: Surface) -> None:
+    """Table 2."""
+    print(f"\n2  Default settings against the converged run {CONVERGED}")
+    print(f"   Random fields, {WORLDS} worlds, {PERIODS} periods")
+    print("   (targets: median 0.05 mm and 0.1 deg, 95th percentile 1 mm)")
+    print(f"   {'part':18} spin   {'position error, mm':^29}   {'heading error, deg':^29}   fell  stick")
+    print(f"   {'':18} rad/s  {'median     95 %   largest':>29}   {'median     95 %   largest':>29}")
+    for name, part in parts().items():
+        for spin in (0.0, 5.0):
+            scene = random_scene(surface, 1, spin)
+            reference = run(surface, part, scene, PERIODS, **CONVERGED)
+            position, heading, fell = compare(run(surface, part, scene, PERIODS), reference)
+            sticking = int(reference.sticking.sum())
+            print(f"   {name:18} {spin:4.0f}   {spread(position)}   {spread(heading)}   {fell:4}  {sticking:5}")
+
+
+def reference_error(surface: Surface) -> None:
+    """Table 3."""
+    part = shipped_part("aluminium_block")
+    print("\n3  How converged the converged run is (aluminium block)")
+    print(f"   {'against':34} spin   {'position error, mm':^29}   {'heading error, deg':^29}   worlds")
+    print(f"   {'':34} rad/s  {'median     95 %   largest':>29}   {'median     95 %   largest':>29}")
+    for spin in (0.0, 5.0):
+        scene = random_scene(surface, 1, spin)
+        finer, converged = (run(surface, part, scene, PERIODS, **scheme) for scheme in (FINER, CONVERGED))
+        position, heading, fell = compare(converged, finer)
+        label = f"{FINER['steps']} steps, {FINER['pieces']} pieces, {PERIODS} periods"
+        print(f"   {label:34} {spin:4.0f}   {spread(position)}   {spread(heading)}   {WORLDS - fell:6}")
+    few, periods, steps = 4, 10, 128
+    points = point_sampling.strew(part.outline, 200)
+    label = f"{len(points[0])} points, {steps} RK4 steps, {periods} periods"
+    for spin in (0.0, 5.0):
+        pose, velocity, amplitude, phase = (values[:few] for values in random_scene(surface, 1, spin))
+
+        def sample(k: int, scene: tuple[np.ndarray, ...] = (pose, velocity, amplitude, phase)) -> np.ndarray:
+            return point_sampling.simulate(
+                points, gyration=part.gyration, friction=part.friction, pose=scene[0][k, 0], velocity=scene[1][k, 0],
+                amplitude=scene[2][k], phase=scene[3][k], periods=periods, steps=steps,
+            )[-1, :3]  # fmt: skip
+
+        with ThreadPoolExecutor() as pool:
+            sampled = np.array(list(pool.map(sample, range(few))))
+        converged = run(surface, part, (pose, velocity, amplitude, phase), periods, **CONVERGED)
+        position, heading = errors(converged.pose[:, 0], sampled)
+        print(f"   {label:34} {spin:4.0f}   {spread(position)}   {spread(heading)}   {few:6}")
+
+
+def speed_against_error(surface: Surface) -> None:
+    """Table 4."""
+    part = shipped_part("aluminium_block")
+    scene = random_scene(surface, 1, 0.0)
+    reference = run(surface, part, scene, PERIODS, **CONVERGED)
+    print("\n4  Speed against error (aluminium block, spin 0 at the start, one thread)")
+    print("   steps substeps   median mm    95 % mm   median deg   us per period and core")
+    for steps, substeps in ((4, 3), (5, 4), (9, 2), (12, 3), (24, 2)):
+        scheme = {"steps": steps, "substeps": substeps, "threads": 1}
+        position, heading, _ = compare(run(surface, part, scene, PERIODS, **scheme), reference)
+        best = math.inf
+        for _ in range(5):
+            simulator = Simulator(surface, part, worlds=WORLDS, **scheme)
+            simulator.reset(scene[0], scene[1])
+            start = time.perf_counter()
+            simulator.advance(scene[2], scene[3], PERIODS)
+            best = min(best, time.perf_counter() - start)
+        print(
+            f"   {steps:5} {substeps:8}   {np.median(position):9.4f}  {np.percentile(position, 95):9.4f}   "
+            f"{np.median(heading):10.4f}   {1e6 * best / WORLDS / PERIODS:10.2f}"
+        )
+
+
+def main() -> None:
+    """Print all tables."""
+    start = time.perf_counter()
+    surface = Surface()
+    steady_velocities()
+    random_fields(surface)
+    reference_error(surface)
+    speed_against_error(surface)
+    print(f"\n{time.perf_counter() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""Does any policy beat the lower bound on time to goal?  ``python -m studies.benchmarks.bound [episodes]``, 10 000 if not said.
+
+As many episodes of every policy on Transport, Align and Rotate, on ideal and on prototype hardware, with seeds that no training
+and no report uses. Printed are the median of time over bound, the smallest, how many steps the fastest episode took above its
+bound, and how many beat it: the command fails if there is one. The bound itself is derived in docs/bound.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import vibgym  # noqa: F401 - registers the environments
+from agents.evaluation.rollout import run
+from vibgym import checks
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+
+FIRST, BATCH = 8_000_000, 500
+HARDWARE: dict[str, dict[str, Any]] = {
+    "ideal": {},
+    "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
+}
+POLICIES = ("local_field", "vibgym/policies/trained/shipped/{task}.json")
+
+
+def measure(task: str, hardware: str, content: str, episodes: int) -> int:
+    """Print one line; returns how many episodes beat the bound."""
+    settings = HARDWARE[hardware]
+    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
+    policy = make_policy(content.replace("{task}", task.lower()), TaskInfo.of(env, task))
+    env.close()
+    multiples, over = [], []
+    for first in range(0, episodes, BATCH):
+        seeds = range(FIRST + first, FIRST + min(first + BATCH, episodes))
+        rollout = run(policy, task, seeds, settings, quiet=True)
+        success = rollout.success
+        multiples.append(rollout.time_over_bound[success])
+        over.append(np.rint((rollout.time_to_goal - rollout.bound)[success] / rollout.step_time))
+    multiple, steps = np.concatenate(multiples), np.concatenate(over)
+    beaten = int((steps < 0).sum())
+    name = content if content.isidentifier() else "learned"
+    print(
+        f"{task:<10} {hardware:<10} {name:<12} {len(steps):6d} of {episodes} succeed   time / bound: median "
+        f"{np.median(multiple):.3f}, least {multiple.min():.3f}   steps above it: median {np.median(steps):.0f}, "
+        f"least {steps.min():.0f}   beaten by {beaten}",
+        flush=True,
+    )
+    return beaten
+
+
+def main(arguments: list[str]) -> int:
+    """Measure every task, hardware and policy."""
+    episodes = checks.count("episodes", int(arguments[0]) if arguments else 10_000)
+    beaten = [
+        measure(task, hardware, content, episodes)
+        for task in ("Transport", "Align", "Rotate")
+        for hardware in HARDWARE
+        for content in POLICIES
+    ]
+    return min(sum(beaten), 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

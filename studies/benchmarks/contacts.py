@@ -1,0 +1,96 @@
+"""Contacts against closed forms and against shorter steps: ``python -m studies.benchmarks.contacts``.
+
+1. Oblique blows of two discs without friction on a still table: velocity and position against the closed form.
+2. Newton's cradle in the plane.
+3. Two blocks driven together on the prototype for 12 periods, in 64 worlds: distance from a run with 640 steps of the coupling
+   in a period. Friction and contacts take turns, so the error is of first order in the step.
+4. A thousandfold mass that presses a light part against a wall: the deepest overlap.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+
+from studies.accuracy.hard_cases.crowds import heavy_on_light
+from vibgym import Part, Simulator, Surface
+from vibgym.fields import radial
+from vibgym.scene.parts import shipped_part
+
+RADIUS, SPEED, WORLDS = 0.02, 0.6, 64
+STILL = Surface(horizontal_amplitude=0.0)
+
+
+def disc(restitution: float) -> Part:
+    """A disc that nothing slows down."""
+    return Part.disc(RADIUS, friction=0.0, restitution=restitution, contact_friction=0.0)
+
+
+def oblique(offset: float, restitution: float, periods: int = 10) -> tuple[float, float]:
+    """Errors of velocity (m/s) and position (m) after a blow at ``offset`` of the sum of radii, seen at the end."""
+    aside = 2.0 * RADIUS * offset
+    simulator = Simulator(STILL, [disc(restitution)] * 2)
+    simulator.reset([[0.3, 0.1, 0.0], [0.4, 0.1 + aside, 0.0]], [[SPEED, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    simulator.advance(0.0, 0.0, periods)
+    along = math.sqrt(4.0 * RADIUS**2 - aside**2)
+    normal = np.array([along, aside]) / (2.0 * RADIUS)
+    blow = 0.5 * (1.0 + restitution) * SPEED * normal[0] * normal
+    met = (0.1 - along) / SPEED
+    left = simulator.time - met
+    first = np.array([0.3 + SPEED * met, 0.1]) + (np.array([SPEED, 0.0]) - blow) * left
+    second = np.array([0.4, 0.1 + aside]) + blow * left
+    velocity = np.abs(simulator.velocity[0, :, :2] - [np.array([SPEED, 0.0]) - blow, blow]).max()
+    return float(velocity), float(np.abs(simulator.pose[0, :, :2] - [first, second]).max())
+
+
+def cradle(gap: float, discs: int = 5) -> np.ndarray:
+    """Velocities along x of a moving disc and ``discs`` in a row ``gap`` m apart, after the blow, over the first speed."""
+    simulator = Simulator(STILL, [disc(1.0)] * (discs + 1))
+    row = [[0.2 + k * (2.0 * RADIUS + gap), 0.1, 0.0] for k in range(discs)]
+    simulator.reset([[0.1, 0.1, 0.0], *row], [[SPEED, 0.0, 0.0]] + [[0.0, 0.0, 0.0]] * discs)
+    simulator.advance(0.0, 0.0, 12)
+    return simulator.velocity[0, :, 0] / SPEED
+
+
+def driven_together(steps: int) -> tuple[np.ndarray, float]:
+    """Positions (worlds, 2, 2) of two blocks after 12 periods in a radial field between them, and us per world and period."""
+    surface = Surface()
+    parts = [shipped_part("aluminium_block"), shipped_part("steel_block")]
+    simulator = Simulator(surface, parts, worlds=WORLDS, threads=1, contact_steps=steps)
+    pose = np.tile([[0.35, 0.104, 0.2], [0.47, 0.104, -0.1]], (WORLDS, 1, 1))
+    pose[:, :, 1] += np.linspace(-0.01, 0.01, WORLDS)[:, None] * [1.0, -1.0]
+    pose[:, :, 2] += np.linspace(-1.0, 1.0, WORLDS)[:, None]
+    simulator.reset(pose)
+    drive = radial(0.416, 0.104).drive(surface)
+    began = time.perf_counter()
+    simulator.advance(*drive, periods=12)
+    return simulator.pose[..., :2], 1e6 * (time.perf_counter() - began) / (12 * WORLDS)
+
+
+def main() -> None:
+    """Print the four parts."""
+    print("Oblique blow of two discs at 0.6 m/s, seen 0.4 s after the start: errors of velocity and position")
+    for restitution in (1.0, 0.3):
+        for offset in (0.0, 0.5, 0.9, 0.99):
+            velocity, position = oblique(offset, restitution)
+            print(f"  restitution {restitution:g}, offset {offset:4.2f}: {velocity:.1e} m/s, {1e3 * position:.4f} mm")
+    print("Newton's cradle, five discs in a row: velocities after the blow over the first one's speed")
+    for gap in (0.0, 1e-6, 1e-4):
+        print(f"  {1e3 * gap:g} mm apart: {np.abs(cradle(gap).round(9)).tolist()}")
+    print("Two blocks driven together, 0.48 s: distance from 640 steps a period")
+    driven_together(10)
+    finest, _ = driven_together(640)
+    for steps in (5, 10, 20, 40, 80, 160):
+        position, cost = driven_together(steps)
+        error = 1e3 * np.hypot(*np.moveaxis(position - finest, -1, 0))
+        print(
+            f"  {steps:4d} steps: median {np.median(error):.3f} mm, 95 % {np.percentile(error, 95):.3f} mm, "
+            f"{cost:.0f} us a world and period"
+        )
+    print(f"A thousandfold mass behind a light part at a wall: {1e3 * heavy_on_light(1000.0).measured:.3f} mm overlap")
+
+
+if __name__ == "__main__":
+    main()

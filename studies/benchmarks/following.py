@@ -1,0 +1,112 @@
+"""How far off their paths parts are, at half the top speed: ``... following [--worlds 20] [--policy pose]``.
+
+Errors are distances from the moving goal at the ends of steps; worlds differ in the headings that their parts keep and, on the
+prototype, in the machine that is drawn. Printed are, over the worlds, the median and the largest of an episode's rms (of the
+part that was worst), the largest error of all, the largest error of a heading, the smallest distance between parts, and how
+many episodes stayed within the task's tolerances.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+import vibgym
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+
+CIRCLE = {"shape": "circle", "centre_mm": [416, 104], "radius_mm": 60}
+SQUARE = {"shape": "square", "centre_mm": [416, 104], "side_mm": 120}
+THREE = [
+    {"shape": "circle", "centre_mm": [110, 104], "radius_mm": 60},
+    {"shape": "square", "centre_mm": [416, 104], "side_mm": 120},
+    {"shape": "figure_eight", "centre_mm": [680, 104], "radius_mm": 36},
+]
+CLOSE = [{"shape": "circle", "centre_mm": [x, 104], "radius_mm": 60} for x in (316, 416, 516)]
+"""Paths that cross. The parts go round in step, 100 mm from centre to centre: they stay more than 36.8 mm apart, since a
+circle about one has a radius of 31 mm."""
+
+PATHS: dict[str, list[dict[str, Any]]] = {
+    "circle": [CIRCLE],
+    "square": [SQUARE],
+    "circle, along": [{**CIRCLE, "heading": "along"}],
+    "three parts": THREE,
+    "three parts side by side": CLOSE,
+}
+HARDWARE: dict[str, dict[str, Any]] = {
+    "ideal": {},
+    "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
+}
+
+
+class Followed(NamedTuple):
+    """An episode in each of some worlds; nan after its end."""
+
+    errors: np.ndarray  # (steps, worlds, parts, 3) m, m, rad, at the ends of steps
+    gap: np.ndarray  # (steps, worlds) m, smallest distance between parts; meaningless for one
+
+
+def follow(policy: Any, paths: list[dict[str, Any]], worlds: int, **environment: Any) -> Followed:
+    """An episode of ``policy`` in each of ``worlds`` worlds whose parts have these paths."""
+    env: Any = gym.make_vec(
+        "vibgym/Follow-v0",
+        num_envs=worlds,
+        action="phasor",
+        paths=paths,
+        parts=["aluminium_block"] * len(paths),
+        autoreset_mode=gym.vector.AutoresetMode.DISABLED,
+        **environment,
+    )
+    actor = make_policy(policy, TaskInfo.of(env, "Follow"))
+    seen, _ = env.reset(seed=0)
+    alive, start, state = np.ones(worlds, dtype=bool), np.ones(worlds, dtype=bool), None
+    errors, gaps = [], []
+    while alive.any():
+        action, state = actor.predict(seen, state, start)
+        seen, _, terminated, truncated, _ = env.step(action)
+        truth = env.unwrapped.truth
+        errors.append(np.where(alive[:, None, None], truth.error, np.nan))
+        gaps.append(np.where(alive, truth.gap.min(axis=1), np.nan))
+        start = terminated | truncated
+        alive &= ~start
+        if start.any() and alive.any():
+            seen, _ = env.reset(options={"reset_mask": start})
+    env.close()
+    return Followed(np.array(errors), np.array(gaps))
+
+
+def line(name: str, found: Followed, tolerance: tuple[float, float]) -> str:
+    """A row of what is printed."""
+    errors = found.errors
+    away, turned = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
+    rms = np.sqrt(np.nanmean(away**2, axis=0)).max(axis=-1)
+    kept = (np.nanmax(away, axis=(0, 2)) <= tolerance[0]) & (np.nanmax(turned, axis=(0, 2)) <= tolerance[1])
+    apart = f"{1e3 * np.nanmin(found.gap):.1f}" if errors.shape[2] > 1 else ""
+    return (
+        f"{name:34} {1e3 * np.median(rms):9.3f} {1e3 * rms.max():9.3f} {1e3 * np.nanmax(away):9.2f}"
+        f" {np.degrees(np.nanmax(turned)):9.2f} {apart:>9} {100 * kept.mean():8.1f} %"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--worlds", type=int, default=20)
+    parser.add_argument("--policy", default="pose", help="a name, or JSON")
+    parser.add_argument("--hardware", nargs="*", default=list(HARDWARE), choices=list(HARDWARE))
+    parser.add_argument("--paths", nargs="*", default=list(PATHS), choices=list(PATHS))
+    arguments = parser.parse_args()
+    policy = json.loads(arguments.policy) if arguments.policy.startswith("{") else arguments.policy
+    tolerance = vibgym.tasks.Follow.position_tolerance, vibgym.tasks.Follow.heading_tolerance
+    print(f"{'':34} {'rms, mm':>9} {'worst':>9} {'largest':>9} {'deg':>9} {'apart':>9} {'kept':>10}")
+    for hardware in arguments.hardware:
+        for name in arguments.paths:
+            found = follow(policy, PATHS[name], arguments.worlds, **HARDWARE[hardware])
+            print(line(f"{hardware}: {name}", found, tolerance), flush=True)
+
+
+if __name__ == "__main__":
+    main()

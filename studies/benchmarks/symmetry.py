@@ -1,0 +1,81 @@
+"""What symmetries are worth when there is little to learn from: ``python -m studies.benchmarks.symmetry``.
+
+A network imitates the law ``pose`` in Align from so many steps of the law alone, and then acts: reads the place on the table or
+not (shifts by whole elements), and is turned by quarter turns or not (``policies/trained/symmetry.py``). Printed are the error
+of imitation on fresh steps of the law, the success of fresh episodes, and the median time of those, over several seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+import torch
+
+from agents.evaluation.rollout import outcomes
+from agents.training.imitation import Imitation
+from agents.training.on_policy import acting, experts, make_env, make_model
+from agents.training.settings import ImitationSettings, PPOSettings, TrainSettings
+
+VARIANTS: dict[str, dict[str, Any]] = {
+    "none": {},
+    "whole elements": {"blind": ["position"]},
+    "quarter turns": {"turned": True},
+    "both": {"blind": ["position"], "turned": True},
+}
+EXPERT = {"kind": "pose", "action": "wrench"}
+
+
+def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[float, float, float]:
+    """Error on fresh steps, share of successes, and their median time (s)."""
+    settings = TrainSettings(
+        task="Align",
+        environment={"action": "wrench"},
+        worlds=worlds,
+        steps=1,
+        seed=seed,
+        imitation=ImitationSettings(expert=EXPERT, rounds=1, steps=steps, epochs=100, noise=0.1, batch_size=512),
+        ppo=PPOSettings(activation="relu", remembers=True, **variant),
+    )
+    assert settings.imitation is not None
+    env = make_env(settings)
+    model = make_model(settings, env)
+    lessons = Imitation(model.policy, experts(settings, env), settings.imitation, seed)
+    for _ in lessons.rounds():
+        pass
+    scene = lessons.scenes[0]
+    scene.begin(10**6 + seed)
+    fresh = scene.collect(model.policy, 40, 0.1, 0.0)
+    with torch.no_grad():
+        mean, _ = model.policy.actor(torch.from_numpy(fresh.rows))
+    error = float(np.sqrt(((mean.numpy() - fresh.action) ** 2).mean()))
+    found = outcomes(acting(model, settings), "Align", range(700_000, 700_100), {}, quiet=True)
+    return (
+        error,
+        float(found.success.mean()),
+        float(np.nanmedian(found.time_to_goal)) if found.success.any() else np.nan,
+    )
+
+
+def main() -> None:
+    """Learn and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--worlds", type=int, nargs="+", default=[16, 64], help="of the lessons")
+    parser.add_argument("--steps", type=int, default=60, help="of each")
+    parser.add_argument("--seeds", type=int, default=3)
+    asked = parser.parse_args()
+    for worlds in asked.worlds:
+        for name, variant in VARIANTS.items():
+            found = np.array([learn(variant, worlds, asked.steps, seed) for seed in range(asked.seeds)])
+            error, success, time = found.mean(axis=0)
+            each = ", ".join(f"{100 * value:.0f}" for value in found[:, 1])
+            print(
+                f"{worlds * asked.steps:6d} samples   {name:<15} error {error:.3f}   success {100 * success:5.1f} % "
+                f"({each})   time {time:.2f} s",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

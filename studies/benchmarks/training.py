@@ -1,0 +1,96 @@
+"""Steps a second of training, all included: ``python -m studies.benchmarks.training``.
+
+Rollouts, values, updates and logs count, in the middle of a training, without imitation and learning curves. Every case is
+measured several times in turn with the others; printed are medians. ``plain`` is Stable-Baselines3's own PPO on the flat
+state, with the same worlds, network sizes, minibatches and epochs: it says what our loop is worth, whatever the machine.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.logger import configure
+
+import vibgym  # noqa: F401 - registers the environments
+from agents.training.on_policy import make_env, make_model
+from agents.training.settings import PPOSettings, TrainSettings
+from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.simulation.threads import available_threads
+
+TARGETS = {"Align, patch": 80_000, "Align, element": 25_000, "Sort, field": 12_000, "Sort, wrench": 12_000}
+"""Steps of worlds a second that are asked for on two free cores."""
+
+ITERATIONS = 4
+"""Rollouts and updates of a measurement."""
+
+
+def ours(task: str, action: str, worlds: int, network: str = "parts", **ppo: Any) -> Callable[[], float]:
+    """A training of ours, under way: steps a second, each time it is called."""
+    settings = TrainSettings(
+        task=task, environment={"action": action}, worlds=worlds, steps=1, ppo=PPOSettings(network=network, **ppo)
+    )
+    return _measured(make_model(settings, make_env(settings)))
+
+
+def plain(task: str, action: str, worlds: int) -> Callable[[], float]:
+    """Stable-Baselines3's PPO on the flat state."""
+    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, autoreset_mode="SameStep")
+    net = {"net_arch": [128, 128]}
+    adapter = StableBaselinesAdapter(env.unwrapped)  # type: ignore[arg-type]
+    return _measured(
+        PPO("MlpPolicy", adapter, n_steps=32, batch_size=4096, n_epochs=3, policy_kwargs=net, device="cpu")
+    )
+
+
+def _measured(model: PPO) -> Callable[[], float]:
+    model.set_logger(configure(None, []))
+    steps = model.n_steps * model.n_envs
+    model.learn(steps, reset_num_timesteps=False)  # kernels, allocations
+
+    def measure() -> float:
+        began = time.perf_counter()
+        model.learn(ITERATIONS * steps, reset_num_timesteps=False)
+        return ITERATIONS * steps / (time.perf_counter() - began)
+
+    return measure
+
+
+CASES: dict[str, Callable[[], Callable[[], float]]] = {
+    "plain SB3, Align, patch": lambda: plain("Align", "patch", 512),
+    "Align, patch": lambda: ours("Align", "patch", 512, batch_size=8192, net=[64, 64]),
+    "Align, patch, as large as plain": lambda: ours("Align", "patch", 512, batch_size=4096, critic_net=[128, 128]),
+    "Align, element": lambda: ours("Align", "element", 512, network="elements", batch_size=8192, net=[64, 64]),
+    "Align, wrench": lambda: ours("Align", "wrench", 512, batch_size=8192),
+    "Sort, field": lambda: ours("Sort", "field", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
+    "Sort, wrench": lambda: ours("Sort", "wrench", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
+}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
+    asked = parser.parse_args()
+    made = {name: CASES[name]() for name in asked.cases}
+    rates: dict[str, list[float]] = {name: [] for name in made}
+    for _ in range(asked.rounds):
+        for name, measure in made.items():
+            rates[name].append(measure())
+    print(f"{available_threads()} processors, torch with {torch.get_num_threads()} threads; medians of {asked.rounds}")
+    first = float(np.median(next(iter(rates.values()))))
+    for name, found in rates.items():
+        rate = float(np.median(found))
+        target = f"   target {TARGETS[name]}" if name in TARGETS else ""
+        print(f"{name:<34}{rate:9.0f} steps/s   {rate / first:5.2f} x {asked.cases[0]}{target}")
+
+
+if __name__ == "__main__":
+    main()

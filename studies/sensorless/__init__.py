@@ -1,0 +1,1 @@
+"""Search for sensorless schedules, and their judgement: ``python -m studies.sensorless CONFIG``."""

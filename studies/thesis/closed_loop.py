@@ -1,0 +1,244 @@
+"""The thesis's closed loops, wired as in figs. 5.15, 5.18, 5.22 and 5.23: one loop, two plants, two controllers.
+
+    set position -> controller -> wanted acceleration -> plant -> measured position
+                        ^                                |
+                        +-- observer <- acceleration after saturation
+
+The real plant is the planar simulator behind actuators, and before it the inverse of the frictional process with its
+saturation; the reduced plant is a double integrator. All elements push alike, so that the heading is left to itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from vibgym import Part, Simulator, Surface
+from vibgym.actuators import PrototypeActuators
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.physics.core.drive import polar_drive
+from vibgym.policies.classical.observer import Estimate, Observer
+from vibgym.policies.classical.pid import Pid, PidMemory
+from vibgym.policies.classical.saturation import shortened
+from vibgym.policies.classical.state_space import StateFeedback
+
+START = (0.1, 0.104)
+"""m, where parts are put down: with a step of 0.3 m there is room for an overshoot of twice that."""
+
+
+class Response(NamedTuple):
+    """Along x, arrays (steps, worlds), at the beginnings of the periods; amplitudes are those that begin then."""
+
+    time: np.ndarray  # (steps,) s
+    position: np.ndarray  # m, from the start
+    velocity: np.ndarray  # m/s, mean over the last period
+    estimate: np.ndarray  # m/s, the velocity that the observer gives
+    wanted: np.ndarray  # m/s^2
+    given: np.ndarray  # m/s^2, after saturation
+    amplitude: np.ndarray  # m, of the elements, commanded; 0 of the reduced plant
+
+    def overshoot(self, step: float) -> np.ndarray:
+        """(worlds,) how far parts go too far, over the step."""
+        return self.position.max(axis=0) / step - 1.0
+
+    def residual(self, step: float, seconds: float) -> np.ndarray:
+        """(worlds,) m, root mean square of what is left during the last seconds."""
+        return np.sqrt(((self.position[self._last(seconds)] - step) ** 2).mean(axis=0))
+
+    def unrest(self, seconds: float) -> np.ndarray:
+        """(worlds,) m/s, root mean square of the velocity during the last seconds."""
+        return np.sqrt((self.velocity[self._last(seconds)] ** 2).mean(axis=0))
+
+    def _last(self, seconds: float) -> np.ndarray:
+        return self.time > self.time[-1] - seconds
+
+
+class Plant(Protocol):
+    """What is controlled; arrays (worlds, 1, 3)."""
+
+    period: float
+    worlds: int
+
+    def measured(self) -> np.ndarray:
+        """Positions as a sensor sees them now."""
+        ...
+
+    def state(self) -> Estimate:
+        """True positions, and mean velocities."""
+        ...
+
+    def give(self, wanted: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Go on by a period: accelerations after saturation, as the controller can know them, and amplitudes (worlds,) m.
+
+        Args:
+            wanted: accelerations.
+            velocity: mean velocities that the controller knows of.
+        """
+        ...
+
+
+class ReducedPlant:
+    """Double integrators, of which nothing is asked in vain unless the acceleration has a limit.
+
+    Args:
+        period: s.
+        limit: m/s^2.
+    """
+
+    worlds = 1
+
+    def __init__(self, period: float, limit: float = np.inf) -> None:
+        self.period, self.limit = period, limit
+        self._state = Estimate(*np.zeros((2, 1, 1, 3)))
+        self._state.position[..., :2] = START
+
+    def measured(self) -> np.ndarray:
+        """Without errors."""
+        return self._state.position
+
+    def state(self) -> Estimate:
+        """Position and velocity."""
+        return self._state
+
+    def give(self, wanted: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Plant`."""
+        given = shortened(wanted, self.limit)
+        position, now = self._state
+        self._state = Estimate(position + self.period * now + 0.5 * self.period**2 * given, now + self.period * given)
+        return given, np.zeros(1)
+
+
+class RealPlant:
+    """Parts in the planar simulator, on elements that all do the same, as far as they do what they are told.
+
+    Args:
+        part: on the prototype's surface.
+        worlds: how many machines.
+        limit: m, largest amplitude; None: where parts would lift off.
+        noise: m, standard deviation of measured positions.
+        seed: of noise and machines.
+        **actuators: settings of :class:`vibgym.actuators.PrototypeActuators`; by default elements do all that they are told.
+    """
+
+    def __init__(
+        self,
+        part: Part,
+        *,
+        worlds: int = 1,
+        limit: float | None = None,
+        noise: float = 0.0,
+        seed: int = 0,
+        **actuators: Any,
+    ) -> None:
+        self.surface = surface = Surface()
+        self.worlds, self.period, self.noise = worlds, surface.period, noise
+        assert surface.max_amplitude is not None
+        self.inverse = FrictionalInverse(surface, part, limit=limit)
+        ideal = {"dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
+        self.actuators = PrototypeActuators(surface, worlds, 1, limit=limit, **{**ideal, **actuators})
+        self.generator = np.random.default_rng(seed)
+        self.simulator = Simulator(surface, part, worlds=worlds, threads=1)
+        self.simulator.reset([*START, 0.0], [*surface.idle_velocity(part.friction), 0.0])
+        self._shape = (worlds, surface.rows, surface.columns)
+        none = np.zeros(self._shape)
+        self.actuators.prepare(polar_drive(none, none, surface.angular_frequency))
+        self.actuators.reset(np.arange(worlds), self.generator.uniform(size=(worlds, self.actuators.draws)))
+        self._mean = np.zeros((worlds, 1, 3))
+
+    def measured(self) -> np.ndarray:
+        """Positions at the beginning of the period, with noise; the heading's place is zero, nobody turns parts here."""
+        position = self.simulator.pose + self.noise * self.generator.normal(size=(self.worlds, 1, 3))
+        position[..., 2] = 0.0
+        return position
+
+    def state(self) -> Estimate:
+        """Positions, and mean velocities over the last period."""
+        return Estimate(self.simulator.pose, self._mean)
+
+    def give(self, wanted: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Plant`."""
+        found, surface = self.inverse.push(velocity, wanted), self.surface
+        assert surface.max_amplitude is not None
+        x, y = (found.push[:, :, k, None] for k in range(2))
+        amplitude = np.minimum(np.hypot(x, y), 1.0) * surface.max_amplitude
+        told, phase = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
+        for drive, periods in self.actuators.apply(polar_drive(told, phase, surface.angular_frequency)):
+            self.simulator.run(drive, periods)
+        self._mean = self.simulator.mean_velocity
+        return found.acceleration, amplitude[:, 0, 0]
+
+
+class Controller(Protocol):
+    """What asks for accelerations; arrays (worlds, 1, 3)."""
+
+    def wanted(self, target: np.ndarray, position: np.ndarray, estimate: Estimate) -> np.ndarray:
+        """Accelerations, from set and measured positions and from what the observer says."""
+        ...
+
+    def applied(self, given: np.ndarray) -> None:
+        """Told what comes of it."""
+        ...
+
+
+class PidController:
+    """Fig. 5.18: positions alone are controlled; the observer serves the inverse of the frictional process."""
+
+    def __init__(self, period: float, **settings: Any) -> None:
+        self.pid = Pid(period, **settings)
+        self.memory: PidMemory | None = None
+
+    def wanted(self, target: np.ndarray, position: np.ndarray, estimate: Estimate) -> np.ndarray:
+        """See :class:`Controller`."""
+        memory = self.pid.initial(position.shape) if self.memory is None else self.memory
+        wanted, self.memory = self.pid.output(target - position, memory)
+        return wanted
+
+    def applied(self, given: np.ndarray) -> None:
+        """See :class:`Controller`."""
+        assert self.memory is not None
+        self.memory = self.pid.applied(given, self.memory)
+
+
+class StateController:
+    """Fig. 5.23: a gain on the observer's state."""
+
+    def __init__(self, **settings: Any) -> None:
+        self.feedback = StateFeedback(**settings)
+
+    def wanted(self, target: np.ndarray, position: np.ndarray, estimate: Estimate) -> np.ndarray:
+        """See :class:`Controller`."""
+        return self.feedback.output(target, estimate)
+
+    def applied(self, given: np.ndarray) -> None:
+        """It has no memory."""
+
+
+def step_response(
+    controller: Controller, plant: Plant, step: float, seconds: float, observer: Observer | None
+) -> Response:
+    """What becomes of a step in the set position along x.
+
+    Args:
+        controller, plant: fresh ones.
+        step: m.
+        seconds: how long.
+        observer: None: the plant's state is known (figs. 5.15 and 5.22).
+    """
+    start = plant.measured()
+    target = np.broadcast_to([START[0] + step, START[1], 0.0], start.shape)
+    estimate, rows = Estimate(start, np.zeros_like(start)), []
+    for _ in range(round(seconds / plant.period)):
+        position, state = plant.measured(), plant.state()
+        estimate = state if observer is None else estimate
+        wanted = controller.wanted(target, position, estimate)
+        given, amplitude = plant.give(wanted, estimate.velocity)
+        controller.applied(given)
+        along = (
+            each[:, 0, 0] for each in (state.position - START[0], state.velocity, estimate.velocity, wanted, given)
+        )
+        rows.append([*along, amplitude])
+        if observer is not None:
+            estimate = observer.update(estimate, position, given)
+    values = np.moveaxis(np.array(rows), 1, 0)
+    return Response(plant.period * np.arange(len(rows)), *values)

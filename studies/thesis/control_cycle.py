@@ -1,0 +1,166 @@
+"""Table 7.1 and fig. 7.7: how long one cycle of the control software takes, by the number of objects."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
+from studies.thesis.figure import Comparison, Figure, Picture, Table
+from vibgym import Surface
+from vibgym.actuators import DataSheet
+from vibgym.allocation import Allocator
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.physics.core.records import new_state
+from vibgym.policies.classical.observer import Estimate, Observer
+from vibgym.policies.classical.state_space import StateFeedback
+from vibgym.scene.parts import shipped_part
+from vibgym.sensing.camera import CameraSensor
+from vibgym.sensing.camera.look import measure_object
+from vibgym.sensing.camera.objects import find_objects, new_found
+
+OBJECTS = (1, 2, 4, 6, 8)
+REPEATS = 200
+
+DEAD_ZONE = 1e-4  # m
+
+
+class Cycle(NamedTuple):
+    """Medians of the parts of a cycle, s."""
+
+    image: float  # objects found in the image, boundaries, moments, places on the surface
+    blocks: float  # observer, controller and inverse of the frictional process
+    allocation: float  # phasors of the elements under the parts
+    dead_zone: float  # the same where elements rest or move by more than the dead zone
+
+    @property
+    def total(self) -> float:
+        """With ideal elements, s."""
+        return self.image + self.blocks + self.allocation
+
+
+def median_time(work: Callable[[], object]) -> float:
+    """s, of one call."""
+    taken = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        work()
+        taken.append(time.perf_counter() - start)
+    return float(np.median(taken))
+
+
+def cycle(objects: int) -> Cycle:
+    """Of one machine with so many aluminium blocks, each in a place of its own on two lines."""
+    surface, parts, random = Surface(), [shipped_part("aluminium_block")] * objects, np.random.default_rng(objects)
+    place = np.array(
+        [[0.13 + 0.19 * (p // 2), 0.055 + 0.1 * (p % 2), random.uniform(-3.0, 3.0)] for p in range(objects)]
+    )
+    pose, present = place[None], np.ones((1, objects), dtype=bool)
+
+    camera = CameraSensor(surface, parts, 1, 1, lines="half", edge="threshold")
+    state = new_state(1, objects)
+    state.pose[0], state.fallen[:] = place, False
+    camera.keep_pictures()
+    camera.reset(np.array([0]), state, np.array([[0.3, 0.6]]))
+    image, known = camera.image()[0], camera.setup.known
+    found, measures = new_found(camera.setup.shape, 4 * objects + 16), np.zeros((4 * objects + 16, 10))
+
+    def look() -> None:
+        find_objects(image, known.interest, found)
+        for k in range(int(found.count[0])):
+            measure_object(image, known, found, k, measures[k])
+
+    observer, feedback, process = Observer(surface.period), StateFeedback(), FrictionalInverse(surface, parts)
+    estimate, target = Estimate(pose, np.zeros_like(pose)), pose + random.uniform(-0.1, 0.1, pose.shape)
+
+    def control() -> np.ndarray:
+        push, acceleration, _ = process.push(estimate.velocity, feedback.output(target, estimate))
+        observer.update(estimate, pose, acceleration)
+        return push
+
+    push, limit = control(), surface.lift_off_amplitude
+    ideal, real = (Allocator(surface, parts, DataSheet(limit, width)) for width in (0.0, DEAD_ZONE))
+    look()  # kernels are compiled or loaded, none of the times is that of a first call
+    for each in (ideal, real):
+        each.actions(pose, present, push)
+    return Cycle(
+        median_time(look),
+        median_time(control),
+        median_time(lambda: ideal.actions(pose, present, push)),
+        median_time(lambda: real.actions(pose, present, push)),
+    )
+
+
+def draw() -> Figure:
+    """Times over the number of objects."""
+    cycles = {objects: cycle(objects) for objects in OBJECTS}
+    first, last = cycles[OBJECTS[0]], cycles[OBJECTS[-1]]
+    period = Surface().period
+    return Figure(
+        title="Table 7.1 and fig. 7.7: execution time of one control cycle",
+        shows="The thesis gives the average times of a cycle in ms for up to eight objects and for several shares of the image "
+        "that were searched, in sum and for image processing, control (all blocks of fig. 5.23, the inverse of the "
+        "frictional process solved by iteration) and a third part. A cycle has to fit into a period of 40 ms. All numbers are "
+        "lost; the axes of fig. 7.7 end at 8 objects and at 80 ms.",
+        comparisons=(
+            Comparison(
+                "A cycle with 1 and with 8 objects",
+                "lost; between 0 and 80 ms",
+                f"{1e3 * first.total:.2f} ms and {1e3 * last.total:.2f} ms",
+                "faster by what twenty-five years have made of computers; no number to compare",
+            ),
+            Comparison(
+                "Share of a period with 8 objects",
+                "lost",
+                f"{100.0 * last.total / period:.1f} %",
+                "the thesis's number of objects was limited by it, ours is not",
+            ),
+            Comparison(
+                "Control alone, 8 objects",
+                "lost",
+                f"{1e3 * (last.blocks + last.allocation):.2f} ms, with a dead zone "
+                f"{1e3 * (last.blocks + last.dead_zone):.2f} ms",
+                "no number to compare",
+            ),
+        ),
+        differs=f"Only the axes of fig. 7.7 are left. Ours takes {1e3 * first.total:.2f} ms with one object and "
+        f"{1e3 * last.total:.2f} ms with eight, on the computer that has drawn this page.",
+        assumed=(
+            "The whole image with half of its lines is searched, as on the prototype; the thesis varied the share.",
+            "Ours gives every element under a part a phasor of its own; the thesis's elements under a part did the same.",
+            "The time in which the camera takes the image, and sending amplitudes to the elements, are not counted.",
+        ),
+        pictures=(Picture(_plot(cycles), f"Medians of {REPEATS} cycles on one core, by the parts of a cycle."),),
+        tables=(
+            Table(
+                f"Medians of {REPEATS} cycles.",
+                ("Objects", "Image processing", "Observer, controller, inverse", "Allocation", "The same with a dead zone",
+                 "Total"),
+                tuple(
+                    (str(objects), *(f"{1e3 * each:.3f} ms" for each in (*one, one.total))) for objects, one in cycles.items()
+                ),
+            ),
+        ),
+    )  # fmt: skip
+
+
+def _plot(cycles: dict[int, Cycle]) -> bytes:
+    figure = new_figure(6.2, 2.8)
+    axes = figure.add_subplot()
+    shown = {
+        "total": ([each.total for each in cycles.values()], INK, "-"),
+        "image processing": ([each.image for each in cycles.values()], SUCCESS, "--"),
+        "control": ([each.blocks + each.allocation for each in cycles.values()], FAILURE, "--"),
+        "control, dead zone": ([each.blocks + each.dead_zone for each in cycles.values()], FAILURE, ":"),
+    }
+    for name, (taken, colour, line) in shown.items():
+        axes.plot(
+            list(cycles), 1e3 * np.array(taken), color=colour, linestyle=line, marker="o", markersize=3, label=name
+        )
+    style(axes, xlabel="number of objects", ylabel="time of a cycle, ms")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
+    return png(figure)

@@ -1,0 +1,146 @@
+"""Fig. 6.1: which horizontal amplitudes and frequencies a machine may have."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from agents.evaluation.figures import INK, MUTED, SUCCESS, new_figure, png, style
+from studies.thesis.figure import Comparison, Figure, Picture, Table, of_range
+from studies.thesis.speed_ratio import ratio_map
+from vibgym import Surface
+
+GRAVITY = 9.81
+FRICTION = 0.6  # the thesis's design value
+LEAST_SPEED = 0.1  # m/s
+MOST_ACCELERATION = 100.0 * GRAVITY
+MOST_RADIUS = 5e-3  # m
+LEAST_AMPLITUDE = 1e-4  # m, that the prototype's elements realise
+
+Condition = Callable[[Any, Any], Any]
+
+
+def slides(radius: Any, rate: Any) -> Any:
+    """Whether a part of friction 0.6 always slides, ``a_h w^2 > 2 mu g``; radius a_h in m, rate w in rad/s."""
+    return radius * rate**2 > 2.0 * FRICTION * GRAVITY
+
+
+def fast_enough(radius: Any, rate: Any) -> Any:
+    """Whether the largest mean speed, 0.7 a_h w (eq. 3.41), reaches 0.1 m/s."""
+    return 0.7 * radius * rate >= LEAST_SPEED
+
+
+def light_enough(radius: Any, rate: Any) -> Any:
+    """Whether the centripetal acceleration ``a_h w^2`` stays below 100 g."""
+    return radius * rate**2 < MOST_ACCELERATION
+
+
+def narrow_enough(radius: Any, rate: Any) -> Any:
+    """Whether the table stays within 5 mm of its middle, where it hands parts over to what stands beside it."""
+    return (radius <= MOST_RADIUS) & (rate > 0.0)
+
+
+def realisable(radius: Any, rate: Any) -> Any:
+    """Whether the lift-off amplitude ``g / w^2`` is at least the 0.1 mm that actuators realise."""
+    return (GRAVITY / rate**2 >= LEAST_AMPLITUDE) & (radius > 0.0)
+
+
+@dataclass(frozen=True)
+class Need:
+    """A condition on radius and rate, and where it is from."""
+
+    title: str
+    holds: Condition
+    source: str
+
+
+NEEDS = (
+    Need("(a) always slides", slides, "thesis, section 6.2.1"),
+    Need("(b) 0.1 m/s or more", fast_enough, "named in section 6.5; the speed is ours"),
+    Need("(c) below 100 g", light_enough, "thesis, section 6.2.1"),
+    Need("(d) at most 5 mm", narrow_enough, "named in section 6.5; the length is ours"),
+    Need("(e) 0.1 mm reached", realisable, "ours, from section 7.2"),
+)
+
+
+def all_hold(radius: Any, rate: Any) -> np.ndarray:
+    """Whether all of them do."""
+    return np.logical_and.reduce([need.holds(radius, rate) for need in NEEDS])
+
+
+def frequencies(radius: float) -> tuple[float, float]:
+    """Smallest and largest frequency (Hz) that all conditions allow for a radius (m), to 0.01 Hz; NaN where none does."""
+    hertz = np.arange(0.01, 1600.0, 0.01)
+    good = hertz[all_hold(radius, 2.0 * math.pi * hertz)]
+    return (float(good[0]), float(good[-1])) if len(good) else (math.nan, math.nan)
+
+
+def draw() -> Figure:
+    """The five conditions and what is left."""
+    radius, rate = np.geomspace(1e-6, 1.0, 301), np.geomspace(10.0, 1e4, 241)[:, None]
+    surface = Surface()
+    own = surface.horizontal_amplitude, surface.angular_frequency
+    figure = new_figure(7.6, 4.6)
+    panels = figure.subplots(2, 3, sharex=True, sharey=True)
+    for k, (axes, (title, holds)) in enumerate(
+        zip(panels.flat, [*((need.title, need.holds) for need in NEEDS), ("(f) all of them", all_hold)], strict=True)
+    ):
+        axes.pcolormesh(radius, rate[:, 0], np.where(holds(radius, rate), 0.8, 1.0), cmap="gray", vmin=0.0, vmax=1.0)
+        axes.plot(*own, "o", color=SUCCESS, markersize=4)
+        axes.set(xscale="log", yscale="log", title=title)
+        axes.minorticks_off()
+        axes.set_xticks([1e-6, 1e-4, 1e-2, 1.0], ["1 um", "0.1 mm", "10 mm", "1 m"])
+        axes.set_yticks([10.0, 100.0, 1e3, 1e4], ["10", "100", "1000", "10000"])
+        labels = {"xlabel": "horizontal amplitude"} if k > 2 else {}
+        style(axes, **labels, **({"ylabel": "rate, rad/s"} if k % 3 == 0 else {}))
+        axes.grid(False)
+        axes.tick_params(colors=MUTED)
+        for spine in axes.spines.values():
+            spine.set(color=INK, linewidth=0.4)
+    slide = own[0] * own[1] ** 2 / (2.0 * FRICTION * GRAVITY)
+    low, high = frequencies(own[0])
+    speed = float(ratio_map(np.array([own[0]]), np.array([surface.frequency]), FRICTION)[0, 0]) * surface.table_speed
+    heaviest = math.sqrt(MOST_ACCELERATION / own[0]) / (2.0 * math.pi)
+    return Figure(
+        title="Fig. 6.1: which amplitudes and frequencies a machine may have",
+        shows="The thesis shades, over horizontal amplitude (1 um to 1 m) and rate (10 to 10 000 rad/s), where "
+        "each need of the machine is met: permanent sliding at full vertical amplitude, a sufficient speed, a "
+        "centripetal acceleration below 100 g, and room at the interfaces; what is left holds the prototype's 2.7 "
+        "mm and 25 Hz.",
+        comparisons=(
+            of_range("Prototype: a_h w^2 over 2 mu g (a)", 1.0, None, slide, digits=2),
+            of_range("Prototype: centripetal acceleration (c)", None, 100.0, own[0] * own[1] ** 2 / GRAVITY, "g", 1),
+            Comparison(
+                "Prototype: largest speed (b)", "sufficiently large", f"{speed:.3f} m/s", "the number asked for is lost"
+            ),
+            Comparison(
+                "Prototype within all conditions (f)", "yes", "yes" if all_hold(*own) else "no",
+                "agrees" if all_hold(*own) else "differs",
+            ),
+            Comparison(
+                "Frequencies allowed at 2.7 mm", "lost", f"{low:.1f} to {high:.1f} Hz",
+                "sliding bounds it from below; from above the 0.1 mm of the elements, the 100 g only at "
+                f"{heaviest:.1f} Hz",
+            ),
+        ),
+        differs=f"Conditions (a) and (c) are the thesis's; the prototype meets (a) {slide:.1f} times over and (c) "
+        f"with {own[0] * own[1] ** 2 / GRAVITY:.1f} g of 100. The shapes of (b) and (d) follow from what its "
+        "summary names, but their numbers are ours; (e) is ours. So (f) can only be compared in that the prototype "
+        "lies within.",
+        assumed=(
+            "The panels (b), (d) and (e) are lost. Section 6.5 names a sufficiently large velocity and interface "
+            "problems: 0.1 m/s and 5 mm stand for these.",
+            "Panel (e) asks that the lift-off amplitude be at least the 0.1 mm below which the prototype's "
+            "elements did not move.",
+        ),
+        pictures=(
+            Picture(png(figure), "Grey: the condition is met. Dot: the prototype. Both axes are logarithmic, as the thesis's."),
+        ),
+        tables=(
+            Table("Where each condition is from.", ("Panel", "Source"), tuple((need.title, need.source) for need in NEEDS)),
+        ),
+    )  # fmt: skip

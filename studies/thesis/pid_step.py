@@ -1,0 +1,128 @@
+"""Figs. 5.19 to 5.21: step responses with the PID controller, of the reduced and of the real plant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
+from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, Response, step_response
+from studies.thesis.figure import Comparison, Figure, Picture, of_number, of_range
+from vibgym import Surface
+from vibgym.policies.classical.observer import Observer
+from vibgym.scene.parts import shipped_part
+
+STEP, SECONDS = 0.3, 10.0  # m, s
+LIMIT = 0.25e-3
+"""m, the amplitude at which the velocities of fig. 5.20 stay below 0.25 m/s; at lift-off they reach 0.30 m/s."""
+
+ACCELERATION = 1.8
+"""m/s^2, which that amplitude gives the aluminium block at rest."""
+
+FINE = 1e-3
+"""s, a period that stands for continuous time."""
+
+
+def responses() -> Mapping[str, Response]:
+    """Step responses by what they show."""
+    period, part = Surface().period, shipped_part("aluminium_block")
+
+    def real(late: bool, limit: float | None) -> Response:
+        plant = RealPlant(part, limit=limit)
+        return step_response(PidController(period, late=late), plant, STEP, SECONDS, Observer(period))
+
+    return {
+        "reduced": step_response(PidController(FINE, late=False), ReducedPlant(FINE), STEP, SECONDS, None),
+        "real": real(False, LIMIT),
+        "lift-off": real(False, None),
+        "reduced, limited": step_response(
+            PidController(period, late=False), ReducedPlant(period, ACCELERATION), STEP, SECONDS, None
+        ),
+        "reduced, discrete": step_response(PidController(period), ReducedPlant(period), STEP, SECONDS, None),
+        "real, discrete": real(True, LIMIT),
+    }
+
+
+def draw() -> Figure:
+    """Positions, accelerations and velocities."""
+    runs = responses()
+    peak = {name: float(run.position.max()) for name, run in runs.items()}
+    over = {name: 100.0 * float(run.overshoot(STEP)[0]) for name, run in runs.items()}
+    fastest = {name: float(runs[name].velocity.max()) for name in ("real", "lift-off")}
+    kick = float(runs["real"].wanted[0, 0])
+    return Figure(
+        title="Figs. 5.19 to 5.21: PID controller, reduced and real plant",
+        shows="Steps of the set position with kP = 12, kI = 8, kD = 6 (three poles at -2 rad/s). The reduced plant is a double "
+        "integrator; before the real one stand saturation and the inverse of the frictional process, and an observer with "
+        "L = [10, 25] that is told the acceleration after saturation. Fig. 5.21 has the discrete form 5.81. The curves are "
+        "lost; where their axes end says between which ticks they peak.",
+        comparisons=(
+            of_number("Overshoot of the reduced plant (eq. 5.74 in closed form)", 20.6, over["reduced"], "%", 1),
+            of_range("Peak of the reduced plant, by the axis of fig. 5.19", 0.35, 0.40, peak["reduced"], "m"),
+            of_range("Peak of the real plant, by the axis of fig. 5.19", 0.40, 0.45, peak["real"], "m"),
+            of_range("Largest velocity, by the axis of fig. 5.20, limit 0.25 mm", 0.20, 0.25, fastest["real"], "m/s"),
+            of_range("The same with the limit at lift-off, 0.40 mm", 0.20, 0.25, fastest["lift-off"], "m/s"),
+            of_range(
+                "Peak with the discrete form, reduced plant (fig. 5.21)", 0.40, 0.45, peak["reduced, discrete"], "m"
+            ),
+            of_range("Peak with the discrete form, real plant (fig. 5.21)", 0.50, 0.60, peak["real, discrete"], "m"),
+            Comparison(
+                "Overshoot of the reduced plant whose acceleration alone is limited, to 1.8 m/s^2",
+                "not given",
+                f"{over['reduced, limited']:.1f} %",
+                "of the real plant's overshoot it is the top speed that does most, not the limited acceleration",
+            ),
+            Comparison(
+                "Largest acceleration asked for",
+                "an axis that ends at 4 m/s^2",
+                f"{kick:.0f} m/s^2 in the first period, {float(runs['real'].wanted[1, 0]):.1f} m/s^2 in the second",
+                "what the derivative asks for in the first period is not within the axis",
+            ),
+        ),
+        differs=f"The reduced plant overshoots by {over['reduced']:.1f} %, as it must. Saturation winds the integral up, so "
+        f"that the real plant overshoots by {over['real']:.0f} % with amplitudes up to 0.25 mm and by "
+        f"{over['lift-off']:.0f} % up to lift-off; the velocity axis of fig. 5.20 fits the former only. The discrete form "
+        f"overshoots by {over['reduced, discrete']:.0f} % on the reduced plant, within its axis. One axis of fig. 5.21 ends "
+        "at 0.6 m: if it is the real plant's, the thesis overshot by two thirds or more, ours by "
+        f"{over['real, discrete']:.0f} %.",
+        assumed=(
+            "The step is 0.3 m: the set position on the axes of figs. 5.19 and 5.24. The part is the aluminium block.",
+            "The thesis gives no number for the limit in these simulations; 0.25 mm is taken from figs. 7.8 to 7.10.",
+            "The continuous-time loop on the real plant is run at one period of 40 ms without the further period of eq. 5.81.",
+            "Which of its two axes belongs to which plant of fig. 5.21 is lost.",
+        ),
+        pictures=(
+            Picture(
+                _plot(runs),
+                "Top: positions of the reduced and of the real plant (left fig. 5.19, right fig. 5.21, both with the limit at "
+                "0.25 mm; dotted: limit at lift-off). Bottom: acceleration asked for and after saturation, velocity and the "
+                "observer's (fig. 5.20).",
+            ),
+        ),
+    )
+
+
+def _plot(runs: Mapping[str, Response]) -> bytes:
+    figure = new_figure(7.6, 4.6)
+    panels = figure.subplots(2, 2)
+    real = runs["real"]
+    shown = (
+        (panels[0, 0], (("reduced", INK, "-"), ("real", SUCCESS, "-"), ("lift-off", SUCCESS, ":"))),
+        (panels[0, 1], (("reduced, discrete", INK, "-"), ("real, discrete", SUCCESS, "-"))),
+    )
+    for axes, lines in shown:
+        for name, colour, line in lines:
+            axes.plot(runs[name].time, runs[name].position, color=colour, linestyle=line, linewidth=1.2, label=name)
+        axes.axhline(STEP, color=MUTED, linewidth=0.6)
+        axes.set_ylim(0.0, 0.48)
+        style(axes, ylabel="position, m")
+    panels[1, 0].plot(real.time, real.wanted, color=FAILURE, linewidth=1.0, label="asked for")
+    panels[1, 0].plot(real.time, real.given, color=SUCCESS, linewidth=1.2, label="after saturation")
+    panels[1, 0].set_ylim(-3.0, 4.0)
+    style(panels[1, 0], xlabel="time, s", ylabel="acceleration, m/s^2")
+    panels[1, 1].plot(real.time, real.velocity, color=SUCCESS, linewidth=1.2, label="actual")
+    panels[1, 1].plot(real.time, real.estimate, color=FAILURE, linewidth=1.0, linestyle="--", label="observer's")
+    style(panels[1, 1], xlabel="time, s", ylabel="velocity, m/s")
+    for axes in panels.flat:
+        axes.set_xlim(0.0, SECONDS)
+        axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
+    return png(figure)

@@ -1,0 +1,95 @@
+"""The thesis's simulation of fig. 5.8: how wrong the centroid of a disc is for being seen in whole pixels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibgym._numba.jit import jit
+from vibgym.sensing.camera.edges import Grey, share_moments, shares
+from vibgym.sensing.camera.image import BOTH, Exposure, hide, normal_quantiles
+from vibgym.sensing.camera.objects import Found, Interest, find_objects, new_found
+
+CORNERS = 256
+"""Of the polygon of equal area that is drawn for a disc."""
+
+_LEVEL = 200
+
+
+@jit
+def _chain(
+    radius: float, offset: np.ndarray, exposure: Exposure, interest: Interest, meaning: Grey, found: Found,
+    bare: np.ndarray, grey: np.ndarray, error: np.ndarray,
+) -> None:  # fmt: skip
+    """Errors (n, 2), px, of discs whose centres lie at ``offset`` (n, 2) from the middle pixel, by image and by chain."""
+    places, box, moment = np.empty((CORNERS, 2)), np.zeros(4, dtype=np.int64), np.empty(6)
+    middle = bare.shape[0] // 2
+    for n in range(offset.shape[0]):
+        for k in range(CORNERS):
+            angle = 2.0 * math.pi * k / CORNERS
+            places[k, 0] = middle + offset[n, 0] + radius * math.cos(angle)
+            places[k, 1] = middle + offset[n, 1] + radius * math.sin(angle)
+        hide(places, exposure, BOTH, bare, box)
+        for line in range(grey.shape[0]):
+            for column in range(grey.shape[1]):
+                grey[line, column] = np.uint8(_LEVEL * bare[line, column] + 0.5)
+                bare[line, column] = 1.0
+        find_objects(grey, interest, found)
+        best = 0
+        for k in range(found.count[0]):
+            if found.moment[k, 0] > found.moment[best, 0]:
+                best = k
+        if meaning.fine:
+            share, top, left = shares(grey, meaning, found, best)
+            share_moments(share, top, left, moment)
+        else:
+            moment[:] = found.moment[best]
+        error[n, 0] = moment[1] / moment[0] - middle - offset[n, 0]
+        error[n, 1] = moment[2] / moment[0] - middle - offset[n, 1]
+
+
+@jit
+def _centres(radius: float, offset: np.ndarray, error: np.ndarray) -> None:
+    """The same for discs of all pixels whose centres they hold."""
+    reach = math.ceil(radius) + 1
+    for n in range(offset.shape[0]):
+        count, x, y = 0.0, 0.0, 0.0
+        for line in range(-reach, reach + 1):
+            for column in range(-reach, reach + 1):
+                if (column - offset[n, 0]) ** 2 + (line - offset[n, 1]) ** 2 < radius * radius:
+                    count, x, y = count + 1.0, x + column, y + line
+        error[n, 0], error[n, 1] = x / count - offset[n, 0], y / count - offset[n, 1]
+
+
+def offsets(trials: int, seed: int = 58) -> np.ndarray:
+    """(trials, 2) px, random places of a disc's centre within a pixel."""
+    return np.random.default_rng(seed).random((trials, 2)) - 0.5
+
+
+def chain_errors(diameter: float, trials: int, grey: bool = False) -> np.ndarray:
+    """Errors (trials, 2), px, of the centroid that the camera's chain finds for a disc of ``diameter`` px.
+
+    Args:
+        diameter: at least 2, so that some pixel is always covered by half.
+        grey: use grey levels along the edge; else a pixel belongs to the disc if at least half of it is covered.
+    """
+    size = 2 * math.ceil(0.5 * diameter + 4) + 1
+    radius = 0.5 * diameter * math.sqrt(2.0 * math.pi / CORNERS / math.sin(2.0 * math.pi / CORNERS))
+    level = np.full((size, size), _LEVEL, dtype=np.float32)
+    exposure = Exposure(level, 0.0, np.ones(1), np.ones(1), 0.0, normal_quantiles())
+    first, last = np.zeros(size, dtype=np.int64), np.full(size, size - 1, dtype=np.int64)
+    interest = Interest(first, last, 0.5 * _LEVEL + 1.0, 1, 1, 1)
+    error = np.empty((trials, 2))
+    _chain(
+        radius, offsets(trials), exposure, interest, Grey(level, 1.0, 1, 1, grey), new_found((size, size), 4),
+        np.ones((size, size), dtype=np.float32), np.empty((size, size), dtype=np.uint8), error,
+    )  # fmt: skip
+    return error
+
+
+def centre_errors(diameter: float, trials: int) -> np.ndarray:
+    """Errors (trials, 2), px, if a pixel belongs to the disc when its centre does."""
+    error = np.empty((trials, 2))
+    _centres(0.5 * diameter, offsets(trials), error)
+    return error

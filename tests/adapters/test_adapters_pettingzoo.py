@@ -1,0 +1,116 @@
+"""Each part an agent: PettingZoo's own tests, and the same numbers as the environment beneath."""
+
+import warnings
+
+import numpy as np
+import pettingzoo
+import pytest
+from gymnasium.error import ResetNeeded
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+import vibgym
+from tests.envs.helpers import assert_same, single
+from vibgym.adapters.pettingzoo import PartsParallelEnv
+
+FEW = {"max_episode_steps": 40}
+
+
+@pytest.mark.parametrize("action", ["wrench", "patch", "field"])
+def test_pettingzoo_api(action):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # The test hands in an option of its own making.
+        warnings.filterwarnings("ignore", message=".*options options are ignored")
+        parallel_api_test(vibgym.parallel_env("Sort", action=action, **FEW), num_cycles=100)
+        parallel_seed_test(lambda: vibgym.parallel_env("Singulate", action=action, **FEW), num_cycles=8)
+
+
+def test_pettingzoo_api_with_absent_parts():
+    settings = {"randomize": {"parts": [2, 4]}, **FEW}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*options options are ignored")
+        # PettingZoo's test expects all possible agents in every episode, and says so.
+        warnings.filterwarnings("ignore", message="No agents present but not all possible_agents")
+        parallel_api_test(vibgym.parallel_env("Sort", **settings), num_cycles=100)
+        parallel_seed_test(lambda: vibgym.parallel_env("Sort", **settings), num_cycles=8)
+
+
+@pytest.mark.parametrize("action", ["wrench", "patch"])
+def test_agents_get_their_part_of_everything(action):
+    settings = {"randomize": {"parts": [3, 3]}, "slots": 8, "action": action, "max_episode_steps": 6}
+    many = vibgym.parallel_env("Sort", **settings)
+    env = single("Sort", observation="parts", **settings)
+    observations, infos = many.reset(seed=4)
+    seen, info = env.reset(seed=4)
+    there = np.flatnonzero(seen["mask"]).tolist()
+    assert len(there) == 3 and many.agents == [f"part_{part}" for part in there]
+    assert many.possible_agents == [f"part_{part}" for part in range(6)]
+    rewards = np.zeros(6)
+    for step in range(6):
+        assert set(infos) == set(observations) == set(many.agents)
+        for part in there:
+            agent = f"part_{part}"
+            assert_same(observations[agent], seen["parts"][part])
+            assert many.observation_space(agent).contains(observations[agent])
+            assert infos[agent]["done"] == info["parts"]["done"][part]
+            assert infos[agent]["reward_terms"] == {
+                name: values[part] for name, values in info["parts"]["reward_terms"].items()
+            }
+        assert_same(many.state(), seen["parts"])
+        actions = {agent: many.action_space(agent).sample() for agent in reversed(many.agents)}
+        together = np.zeros((6, many.action_space("part_0").shape[0]), dtype=np.float32)
+        for part in there:
+            together[part] = actions[f"part_{part}"]
+        agents = list(many.agents)
+        observations, got, terminations, truncations, infos = many.step(actions)
+        seen, _, terminated, truncated, info = env.step(together.ravel())
+        assert got == {agent: info["parts"]["reward"][int(agent[5:])] for agent in agents}
+        assert terminations == dict.fromkeys(agents, terminated) and truncations == dict.fromkeys(agents, step == 5)
+        rewards[there] += [got[f"part_{part}"] for part in there]
+        if step < 5:
+            assert many.agents == agents
+    assert many.agents == [] and (rewards[there] != 0.0).all() and truncated
+    many.close()
+
+
+def test_pettingzoo_makes_them_by_their_ids():
+    made = pettingzoo.make("parallel", "vibgym/SortTwelve-v0", action="field")
+    assert isinstance(made, PartsParallelEnv) and made.max_num_agents == 12
+    assert made.action_space("part_11").shape == (6,) and made.metadata["name"] == "vibgym/SortTwelve-v0"
+
+
+def test_options_of_a_start_go_through_and_others_are_named():
+    many = vibgym.parallel_env("Sort")
+    many.reset(seed=1, options={"parts": [1, 4]})
+    assert many.agents == ["part_1", "part_4"]
+    with pytest.warns(UserWarning, match="options colour are ignored"):
+        many.reset(options={"colour": "red"})
+    assert len(many.agents) == 6
+    with pytest.raises(ValueError, match=r"options\['parts'\]"):
+        many.reset(options={"parts": [9]})
+
+
+def test_bad_input():
+    with pytest.raises(ValueError, match="^name: got 'Short'; allowed: .*'Sort'"):
+        vibgym.parallel_env("Short")
+    with pytest.raises(ValueError, match=r"^observation: got \"?'state'"):
+        vibgym.parallel_env("Sort", observation="state")
+    with pytest.raises(ValueError, match=r"^action: got 'element'; allowed: one with a share for every part"):
+        vibgym.parallel_env("Sort", action="element")
+    with pytest.raises(ValueError, match="^env: got .*observation='parts'"):
+        PartsParallelEnv(single("Sort"))
+    many = vibgym.parallel_env("Sort", randomize={"parts": [2, 2]})
+    with pytest.raises(ResetNeeded):
+        many.step({})
+    many.reset(seed=0)
+    state = many.env.unwrapped.get_state()
+    good = {agent: np.zeros(3, dtype=np.float32) for agent in many.agents}
+    first = many.agents[0]
+    for bad in (
+        {}, {first: good[first]}, {**good, "part_9": good[first]}, [good], {**good, first: np.zeros(4)},
+        {**good, first: [0.0, np.nan, 0.0]}, {**good, first: "push"}, {**good, first: [[0.0], [0.0, 1.0]]},
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="^actions"):
+            many.step(bad)
+    assert_same(many.env.unwrapped.get_state(), state)

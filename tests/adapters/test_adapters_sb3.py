@@ -1,0 +1,187 @@
+"""The batch environment as Stable-Baselines3 sees it."""
+
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from stable_baselines3 import PPO
+from stable_baselines3.common.evaluation import evaluate_policy
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv
+
+from tests.envs.helpers import SMALL, batch, single
+from vibgym.adapters.sb3 import StableBaselinesAdapter
+
+WORLDS = 3
+
+
+def adapter(task="Align", worlds=WORLDS, **settings):
+    return StableBaselinesAdapter(batch(task, worlds, autoreset_mode="SameStep", **settings))
+
+
+def same(one, other):
+    """Whether two observations are the same bits."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    return one.dtype == other.dtype and one.shape == other.shape and bool((one == other).all())
+
+
+def of_world(observation, world):
+    return (
+        {key: value[world] for key, value in observation.items()}
+        if isinstance(observation, dict)
+        else observation[world]
+    )
+
+
+@pytest.mark.parametrize("settings", [
+    {"action": "patch", "max_episode_steps": 7},
+    {"action": "field", "max_episode_steps": 60, "surface": SMALL},
+    {"action": "field", "max_episode_steps": 5, "observation": "image"},
+    {"action": "field", "max_episode_steps": 60, "surface": SMALL, "observation": "goal"},
+])  # fmt: skip
+def test_the_adapter_is_stable_baselines_own_batch_of_monitored_environments(settings):
+    mine = adapter(**settings)
+    theirs = DummyVecEnv([lambda: Monitor(single("Align", **settings))] * WORLDS)
+    assert mine.num_envs == theirs.num_envs == WORLDS
+    assert mine.action_space == theirs.action_space and mine.observation_space == theirs.observation_space
+    mine.seed(5), theirs.seed(5)
+    assert same(mine.reset(), theirs.reset())
+    generator = np.random.default_rng(0)
+    push = np.zeros((WORLDS, mine.action_space.shape[0]), dtype=np.float32)
+    truncated = terminated = 0
+    for _ in range(70):
+        push += generator.uniform(-0.2, 0.2, push.shape).astype(np.float32)
+        np.clip(push, -1, 1, out=push)
+        observation, reward, done, infos = mine.step(push)
+        expected, rewards, dones, their_infos = theirs.step(push)
+        assert same(observation, expected)
+        assert (reward == rewards).all() and reward.dtype == rewards.dtype == np.float32
+        assert (done == dones).all() and done.dtype == bool
+        for world in range(WORLDS):
+            if not done[world]:
+                assert infos[world] == {}
+                continue
+            got, want = infos[world], their_infos[world]
+            assert same(got["terminal_observation"], want["terminal_observation"])
+            assert not same(got["terminal_observation"], of_world(observation, world))
+            assert got["fallen"] is want["fallen"]
+            assert got["TimeLimit.truncated"] is want["TimeLimit.truncated"]
+            assert got["is_success"] is want["is_success"]
+            assert got["episode"]["r"] == pytest.approx(want["episode"]["r"], abs=1e-6)
+            assert got["episode"]["l"] == want["episode"]["l"]
+            truncated += got["TimeLimit.truncated"]
+            terminated += not got["TimeLimit.truncated"]
+    assert truncated + terminated >= 2 * WORLDS
+    assert terminated > 0 if "surface" in settings else truncated > 0
+    mine.close(), theirs.close()
+
+
+def test_seeds_and_resets():
+    env = adapter(action="field")
+    assert env.seed(5) == [5, 6, 7]
+    first = env.reset()
+    second = env.reset()  # goes on: a seed counts once
+    env.seed(5)
+    assert (env.reset() == first).all() and (second != first).any()
+
+
+def test_a_reset_forgets_returns():
+    env = adapter(action="field", max_episode_steps=3)
+    push = np.zeros((WORLDS, 6), dtype=np.float32)
+    env.reset(), env.step(push), env.reset()
+    infos = [env.step(push)[3] for _ in range(3)]
+    assert [[bool(info) for info in each] for each in infos] == [[False] * 3, [False] * 3, [True] * 3]
+    assert {info["episode"]["l"] for info in infos[-1]} == {3}
+
+
+def test_attributes_and_methods():
+    env = adapter(action="field")
+    env.reset()
+    assert env.get_attr("num_envs") == [3, 3, 3] and env.get_attr("num_envs", [1]) == [3]
+    env.set_attr("note", "hello")
+    assert env.env.note == "hello"
+    assert env.env_is_wrapped(Monitor) == [False] * 3
+    assert len(env.env_method("render", indices=[0, 2])) == 2
+
+
+def test_other_environments_are_refused():
+    with pytest.raises(ValueError, match="^env: .*autoreset_mode"):
+        StableBaselinesAdapter(batch("Align", 2))
+    env = batch("Align", 2, autoreset_mode="SameStep")
+    env.unwrapped.single_observation_space = spaces.Discrete(3)
+    other = batch("Align", 2, autoreset_mode="SameStep")
+    other.single_observation_space = gym.spaces.Dict({"pose": gym.spaces.Discrete(3)})
+    with pytest.raises(ValueError, match="^env: observation is .*Discrete"):
+        StableBaselinesAdapter(other)
+
+
+@pytest.mark.parametrize("settings", [{"action": "patch"}, {"observation": "state"}, {"surface": SMALL}])
+def test_scenes_that_look_different_are_refused(settings):
+    first = {"action": "field", "observation": "parts", "autoreset_mode": "SameStep"}
+    envs = batch("Align", 2, **first), batch("Align", 2, **{**first, **settings})
+    if "surface" in settings:  # rows by parts are of any surface
+        assert StableBaselinesAdapter(*envs).num_envs == 4
+        return
+    with pytest.raises(ValueError, match="^scenes: got .*; allowed: scenes with the same spaces"):
+        StableBaselinesAdapter(*envs)
+
+
+def test_dictionaries_are_batches_and_parts_have_rewards_of_their_own():
+    """Of several scenes as of each by itself; of an episode's last step its own reward, not that of the next one."""
+    parts = {"parts": ["steel_block", "aluminium_block"], "action": "field", "observation": "parts"}
+    settings = [{**parts, "max_episode_steps": 4}, {**parts, "max_episode_steps": 6, "walls": ["left"]}]
+    both = StableBaselinesAdapter(
+        *(batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True))
+    )
+    alone = [batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True)]
+    both.seed(5)
+    seen, first = both.reset(), [env.reset(seed=seed)[0] for env, seed in zip(alone, (5, 7), strict=True)]
+    assert both.num_envs == 5 and set(seen) == {"parts", "mask"}
+    generator, ends = np.random.default_rng(0), 0
+    for step in range(12):
+        for name in seen:
+            assert (seen[name] == np.concatenate([each[name] for each in first])).all()
+        push = generator.uniform(-1, 1, (5, 12)).astype(np.float32)
+        seen, _, done, infos = both.step(push)
+        found = [env.step(each) for env, each in zip(alone, (push[:2], push[2:]), strict=True)]
+        first, expected = [each[0] for each in found], []
+        for *_, info in found:
+            reward = info["parts"]["reward"].copy()
+            if "final_info" in info:
+                ended = info["_final_info"]
+                reward[ended] = info["final_info"]["parts"]["reward"][ended]
+            expected.append(reward)
+        assert (both.part_reward == np.concatenate(expected)).all() and both.part_reward.shape == (5, 2)
+        assert done.tolist() == [(step + 1) % 4 == 0] * 2 + [(step + 1) % 6 == 0] * 3
+        for world in np.flatnonzero(done):
+            last = infos[world]["terminal_observation"]
+            assert (last["parts"] != seen["parts"][world]).any() and last["parts"].shape == seen["parts"][world].shape
+            ends += 1
+    assert ends == 3 * 2 + 2 * 3
+
+
+def test_stable_baselines_learns_and_evaluates_on_it():
+    env = adapter(action="field", max_episode_steps=5)
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=24, n_epochs=1, policy_kwargs={"net_arch": [4]}, device="cpu")
+    model.learn(48)
+    assert model.num_timesteps == 48 and len(model.ep_info_buffer) == 9
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Evaluation environment is not wrapped")
+        returns, lengths = evaluate_policy(model, env, n_eval_episodes=3, return_episode_rewards=True)
+    assert lengths == [5, 5, 5] and np.isfinite(returns).all()
+
+
+def test_rewards_of_a_batch_come_whole():
+    """Whatever its size: that many worlds is no exception."""
+    env = adapter(action="field", observation="goal")
+    desired = np.zeros((WORLDS, 3))
+    achieved = desired + np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    for rows in (slice(None), slice(2)):
+        got = env.env_method("compute_reward", achieved[rows], desired[rows], {}, indices=[0, 2])
+        assert [each.tolist() for each in got] == [[0.0, -1.0, 0.0][rows]] * 2
+    assert env.env_method("compute_reward", achieved, desired, {"fallen": np.array([True, False, True])}, indices=[0])[
+        0
+    ].tolist() == [-50.0, -1.0, -50.0]

@@ -1,0 +1,93 @@
+"""Times to goal as multiples of the lower bound, and no episode below it."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from agents import evaluation
+from agents.evaluation.bound import least_times
+from agents.evaluation.results import Trial
+from agents.evaluation.rollout import run
+from tests.policies.helpers import FRESH, POSE_TASKS
+from vibgym import Surface, envs
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+
+PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+
+
+@pytest.mark.parametrize("task", POSE_TASKS)
+@pytest.mark.parametrize(
+    ("content", "settings"),
+    [
+        ("local_field", {}),
+        ("local_field", PROTOTYPE),
+        ("vibgym/policies/trained/shipped/{}.json", {}),
+        ("vibgym/policies/trained/shipped/{}-prototype.json", PROTOTYPE),
+    ],
+)
+def test_no_policy_beats_the_bound(task: str, content: str, settings: dict) -> None:
+    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
+    policy = make_policy(content.format(task.lower()), TaskInfo.of(env, task))
+    rollout = run(policy, task, range(FRESH + 5000, FRESH + 5040), settings, quiet=True)
+    assert rollout.success.mean() > 0.95
+    multiple = rollout.time_over_bound[rollout.success]
+    assert (multiple > 1.0 - 1e-9).all()
+    assert np.median(multiple) < {"Transport": 1.1, "Align": 1.15, "Rotate": 1.5}[task]  # else it would say little
+
+
+def test_the_report_tells_multiples(found: evaluation.Results) -> None:
+    for row in found.rows:
+        rollout = found.rollouts[Trial(row.task, row.hardware, row.policy)]
+        assert (rollout.bound > 0.4 - 1e-9).all() and (rollout.bound < 4.0).all()
+        each = (rollout.steps * rollout.step_time / rollout.bound)[rollout.success]
+        if len(each):
+            assert row.time_over_bound_median == pytest.approx(np.median(each)) and np.median(each) > 1.0
+        else:
+            assert np.isnan(row.time_over_bound_median)
+    head, _, still, pusher, *_ = evaluation.summary_table(found).splitlines()
+    column = head.split(" | ").index("time / bound")
+    assert still.split(" | ")[column] == "–" and float(pusher.split(" | ")[column]) > 1.0
+
+
+@pytest.mark.parametrize(
+    ("task", "settings"),
+    [
+        ("Sort", {}),
+        ("Transport", {"model": "averaged"}),
+        ("Transport", {"randomize": {"friction": [0.8, 1.2]}}),
+        ("Transport", {"randomize": {"incline": 0.01}}),
+        ("Transport", {"surface": Surface(horizontal_amplitude=3e-4)}),
+    ],
+)
+def test_where_no_bound_is_known(task: str, settings: dict) -> None:
+    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=3, **settings)
+    env.reset(seed=0)
+    assert np.isnan(least_times(env.unwrapped)).all()  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("actuators", "amplitude", "latency"),
+    [
+        ({}, 0.25e-3, 1),
+        ({"gain_spread": 0.0}, 0.2e-3, 1),
+        ({"gain_spread": 0.0, "latency": 4}, 0.2e-3, 4),
+        ({"gain_spread": 0.0, "stuck": 0.1}, 0.25e-3, 0),
+        ({"gain_spread": 0.0, "stuck": [[0, 0, 1e-4, 0.0]]}, 0.25e-3, 0),
+    ],
+)
+def test_what_hardware_can_do_at_most(actuators: dict, amplitude: float, latency: int) -> None:
+    made = {"kind": "prototype", "limit": 0.2e-3, **actuators}
+    env = gym.make_vec("vibgym/Transport-v0", num_envs=2, surface=Surface(max_amplitude=0.25e-3), actuators=made)
+    base = env.unwrapped
+    assert isinstance(base, envs.VibgymVectorEnv)
+    assert (base.core.actuators.most_amplitude, base.core.actuators.least_latency) == (amplitude, latency)
+
+
+def test_what_is_drawn_counts_with_what_helps_most() -> None:
+    drawn = {"limit": [0.15e-3, 0.22e-3], "latency": [2, 3]}
+    made = {"kind": "prototype", "gain_spread": 0.0}
+    env = gym.make_vec("vibgym/Transport-v0", num_envs=2, actuators=made, randomize=drawn)
+    base = env.unwrapped
+    assert isinstance(base, envs.VibgymVectorEnv)
+    assert (base.core.actuators.most_amplitude, base.core.actuators.least_latency) == (0.22e-3, 2)

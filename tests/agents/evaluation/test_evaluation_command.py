@@ -1,0 +1,305 @@
+"""The command line: exit codes, and one line for bad input."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from agents import __main__ as command
+from agents.locks import one_run
+
+GOOD: dict[str, Any] = {
+    "tasks": ["Rotate"],
+    "policies": ["zero", {"name": "steered", "kind": "local_field"}],
+    "episodes": 3,
+    "first_seed": 7,
+    "resamples": 100,
+    "animations": False,
+}
+
+EFFECTS: dict[str, Any] = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
+
+BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "unknown key": ({"taks": ["Rotate"]}, ["taks", "tasks"]),
+    "unknown task": ({"tasks": ["Stack"]}, ["tasks.0", "Stack", "Rotate", "Sort"]),
+    "task of wrong type": ({"tasks": [3]}, ["tasks.0", "3"]),
+    "task twice": ({"tasks": ["Align", "Align"]}, ["tasks", "Align", "once"]),
+    "no tasks": ({"tasks": []}, ["tasks"]),
+    "unknown policy": ({"policies": ["fuzzy"]}, ["policies (fuzzy on Rotate)", "fuzzy", "local_field"]),
+    "tasks of wrong type": ({"policies": [{"kind": "zero", "tasks": "Rotate"}]}, ["policies.0.tasks", "list"]),
+    "no tasks of a policy": ({"policies": [{"kind": "zero", "tasks": []}]}, ["policies.0.tasks", "list"]),
+    "unhashable task": ({"policies": [{"kind": "zero", "tasks": [[1]]}]}, ["policies.0.tasks", "[1]"]),
+    "task of a policy twice": (
+        {"policies": [{"kind": "zero", "tasks": 2 * ["Rotate"]}]},
+        ["policies.0.tasks", "different"],
+    ),
+    "task that does not run": (
+        {"policies": [{"kind": "zero", "tasks": ["Align"]}]},
+        ["policies.0.tasks", "Align", "Rotate"],
+    ),
+    "policy that does not serve": (
+        {"tasks": ["Rotate", "Sort"], "policies": ["zero", {"kind": "open_loop", "tasks": ["Sort"]}]},
+        ["policies (open_loop on Sort)", "Sort"],
+    ),
+    "policy that serves nothing": ({"tasks": ["Sort"], "policies": ["zero", "open_loop"]}, ["open_loop", "Sort"]),
+    "task without a policy": (
+        {"tasks": ["Rotate", "Sort"], "policies": [{"kind": "zero", "tasks": ["Rotate"]}]},
+        ["policies", "zero", "serves Sort"],
+    ),
+    "object that is none": ({"policies": [{"policy": "zero"}]}, ["policies.0", "predict()"]),
+    "episodes of another task": ({"task_episodes": {"Align": 2}}, ["task_episodes", "Align", "Rotate"]),
+    "episodes of wrong type": ({"task_episodes": {"Rotate": "many"}}, ["task_episodes.Rotate", "many"]),
+    "more episodes than seeds": (
+        {"seeds": [1, 2], "episodes": None, "first_seed": None, "task_episodes": {"Rotate": 3}},
+        ["task_episodes.Rotate", "3", "2"],
+    ),
+    "zones without a task for them": ({"environment": {"zones": {}}}, ["environment", "zones"]),
+    "unknown argument": ({"policies": [{"kind": "zero", "gain": 1}]}, ["gain"]),
+    "argument out of range": ({"policies": [{"kind": "local_field", "braking": 7}]}, ["braking", "7", "<= 1"]),
+    "policy of wrong type": ({"policies": [3]}, ["policies.0", "3", "kind"]),
+    "name twice": ({"policies": ["zero", {"name": "zero", "kind": "random"}]}, ["policies.1.name", "zero"]),
+    "missing weights": ({"policies": [{"kind": "trained", "path": "nowhere/{task}.json"}]}, ["nowhere/rotate.json"]),
+    "wrong type": ({"episodes": "many"}, ["episodes", "many", "integer"]),
+    "too few": ({"episodes": 0}, ["episodes", "0", "1"]),
+    "negative seed": ({"seeds": [-1], "episodes": None, "first_seed": None}, ["seeds.0", "-1", ">= 0"]),
+    "seeds and episodes": ({"seeds": [1, 2]}, ["episodes", "seeds"]),
+    "environment key": ({"environment": {"action": "patch"}}, ["environment", "action", "surface"]),
+    "environment value": ({"environment": {"parts": ["brick"]}}, ["parts", "brick", "steel_block"]),
+    "surface value": ({"environment": {"surface": {"rows": -3}}}, ["rows", "-3"]),
+    "no hardware": ({"hardware": {}}, ["evaluation.hardware", "{}", "at least 1"]),
+    "hardware that is none": (
+        {"hardware": {"a": "prototype"}},
+        ["evaluation.hardware.a", "'prototype'", "'actuators'"],
+    ),
+    "hardware of another key": ({"hardware": {"a": {"walls": []}}}, ["evaluation.hardware.a", "walls", "'sensor'"]),
+    "hardware without a name": ({"hardware": {"": {}}}, ["evaluation.hardware", "''", "printable"]),
+    "hardware of an unknown kind": (
+        {"hardware": {"a": {"actuators": "magic"}}},
+        ["evaluation.hardware.a: actuators", "magic", "'prototype'"],
+    ),
+    "hardware with an unknown setting": (
+        {"hardware": {"a": {"actuators": {"kind": "prototype", "rust": 1}}}},
+        ["evaluation.hardware.a", "rust", "dead_zone"],
+    ),
+    "hardware for another task": ({"hardware": {"a": {"tasks": ["Sort"]}}}, ["evaluation.hardware.a.tasks", "Rotate"]),
+    "hardware without episodes": ({"hardware": {"a": {"episodes": 0}}}, ["evaluation.hardware.a.episodes", "0"]),
+    "hardware that nothing runs on": (
+        {"hardware": {"a": {}, "b": {}}, "policies": [{"kind": "zero", "hardware": ["a"]}]},
+        ["evaluation.hardware.b", "a policy runs on"],
+    ),
+    "unknown hardware of a policy": (
+        {"hardware": {"a": {}}, "policies": [{"kind": "zero", "hardware": ["ideal"]}]},
+        ["policies.0.hardware", "ideal", "among a"],
+    ),
+    "effects that are none": ({"effects": "all"}, ["evaluation.effects", "all"]),
+    "effects without cases": ({"effects": {**EFFECTS, "cases": {}}}, ["evaluation.effects.cases", "{}"]),
+    "effects on another task": ({"effects": {**EFFECTS, "task": "Align"}}, ["evaluation.effects.task", "Rotate"]),
+    "effects on an unknown policy": (
+        {"effects": {**EFFECTS, "policies": ["learned"]}},
+        ["evaluation.effects.policies.0", "learned", "'zero'", "'steered'"],
+    ),
+    "effects on a policy twice": (
+        {"effects": {**EFFECTS, "policies": ["zero", {"policy": "zero"}]}},
+        ["evaluation.effects.policies.1.name", "zero", "no other"],
+    ),
+    "an effect of another key": (
+        {"effects": {**EFFECTS, "cases": {"dust": {"surface": {}}}}},
+        ["evaluation.effects.cases.dust", "surface", "'actuators'"],
+    ),
+    "an effect that no environment has": (
+        {"effects": {**EFFECTS, "cases": {"dust": {"actuators": {"kind": "prototype", "dust": 1}}}}},
+        ["evaluation.effects.cases.dust: actuators", "dust", "dead_zone"],
+    ),
+    "a sensor setting that no sensor has": (
+        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "sensor": {"zoom": 2}}]}},
+        ["evaluation.effects.policies (zero in none): sensor", "zoom"],
+    ),
+    "a key of a policy of the study": (
+        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "actuators": "ideal"}]}},
+        ["evaluation.effects.policies.0", "actuators", "'sensor'"],
+    ),
+    "confidence": ({"confidence": 95}, ["confidence", "95"]),
+}
+
+
+def save(directory: Path, changes: dict[str, Any]) -> Path:
+    path = directory / "mine.yaml"
+    content = {**GOOD, "output": str(directory / "out"), **changes}
+    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+    return path
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line on stderr of a command that refuses its input."""
+    assert command.main([*arguments, "--quiet"]) == 2
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
+    return caught.err
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    changes, words = BAD[case]
+    path = save(tmp_path, changes)
+    line = refusal(capsys, "evaluate", str(path))
+    assert line.startswith(f"{path}: ")
+    for word in words:
+        assert word in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert str(tmp_path / "none.yaml") in refusal(capsys, "evaluate", str(tmp_path / "none.yaml"))
+    path = tmp_path / "bad.yaml"
+    for content in ("tasks: [Rotate", "- a\n- list\n", "tasks: !!python/object/apply:os.getcwd []\n", "\x00"):
+        path.write_text(content)
+        assert str(path) in refusal(capsys, "evaluate", str(path))
+
+
+def test_bad_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(save(tmp_path, {}))
+    assert "--episodes" in refusal(capsys, "evaluate", path, "--episodes", "0")
+    assert "--gif TASK" in refusal(capsys, "evaluate", path, "--gif", "Align", "zero", str(tmp_path / "a.gif"))
+    assert "--gif POLICY" in refusal(capsys, "evaluate", path, "--gif", "Rotate", "nobody", str(tmp_path / "a.gif"))
+    film = ["--gif", "Rotate", "zero", str(tmp_path / "a.gif"), "--gif-hardware", "prototype"]
+    assert "--gif-hardware: got 'prototype'; allowed: 'ideal'" in refusal(capsys, "evaluate", path, *film)
+    assert "--gif-hardware" in refusal(capsys, "evaluate", path, *film[-2:])
+    (tmp_path / "file").write_text("")
+    assert "output" in refusal(capsys, "evaluate", path, "--output", str(tmp_path / "file" / "below"))
+    for arguments in ([], ["fly"], ["evaluate"], ["evaluate", path, "--episodes", "many"]):
+        with pytest.raises(SystemExit) as stop:
+            command.main(arguments)
+        assert stop.value.code == 2
+
+
+def file_at(path: Path) -> Path:
+    path.write_text("mine")
+    return path
+
+
+def folder_at(path: Path) -> Path:
+    path.mkdir(parents=True)
+    return path
+
+
+BAD_PLACES: dict[str, tuple[Any, str]] = {
+    "a file": (lambda folder: ("--output", file_at(folder / "file")), "evaluation.output"),
+    "overlong": (lambda folder: ("--output", folder / ("x" * 300)), "evaluation.output"),
+    "NUL": (lambda folder: ("--output", folder / "a\0b"), "evaluation.output"),
+    "no text": (lambda folder: ("--output", folder / "a\ud800"), "evaluation.output"),
+    "of the system": (lambda folder: ("--output", "/proc/vibgym"), "evaluation.output"),
+    "a report that is a directory": (
+        lambda folder: ("--output", folder_at(folder / "there" / "report.html").parent),
+        "evaluation.output",
+    ),
+    "a film that is a directory": (lambda folder: ("--gif", folder_at(folder / "a.gif")), "--gif PATH"),
+    "a film below a file": (lambda folder: ("--gif", file_at(folder / "file") / "a.gif"), "--gif PATH"),
+    "an overlong film": (lambda folder: ("--gif", folder / ("x" * 300)), "--gif PATH"),
+    "a film with a NUL": (lambda folder: ("--gif", folder / "a\0b.gif"), "--gif PATH"),
+    "a film of the system": (lambda folder: ("--gif", "/dev/null"), "--gif PATH"),
+    "a film for the report": (lambda folder: ("--gif", folder / "out" / "report.html"), "--gif PATH"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_PLACES)
+def test_bad_places(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("agents.evaluation.evaluate", lambda *_: pytest.fail("runs"))
+    make, named = BAD_PLACES[case]
+    path = save(tmp_path, {})
+    option, place = make(tmp_path)
+    arguments = [option, *(("Rotate", "zero") if option == "--gif" else ()), str(place)]
+    line = refusal(capsys, "evaluate", str(path), *arguments)
+    assert line.startswith(f"{path}: {named}: got ") and len(line) < 500
+    assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
+
+
+def test_policies_that_are_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder_at(tmp_path / "policy.json")
+    for place in (tmp_path / "policy.json", tmp_path / ("x" * 300 + ".json"), tmp_path / "a\0.json"):
+        line = refusal(capsys, "evaluate", str(save(tmp_path, {"policies": [str(place)]})))
+        assert "policies" in line and str(tmp_path) in line
+
+
+def test_a_second_evaluation_in_a_directory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = save(tmp_path, {})
+    (tmp_path / "out").mkdir()
+    with one_run(tmp_path / "out"):
+        assert f"evaluation.output: got '{tmp_path / 'out'}'" in refusal(capsys, "evaluate", str(path))
+        assert f"process {os.getpid()} on host" in refusal(capsys, "evaluate", str(path))
+    assert os.listdir(tmp_path / "out") == []
+
+
+def test_a_full_disk_leaves_the_old_report_and_its_film(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from agents.evaluation import report
+
+    path, film = save(tmp_path, {"policies": [{"name": "=still", "kind": "zero"}]}), tmp_path / "film" / "hero.gif"
+    arguments = ["evaluate", str(path), "--episodes", "2", "--gif", "Rotate", "=still", str(film), "--quiet"]
+    monkeypatch.setattr(report, "page", lambda *_: "first")  # drawing takes most of the time
+    assert command.main(arguments) == 0
+    before = {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()}
+    assert len(before) == 5
+    for name in ("results.csv", "episodes.csv"):
+        with (tmp_path / "out" / name).open(newline="") as file:
+            assert {row["policy"] for row in csv.DictReader(file)} == {"'=still"}
+    assert '"policy": "=still"' in (tmp_path / "out" / "results.json").read_text()
+    capsys.readouterr()
+
+    def late(*_: Any) -> str:
+        flush, calls = os.fsync, []
+
+        def full(handle: int) -> None:
+            calls.append(handle)
+            if len(calls) == 4:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            flush(handle)
+
+        monkeypatch.setattr(os, "fsync", full)
+        return "second"
+
+    monkeypatch.setattr(report, "page", late)
+    assert command.main(arguments) == 1
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err
+    assert {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()} == before
+
+
+def test_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, gif = save(tmp_path, {}), tmp_path / "film" / "hero.gif"
+    arguments = ["--output", str(tmp_path / "there"), "--episodes", "2", "--gif", "Rotate", "steered", str(gif)]
+    assert command.main(["evaluate", str(path), *arguments, "--quiet"]) == 0
+    caught = capsys.readouterr()
+    assert caught.err == ""
+    assert "| Rotate | steered | 100.0 % |" in caught.out
+    assert str(tmp_path / "there" / "report.html") in caught.out
+    assert len((tmp_path / "there" / "episodes.csv").read_text().splitlines()) == 1 + 2 * 2
+    assert gif.read_bytes().startswith(b"GIF89a")
+    assert not (tmp_path / "out").exists()
+
+
+def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: Any) -> None:
+        raise KeyboardInterrupt
+
+    for place in ("evaluate", "prepare"):
+        monkeypatch.setattr(f"agents.evaluation.{place}", interrupted)
+        assert command.main(["evaluate", str(save(tmp_path, {})), "--quiet"]) == 130
+        line = capsys.readouterr().err
+        assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
+
+
+def test_shipped_settings_are_sound() -> None:
+    from agents import evaluation
+
+    for path in sorted(Path("configs/evaluations").glob("*.yaml")):
+        settings = evaluation.load_settings(path)
+        assert settings.seed_list()[0] == 100_000

@@ -1,0 +1,109 @@
+"""Which policies run on which tasks, and how often."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from agents import evaluation
+from agents.evaluation import words
+from tests.agents.evaluation.conftest import Pusher, Shepherd
+
+
+def settings(**changes: Any) -> evaluation.EvaluationSettings:
+    return evaluation.settings_from({"tasks": ["Transport", "Sort"], "policies": ["zero"], "first_seed": 9, **changes})
+
+
+def test_episodes_of_a_task() -> None:
+    found = settings(episodes=5, task_episodes={"Sort": 2})
+    assert found.seed_list() == found.seed_list("Transport") == [9, 10, 11, 12, 13]
+    assert found.seed_list("Sort") == [9, 10]
+    found = settings(first_seed=None, seeds=[7, 3, 5], task_episodes={"Sort": 1})
+    assert found.seed_list("Transport") == [7, 3, 5] and found.seed_list("Sort") == [7]
+    assert len(settings().seed_list("Sort")) == 100
+
+
+def test_episodes_from_the_command_line_are_those_of_all_tasks() -> None:
+    data = {"tasks": ["Transport", "Sort"], "policies": ["zero"], "episodes": 5, "task_episodes": {"Sort": 3}}
+    found = evaluation.settings_from(data, episodes=4)
+    assert len(found.seed_list("Transport")) == len(found.seed_list("Sort")) == 4
+
+
+def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
+    prepared = evaluation.prepare(
+        settings(
+            policies=[
+                "open_loop",
+                {"name": "mine", "policy": Pusher(), "tasks": ["Transport"]},
+                Shepherd(),
+                {"kind": "zero", "name": "still", "tasks": ["Sort"]},
+                "local_fields",
+                "zero",
+            ]
+        )
+    )
+    pairs = [
+        ("Transport", "open_loop"),
+        ("Transport", "mine"),
+        ("Transport", "shepherd"),  # nobody knows what an object serves
+        ("Transport", "zero"),
+        ("Sort", "shepherd"),
+        ("Sort", "still"),
+        ("Sort", "local_fields"),
+        ("Sort", "zero"),
+    ]
+    assert [(task, policy) for task, _, policy in prepared.jobs] == pairs
+
+
+def test_every_environment_can_be_evaluated() -> None:
+    prepared = evaluation.prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_fields"]))
+    facts = prepared.tasks["SortThreeKinds"]
+    assert facts.kinds == ("steel_block", "aluminium_block", "disc") and facts.step_limit == 750
+    assert prepared.scenery["SortThreeKinds"].kinds == (0, 1, 2, 0, 1, 2)
+    assert [zone.label for zone in prepared.scenery["SortThreeKinds"].zones] == [
+        "steel block",
+        "aluminium block",
+        "disc",
+    ]
+    assert words.inventory(facts.parts) == (
+        "two steel blocks (50 × 40 mm, friction 0.64), two aluminium blocks (50 × 35 mm, friction 0.58) "
+        "and two discs (40 × 40 mm, friction 0.6)"
+    )
+
+
+def test_one_error_names_what_does_not_fit() -> None:
+    with pytest.raises(ValueError, match=r"policies \(open_loop on Sort\)"):
+        evaluation.prepare(settings(policies=["zero", {"kind": "open_loop", "tasks": ["Sort"]}]))
+
+
+@pytest.mark.parametrize("name", ["\ud800", "a\nb", "", "x" * 41, "\x1b[2J", "\u202ebackwards", 3])
+def test_names_that_nothing_can_show_are_refused_before_anything_runs(name: Any) -> None:
+    with pytest.raises(ValueError, match=r"^policies.0.name: got .*printable characters$"):
+        settings(policies=[{"kind": "zero", "name": name}])
+    if isinstance(name, str):
+        pusher = Pusher()
+        pusher.name = name * 2
+        with pytest.raises(ValueError, match=r"^policies.0.name: got .*printable characters$"):
+            settings(policies=[pusher])
+    if isinstance(name, str) and name:
+        with pytest.raises(ValueError, match=r"^policies.0.name: got .*printable characters$"):
+            settings(policies=[f"{name * 2}.json"])
+
+
+def test_what_is_asked_in_words() -> None:
+    tasks = evaluation.prepare(settings(tasks=["Transport", "Align", "Sort", "Singulate"])).tasks
+    assert {name: words.asked(info) for name, info in tasks.items()} == {
+        "Transport": "within 5 mm",
+        "Align": "within 2 mm and 3°",
+        "Sort": "all parts in their zones",
+        "Singulate": "all parts more than 36.8 mm apart",
+    }
+    assert words.facts(tasks["Transport"], 5)["heading_tolerance"] is None
+    assert words.facts(tasks["Sort"], 5)["position_tolerance"] is None
+
+
+def test_a_model_may_be_told_what_it_speaks() -> None:
+    mapping = {"policy": Pusher(), "action": "field", "name": "told"}
+    (entry,) = settings(policies=[mapping]).entries()
+    assert entry.name == "told" and set(entry.content) == {"policy", "action"}

@@ -1,0 +1,245 @@
+"""Tasks for several parts: the numbers against counts of their own from the recorded poses, and the files."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import math
+import re
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+from agents import evaluation
+from agents.evaluation import animation
+from agents.evaluation.log import SERIES
+from agents.evaluation.results import Trial
+from agents.evaluation.rollout import Rollout, run
+from tests.agents.evaluation.conftest import Shepherd
+
+PAIRS = [Trial(task, "ideal", policy) for policy in ("shepherd", "lazy shepherd") for task in ("Sort", "Singulate")]
+
+
+def distances(found: evaluation.Results, task: str, poses: np.ndarray) -> np.ndarray:
+    """Distances (steps, pairs) between the outlines, m; 0 where they overlap, inf of absent parts."""
+    outlines = [shapely.Polygon(part.outline) for part in found.tasks[task].parts]
+    one, other = np.triu_indices(len(outlines), 1)
+    result = np.full((len(poses), len(one)), math.inf)
+    for step, pose in enumerate(poses.astype(np.float64)):
+        placed = [
+            affinity.translate(affinity.rotate(outline, each[2], origin=(0, 0), use_radians=True), each[0], each[1])
+            for outline, each in zip(outlines, pose, strict=True)
+        ]
+        result[step] = [placed[i].distance(placed[j]) for i, j in zip(one, other, strict=True)]
+    return result
+
+
+def over_time(rollout: Rollout, name: str) -> np.ndarray:
+    values = rollout.over_time(name)
+    assert values is not None
+    return values
+
+
+def poses_of(rollout: Rollout, episode: int) -> np.ndarray:
+    return rollout.poses[episode, : rollout.steps[episode] + 1]
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_collisions_and_clearance_from_the_poses(several: evaluation.Results, pair: Trial) -> None:
+    rollout = several.rollouts[pair]
+    for episode in range(3):
+        poses = poses_of(rollout, episode)
+        if rollout.fallen[episode]:  # a part that has fallen is out of the way
+            poses = poses[:-1]
+        between = distances(several, pair[0], poses)
+        touching = between < 1e-4
+        assert rollout.collisions[episode] == (touching[1:] & ~touching[:-1]).sum()
+        clearances = np.maximum(over_time(rollout, "clearance")[episode, : len(poses)], 0.0)
+        np.testing.assert_allclose(clearances, between.min(axis=1), atol=1e-6)
+    everything = np.nanmin(over_time(rollout, "clearance"), axis=1)
+    np.testing.assert_array_equal(rollout.clearance, everything.astype(np.float64))
+
+
+def test_there_were_collisions(several: evaluation.Results) -> None:
+    assert (
+        several.rollouts[Trial("Sort", "ideal", "shepherd")].collisions.sum() > 0
+    )  # else the test above has shown little
+    assert several.rollouts[Trial("Sort", "ideal", "lazy shepherd")].collisions.sum() == 0
+    assert (
+        several.rollouts[Trial("Singulate", "ideal", "lazy shepherd")].clearance < 1e-5
+    ).all()  # in touch from the start
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_throughput_from_the_poses(several: evaluation.Results, pair: Trial) -> None:
+    rollout, task = several.rollouts[pair], several.tasks[pair[0]]
+    for episode, steps in enumerate(rollout.steps):
+        last = poses_of(rollout, episode)[-2:].astype(np.float64)
+        if rollout.fallen[episode]:
+            continue
+        done = 0
+        if pair[0] == "Sort":
+            speed = np.hypot(*(last[1] - last[0])[:, :2].T) / rollout.step_time
+            for part, kind in enumerate(task.kind):
+                zone, centre = shapely.box(*task.zones[kind]), last[1, part, :2]
+                done += zone.contains(shapely.Point(centre)) and speed[part] < 0.020
+        else:
+            one, other = np.triu_indices(6, 1)
+            between = distances(several, "Singulate", last)[1]
+            done = sum(between[(one == part) | (other == part)].min() > math.sqrt(2.0) * 0.026 for part in range(6))
+        assert rollout.parts_done[episode] == done
+        assert rollout.throughput[episode] == pytest.approx(done / (0.04 * steps))
+        assert not rollout.success[episode] or done == 6
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_paths(several: evaluation.Results, pair: Trial) -> None:
+    rollout, task = several.rollouts[pair], several.tasks[pair[0]]
+    for episode in range(len(rollout.seeds)):
+        places = poses_of(rollout, episode)[..., :2].astype(np.float64)
+        lengths = np.hypot(*np.moveaxis(np.diff(places, axis=0), -1, 0)).sum(axis=0)
+        np.testing.assert_allclose(rollout.path_lengths[episode], lengths, atol=1e-4)
+        assert rollout.path_length[episode] == pytest.approx(lengths.sum(), abs=5e-4)
+        if pair[0] == "Sort":
+            ways = [
+                shapely.box(*task.zones[kind]).distance(shapely.Point(places[0, part]))
+                for part, kind in enumerate(task.kind)
+            ]
+        else:
+            ways = np.hypot(*(places[-1] - places[0]).T).tolist()
+        assert rollout.straight[episode] == pytest.approx(sum(ways), abs=1e-6)
+        efficiency = rollout.path_efficiency[episode]
+        if rollout.success[episode]:
+            assert efficiency == pytest.approx(sum(ways) / lengths.sum(), rel=1e-3) and 0.0 < efficiency <= 1.0 + 1e-3
+        else:
+            assert math.isnan(efficiency)
+
+
+def test_same_numbers_as_single_environments(several: evaluation.Results) -> None:
+    rollout, policy = several.rollouts[Trial("Sort", "ideal", "shepherd")], Shepherd()
+    for k, seed in enumerate(rollout.seeds[:2]):
+        env = gym.make("vibgym/Sort-v0", action="field", observation="state")
+        observation, info = env.reset(seed=seed)
+        done, steps, total = False, 0, 0.0
+        while not done:
+            action, _ = policy.predict(observation)
+            observation, reward, terminated, truncated, info = env.step(action)
+            done, steps, total = terminated or truncated, steps + 1, total + float(reward)
+            assert over_time(rollout, "clearance")[k, steps] == np.float32(info["clearance"])
+        assert rollout.steps[k] == steps and rollout.success[k] == info["is_success"]
+        assert rollout.parts_done[k] == info["parts_done"]
+        assert rollout.position_error[k] == info["position_error"]
+        assert rollout.returns[k] == pytest.approx(total, rel=1e-12, abs=1e-12)
+
+
+def test_some_succeed_and_some_do_not(several: evaluation.Results) -> None:
+    """Else the tests of this file have shown little."""
+    assert sum(several.rollouts[pair].success.sum() for pair in PAIRS) >= 3
+    assert not several.rollouts[Trial("Sort", "ideal", "lazy shepherd")].success.any()
+
+
+def test_absent_parts_leave_no_trace() -> None:
+    rollout = run(Shepherd(), "Sort", list(range(12)), {"randomize": {"parts": [1, 3]}}, quiet=True)
+    present = np.isfinite(rollout.poses[:, 0, :, 0])
+    counts = present.sum(axis=1)
+    assert set(counts.tolist()) == {1, 2, 3}
+    assert (np.isfinite(rollout.poses[..., 0]).any(axis=1) == present).all()
+    assert (rollout.path_lengths[~present] == 0.0).all() and (rollout.parts_done <= counts).all()
+    assert (np.isnan(rollout.clearance) == (counts == 1)).all() and (rollout.collisions[counts == 1] == 0).all()
+    assert (rollout.parts_done[rollout.success] == counts[rollout.success]).all()
+
+
+def test_panels_show_what_a_task_has(several: evaluation.Results) -> None:
+    said = {
+        pair: [name for name in SERIES if rollout.over_time(name) is not None]
+        for pair, rollout in several.rollouts.items()
+    }
+    assert said[Trial("Transport", "ideal", "pusher")] == ["position_error"]
+    assert (
+        said["Sort", "ideal", "shepherd"]
+        == said["Singulate", "ideal", "shepherd"]
+        == ["position_error", "clearance", "parts_done"]
+    )
+    for rollout in several.rollouts.values():
+        last = over_time(rollout, "position_error")[np.arange(len(rollout.steps)), rollout.steps]
+        np.testing.assert_array_equal(last, rollout.position_error.astype(np.float32))
+
+
+def test_columns(several: evaluation.Results, written_several: Path) -> None:
+    with (written_several / "episodes.csv").open(newline="", encoding="utf-8") as file:
+        episodes = list(csv.DictReader(file))
+    assert list(episodes[0])[-4:] == ["parts_done", "throughput_parts_per_s", "collisions", "clearance_m"]
+    assert len(episodes) == 5 + 2 * 6 + 2 * 5
+    mine = [row for row in episodes if (row["task"], row["policy"]) == ("Sort", "shepherd")]
+    rollout = several.rollouts[Trial("Sort", "ideal", "shepherd")]
+    assert [int(row["collisions"]) for row in mine] == rollout.collisions.tolist()
+    assert [float(row["throughput_parts_per_s"]) for row in mine] == rollout.throughput.tolist()
+    assert [float(row["clearance_m"]) for row in mine] == rollout.clearance.tolist()
+    assert all(row[key] == "" for row in episodes[:5] for key in list(row)[-4:])
+    with (written_several / "results.csv").open(newline="", encoding="utf-8") as file:
+        rows = {(row["task"], row["policy"]): row for row in csv.DictReader(file)}
+    row = rows["Sort", "shepherd"]
+    assert float(row["throughput_median_parts_per_s"]) == np.median(rollout.throughput)
+    assert float(row["collisions_mean"]) == rollout.collisions.mean()
+    assert float(row["clearance_median_m"]) == np.median(rollout.clearance)
+    assert rows["Transport", "pusher"]["collisions_mean"] == "" == row["heading_error_median_rad"]
+
+
+def test_json(several: evaluation.Results, written_several: Path) -> None:
+    content = json.loads((written_several / "results.json").read_text(encoding="utf-8"))
+    assert content["tasks"]["Sort"]["episodes"] == 6 and content["tasks"]["Transport"]["zones"] == {}
+    assert content["tasks"]["Sort"]["zones"]["steel_block"] == pytest.approx([0.0, 0.0, 0.156, 0.208])
+    assert content["tasks"]["Singulate"]["apart"] == pytest.approx(0.026 * math.sqrt(2.0))
+    assert content["settings"]["policies"]["shepherd"]["tasks"] == ["Sort", "Singulate"]
+    assert {(each["task"], each["second"]) for each in content["comparisons"]} == {
+        ("Sort", "lazy shepherd"),
+        ("Singulate", "lazy shepherd"),
+    }
+    curves = {(each["what"], each["touching"]): each for each in content["cost_per_period"]["curves"]}
+    assert set(curves) == {("simulation", False), ("simulation", True), ("local_fields", False)}
+    assert curves["simulation", False]["parts"] == [1, 2, 4] and curves["simulation", True]["parts"] == [2, 4]
+
+
+def test_page(several: evaluation.Results, written_several: Path) -> None:
+    text = (written_several / "report.html").read_text(encoding="utf-8")
+    for task in ("Transport", "Sort", "Singulate", "cost", "results"):
+        assert f'href="#{task}"' in text and f'id="{task}"' in text
+    words = " ".join(text.split())
+    assert "three steel blocks (50 × 40 mm, friction 0.64) and three aluminium blocks" in words
+    assert "In Transport it moves one aluminium block (50 × 35 mm, friction 0.58) through 5 episodes." in words
+    for heading in ("Throughput", "Parts done", "Collisions", "Path efficiency"):
+        assert f"<th>{heading}</th>" in text
+    assert "counted pair by pair from the poses" in words
+    assert "Every present part's centre" in text.replace("&#39;", "'")
+    for row in several.rows:
+        if row.task != "Transport":
+            assert f"{row.collisions_mean:.1f} collisions an episode" in text
+    assert text.count("data:image/webp") == len(several.rollouts)
+
+
+def test_summary_has_a_table_of_its_own(several: evaluation.Results) -> None:
+    goals, together = evaluation.summary_table(several).split("\n\n")
+    assert len(goals.splitlines()) == 3 and len(together.splitlines()) == 6
+    for table in (goals, together):
+        assert len({line.count("|") for line in table.splitlines()}) == 1
+    assert "throughput" in together.splitlines()[0] and "heading" not in together
+
+
+def test_pictures_show_zones_and_trails(several: evaluation.Results) -> None:
+    film = several.rollouts[Trial("Sort", "ideal", "shepherd")].film
+    frames, _ = animation.frames_of(film, several.scenery["Sort"], 0.04, 520)
+    assert (frames[0] != frames[-1]).any()
+    assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
+    # A zone tints its end of the table: the picture differs from Singulate's at the left and at the right, not between.
+    pictures = []
+    for task in ("Sort", "Singulate"):
+        own, scenery = several.rollouts[Trial(task, "ideal", "lazy shepherd")].film, several.scenery[task]
+        empty = dataclasses.replace(own, present=np.zeros(6, dtype=bool))
+        pictures.append(animation.picture(empty, scenery, 0, animation.painter_for(scenery, 520)))
+    columns = (pictures[0][:140] != pictures[1][:140]).any(axis=(0, 2))
+    assert columns[40:80].all() and columns[-80:-40].all() and not columns[200:-200].any()

@@ -1,0 +1,165 @@
+"""The law of local fields: one for one part and several, for steps of any length, and what it achieves."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import batch, single
+from tests.policies.helpers import POSE_TASKS, SURFACE, episodes, info_of
+from vibgym.policies.classical.local_field import LocalFieldPolicy
+from vibgym.policies.classical.measured import Measured
+from vibgym.policies.classical.plant import TOP_SLIP
+from vibgym.policies.classical.steering import Steering
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+
+
+def steering(name="Sort", periods=1, **arguments):
+    return Steering(info_of(name, periods_per_step=periods), **arguments)
+
+
+def still(policy, worlds=1):
+    """Parts at rest in the middle of the table, straight, with nothing left to do."""
+    shape = (worlds, len(policy.info.parts))
+    rows = np.zeros((worlds, policy.info.layout.size))
+    none = np.zeros((*shape, 2))
+    return dataclasses.replace(
+        Measured.of(rows, policy.info),
+        present=np.ones(shape, dtype=bool), heading=np.zeros(shape), way=none, gap=np.full(shape, 0.1),
+    )  # fmt: skip
+
+
+def test_parts_can_stop_from_the_set_speed():
+    law = steering(approach=1e3).law
+    distance = np.linspace(0.001, 0.02, 6)
+    speed = law.stopping_rate(distance, law.plant.push)
+    assert speed**2 / (2.0 * law.plant.push) == pytest.approx(law.braking * distance)  # v^2 = 2 a d
+    near = steering(approach=2.0).law.stopping_rate(np.full(6, 0.001), law.plant.push)
+    assert near == pytest.approx(0.002)
+
+
+def wanted(policy, measured, way):
+    """What the law wants for ways (parts, 2) that are left, in one world."""
+    turn = policy._turn(measured)
+    return policy.law.wanted(measured, np.tile(way, (1, len(policy.info.parts), 1)), turn, ())[0]
+
+
+def test_no_part_is_set_to_go_faster_than_it_can():
+    policy = steering()
+    change = wanted(policy, still(policy), np.array([3.0, -4.0])) * policy.law.response[:, None]
+    assert np.hypot(change[..., 0], change[..., 1]) == pytest.approx(TOP_SLIP * SURFACE.table_speed)
+    assert change[..., 1] == pytest.approx(-4.0 / 3.0 * change[..., 0])
+
+
+@pytest.mark.parametrize("task, turned", [("Sort", True), ("Transport", False), ("Align", True)])
+def test_headings_are_controlled_where_they_count_and_several_parts_are_turned_straight(task, turned):
+    policy = steering(task)
+    rest = still(policy)
+    skew = dataclasses.replace(rest, heading=rest.heading + 0.3)
+    if task == "Align":
+        skew = dataclasses.replace(skew, turn=np.full_like(rest.heading, -0.3))
+    torque = wanted(policy, skew, np.zeros(2))[..., 2]
+    assert (torque < 0.0).all() if turned else (torque == 0.0).all()
+
+
+def test_parts_in_touch_do_not_turn():
+    policy = steering()
+    skew = dataclasses.replace(still(policy), heading=np.full((1, 6), 0.3))
+    for gap, turns in ((0.1, True), (0.0, False)):
+        action, _ = policy.steer(
+            dataclasses.replace(skew, gap=np.full((1, 6), gap)), np.zeros((1, 6, 2)), policy.begin(1)
+        )
+        assert (np.abs(action) > 1e-9).any() == turns
+
+
+@pytest.mark.parametrize("periods", [1, 2, 4, 8])
+def test_the_velocity_does_not_overshoot_in_a_step(periods):
+    """Of a part at rest, by the first-order averages: after a step it is no faster than what was set."""
+    policy = steering("Transport", periods)
+    target = 0.05
+    push = wanted(policy, still(policy), np.array([policy.law.lead * target, 0.0]))[0, 0, 0]
+    drag = policy.law.plant.drag
+    reached = push / drag * -np.expm1(-drag * 0.04 * periods)
+    assert 0.5 * target < reached <= target * (1.0 + 1e-9)
+    assert policy.ahead == pytest.approx(0.02 * (periods - 1))
+
+
+def test_one_period_a_step_leaves_the_measurement_as_it_is():
+    env = batch("Align", 4, action="field", periods_per_step=4)
+    seen, _ = env.reset(seed=1)
+    env.action_space.seed(1)
+    seen, *_ = env.step(env.action_space.sample())
+    measured = Measured.of(seen, TaskInfo.of(env))
+    one, four = steering("Align"), steering("Align", 4)
+    same, ahead = one.expected(measured, one.begin(4)), four.expected(measured, four.begin(4))
+    assert (same.centre == measured.centre).all() and (same.turn == measured.turn).all()
+    assert ahead.centre == pytest.approx(measured.centre + 0.06 * measured.velocity)
+    assert ahead.centre + ahead.way == pytest.approx(measured.centre + measured.way)
+    assert ahead.heading + ahead.turn == pytest.approx(measured.heading + measured.turn)
+
+
+# -- targets -----------------------------------------------------------------------------------------------------------
+
+
+def test_targets_are_goals_places_in_zones_or_away_from_others():
+    for name in ("Transport", "Sort", "Singulate"):
+        env = batch(name, 5, action="field")
+        seen, _ = env.reset(seed=2)
+        policy = LocalFieldPolicy(TaskInfo.of(env))
+        measured, truth = Measured.of(seen, policy.info), env.unwrapped.truth
+        target = policy.targets(measured)
+        if name == "Transport":
+            assert target == pytest.approx(truth.goal[..., :2], abs=1e-6)
+        elif name == "Sort":
+            zone = policy.info.zones[list(policy.info.kind)]
+            assert (target >= zone[:, :2] + 0.03 - 1e-9).all() and (target <= zone[:, 2:] - 0.03 + 1e-9).all()
+        else:
+            spread = lambda places: np.linalg.norm(places - places.mean(axis=1, keepdims=True), axis=-1).mean()  # noqa: E731
+            assert spread(target) > 1.2 * spread(truth.pose[..., :2])
+
+
+def test_both_names_are_one_law():
+    one, several = make_policy("local_field", info_of("Align")), make_policy("local_fields", info_of("Sort"))
+    assert type(one) is type(several) is LocalFieldPolicy
+
+
+# -- what it achieves --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("task, most_time", [("Transport", 1.45), ("Align", 1.55), ("Rotate", 1.1)])
+def test_it_brings_one_part_to_its_goal(task, most_time):
+    outcome = episodes(make_policy("local_field", info_of(task)), task)
+    assert outcome.success >= 99 and outcome.time < most_time
+
+
+@pytest.mark.parametrize("task", POSE_TASKS)
+def test_it_does_so_with_long_steps(task):
+    info = info_of(task, periods_per_step=4)
+    outcome = episodes(make_policy("local_field", info), task, periods_per_step=4)
+    assert outcome.success >= 99 and outcome.time < 2.0
+
+
+def test_it_collides_with_several():
+    outcome = episodes(make_policy("local_fields", info_of("Sort")), "Sort", 8)
+    assert outcome.success >= 7 and outcome.collisions > 2
+
+
+def test_it_knows_other_surfaces_and_parts():
+    part = {"shape": "disc", "radius": 0.03, "friction": 0.4}
+    settings = {"surface": {"rows": 10, "columns": 16, "element_size": 0.02}, "parts": [part]}
+    policy = make_policy("local_field", info_of("Transport", **settings))
+    assert episodes(policy, "Transport", 20, **settings).success >= 19
+
+
+@pytest.mark.parametrize("name", ["local_fields", "planner"])
+def test_one_part_is_sorted_too(name):
+    env = single("Sort", action="phasor", parts=["steel_block"], zones={"steel_block": [0.6, 0.05, 0.8, 0.15]})
+    policy, state, done = make_policy(name, TaskInfo.of(env)), None, False
+    seen, _ = env.reset(seed=4)
+    while not done:
+        action, state = policy.predict(seen, state)
+        seen, _, done, truncated, info = env.step(action)
+        assert not truncated
+    assert info["is_success"] and math.isfinite(info["position_error"])

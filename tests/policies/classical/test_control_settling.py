@@ -1,0 +1,185 @@
+"""Pulses near the target: the place of rest, what is left alone, and what it achieves on the prototype's hardware."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import batch
+from tests.policies.helpers import SURFACE, episodes, info_of
+from vibgym.policies.classical.measured import Measured
+from vibgym.policies.classical.plant import plant_of, top_slip
+from vibgym.policies.classical.settling import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling, keep_on
+from vibgym.policies.classical.steering import Steering
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+
+HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+
+
+def steering(name="Align", periods=1, **arguments):
+    return Steering(info_of(name, actuators="prototype", periods_per_step=periods), **arguments)
+
+
+def seen(policy, way, turn=0.0, velocity=(0.0, 0.0), spin=0.0):
+    """One part so far from its goal, moving so; as measured at the start of a step."""
+    rows = np.zeros((1, policy.info.layout.size))
+    measured = dataclasses.replace(
+        Measured.of(rows, policy.info),
+        present=np.ones((1, 1), dtype=bool), gap=np.full((1, 1), math.inf),
+        way=np.reshape(way, (1, 1, 2)).astype(float), turn=np.full((1, 1), turn),
+        velocity=np.reshape(velocity, (1, 1, 2)).astype(float), spin=np.full((1, 1), spin),
+    )  # fmt: skip
+    moved, turned = policy.ahead * measured.velocity, policy.ahead * measured.spin
+    return dataclasses.replace(measured, way=measured.way - moved, turn=measured.turn - turned)
+
+
+def wanted(policy, measured):
+    """Wanted acceleration (3,), not a number where the elements shall rest."""
+    return policy.law.wanted(measured, measured.way, measured.turn, ())[0][0, 0]
+
+
+def rests(policy, measured):
+    return bool(np.isnan(wanted(policy, measured)).all())
+
+
+@pytest.mark.parametrize("periods", [1, 4])
+@pytest.mark.parametrize("velocity, spin", [((0.0, 0.0), 0.0), ((0.004, 0.006), -0.1)])
+def test_a_pulse_brings_a_part_to_rest_at_its_goal(periods, velocity, spin):
+    """By v' = a - c v, solved: after the pulse the part coasts to the goal, however long a step is."""
+    policy = steering(periods=periods)
+    drag, length = policy.law.plant.drag[0], 0.04 * periods
+    way, turn = np.array([0.0012, -0.0008]), 0.03
+    pulse = wanted(policy, seen(policy, way, turn, velocity, spin))
+    assert not np.isnan(pulse).any()
+    pulse = pulse + drag * (
+        np.array([*velocity, spin]) + 0.5 * 0.04 * pulse
+    )  # elements make up for friction's mean too
+    for start, rate, goal in ((np.array(velocity), pulse[:2], way), (spin, pulse[2], turn)):
+        fade = math.exp(-drag * length)
+        after = start * fade + rate / drag * (1.0 - fade)
+        moved = start / drag * (1.0 - fade) + rate / drag * (length - (1.0 - fade) / drag)
+        assert moved + after / drag == pytest.approx(goal, rel=1e-9)
+
+
+def test_parts_that_come_to_rest_near_enough_are_left_alone():
+    policy, band = steering(), BAND * 0.002
+    assert rests(policy, seen(policy, [0.9 * band, 0.0])) and not rests(policy, seen(policy, [1.1 * band, 0.0]))
+    turn = BAND * math.radians(3.0)
+    assert rests(policy, seen(policy, [0.0, 0.0], -0.9 * turn))
+    assert wanted(policy, seen(policy, [0.0, 0.0], -1.1 * turn))[2] < 0.0
+    # On its way there at the speed that friction takes until then; nothing brakes it.
+    assert rests(policy, seen(policy, [0.010, 0.0], 0.0, [0.010 * policy.law.plant.drag[0], 0.0]))
+    assert wanted(policy, seen(policy, [-0.001, 0.0], 0.0, [0.02, 0.0]))[0] < 0.0  # it would overshoot
+
+
+def test_farther_away_the_law_is_the_same():
+    aware, plain = steering(), Steering(info_of("Align"))
+    for way, turn, velocity in (
+        ([0.2, 0.05], 1.0, [0.0, 0.0]),
+        ([0.02, 0.0], 0.0, [0.3, 0.1]),
+        ([0.0, 0.0], 0.5, [0.0, 0.0]),
+    ):
+        measured = seen(aware, way, turn, velocity)
+        assert (wanted(aware, measured) == wanted(plain, measured)).all()
+    assert (wanted(aware, seen(aware, [0.9 * NEAR, 0.0])) != wanted(plain, seen(aware, [0.9 * NEAR, 0.0]))).any()
+
+
+def test_spins_beyond_what_observations_tell_are_known():
+    """They end at 10 rad/s; a block on ideal elements gets to 14. Compared with the truth in all of a long turn."""
+    env = batch("Rotate", 40, action="phasor")
+    policy = make_policy({"kind": "local_field", "law": "pose"}, TaskInfo.of(env))
+    rows, _ = env.reset(seed=5)
+    memory, fastest = None, 0.0
+    for step in range(12):
+        if step:
+            spin = env.unwrapped.truth.velocity[..., 2]
+            assert np.abs(policy.expected(Measured.of(rows, policy.info), memory).spin - spin).max() < 0.6
+            fastest = max(fastest, np.abs(spin).max())
+        action, memory = policy.predict(rows, memory)
+        rows, *_ = env.step(action)
+    assert fastest > 12.0
+
+
+def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
+    """Even if they would come to rest at their goals: pushed and braked they get there sooner."""
+    policy = steering(law="pose")
+    turn = 1.0
+    coasting = turn * plant_of(policy.info).drag[0]
+    assert not rests(policy, seen(policy, [0.0, 0.0], turn, (0.0, 0.0), coasting))
+    slow = 0.5 * REACH_TURN
+    assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * plant_of(policy.info).drag[0]))
+
+
+def test_only_hard_dead_zones_call_for_it():
+    assert Steering(info_of("Align")).law.settle is keep_on
+    for change in ({"dead_zone": 0.0}, {"dead_zone_form": "soft"}):
+        policy = Steering(info_of("Align", actuators={"kind": "prototype", **change}))
+        assert policy.law.settle is keep_on and policy.slack == 0.0
+    assert isinstance(steering().law.settle, Settling)
+
+
+def test_tasks_without_poses_have_a_band_of_their_own():
+    settle = steering("Sort").law.settle
+    assert settle.band == LOOSE_BAND and 0.0 < settle.slack < 0.005
+
+
+def test_a_limit_below_lift_off_is_known():
+    """Stopping distances and the top speed follow from what the elements can do."""
+    half = info_of("Align", actuators={"kind": "prototype", "limit": 0.5 * SURFACE.max_amplitude})
+    weak, full = plant_of(half), plant_of(info_of("Align"))
+    assert weak.strength == pytest.approx(0.5) and full.strength == 1.0
+    assert weak.push == pytest.approx(0.5 * full.push) and weak.turn_push == pytest.approx(0.5 * full.turn_push)
+    assert 0.5 * full.top_speed < weak.top_speed < full.top_speed  # friction grows faster than speed
+    law = Steering(half).law
+    short = np.array([0.001])
+    assert law.stopping_rate(short, weak.push) == pytest.approx(
+        np.minimum(np.sqrt(2.0 * law.braking * weak.push * short), law.approach * short)
+    )
+    assert top_slip(1.0) == pytest.approx(top_slip(1.0 - 1e-12), abs=1e-9)
+
+
+# -- what it achieves --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("task, most_time", [("Transport", 1.6), ("Align", 1.75), ("Rotate", 1.1)])
+def test_local_fields_reach_the_goal_on_the_prototype(task, most_time):
+    outcome = episodes(make_policy("local_field", info_of(task, **HARDWARE)), task, **HARDWARE)
+    assert outcome.success >= 99 and outcome.time < most_time
+
+
+def test_those_that_know_nothing_of_the_dead_zone_do_not():
+    outcome = episodes(make_policy("local_field", info_of("Align")), "Align", 50, **HARDWARE)
+    assert outcome.success <= 30
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"dead_zone": 1.5e-4}, {"dead_zone_form": "soft"}, {"dead_zone_form": "cubic"}, {"limit": 2.5e-4}, {"latency": 2}],
+    ids=lambda change: " ".join(change),
+)
+def test_it_does_so_on_other_hardware(change):
+    settings = {**HARDWARE, "actuators": {"kind": "prototype", **change}}
+    assert episodes(make_policy("local_field", info_of("Align", **settings)), "Align", 40, **settings).success >= 39
+
+
+@pytest.mark.parametrize("task, name", [("Sort", "planner"), ("Singulate", "planner"), ("Singulate", "local_fields")])
+def test_several_parts_reach_their_places_on_the_prototype(task, name):
+    outcome = episodes(make_policy(name, info_of(task, **HARDWARE)), task, 12, **HARDWARE)
+    assert outcome.success == 12 and outcome.collisions < 1.0
+
+
+@pytest.mark.parametrize("task, name", [("Align", "local_field"), ("Sort", "planner")])
+def test_a_world_gets_the_same_actions_alone_and_in_a_batch(task, name):
+    """To the bit: near a dead zone a rounding error may be another choice of elements."""
+    env = batch(task, 12, action="phasor", **HARDWARE)
+    policy = make_policy(name, TaskInfo.of(env))
+    rows, _ = env.reset(seed=5)
+    together, alone = None, [None] * 12
+    for _ in range(25):
+        actions, together = policy.predict(rows, together)
+        for world, row in enumerate(rows):
+            action, alone[world] = policy.predict(row, alone[world])
+            assert (action == actions[world]).all()
+        rows, *_ = env.step(actions)

@@ -1,0 +1,239 @@
+"""Braking curves and the speeds at which steps end: closed forms near rest, and parts on the planar simulator that do stop."""
+
+import math
+
+import numpy as np
+import pytest
+
+from agents.evaluation.rollout import run
+from tests.policies.helpers import ALUMINIUM, DISC, FRESH, STEEL, SURFACE, info_of
+from vibgym import Part, Simulator
+from vibgym.allocation import Allocator
+from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.physics.core.drive import cartesian_drive
+from vibgym.policies.classical.plant import plant_of
+from vibgym.policies.classical.pose_law import PoseLaw, allowed_turn
+from vibgym.policies.classical.stopping import INSIDE, Landing, StoppingCurve, fastest_spin, time_left, turning_push
+from vibgym.policies.registry import make_policy
+
+STEP = SURFACE.period
+LONG = Part.rectangle(0.080, 0.020, friction=0.58)
+
+
+def curve_for(part, push, top, turning):
+    return StoppingCurve(FrictionalInverse(SURFACE, part), np.array([push]), np.array([top]), turning)
+
+
+def even_curve(braking, top=14.0):
+    """Of a part that brakes as hard at every speed."""
+    curve = object.__new__(StoppingCurve)
+    curve.speed = np.linspace(0.0, top, 4001)[:, None]
+    curve.way = curve.speed**2 / (2.0 * braking)
+    return curve
+
+
+# -- curves ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", [ALUMINIUM, STEEL, DISC])
+def test_near_rest_braking_is_even(part):
+    """By v^2 / (2 a) with a = mu g / 2 times the push, over the radius of gyration for turns."""
+    push, radius = 0.8, math.sqrt(part.gyration)
+    rate = push * 0.5 * part.friction * SURFACE.full_scale
+    slow, slow_turn = curve_for(part, push, 0.02, False), curve_for(part, push, 0.5, True)
+    assert slow.way[-1, 0] == pytest.approx(
+        0.02**2 / (2.0 * rate), rel=0.06
+    )  # friction helps: 0.07 m/s^2 at half of that
+    assert slow_turn.way[-1, 0] == pytest.approx(0.5**2 / (2.0 * rate / radius), rel=0.06)
+    assert slow.way[-1, 0] < 0.02**2 / (2.0 * rate) and slow_turn.way[-1, 0] < 0.5**2 / (2.0 * rate / radius)
+
+
+@pytest.mark.parametrize("turning, top", [(False, 0.3), (True, 14.0)])
+def test_more_way_lets_be_faster_and_more_push_as_well(turning, top):
+    weak, strong = (curve_for(ALUMINIUM, push, top, turning) for push in (0.6, 0.8))
+    way = np.linspace(0.0, 1.5 * weak.way[-1, 0], 300)[:, None]
+    assert (np.diff(weak.at(way)[:, 0]) >= 0.0).all() and weak.at(way)[0, 0] == 0.0 and weak.at(way)[-1, 0] == top
+    assert (strong.at(way)[1:-150] > weak.at(way)[1:-150]).all()
+    # Friction helps the more the faster a part is: speeds grow faster than the root of the way.
+    assert weak.at(weak.way[-1:])[0, 0] > 2.05 * weak.at(0.25 * weak.way[-1:])[0, 0]
+
+
+def test_every_part_has_its_own_curve():
+    info = info_of("Sort")
+    process = FrictionalInverse(info.surface, info.parts)
+    n = len(info.parts)
+    both = StoppingCurve(process, np.full(n, 0.7), np.full(n, 10.0), True)
+    for k, part in enumerate(info.parts):
+        np.testing.assert_array_equal(both.way[:, k], curve_for(part, 0.7, 10.0, True).way[:, 0])
+
+
+# -- landings ----------------------------------------------------------------------------------------------------------
+
+
+STRENGTH = 130.0
+"""rad/s^2, of bodies that have no friction."""
+
+
+def landed(over, left, trusted=0.95, top=14.0):
+    """Ways left at the ends of steps of bodies that start at rest, of whose strength a share is counted on."""
+    landing = Landing(even_curve(trusted * STRENGTH, top), 36.0, STEP, over)
+    now, kept = np.zeros_like(left), [left]
+    for _ in range(60):
+        toward = np.sign(left)
+        speed = toward * landing.speed(np.abs(left)[:, None], (toward * now)[:, None])[:, 0]
+        after = now + np.clip(speed - now, -STRENGTH * STEP, STRENGTH * STEP)
+        left, now = left - 0.5 * STEP * (now + after), after
+        kept.append(left)
+    return np.array(kept)
+
+
+@pytest.mark.parametrize("over", [0.0, 0.0175])
+@pytest.mark.parametrize("top", [14.0, 100.0])
+def test_bodies_land_and_hardly_pass(over, top):
+    """By less than an eighth of a step's braking: what steps of finite length make of a curve."""
+    start = np.linspace(0.05, 6.0, 400)
+    left = landed(over, start, top=top)
+    assert np.abs(left[-1]).max() < 1e-9 and left.min() >= -STRENGTH * STEP**2 / 8.0
+    np.testing.assert_array_equal(landed(over, -start, top=top), -left)
+
+
+def test_a_tolerance_saves_time_and_is_kept():
+    start, allowed = np.linspace(0.05, 6.0, 400), 0.035
+    first = []
+    for over in (0.0, 0.5 * allowed):
+        inside = np.abs(landed(over, start)) <= allowed
+        first.append(inside.argmax(axis=0))
+        assert (inside.cumsum(axis=0)[first[-1] + 9, np.arange(400)] == 10).all()  # at the ends of ten steps in a row
+    assert (first[1] <= first[0]).all() and (first[1] < first[0]).mean() > 0.05
+
+
+def test_hardly_more_than_the_least_time():
+    """Bang and bang: ``2 sqrt(d / a)``; steps are whole, a twentieth of the strength is left, the last of it ends slowly."""
+    start = np.linspace(0.5, 6.0, 400)
+    arrived = STEP * (np.abs(landed(0.0, start, top=100.0)) <= 0.01).argmax(axis=0)
+    assert (arrived - 2.0 * np.sqrt((start - 0.01) / STRENGTH)).max() <= 3.0 * STEP
+
+
+def test_one_that_would_leave_the_tolerance_is_turned_back():
+    landing = Landing(even_curve(130.0), 36.0, STEP, 0.02)
+    speed = landing.speed(np.array([[0.014]]), np.array([[2.0]]))[0, 0]
+    assert speed < 0.0 and 0.014 - 0.5 * STEP * (2.0 + speed) == pytest.approx(-INSIDE * 0.02, abs=1e-9)
+    # No faster than what it can lose within the tolerance, however far out it will be.
+    assert landing.speed(np.array([[0.0]]), np.array([[9.0]]))[0, 0] == pytest.approx(-2.0 * 0.02 / STEP)
+    assert Landing(even_curve(130.0), 36.0, STEP).speed(np.array([[0.0]]), np.array([[9.0]]))[0, 0] == 0.0
+
+
+def test_time_left_of_a_body_that_speeds_up_cruises_and_brakes():
+    curve = even_curve(4.0, 0.3)
+    gain, way = np.array([2.0]), np.array([[0.0], [0.01], [0.5]])
+    least = np.sqrt(2.0 * 0.01 * (1.0 / 2.0 + 1.0 / 4.0))
+    cruise = 0.3 / 2.0 + 0.3 / 4.0 + (0.5 - 0.3**2 / 4.0 - 0.3**2 / 8.0) / 0.3
+    np.testing.assert_allclose(time_left(way, 0.0 * way, gain, curve)[:, 0], [0.0, least, cruise], rtol=1e-12)
+    assert time_left(way[2:], 0.3 + 0.0 * way[2:], gain, curve) == pytest.approx(0.3 / 4.0 + (0.5 - 0.3**2 / 8.0) / 0.3)
+
+
+# -- turning -----------------------------------------------------------------------------------------------------------
+
+
+def test_no_push_that_turns_is_larger_than_the_reach():
+    info, random = info_of("Rotate"), np.random.default_rng(4)
+    allocator = Allocator(info.surface, info.parts, info.hardware)
+    pose = np.column_stack(
+        [random.uniform(0.1, 0.7, 60), random.uniform(0.06, 0.15, 60), random.uniform(-3.0, 3.0, 60)]
+    )
+    pose, present = pose[:, None], np.ones((60, 1), dtype=bool)
+    wanted = np.zeros((60, 1, 3))
+    wanted[..., 2] = 3.0
+    reach = allocator.reach(pose)
+    got = allocator.effect(pose, present, allocator.pushes(pose, present, wanted))
+    assert (got[..., 2] <= reach + 1e-12).all() and (got[..., 2] >= 0.97 * reach).all()
+    assert turning_push(info)[0] == pytest.approx(reach.mean(), rel=0.03)
+
+
+def test_effect_is_what_was_wanted_where_elements_can_do_it():
+    info = info_of("Rotate")
+    allocator = Allocator(info.surface, info.parts, info.hardware)
+    pose, present = np.array([[[0.31, 0.1, 0.4]]]), np.ones((1, 1), dtype=bool)
+    wanted = np.array([[[0.3, -0.2, 0.2]]])
+    gain = np.full((1, info.surface.rows * info.surface.columns), 0.9)
+    np.testing.assert_allclose(
+        allocator.effect(pose, present, allocator.pushes(pose, present, wanted)), wanted, atol=0.01
+    )
+    pushes = allocator.pushes(pose, present, wanted)
+    np.testing.assert_allclose(
+        allocator.effect(pose, present, pushes, gain), 0.9 * allocator.effect(pose, present, pushes), rtol=1e-12
+    )
+
+
+def test_reach_of_a_disc_small_against_its_element_on_a_corner():
+    """A quarter on each of four: shares 1/4, centroids at 4 r sqrt(2) / (3 pi) over the radius of gyration r / sqrt(2)."""
+    disc = Part.disc(0.008, friction=0.5)
+    info = info_of("Rotate")
+    allocator = Allocator(info.surface, (disc,), info.hardware)
+    corner = SURFACE.element_size * np.array([8.0, 4.0])
+    assert allocator.reach(np.array([[[*corner, 0.2]]]))[0, 0] == pytest.approx(8.0 / (3.0 * math.pi), rel=2e-3)
+    # Of one in the middle of an element nothing turns.
+    middle = SURFACE.element_size * np.array([8.5, 4.5])
+    assert allocator.reach(np.array([[[*middle, 0.2]]]))[0, 0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("part", [ALUMINIUM, STEEL, LONG], ids=["aluminium", "steel", "long"])
+def test_a_spinning_part_really_stops_within_the_way(part):
+    """On the planar simulator, by the elements' utmost: in the mean as said, and wherever it lies within a seventh."""
+    info = info_of("Rotate", parts=[part])
+    push, random, n = turning_push(info), np.random.default_rng(3), 24
+    process = FrictionalInverse(SURFACE, part)
+    top = fastest_spin(process, push)
+    curve = StoppingCurve(process, push, top, True)
+    allocator = Allocator(SURFACE, (part,), info.hardware)
+    simulator, spin = Simulator(SURFACE, part, worlds=n), np.linspace(0.4, 0.85, n) * top
+    pose = np.column_stack([0.41 + random.uniform(0.0, 0.026, (n, 1)), 0.1 + random.uniform(0.0, 0.026, (n, 1)),
+                            random.uniform(0.0, 3.0, (n, 1))])  # fmt: skip
+    idle = np.tile(SURFACE.idle_velocity(part.friction), (n, 1))
+    simulator.reset(pose[:, None], np.column_stack([idle, spin])[:, None])
+    furthest = pose[:, 2]
+    for _ in range(4):
+        now = simulator.pose.copy()
+        now[:, 0, 2] += 0.5 * STEP * np.maximum(simulator.velocity[:, 0, 2] - 2.0, 0.0)
+        wanted = np.zeros((n, 1, 3))
+        wanted[..., 2] = -3.0
+        pushes = allocator.pushes(now, np.ones((n, 1), dtype=bool), wanted) * SURFACE.full_scale
+        simulator.run(cartesian_drive(-pushes[..., 1], -pushes[..., 0]), 1)
+        furthest = np.maximum(furthest, simulator.pose[:, 0, 2])
+        if (simulator.velocity[:, 0, 2] < 0.0).all():
+            break
+    way = np.array([np.interp(each, curve.speed[:, 0], curve.way[:, 0]) for each in spin])
+    turned = furthest - pose[:, 2]
+    assert (turned <= 1.15 * way).all() and turned.sum() == pytest.approx(way.sum(), rel=0.08)
+
+
+@pytest.mark.parametrize("part", [ALUMINIUM, DISC, LONG], ids=["aluminium", "disc", "long"])
+def test_friction_takes_all_at_the_fastest_spin(part):
+    process, push = FrictionalInverse(SURFACE, part), np.array([0.6])
+    spin = fastest_spin(process, push)[0]
+    given = np.array([[[0.0, 0.0, push[0]]]])
+    more = [process.acceleration(np.array([[[0.0, 0.0, k * spin]]]), given)[0][0, 0, 2] for k in (0.98, 1.0, 1.02)]
+    assert more[0] > 0.0 > more[2] and abs(more[1]) < 1e-6
+
+
+def test_tolerances_are_used_where_headings_count_and_goals_stay():
+    assert allowed_turn(info_of("Rotate")) == pytest.approx(math.radians(2.0))
+    assert allowed_turn(info_of("Align")) == pytest.approx(math.radians(3.0))
+    for name in ("Transport", "Sort", "Follow"):
+        assert allowed_turn(info_of(name)) == 0.0
+
+
+def test_turning_takes_hardly_more_than_the_bound():
+    """The whole chain on ideal hardware, at most a step more than the least in the median; no more than two in nearly all."""
+    policy = make_policy({"kind": "local_field", "law": "pose"}, info_of("Rotate"))
+    rollout = run(policy, "Rotate", range(FRESH, FRESH + 80), {}, quiet=True)
+    steps = np.rint((rollout.time_to_goal - rollout.bound) / rollout.step_time)
+    assert rollout.success.all() and steps.min() >= 0.0
+    assert np.median(rollout.time_over_bound) <= 1.06 and (steps <= 2.0).mean() >= 0.9
+
+
+def test_law_brakes_turns_as_elements_can():
+    law, info = PoseLaw(info_of("Rotate")), info_of("Rotate")
+    strongest = plant_of(info).turn_push[0]
+    braking = law.turn_landing.curve.speed[1, 0] ** 2 / (2.0 * law.turn_landing.curve.way[1, 0])
+    assert 0.7 * strongest < braking < 0.85 * strongest

@@ -1,0 +1,89 @@
+"""What a policy may know beforehand."""
+
+import dataclasses
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.envs.helpers import batch, single
+from tests.policies.helpers import POSE_TASKS, info_of
+from vibgym.envs import VibgymEnv, VibgymVectorEnv
+from vibgym.policies.task_info import TaskInfo
+
+
+def test_it_is_what_the_environment_makes_public():
+    env = single("SortThreeKinds", slots=8, walls=["left", "top"])
+    info = TaskInfo.of(env)
+    assert info.name == "SortThreeKinds" and info.summary.startswith(
+        "Every present part's centre inside its kind's zone"
+    )
+    assert info.surface is env.unwrapped.surface and info.parts == env.unwrapped.parts and len(info.parts) == 6
+    assert info.kinds == ("steel_block", "aluminium_block", "disc") and info.kind == (0, 1, 2, 0, 1, 2)
+    assert info.walls == ("left", "top") and info.zones.shape == (3, 4)
+    assert (info.has_goal, info.has_heading, info.apart) == (False, False, None)
+    assert info.layout.size == 160 and info.layout.rows == env.unwrapped.observation_layout
+    apart = info_of("Singulate")
+    assert apart.zones is None and apart.apart == pytest.approx(math.sqrt(2) * 0.026) and apart.layout.size == 120
+
+
+@pytest.mark.parametrize("task, heading, wraps, tolerances", [
+    ("Transport", False, True, (0.005, math.inf)), ("Align", True, True, (0.002, math.radians(3))),
+    ("Rotate", True, False, (0.005, math.radians(2))),
+])  # fmt: skip
+def test_goals_and_tolerances(task, heading, wraps, tolerances):
+    info = info_of(task)
+    assert info.has_goal and (info.has_heading, info.wraps) == (heading, wraps)
+    assert (info.position_tolerance, info.heading_tolerance) == pytest.approx(tolerances)
+    assert info.layout.size == 18 and info.zones is None and info.apart is None
+
+
+@pytest.mark.parametrize("settings, steps, time", [({}, 250, 0.04), ({"periods_per_step": 4}, 63, 0.16)])
+def test_steps_last_as_long_as_the_environment_says(settings, steps, time):
+    for env in (single("Align", **settings), batch("Align", 2, **settings)):
+        info = TaskInfo.of(env)
+        assert (info.step_limit, info.periods_per_step) == (steps, settings.get("periods_per_step", 1))
+        assert info.step_time == pytest.approx(time)
+    assert TaskInfo.of(single("Align", max_episode_steps=30, **settings)).step_limit == 30
+
+
+def test_single_vector_wrapped_and_plain_environments_say_the_same():
+    plain = {"task": "Sort", "slots": 7}
+    infos = [
+        TaskInfo.of(each)
+        for each in (
+            single("Sort", slots=7), batch("Sort", 3, slots=7), gym.wrappers.ClipAction(single("Sort", slots=7)),
+            VibgymEnv(**plain), VibgymVectorEnv(num_envs=2, **plain),
+        )
+    ]  # fmt: skip
+    for field in dataclasses.fields(TaskInfo):
+        if field.name not in ("surface", "parts", "layout", "zones", "step_limit"):
+            assert len({getattr(info, field.name) for info in infos}) == 1, field.name
+    assert {tuple(part.name for part in info.parts) for info in infos} == {("steel_block", "aluminium_block") * 3}
+    assert {info.layout.rows for info in infos} == {infos[0].layout.rows}
+    assert [info.step_limit for info in infos] == [750] * 3 + [None] * 2
+    assert TaskInfo.of(single("Align"), "mine").name == "mine"
+
+
+def test_it_holds_nothing_of_the_episode_and_cannot_be_used_to_change_the_task():
+    env = single("Sort")
+    info, zones = TaskInfo.of(env), env.unwrapped.task.zones.copy()
+    with pytest.raises(ValueError, match="read-only"):
+        info.zones[0, 0] = 1.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        info.name = "other"
+    assert (env.unwrapped.task.zones == zones).all() and info.zones is not env.unwrapped.task.zones
+    held = {id(value) for value in vars(info).values()}
+    core = env.unwrapped.core
+    assert not held & {id(each) for each in (core, core.task, core.episode, core.simulator, core.observation.layout)}
+
+
+@pytest.mark.parametrize("task", POSE_TASKS)
+def test_tasks_without_places_are_refused_by_name(task):
+    info = info_of(task)
+    info.check_places("local_field")
+    nowhere = dataclasses.replace(info, has_goal=False)
+    with pytest.raises(ValueError, match=f"^policy 'local_field': .*{task}.*goals, zones or a distance"):
+        nowhere.check_places("local_field")
+    assert np.isinf(nowhere.heading_tolerance) == (task == "Transport")

@@ -1,0 +1,188 @@
+"""Coding: rows by name, and one drive whatever the actions are called."""
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same, batch
+from tests.policies.helpers import info_of
+from tests.policies.trained.helpers import coding_for
+from vibgym.envs.actions import ACTIONS, Patch, patch_size
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.coding import Coding
+
+WORLDS = 3
+
+
+def played(task, action, acts, **settings):
+    """Observations of steps under actions (steps, worlds, parts, numbers) of parts."""
+    env = batch(task, WORLDS, action=action, observation="parts", **settings)
+    coding = coding_for(TaskInfo.of(env), action)
+    seen, found = env.reset(seed=4)[0], []
+    for each in acts:
+        seen = env.step(coding.actions(coding.see(seen), each))[0]
+        found.append({name: value.copy() for name, value in seen.items()})
+    return found
+
+
+@pytest.mark.parametrize("task, settings", [("Align", {}), ("Sort", {"parts": ["steel_block", "aluminium_block"] * 2})])
+def test_elements_are_driven_the_same_by_every_name(task, settings):
+    env = batch(task, WORLDS, action="patch", observation="parts", **settings)
+    parts, side = env.single_action_space.shape[0] // (2 * 4**2), 4
+    assert parts == len(env.parts)
+    acts = np.random.default_rng(0).uniform(-0.7, 0.7, (4, WORLDS, parts, 2 * side**2)).astype(np.float32)
+    patch, phasor, element = (played(task, action, acts, **settings) for action in ("patch", "phasor", "element"))
+    assert_same(phasor, patch)
+    assert len(element) == len(patch) == 4
+    for mine, theirs in zip(element, patch, strict=True):  # amplitude and phase are rounded to float32
+        assert mine["parts"] == pytest.approx(theirs["parts"], abs=2e-3)
+    assert np.abs(patch[-1]["parts"] - patch[0]["parts"]).max() > 0.05
+
+
+@pytest.mark.parametrize("places", [
+    [[0.30, 0.10], [0.34, 0.11]], [[0.30, 0.10], [0.30, 0.10]], [[0.005, 0.006], [0.83, 0.20]],
+    [[0.014, 0.014], [0.04, 0.04]], [[0.026, 0.052], [0.078, 0.052]],
+])  # fmt: skip
+@pytest.mark.parametrize("there", [[1, 1], [1, 0], [0, 1], [0, 0]])
+def test_shared_elements_obey_the_part_that_is_nearest(places, there):
+    """As the action "patch" has it: of equally near ones the first; what would lie beside the table is nowhere."""
+    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
+    coding, surface, side = coding_for(info, "phasor"), info.surface, patch_size(info.surface, info.parts)
+    acts = np.random.default_rng(1).uniform(-0.7, 0.7, (2, side, side, 2)).astype(np.float32)
+    centre = np.array(places) / surface.element_size
+    first = np.floor(centre + 0.5 - 0.5 * side).astype(int)
+    expected, shared = np.zeros((surface.rows, surface.columns, 2), dtype=np.float32), 0
+    for row, column in np.ndindex(surface.rows, surface.columns):
+        claims = []
+        for part in np.flatnonzero(there):
+            x, y = column - first[part, 0], row - first[part, 1]
+            if 0 <= x < side and 0 <= y < side:
+                away = (column + 0.5 - centre[part, 0]) ** 2 + (row + 0.5 - centre[part, 1]) ** 2
+                claims.append((round(away, 6), part, y, x))
+        if claims:
+            _, part, y, x = min(claims)
+            expected[row, column] = acts[part, y, x]
+        shared += len(claims) > 1
+    rows = np.zeros((1, 2, coding.shape.columns), dtype=np.float32)
+    start = {row.name: row.start for row in info.parts_layout}
+    size = np.array([surface.columns, surface.rows])
+    rows[0, :, start["position"] : start["position"] + 2] = 2.0 * centre / size - 1.0
+    rows[0, :, start["element"] : start["element"] + 2] = 2.0 * (centre - np.floor(centre)) - 1.0
+    seen = coding.see({"parts": rows, "mask": np.array([there])})
+    table = coding.actions(seen, acts.reshape(1, 2, -1))
+    assert table.shape == (1, expected.size) and (table.reshape(expected.shape) == expected).all()
+    assert (shared > 0) == (there == [1, 1] and places[1] != [0.83, 0.20])
+
+
+def test_columns_are_picked_by_name_and_one_is_a_batch_of_one():
+    info = info_of("Align")
+    every = coding_for(info)
+    wanted = [each for each in every.columns if each[0] in ("element", "way_far", "way_fine", "turn")]
+    fewer = coding_for(info, columns=wanted)
+    assert (fewer.shape.columns, fewer.shape.neighbours, fewer.shape.place) == (7, 0, 0) and fewer.columns == wanted
+    width = every.shape.columns
+    seen = {"parts": np.arange(2 * width, dtype=np.float32).reshape(2, 1, width), "mask": np.ones((2, 1), np.int8)}
+    layout = {row.name: slice(row.start, row.start + row.width) for row in info.parts_layout}
+    rows = fewer.see(seen).rows
+    assert (rows == np.concatenate([seen["parts"][..., layout[name]] for name, _ in wanted], axis=-1)).all()
+    assert (every.see(seen).rows == seen["parts"]).all()
+    for coding in (every, fewer):
+        one = coding.see({name: each[1] for name, each in seen.items()})
+        assert_same(list(one), [each[1:] if each.shape[0] == 2 else each for each in coding.see(seen)])
+    assert coding_for(info, columns=every.columns).columns == every.columns
+
+
+def test_rows_of_slots_without_a_part_are_not_read():
+    """A scene may have more slots than parts."""
+    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
+    coding, width = coding_for(info), sum(row.width for row in info.parts_layout)
+    seen = {"parts": np.ones((5, 7, width)), "mask": np.array([[1, 0, 0, 0, 0, 0, 0]] * 5)}
+    rows, mask, *_ = coding.see(seen)
+    assert rows.shape == (5, 2, width) and mask.tolist() == [[1.0, 0.0]] * 5 and mask.dtype == rows.dtype == np.float32
+
+
+@pytest.mark.parametrize("columns, named", [
+    ([["smell", 2], ["element", 2]], "smell"), ([["element", 3]], "element"), ([["heading", 2], ["element", 2]], "order"),
+    ([["element", 2], ["element", 2]], "element"),
+])  # fmt: skip
+def test_columns_that_a_row_has_not_are_refused(columns, named):
+    with pytest.raises(ValueError, match=f"^columns: got .*{named}") as error:
+        coding_for(info_of("Align"), columns=columns)
+    assert "\n" not in str(error.value)
+
+
+def test_actions_without_parts_and_elements_are_refused(monkeypatch):
+    class Whole(Patch):
+        """An action of a user's."""
+
+    monkeypatch.setattr(ACTIONS, "_items", {**ACTIONS, "whole": Whole})
+    info = info_of("Align")
+    with pytest.raises(ValueError, match="^action: got 'whole'; allowed: 'wrench', 'field', 'patch', .*'element'"):
+        Coding(info.surface, info.parts, info.parts_layout, "whole")
+    with pytest.raises(ValueError, match="^action: got 'swing'"):
+        Coding(info.surface, info.parts, info.parts_layout, "swing")
+
+
+def remembering(task="Align", action="wrench", **settings):
+    info = info_of(task, **settings)
+    return coding_for(info, action, remembers=True), coding_for(info, action)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_rows_tell_what_a_part_was_told_last(turned):
+    """Between its own columns and those of the others, and turned as the row is by now."""
+    info = info_of("Sort", parts=["steel_block", "aluminium_block"])
+    coding, plain = (coding_for(info, "wrench", turned=turned, remembers=each) for each in (True, False))
+    own, size = plain.shape.own, coding.shape.action
+    assert (coding.shape.columns, coding.shape.own) == (plain.shape.columns + size, own + size) and size == 3
+    assert coding.columns == plain.columns  # what is said is no column of the scene's
+    env = batch("Sort", WORLDS, action="wrench", observation="parts", parts=["steel_block", "aluminium_block"])
+    random, before, observation = np.random.default_rng(0), None, env.reset(seed=4)[0]
+    told = np.zeros((WORLDS, 2, size), dtype=np.float32)
+    for _ in range(4):
+        seen, bare = coding.see(observation, before, np.zeros(WORLDS, bool)), plain.see(observation)
+        assert (seen.rows[..., :own] == bare.rows[..., :own]).all()
+        assert (seen.rows[..., own + size :] == bare.rows[..., own:]).all()
+        assert (seen.rows[..., own : own + size] == coding.to_rows(bare, told)).all()
+        actions = coding.actions(seen, random.uniform(-1, 1, told.shape).astype(np.float32))
+        told = actions.reshape(told.shape)
+        observation, before = env.step(actions)[0], seen
+        assert (before.said == told).all() and np.abs(told).max() > 0.3
+    if turned:
+        assert coding.see(observation, before).quarters.any()
+
+
+def test_touching_reads_the_same_columns_whatever_is_remembered():
+    coding, plain = remembering("Sort", parts=["steel_block", "aluminium_block"])
+    start = {row.name: row.start for row in info_of("Sort", parts=["steel_block", "aluminium_block"]).parts_layout}
+    rows = np.ones((3, 2, plain.shape.columns), dtype=np.float32)
+    rows[0, :, start["neighbour_1_gap"]], rows[1, 0, start["neighbour_1_gap"]] = 0.0, 0.01
+    rows[0, 1, start["neighbour_1_there"]] = 0.0
+    seen = {"parts": rows, "mask": np.ones((3, 2))}
+    for each in (coding, plain):
+        assert each.touching(each.see(seen)).tolist() == [[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]
+
+
+def test_nothing_was_said_before_an_episode_began():
+    coding, plain = remembering()
+    seen = {"parts": np.zeros((3, 1, plain.shape.columns)), "mask": np.ones((3, 1))}
+    said = slice(plain.shape.own, plain.shape.own + 3)
+    first = coding.see(seen)
+    assert (first.rows[..., said] == 0.0).all()
+    coding.actions(first, np.full((3, 1, 3), 0.5, dtype=np.float32))
+    second = coding.see(seen, first, np.array([False, True, False]))
+    assert second.rows[:, 0, said].tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
+    assert (first.rows[..., said] == 0.0).all() and (second.said == 0.0).all()  # a memory is not written to
+    one = coding.see({name: each[2] for name, each in seen.items()}, first.of(2))
+    assert (one.rows == second.rows[2:]).all()
+
+
+@pytest.mark.parametrize("worlds, got", [(None, "str"), (2, r"of shape \(2, 1, 3\)"), (0, r"of shape \(0, 0, 0\)")])
+def test_another_memory_is_refused(worlds, got):
+    coding, plain = remembering()
+    seen = [{"parts": np.zeros((k, 1, plain.shape.columns)), "mask": np.ones((k, 1))} for k in (2, 3)]
+    other = {None: "yesterday", 2: coding.see(seen[0]), 0: plain.see(seen[1])}[worlds]
+    with pytest.raises(
+        ValueError, match=rf"^state: got .*{got}.*; allowed: None, or what .* of shape \(3, 1, 3\)"
+    ) as error:
+        coding.see(seen[1], other)
+    assert "\n" not in str(error.value)

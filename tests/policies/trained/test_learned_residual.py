@@ -1,0 +1,232 @@
+"""A classical policy with a learned correction: nothing changes without one, and both sides see and remember alike."""
+
+import numpy as np
+import pytest
+import torch
+from gymnasium.vector import AutoresetMode
+
+from agents.training.networks.parts import PartsActor
+from agents.training.parts_policy import trained_tensors
+from agents.training.residual_env import ResidualEnv
+from tests.envs.helpers import batch
+from tests.policies.helpers import info_of
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.coding import Coding
+from vibgym.policies.trained.residual import Base, ResidualPolicy, with_base
+from vibgym.policies.trained.storage import save_set
+from vibgym.policies.trained.trained import KIND, VERSION, described
+
+POSE, PLANNER = {"kind": "pose", "action": "wrench"}, {"kind": "planner", "law": "pose", "action": "wrench"}
+HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+
+
+class Constant:
+    """A correction that is the same everywhere, and counts its steps."""
+
+    def __init__(self, info, value):
+        self.value, self.parts, self.seen = np.float32(value), len(info.parts), []
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        self.seen.append(observation)
+        action = np.full((len(observation["mask"]), 3 * self.parts), self.value, dtype=np.float32)
+        return action, (0 if state is None else state) + 1
+
+
+def worlds(task, number=6, observation="parts_and_state", **settings):
+    return batch(
+        task, number, action="wrench", observation=observation, autoreset_mode=AutoresetMode.SAME_STEP, **settings
+    )
+
+
+@pytest.mark.parametrize(
+    "task, kind, hardware", [("Align", POSE, HARDWARE), ("Align", POSE, {}), ("Sort", PLANNER, {})]
+)
+def test_no_correction_leaves_the_base_as_it_is(task, kind, hardware):
+    """Bit for bit, as a policy and in training, over episodes that end."""
+    alone, both, trained = worlds(task, observation="state", **hardware), worlds(task, **hardware), None
+    info = TaskInfo.of(alone)
+    base, policy = make_policy(kind, info), ResidualPolicy(info, make_policy(kind, info), Constant(info, 0.0))
+    trained = ResidualEnv(worlds(task, **hardware), make_policy(kind, info))
+    one, _ = alone.reset(seed=4)
+    two, _ = both.reset(seed=4)
+    trained.reset(seed=4)
+    memory, other, start, ended = None, None, np.ones(6, dtype=bool), 0
+    for _ in range(50 if task == "Align" else 12):
+        said, memory = base.predict(one, memory, start)
+        again, other = policy.predict(two, other, start)
+        assert (said == again).all()
+        one, reward, terminated, truncated, _ = alone.step(said)
+        two, *_ = both.step(again)
+        _, same, *_ = trained.step(np.zeros_like(said))
+        assert (two["state"] == one).all() and (reward == same).all()
+        start = terminated | truncated
+        ended += start.sum()
+    assert ended > 0 or task == "Sort"
+
+
+def test_corrections_are_added_and_cut_off():
+    info = info_of("Sort", action="wrench", observation="state")
+    base = Base(make_policy(PLANNER, info), info, 0.25)
+    said = np.linspace(-1.0, 1.0, 36, dtype=np.float32).reshape(2, 18)
+    _, memory = base.policy.predict(np.zeros((2, info.layout.size)))
+    done, _ = base.corrected(said, np.full((2, 18), 1.0), memory)
+    assert done == pytest.approx(np.minimum(said + 0.25, 1.0)) and done.dtype == np.float32
+
+
+def test_the_base_remembers_what_was_done():
+    """Told of a correction, it counts on what the environment counts on; of parts left alone nothing changes."""
+    env = worlds("Sort")
+    info = TaskInfo.of(env)
+    policy = make_policy(PLANNER, info)
+    seen, _ = env.reset(seed=1)
+    memory = None
+    for _ in range(5):
+        said, memory = policy.predict(seen["state"], memory)
+        done = said.copy()
+        done[:, :3] = np.clip(done[:, :3] + 0.3, -1.0, 1.0)  # of the first part
+        told = policy.acted(memory, said, done)
+        seen, *_ = env.step(done)
+        given = env.unwrapped.core.action.live()["given"]
+        assert told.steering.output.given == pytest.approx(given, rel=1e-4, abs=1e-3)
+        before, after = memory.steering, told.steering
+        assert (after.acceleration[:, 1:] == before.acceleration[:, 1:]).all()
+        assert (after.acceleration[:, 0] != before.acceleration[:, 0]).any()
+        memory = told
+    assert policy.acted(memory, said, said) == memory
+    with pytest.raises(ValueError, match="action: got 'phasor'"):
+        other = make_policy("pose", info_of("Align"))
+        other.acted(other.begin(1), said, said)
+
+
+@pytest.mark.parametrize("task, kind", [("Align", POSE), ("Sort", PLANNER)])
+def test_the_learner_sees_what_it_corrects(task, kind):
+    settings = {"slots": 7, "randomize": {"parts": [2, 6]}} if task == "Sort" else {}
+    env = worlds(task, **settings)
+    info = TaskInfo.of(env)
+    trained, base = ResidualEnv(env, make_policy(kind, info), scale=0.3), make_policy(kind, info)
+    seen, _ = trained.reset(seed=3)
+    at = next(row for row in trained.parts_layout if row.name == "base")
+    said, _ = base.predict(env.observed("state"))
+    parts = len(info.parts)
+    columns = slice(at.start, at.start + 3)
+    assert (seen["parts"][:, :parts, columns] == said.reshape(6, parts, 3)).all() and said.any()
+    assert not seen["parts"][seen["mask"] == 0].any() and trained.observation_space.contains(seen)
+    plain = env.observed("parts")["parts"]
+    assert (np.delete(seen["parts"], range(columns.start, columns.stop), axis=-1) == plain).all()
+    shape = Coding(info.surface, info.parts, trained.parts_layout, "wrench").shape
+    assert shape.own == Coding(info.surface, info.parts, info.parts_layout, "wrench").shape.own + 3
+    assert at.start + 3 == shape.own  # neighbours stay last
+    # As a policy it sees the same.
+    spy = Constant(info, 0.0)
+    ResidualPolicy(info, base, spy).predict({**env.observed("parts"), "state": env.observed("state")})
+    assert (spy.seen[0]["parts"] == seen["parts"]).all()
+
+
+def test_final_observations_have_it_too_and_new_episodes_forget():
+    env = worlds("Align", 8, max_episode_steps=6)
+    trained = ResidualEnv(env, make_policy(POSE, TaskInfo.of(env)))
+    trained.reset(seed=2)
+    generator = np.random.default_rng(0)
+    for _ in range(6):
+        seen, _, terminated, truncated, info = trained.step(generator.uniform(-1, 1, (8, 3)).astype(np.float32))
+    assert truncated.all() and not terminated.any()
+    at = next(row for row in trained.parts_layout if row.name == "base").start
+    fresh, _ = make_policy(POSE, TaskInfo.of(env)).predict(env.observed("state"))
+    assert (seen["parts"][:, 0, at : at + 3] == fresh).all()
+    for world, final in enumerate(info["final_obs"]):
+        assert trained.single_observation_space.contains(final)
+        assert final["parts"][0, at : at + 3].any()
+        assert (final["parts"][0, at : at + 3] != seen["parts"][world, 0, at : at + 3]).any()
+
+
+def test_one_observation_is_a_batch_of_one():
+    env = worlds("Align", 2)
+    info = TaskInfo.of(env)
+    policy = ResidualPolicy(info, make_policy(POSE, info), Constant(info, 0.7))
+    seen, _ = env.reset(seed=3)
+    together, memory = policy.predict(seen)
+    alone, _ = policy.predict({name: each[0] for name, each in seen.items()})
+    assert (alone == together[0]).all() and memory.learned == 1
+    again, memory = policy.predict(seen, memory, np.array([True, False]))
+    assert again.shape == (2, 3) and memory.learned == 2
+
+
+def test_bad_input():
+    info = info_of("Align", action="wrench")
+    pose = make_policy(POSE, info)
+    for base, scale, message in (
+        (make_policy("pose", info), 0.5, "base.action: got 'phasor'"),
+        (replace_observation(pose), 0.5, "base.observation: got 'image'"),
+        (pose, 0.0, "scale"),
+        (pose, float("nan"), "scale"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ResidualPolicy(info, base, None, scale=scale)
+    with pytest.raises(ValueError, match="autoreset_mode"):
+        ResidualEnv(batch("Align", 2, action="wrench", observation="parts_and_state"), pose)
+    with pytest.raises(ValueError, match="parts_and_state"):
+        ResidualEnv(worlds("Align", 2, observation="parts"), pose)
+    with pytest.raises(ValueError, match="env.action"):
+        env = batch("Align", 2, action="field", observation="parts_and_state", autoreset_mode=AutoresetMode.SAME_STEP)
+        ResidualEnv(env, pose)
+    with pytest.raises(ValueError, match="state: got 'int'"):
+        ResidualPolicy(info, pose, None).predict({"mask": np.zeros((1, 1)), "parts": None, "state": None}, 3)
+    with pytest.raises(ValueError, match="policy.path"):
+        make_policy({"kind": "residual", "base": "pose", "path": 3}, info)
+    with pytest.raises(ValueError, match=r"nowhere.json"):
+        make_policy({"kind": "residual", "base": "pose", "path": "nowhere.json"}, info)
+    with pytest.raises(ValueError, match="'residual'.*its own arguments"):
+        make_policy({"kind": "residual", "base": "pose"}, info)
+
+
+def replace_observation(policy):
+    policy = type(policy)(policy.info, law="pose", action="wrench")
+    policy.observation = "image"
+    return policy
+
+
+def test_the_table_of_a_row_is_whole():
+    info = info_of("Sort", action="wrench")
+    rows = with_base(info.parts_layout)
+    starts = np.cumsum([0, *(row.width for row in rows)])
+    assert [row.start for row in rows] == starts[:-1].tolist()
+    assert [row.name for row in with_base(info_of("Align", action="wrench").parts_layout)][-1] == "base"
+
+
+def written(path, info, layout, **record):
+    """A correction's file, of a network that nobody has trained; and what it says."""
+    coding = Coding(info.surface, info.parts, layout, "wrench")
+    torch.manual_seed(1)
+    actor = PartsActor(coding.shape, [8], "tanh", 4, -1.0)
+    torch.nn.init.normal_(actor.mean.weight)
+    known = {
+        "tasks": [info.name], "surface": described(info.surface), "parts": len(info.parts), "columns": coding.columns,
+        "turned": False, "remembers": False, "action": "wrench", "network": "parts", "activation": "tanh", "training": {},
+    }  # fmt: skip
+    save_set(path, KIND, trained_tensors(actor), {**known, **record}, VERSION)
+
+
+@pytest.mark.parametrize("task, base", [("Align", "pose"), ("Sort", {"kind": "planner", "law": "pose"})])
+def test_files_hold_corrections(tmp_path, task, base):
+    env = worlds(task)
+    info = TaskInfo.of(env)
+    what = {"base": {"kind": base} if isinstance(base, str) else base, "scale": 0.2}
+    written(tmp_path / f"{task.lower()}.json", info, with_base(info.parts_layout), residual=what)
+    path = str(tmp_path / "{task}.json")
+    policy = make_policy({"kind": "residual", "path": path}, info)
+    seen, _ = env.reset(seed=0)
+    action, _ = policy.predict(seen)
+    said, _ = make_policy({**what["base"], "action": "wrench"}, info).predict(seen["state"])
+    change = np.abs(action - said).max()
+    assert 0.005 < change <= 0.2 + 1e-6
+    with pytest.raises(ValueError, match="residual"):  # it is no policy by itself
+        make_policy(path.format(task=task.lower()), info)
+
+
+def test_a_policy_by_itself_is_no_correction(tmp_path):
+    info = info_of("Align", action="wrench")
+    written(tmp_path / "plain.json", info, info.parts_layout)
+    make_policy(str(tmp_path / "plain.json"), info)
+    with pytest.raises(ValueError, match=r"plain.json: residual: got None"):
+        make_policy({"kind": "residual", "base": "pose", "path": str(tmp_path / "plain.json")}, info)

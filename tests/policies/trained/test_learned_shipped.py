@@ -1,0 +1,110 @@
+"""The trained policies in the repository do what the table of trained agents says of them."""
+
+import csv
+import json
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from agents.evaluation.rollout import outcomes
+from agents.training.judging import usual
+from agents.training.settings import TrainSettings, agents_in, load_settings
+from agents.training.table import shipped_name
+from tests.policies.helpers import DISC, FRESH, episodes, info_of
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.trained import RESIDUAL
+
+ROOT = Path(__file__).parents[3]
+SHIPPED, TABLE = ROOT / "agents" / "learned" / "shipped", ROOT / "results" / "agents.csv"
+FILES = {agent: path for path in sorted((ROOT / "configs" / "agents").glob("*.yaml"))
+         if "\nvibgym/" in path.read_text() for agent in agents_in(path)}  # fmt: skip
+"""In which file the settings of an agent stand."""
+
+ALL = [path.stem for path in sorted(SHIPPED.glob("*.json"))]
+SINGLE, CROWD, SCENES = 40, 8, 4
+"""Episodes with one part and with several; of an agent of many scenes as many of these, and each gets its share."""
+
+RARE = 1e-3
+"""On either side: chance of a fresh sample that is refused although the table's interval holds."""
+
+
+def table() -> dict[str, dict[str, str]]:
+    """The rows of the policies that are shipped, by the names of their files."""
+    with TABLE.open(newline="") as file:
+        return {shipped_name(row["agent"]): row for row in csv.DictReader(file) if row["shipped"] == "True"}
+
+
+def scenes(settings: TrainSettings) -> list[dict]:
+    """Environments that the table's episodes are played in, the first few of many."""
+    found = [{**usual(settings.environment), **scene} for scene in settings.all_scenes[:SCENES]]
+    return [{name: value for name, value in each.items() if name not in ("action", "observation")} for each in found]
+
+
+def record(name: str) -> dict:
+    return json.loads((SHIPPED / f"{name}.json").read_text())
+
+
+def shipped(name: str, info: TaskInfo) -> Policy:
+    """A policy, or the correction of one."""
+    kind = RESIDUAL if RESIDUAL in record(name) else "trained"
+    return make_policy({"kind": kind, "path": str(SHIPPED / f"{name}.json")}, info)
+
+
+def test_the_table_tells_of_exactly_what_is_shipped():
+    assert ALL and sorted(table()) == sorted(ALL)
+    named = [record(name)["tensors"] for name in ALL]
+    assert sorted(path.name for path in SHIPPED.glob("*.safetensors")) == sorted(named)
+    assert sum(path.stat().st_size for path in SHIPPED.iterdir()) < 10_000_000
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
+    """Fresh episodes, other ones than the table's.
+
+    The rate lies between ``low`` and ``high``, says the table (with 95 % confidence). At either rate the number of successes
+    of so many episodes is binomial, and must be no rarer than :data:`RARE`: not below the lower quantile at ``low``, and not
+    above the upper one at ``high``.
+    """
+    row = table()[name]
+    settings = load_settings(FILES[row["agent"]], row["agent"])
+    assert json.loads(row["environment"]) == settings.environment  # it was trained as the file says
+    task, each = row["agent"].partition("/")[0], scenes(settings)
+    success = []
+    for number, scene in enumerate(each):
+        env = gym.make_vec(settings.environment_name, num_envs=1, action=record(name)["action"], **scene)
+        info = TaskInfo.of(env)
+        policy = shipped(name, info)
+        count = (SINGLE if len(info.parts) == 1 else CROWD) // len(each)
+        seeds = range(FRESH + 1000 * number, FRESH + 1000 * number + count)
+        success += outcomes(policy, task, seeds, scene, quiet=True).success.tolist()
+    least = binom.ppf(RARE, len(success), float(row["success_low"]))
+    most = binom.ppf(1.0 - RARE, len(success), float(row["success_high"]))
+    assert least <= sum(success) <= most, (sum(success), least, most)
+    assert least > 0  # or it would say nothing
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_shipped_policy_refuses_another_task(name):
+    other = next(task for task in ("Rotate", "Sort") if task not in record(name)["tasks"])
+    with pytest.raises(ValueError, match=rf"{name}\.json: tasks: got .*allowed: a list with '{other}'"):
+        shipped(name, info_of(other))
+
+
+@pytest.mark.parametrize("settings", [{"parts": [DISC]}, {"surface": {"rows": 12, "columns": 12}}])
+def test_the_policy_of_images_serves_other_shapes_and_surfaces_too(settings):
+    policy = make_policy(str(SHIPPED / "transport-image.json"), info_of("Transport", **settings))
+    assert policy.observation == "image"
+    assert episodes(policy, "Transport", worlds=32, **settings).success >= 30
+
+
+def test_numbers_of_the_table_belong_together():
+    for row in table().values():
+        low, rate, high = (float(row[name]) for name in ("success_low", "success", "success_high"))
+        assert 0.0 <= low <= rate <= high <= 1.0 and low < high
+        assert rate * int(row["episodes"]) == pytest.approx(np.rint(rate * int(row["episodes"])), abs=1e-6)
+        assert int(row["steps"]) > 0 and float(row["minutes"]) > 0.0 and row["processor"] and row["versions"]

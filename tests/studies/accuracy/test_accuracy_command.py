@@ -1,0 +1,214 @@
+"""The command: exit codes, one line for bad input, and a whole small report."""
+
+from __future__ import annotations
+
+import csv
+import errno
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from agents import locks
+from studies.accuracy import __main__ as command
+from studies.accuracy import mujoco_scene, page, report, settings, tables
+
+GOOD: dict[str, Any] = {
+    "rounds": 2,
+    "peer_worlds": 1,
+    "orders": False,
+    "bound": True,
+    "hard_cases": False,
+    "friction_experiment": False,
+    "truth": {"steps": 32, "pieces": 2, "reference_worlds": 1, "reference_periods": 1, "reference_tolerance": 1e-6},
+    "strong_tolerances": [1e-3, 1e-12],
+    "models": [{"model": "planar"}, {"model": "planar", "steps": [4, 8]}, {"model": "averaged", "order": [1, 2]}],
+    "peers": [{"peer": "point_sampling", "points": 4}, {"peer": "LSODA", "rtol": 1e-2}, {"peer": "mujoco"}],
+    "scenes": [
+        {"name": "fields <&>", "worlds": 8, "periods": 3, "drive": {"kind": "random"}},
+        {
+            "name": "stick",
+            "worlds": 4,
+            "periods": 2,
+            "drive": {"kind": "random"},
+            "surface": {"horizontal_amplitude": 3e-4},
+            "success": {"point": [0.416, 0.104], "within_mm": 1},
+        },
+    ],
+}
+
+BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "unknown key": ({"model": []}, ["report.model", "models"]),
+    "no scenes": ({"scenes": []}, ["report.scenes"]),
+    "no models": ({"models": None}, ["report.models", "nothing"]),
+    "unknown model": ({"models": [{"model": "exact"}]}, ["models.0.model", "exact", "planar", "averaged"]),
+    "model of wrong type": ({"models": ["planar"]}, ["models.0", "mapping"]),
+    "unknown knob": ({"models": [{"model": "planar", "order": 2}]}, ["models.0.order", "steps, substeps, pieces"]),
+    "knob's value": ({"models": [{"model": "averaged", "order": [1, 3]}]}, ["models.0.order", "3", "<= 2"]),
+    "unknown peer": ({"peers": [{"peer": "bullet"}]}, ["peers.0.peer", "bullet", "mujoco"]),
+    "peer's knob": ({"peers": [{"peer": "LSODA", "atol": 1}]}, ["peers.0.atol", "rtol"]),
+    "peer's value": ({"peers": [{"peer": "LSODA", "rtol": 2.0}]}, ["peers.0.rtol", "2.0", "<= 0.1"]),
+    "tolerance": ({"strong_tolerances": [0.0]}, ["report.strong_tolerances.0", "0.0", "> 0"]),
+    "truth": ({"truth": {"steps": 2}}, ["truth.steps", "2"]),
+    "truth's key": ({"truth": {"stepps": 64}}, ["truth.stepps", "steps"]),
+    "scene": ({"scenes": [{"name": "a", "drive": {"kind": "dance"}}]}, ["scenes.0.drive.kind", "dance"]),
+    "a part too large": (
+        {"scenes": [{**GOOD["scenes"][0], "part": {"shape": "disc", "radius": 99.0, "friction": 0.5}}]},
+        ["scenes.0: parts", "99"],
+    ),
+    "rounds": ({"rounds": "many"}, ["report.rounds", "many"]),
+}
+
+
+def save(directory: Path, changes: dict[str, Any]) -> Path:
+    path = directory / "mine.yaml"
+    content = {**GOOD, "output": str(directory / "out"), **changes}
+    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+    return path
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The one line on stderr of a command that refuses its input."""
+    assert command.main([*arguments, "--quiet"]) == 2
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
+    return caught.err
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    changes, words = BAD[case]
+    path = save(tmp_path, changes)
+    line = refusal(capsys, str(path))
+    assert line.startswith(f"{path}: ")
+    for word in words:
+        assert word in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_lists_of_knobs_that_multiply_beyond_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    many = {"model": "planar", "steps": [5] * 200, "substeps": [4] * 200, "pieces": [1] * 200}
+    line = refusal(capsys, str(save(tmp_path, {"models": [many]})))
+    assert "models.0: got 'lists of 8000000 combinations'" in line
+
+
+def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert str(tmp_path / "none.yaml") in refusal(capsys, str(tmp_path / "none.yaml"))
+    path = tmp_path / "bad.yaml"
+    for content in ("scenes: [a", "- a\n- list\n", "\x00"):
+        path.write_text(content)
+        assert str(path) in refusal(capsys, str(path))
+    (tmp_path / "file").write_text("")
+    good = str(save(tmp_path, {}))
+    assert "output" in refusal(capsys, good, "--output", str(tmp_path / "file" / "below"))
+    with pytest.raises(SystemExit) as stop:
+        command.main([])
+    assert stop.value.code == 2
+
+
+@pytest.mark.parametrize("place", ["file", "x" * 300, "a\0b", "a\ud800", "/proc/vibgym", "taken", "kept"])
+def test_bad_places(
+    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file, names that no file system takes, a directory in the place of the table, and another run's directory."""
+    monkeypatch.setattr(report, "run", lambda *_: pytest.fail("runs"))
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "taken" / "results.csv").mkdir(parents=True)
+    (tmp_path / "kept").mkdir()
+    path = save(tmp_path, {})
+    with locks.one_run(tmp_path / "kept"):
+        line = refusal(capsys, str(path), "--output", str(tmp_path / place))
+    assert line.startswith(f"{path}: output: got ") and (tmp_path / "file").read_text() == "mine"
+    assert (f"process {os.getpid()} on host" in line) == (place == "kept")
+
+
+def test_a_full_disk_leaves_the_old_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is measured here, and nothing drawn: it is about the files."""
+    out = tmp_path / "out"
+    text = {"page": "old", "csv_text": "old", "json_text": "old"}
+    for name in text:
+        monkeypatch.setattr(page, name, lambda _, name=name: text[name])
+    monkeypatch.setattr(report, "run", lambda *_: None)
+    monkeypatch.setattr(tables, "summary", lambda _: "")
+    path = str(save(tmp_path, {}))
+    assert command.main([path, "--quiet"]) == 0
+    capsys.readouterr()
+    flush, calls = os.fsync, []
+
+    def full(handle: int) -> None:
+        calls.append(handle)
+        if len(calls) == 2:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(handle)
+
+    def measured(*_: Any) -> None:
+        text.update(dict.fromkeys(text, "new"))
+        monkeypatch.setattr(os, "fsync", full)
+
+    monkeypatch.setattr(report, "run", measured)
+    assert command.main([path, "--quiet"]) == 1
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err
+    names = ("report.html", "results.csv", "results.json")
+    assert {each.name: each.read_text() for each in out.iterdir()} == dict.fromkeys(names, "old")
+
+
+def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*arguments: Any) -> None:
+        raise KeyboardInterrupt
+
+    for place in ("run", "prepare"):
+        monkeypatch.setattr(report, place, interrupted)
+        assert command.main([str(save(tmp_path, {})), "--quiet"]) == 130
+        line = capsys.readouterr().err
+        assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
+
+
+def test_shipped_settings_are_sound(tmp_path: Path) -> None:
+    for path in sorted(Path("configs/accuracy").glob("*.yaml")):
+        prepared = report.prepare(settings.load_settings(path, str(tmp_path)))
+        assert prepared.candidates and prepared.scenes
+        assert any(not scene.slides for scene in prepared.scenes)
+    assert len(prepared.scenes) >= 6  # the shipped set
+
+
+def test_whole_report(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every candidate of every scene is in the files; what is missing is named with its reason."""
+
+    def missing() -> None:
+        raise ImportError("the MuJoCo scene needs MuJoCo: pip install vibgym[mujoco]")
+
+    monkeypatch.setattr(mujoco_scene, "load_mujoco", missing)
+    assert command.main([str(save(tmp_path, {})), "--output", str(tmp_path / "there"), "--quiet"]) == 0
+    caught = capsys.readouterr()
+    assert caught.err == "" and str(tmp_path / "there" / "report.html") in caught.out
+    assert "| stick | 1.0 mm of trajectory | planar" in caught.out
+    assert "| stick | 1.0e-09 mm of trajectory | no setting |" in caught.out
+    assert not (tmp_path / "out").exists()
+
+    rows = list(csv.DictReader((tmp_path / "there" / "results.csv").open()))
+    assert len(rows) == 2 * 8
+    for row in rows:
+        assert bool(row["refused"]) != bool(row["cost_us"]), row
+        if not row["refused"]:
+            assert float(row["cost_us"]) > 0.0 and 0.0 < float(row["strong_median_m"]) <= float(row["strong_max_m"])
+    refused = {(row["scene"], row["method"]): row["refused"] for row in rows if row["refused"]}
+    assert "pip install vibgym[mujoco]" in refused["fields <&>", "MuJoCo"]
+    assert "model='planar'" in refused["stick", "averaged, order 2"] and "static" in refused["stick", "SciPy LSODA"]
+    assert {row["success_rate"] for row in rows if row["scene"] == "fields <&>"} == {""}
+
+    found = json.loads((tmp_path / "there" / "results.json").read_text())
+    assert [each["name"] for each in found["scenes"]] == ["fields <&>", "stick"]
+    check = found["scenes"][0]["truth"]
+    assert check["trouble"] == "" and check["gap"] < 1e-5 and check["estimate"] < 1e-5
+    assert found["bounds"][0]["period"] < found["bounds"][0]["cost_us"]
+
+    page = (tmp_path / "there" / "report.html").read_text()
+    assert "fields &lt;&amp;&gt;" in page and "fields <&>" not in page
+    assert "http://" not in page and "https://" not in page and page.count("data:image/png;base64,") == 2
+    assert "pip install vibgym[mujoco]" in page and "What failed, and what was refused" in page

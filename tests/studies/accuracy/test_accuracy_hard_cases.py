@@ -1,0 +1,166 @@
+"""Every hard case, and the machinery that runs them: a check that is wrong must fail, and none may get lost."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from studies.accuracy import hard_cases
+from studies.accuracy.hard_cases import CASES, HardCase, Outcome, endurance, run_case
+from studies.accuracy.hard_cases.case import at_most, run_suite
+from studies.accuracy.hard_cases.motion import Scene, against_reference, follow, gap, one_element
+from studies.accuracy.hard_cases.thresholds import through_zero
+from vibgym import Part, Surface
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_case(case):
+    outcome = run_case(case)
+    assert outcome.passed, outcome
+    assert math.isfinite(outcome.measured)
+
+
+def test_names_tell_cases_apart():
+    assert len({case.name for case in CASES}) == len(CASES)
+    assert all(case.question.strip().endswith((".", "?", ")")) for case in CASES)
+
+
+@pytest.mark.parametrize("measured, passed", [(0.5, True), (1.0, True), (1.0000001, False), (math.nan, False)])
+def test_a_bound_is_a_bound(measured, passed):
+    assert at_most(measured, 1.0, "m").passed is passed
+
+
+def test_no_case_gets_lost():
+    """An exception, a hang and a wrong answer each have their line, in order, beside one that passes."""
+
+    def breaks():
+        raise ZeroDivisionError("mass of nothing")
+
+    def hangs():
+        time.sleep(3.0)
+        return at_most(0.0, 1.0, "m")
+
+    runs = {
+        "fine": lambda: at_most(0.0, 1.0, "m"),
+        "breaks": breaks,
+        "hangs": hangs,
+        "wrong": lambda: at_most(2.0, 1.0, "m"),
+    }
+    results = run_suite([HardCase(name, "?", run) for name, run in runs.items()], longest=0.2)
+    assert [case.name for case, _ in results] == list(runs)
+    outcomes = {case.name: outcome for case, outcome in results}
+    assert [outcome.passed for outcome in outcomes.values()] == [True, False, False, False]
+    assert outcomes["breaks"].note == "ZeroDivisionError: mass of nothing"
+    assert "0.2 s" in outcomes["hangs"].note
+
+
+def test_run_all_is_the_suite(monkeypatch):
+    few = (HardCase("a", "?", lambda: at_most(0.0, 1.0, "m")), HardCase("b", "?", lambda: at_most(2.0, 1.0, "m")))
+    monkeypatch.setattr(hard_cases, "CASES", few)
+    assert [(case.name, outcome.passed) for case, outcome in hard_cases.run_all()] == [("a", True), ("b", False)]
+
+
+def wrong_scene(**wrong):
+    """The scene of the reference with another one followed: what a wrong kernel would do."""
+    surface, part = Surface(), Part.rectangle(0.05, 0.035, friction=0.6)
+    right = {
+        "surface": surface,
+        "part": part,
+        "pose": [0.4, 0.1, 0.3],
+        "velocity": [0, 0, 0],
+        "amplitude": 1e-4,
+        "phase": 0.3,
+    }
+    return Scene(**right, periods=2), Scene(**{**right, **wrong}, periods=2)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"part": Part.rectangle(0.05, 0.035, friction=0.63)},
+        {"phase": 0.6},
+        {"phase": -0.3},
+        {"amplitude": 1.2e-4},
+        {"surface": Surface(horizontal_amplitude=2.5e-3)},
+        {"pose": [0.4, 0.1003, 0.3]},
+    ],
+    ids=lambda wrong: next(iter(wrong)),
+)
+def test_a_wrong_motion_fails(monkeypatch, wrong):
+    from studies.accuracy.hard_cases import motion
+
+    right, other = wrong_scene(**wrong)
+    default, fine = against_reference("x", "?", lambda: right)
+    assert run_case(default).passed and run_case(fine).passed
+    monkeypatch.setattr(motion, "follow", lambda scene, **knobs: follow(other, **knobs))
+    # The rough bound sees wrong places and directions, the fine one everything.
+    assert not run_case(fine).passed
+
+
+def test_a_part_that_falls_at_the_wrong_time_fails(monkeypatch):
+    from studies.accuracy.hard_cases import motion
+
+    right, _ = wrong_scene()
+    path = follow(right)
+    fallen = motion.Path(path.pose, path.velocity, path.sticking, path.fallen | True)
+    monkeypatch.setattr(motion, "follow", lambda scene, **knobs: fallen)
+    outcome = run_case(against_reference("x", "?", lambda: right)[0])
+    assert not outcome.passed and "fallen False, True; reference False, False" in outcome.note
+
+
+def test_a_diverged_world_fails(monkeypatch):
+    from studies.accuracy.hard_cases import motion
+
+    class Diverged(motion.Simulator):
+        @property
+        def diverged(self):
+            return np.array([True])
+
+    monkeypatch.setattr(motion, "Simulator", Diverged)
+    with pytest.raises(ArithmeticError, match="^diverged or not finite at 0.04 s"):
+        follow(wrong_scene()[0])
+
+
+def test_gap_counts_turn_at_the_farthest_point():
+    part = Part.rectangle(0.06, 0.08, friction=0.5)  # radius 50 mm
+    assert gap(part, np.array([[3.0, 4.0, 0.0], [0, 0, 0]]), np.zeros((2, 3))) == 5.0
+    assert gap(part, np.array([0.0, 0.0, -0.2]), np.zeros(3)) == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("instant", [0.2, 0.7])
+def test_the_path_through_zero_slip_goes_through_zero(instant):
+    """Its start and end belong together: a plain Euler integration from the start passes by the end, slip by zero."""
+    surface, friction = one_element(), 0.6
+    start, moved, end = through_zero(surface, friction, instant)
+    w, held, n = surface.angular_frequency, 0.6 * surface.gravity, 400_000
+    dt = surface.period / n
+    velocity, way, least = start, 0j, math.inf
+    for k in range(n):
+        slip = 1j * surface.table_speed * complex(math.cos(w * k * dt), math.sin(w * k * dt)) - velocity
+        least = min(least, abs(slip))
+        way += velocity * dt
+        velocity += held * slip / max(abs(slip), 1e-15) * dt
+    assert least < 1e-4 * surface.table_speed
+    assert abs(way - moved) < 1e-5 * abs(moved) + 1e-7 and abs(velocity - end) < 1e-3 * surface.table_speed
+
+
+def test_the_errors_of_coarse_steps_are_seen():
+    """Second order: what half the steps cost; and a simulator that refuses is taken as one that refuses."""
+    errors = endurance.coarse_errors("block", periods=3)
+    assert len(errors) == 18
+    kept = [errors[steps, 4] for steps in (4, 6) if not math.isnan(errors[steps, 4])]
+    assert kept and kept[-1] < 5e-4
+    assert Outcome(0.0, 1.0, "m", True).note == ""
+
+
+def test_refused_steps_are_not_errors(monkeypatch):
+    class Refuses(endurance.Simulator):
+        def __init__(self, *args, **knobs):
+            if knobs["steps"] < 4:
+                raise ValueError(f"steps: got {knobs['steps']}; allowed: 4 and more")
+            super().__init__(*args, **knobs)
+
+    monkeypatch.setattr(endurance, "Simulator", Refuses)
+    outcome = endurance.oversized("block")
+    assert outcome.passed and outcome.note.startswith("9 of 18 refused")

@@ -1,0 +1,133 @@
+"""Scenes from mappings: what they draw, what they refuse, and when a run counts as a success."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from studies.accuracy.candidates import prepare_model
+from studies.accuracy.scenes import first_periods, scenes_from
+
+GOOD: dict[str, Any] = {
+    "name": "one",
+    "worlds": 5,
+    "periods": 6,
+    "settle": 2,
+    "drive": {"kind": "random", "every": 2},
+}
+
+
+def scene(**changes: Any) -> Any:
+    given = {key: value for key, value in {**GOOD, **changes}.items() if value is not None}
+    return scenes_from([given])[0]
+
+
+BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+    "unknown key": ({"partt": "steel_block"}, ["scenes.0.partt", "keys among", "part"]),
+    "no drive": ({"drive": None}, ["scenes.0.drive", "nothing"]),
+    "unknown drive": ({"drive": {"kind": "waltz"}}, ["scenes.0.drive.kind", "waltz", "random"]),
+    "field of another drive": ({"drive": {"kind": "uniform", "every": 2}}, ["scenes.0.drive.every", "amplitude"]),
+    "amplitude": ({"drive": {"kind": "uniform", "amplitude": 1.0}}, ["scenes.0.drive.amplitude", "1.0", "<="]),
+    "settle": ({"settle": 6}, ["scenes.0.settle", "6"]),
+    "settle within a drive": ({"settle": 3}, ["scenes.0.drive.every", "divisor"]),
+    "part": ({"part": "brick"}, ["scenes.0.part", "brick", "aluminium_block"]),
+    "part's field": ({"part": {"shape": "disc", "radius": -1.0, "friction": 0.5}}, ["scenes.0.part", "radius", "-1"]),
+    "surface": ({"surface": {"rows": -3}}, ["scenes.0.surface", "rows", "-3"]),
+    "start": ({"start": {"x": [0.0, 7.0]}}, ["scenes.0.start.x", "7.0", "0.832"]),
+    "range": ({"start": {"spin": [2.0, 1.0]}}, ["scenes.0.start.spin", "low, high"]),
+    "velocity": ({"start": {"velocity": "fast"}}, ["scenes.0.start.velocity", "fast"]),
+    "no fields": ({"drive": {"kind": "fields"}}, ["scenes.0.drive.fields", "squeeze"]),
+    "field's argument": (
+        {"settle": 0, "drive": {"kind": "fields", "fields": [{"kind": "squeeze", "x": 0.1, "y": 0.1}]}},
+        ["scenes.0.drive.fields.0.angle", "needed"],
+    ),
+    "success": ({"success": {"within": 0.01}}, ["scenes.0.success", "point", "line"]),
+    "success of a disc": (
+        {
+            "part": {"shape": "disc", "radius": 0.01, "friction": 0.5},
+            "success": {"line": [0, 0, 0], "heading_within": 0.1},
+        },
+        ["scenes.0.success.heading_within", "disc"],
+    ),
+    "worlds": ({"worlds": 0}, ["scenes.0.worlds", "0"]),
+    "tolerance": ({"weak_tolerances": [-1.0]}, ["scenes.0.weak_tolerances", "-1"]),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_scene(case: str) -> None:
+    changes, words = BAD[case]
+    with pytest.raises(ValueError) as caught:
+        scene(**changes)
+    line = str(caught.value)
+    assert line.startswith("scenes.0") and "\n" not in line
+    for word in words:
+        assert word in line
+
+
+def test_names_are_unique() -> None:
+    with pytest.raises(ValueError, match=r"^scenes\.1\.name: got 'one'"):
+        scenes_from([GOOD, GOOD])
+
+
+def test_drives_last_as_long_as_asked_for() -> None:
+    changing, held = scene(periods=7), scene(drive={"kind": "random"})
+    assert [each.periods for each in changing.segments] == [2, 2, 2, 1] and changing.periods == 7
+    assert not changing.held and held.held
+    assert [each.periods for each in held.segments] == [2, 4] and held.segments[0].amplitude is held.segments[
+        1
+    ].amplitude
+    assert (changing.segments[0].phase != changing.segments[1].phase).all()
+    again = scene(periods=7)
+    assert (again.segments[3].amplitude == changing.segments[3].amplitude).all() and (again.pose == changing.pose).all()
+    assert (scene(seed=1).pose[:, 0] != changing.pose[:, 0]).all()
+
+
+def test_random_phasors_fill_the_ring_evenly() -> None:
+    """Of an even density in a ring, the square of the radius is even: its mean is the middle of the squares."""
+    drawn = scene(worlds=60, drive={"kind": "random", "strength": 0.9, "least_strength": 0.5}).segments[0].amplitude
+    share = drawn / scene().surface.max_amplitude
+    assert share.min() >= 0.5 and share.max() <= 0.9
+    assert np.mean(share**2) == pytest.approx((0.25 + 0.81) / 2, abs=5e-3)
+    assert scene(drive={"kind": "random", "least_strength": 1.0}).segments[0].amplitude.min() == pytest.approx(
+        scene().surface.max_amplitude
+    )
+
+
+def test_starts() -> None:
+    still = scene(start={"velocity": "rest", "spin": [3.0, 3.0], "x": [0.2, 0.2], "heading_deg": [90, 90]})
+    assert still.velocity.tolist() == [[0.0, 0.0, 3.0]] * 5
+    assert still.pose[:, 0].tolist() == [0.2] * 5 and still.pose[:, 2] == pytest.approx(math.pi / 2)
+    assert np.abs(still.pose[:, 1] - 0.104).max() <= 0.026
+    idle = scene()
+    assert idle.velocity[0, :2] == pytest.approx(idle.surface.idle_velocity(idle.part.friction))
+
+
+def test_success_by_hand() -> None:
+    met = scene(success={"line": [0.4, 0.1, math.pi / 2], "within_mm": 5, "heading_within_deg": 10}).success
+    pose = [
+        [0.4, 0.3, math.pi / 2],  # anywhere along the line
+        [0.406, 0.1, math.pi / 2],  # beside it
+        [0.404, 0.1, -math.pi / 2 + 0.17],  # a rectangle turned by half a turn is the same
+        [0.404, 0.1, 0.0],
+        [math.nan, 0.1, math.pi / 2],
+    ]
+    assert met(np.array(pose)).tolist() == [True, False, True, False, False]
+    near = scene(success={"point": [0.4, 0.1], "within": 0.005}).success
+    assert near(np.array([[0.403, 0.104, 9.0], [0.404, 0.104, 0.0]])).tolist() == [True, False]
+
+
+def test_a_beginning_is_the_beginning() -> None:
+    """The first periods of a scene end where the whole one was after so many."""
+    whole = scene(settle=0, periods=5)
+    short = first_periods(whole, 3, 2)
+    assert short.worlds == 2 and [each.periods for each in short.segments] == [2, 1]
+    settled = prepare_model(scene(settle=2, periods=5), "planar", {})().settled
+    assert (prepare_model(first_periods(whole, 2, 5), "planar", {})().pose == settled).all()
+
+
+def test_sliding_is_known() -> None:
+    assert scene().slides and not scene(surface={"horizontal_amplitude": 3e-4}).slides

@@ -1,0 +1,164 @@
+"""The search for sensorless schedules."""
+
+import math
+
+import numpy as np
+import pytest
+
+from studies.sensorless.__main__ import main
+from studies.sensorless.errors import COARSE, FINE, cost, errors_of
+from studies.sensorless.handmade import FAMILIES, made, plain, shifted
+from studies.sensorless.play import Trials, draw_trials, play
+from studies.sensorless.search import costs, decoded, encoded, search
+from studies.sensorless.settings import SensorlessSettings
+from tests.envs.helpers import batch
+from tests.policies.helpers import ALUMINIUM, DISC, SURFACE, info_of
+from vibgym.policies.trained.schedule import Schedule, SchedulePolicy, read_schedule
+
+GOAL = np.array([0.416, 0.104, 0.0])
+QUICK = SensorlessSettings(seconds=2.0, segments=2, starts=6, generations=12, population=8, judged=8)
+
+
+def both(turned=0.0, seconds=2.0):
+    return made("both squeezes at once", GOAL, seconds, 0.58, turned, 0.026, 0.5)
+
+
+def test_errors_count_modulo_the_symmetry():
+    poses = np.array([[0.4187, 0.1076, math.pi - 0.01], [0.416, 0.104, 0.02], [0.416, 0.104, -1.5]])
+    errors = errors_of(poses, GOAL, 2)
+    assert errors.distance == pytest.approx([0.0045, 0.0, 0.0]) and errors.turn == pytest.approx([0.01, 0.02, 1.5])
+    assert errors.within(COARSE).tolist() == [True, True, False]
+    assert errors.within(FINE).tolist() == [False, True, False]
+    assert not errors_of(poses, GOAL, 0).turn.any()
+    assert errors_of(poses, GOAL, 4).turn[2] == pytest.approx(math.pi / 2 - 1.5)
+
+
+def test_the_cost_falls_with_every_error_and_with_time():
+    """Errors (periods, schedules, trials): farther, turned more, or later is dearer."""
+    pose = np.tile(GOAL, (20, 4, 3, 1))
+    pose[:, 1, :, 0] += 0.004
+    pose[:, 2, :, 0] += 0.008
+    pose[:10, 3, :, 2] += 0.1
+    values = cost(errors_of(pose, GOAL, 2))
+    assert values[0] == 0.0 < values[3] < math.inf and 0.0 < values[1] < values[2]
+    assert values[1] == pytest.approx(2.0 * math.log(5.0))  # 4 mm are twice the tolerance, all the time and at the end
+    assert values[3] == pytest.approx(0.5 * math.log1p((0.1 / FINE[1]) ** 2))
+
+
+def test_play_is_what_the_environment_does():
+    """A schedule played for the search, and its policy in Align, from the same start: the same poses to rounding."""
+    start, played = np.array([0.2, 0.06, 1.0]), both(0.3, seconds=0.5)
+    trials = Trials(start[None], np.ones(1), np.zeros((1, 0)))
+    poses = play([played], trials, ALUMINIUM, SURFACE, "ideal", 1.0)[:, 0, 0]
+    env, policy = batch("Align", 1, action="phasor"), SchedulePolicy(info_of("Align"), played)
+    seen, _ = env.reset(seed=0, options={"pose": start, "goal": GOAL})
+    state = None
+    for pose in poses[1:]:
+        action, state = policy.predict(seen, state)
+        seen, *_ = env.step(action)
+        assert env.unwrapped.core.simulator.pose[0, 0] == pytest.approx(pose, abs=1e-9)
+    assert np.hypot(*(poses[-1] - poses[0])[:2]) > 0.05
+
+
+def test_schedules_and_starts_do_not_depend_on_their_neighbours():
+    trials = draw_trials(ALUMINIUM, SURFACE, "prototype", (0.9, 1.1), 3, (4, 2))
+    several = play([both(), both(0.5)], trials, ALUMINIUM, SURFACE, "prototype", 0.6)
+    first = Trials(trials.pose[:1], trials.friction[:1], trials.machine[:1])
+    alone = play([both(0.5)], first, ALUMINIUM, SURFACE, "prototype", 0.6)
+    assert (several[:, 1, 0] == alone[:, 0, 0]).all()
+    assert (several[0, 0] == trials.pose).all() and (several[0, 1] == trials.pose).all()
+    assert (several[-1, 0] != several[-1, 1]).any()
+
+
+def test_starts_lie_wholly_on_the_table():
+    trials = draw_trials(ALUMINIUM, SURFACE, "ideal", (0.9, 1.1), 500, (1, 0))
+    low, high = trials.pose[:, :2].min(0), trials.pose[:, :2].max(0)
+    assert (low >= ALUMINIUM.radius).all() and (high <= [0.832 - ALUMINIUM.radius, 0.208 - ALUMINIUM.radius]).all()
+    assert (
+        high - low > [0.7, 0.13]
+    ).all() and 0.9 <= trials.friction.min() < 0.92 < 1.08 < trials.friction.max() <= 1.1
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_search_begins_with_what_it_is_given(family):
+    """The point that encodes a schedule is decoded to the same fields, the longest halved."""
+    given = shifted(made(family, GOAL, 2.4, 0.58, 0.2, 0.05, 0.5), np.array([0.003, -0.002]))
+    found = decoded(encoded(given, 3, 2.4), GOAL, 2.4, 0.58, 0.04)
+    assert found.total == pytest.approx(2.4) and len(found.seconds) == 3
+    for time in np.arange(0.02, 2.4, 0.04):
+        mine, theirs = (np.searchsorted(np.cumsum(each.seconds), time) for each in (given, found))
+        assert found.fields[theirs] == pytest.approx(given.fields[mine])
+
+
+def test_segments_end_with_steps_and_in_time():
+    for numbers in np.random.default_rng(0).normal(0.0, 3.0, (50, 24)):
+        schedule = decoded(numbers, GOAL, 4.0, 0.58, 0.16)
+        assert schedule.total <= 4.0 + 1e-9
+        assert np.cumsum(schedule.seconds) / 0.16 == pytest.approx(np.round(np.cumsum(schedule.seconds) / 0.16))
+
+
+def test_both_squeezes_bring_every_start_to_one_pose():
+    """An elliptic field has one stable pose up to half a turn: ends scatter by less than the starts by far."""
+    trials = draw_trials(ALUMINIUM, SURFACE, "ideal", (1.0, 1.0), 12, (4, 1))
+    ends = play(
+        [plain("both squeezes at once", ALUMINIUM, SensorlessSettings())], trials, ALUMINIUM, SURFACE, "ideal", 4.0
+    )[-1, 0]
+    assert np.ptp(ends[:, :2], axis=0) == pytest.approx(0.0, abs=0.002)
+    assert abs(np.exp(2j * ends[:, 2]).mean()) > 0.99 > 0.6 > abs(np.exp(2j * trials.pose[:, 2]).mean())
+
+
+def test_a_search_improves_and_repeats():
+    first = both()
+    found = search(ALUMINIUM, SURFACE, QUICK, "ideal", first, 3, quiet=True)
+    again = search(ALUMINIUM, SURFACE, QUICK, "ideal", first, 3, quiet=True)
+    other = search(ALUMINIUM, SURFACE, QUICK, "ideal", first, 4, quiet=True)
+    assert (found.schedule.fields == again.schedule.fields).all() and (found.history == again.history).all()
+    assert (found.schedule.fields != other.schedule.fields).any()
+    fresh = draw_trials(ALUMINIUM, SURFACE, "ideal", (0.9, 1.1), 40, (9, 9))
+    before, after = costs([first, found.schedule], fresh, ALUMINIUM, SURFACE, QUICK, "ideal")
+    assert after < before - 0.3
+
+
+def test_discs_have_no_heading_to_bring_about():
+    trials = draw_trials(DISC, SURFACE, "ideal", (1.0, 1.0), 4, (4, 3))
+    field = np.array([[*GOAL, 1.0, 1.0, 0.0, 0.026]])
+    ends = play([Schedule(field, np.array([4.0]), GOAL, DISC.friction)], trials, DISC, SURFACE, "ideal", 4.5)[-1]
+    assert errors_of(ends, GOAL, DISC.symmetry).within(COARSE).all()
+
+
+def test_the_command_writes_schedules_and_a_page(tmp_path):
+    config = tmp_path / "quick.yaml"
+    config.write_text(
+        "parts: [aluminium_block]\nhardware: [ideal]\nseconds: 1.6\nsegments: 2\nstarts: 2\npopulation: 4\n"
+        "generations: 1\nseeds: [1, 2]\njudged: 3\nprocesses: 1\n"
+    )
+    assert main([str(config), "--output", str(tmp_path / "out"), "--quiet"]) == 0
+    page = (tmp_path / "out" / "sensorless.md").read_text()
+    assert "## Aluminium block, ideal hardware" in page and "| learned, seed 1 |" in page.replace("**", "").replace(
+        " (shipped)", ""
+    )
+    schedule, record = read_schedule(tmp_path / "out" / "aluminium_block-ideal.json")
+    assert schedule.total <= 1.6 + 1e-9 and (schedule.goal == GOAL).all()
+    assert record["training"]["seed"] in (1, 2) and record["training"]["hardware"] == "ideal"
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("parts: [cube]", "parts: got "),
+        ("friction: [1.1, 0.9]", r"friction\[1\]: got 0.9"),
+        ("goal: [0.4, 0.1]", "goal: got "),
+        ("goal: [-0.4, 0.1, 0.0]", "goal: x: got -0.4"),
+        ("goal: [0.9, 0.1, 0.0]", "goal: x: got 0.9"),
+        ("seeds: [1, 1]", "seeds: got "),
+        ("hardware: [dream]", "hardware.0: got 'dream'"),
+        ("speed: 3", "speed: got 3; allowed: keys among"),
+    ],
+)
+def test_bad_configurations_are_refused_before_anything_is_written(tmp_path, capsys, text, message):
+    config = tmp_path / "bad.yaml"
+    config.write_text(text)
+    assert main([str(config), "--output", str(tmp_path / "out")]) == 2
+    told = capsys.readouterr().err
+    assert len(told.splitlines()) == 1 and pytest.raises(ValueError, match=message).matches(ValueError(told))
+    assert not (tmp_path / "out").exists()

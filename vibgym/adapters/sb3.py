@@ -1,0 +1,147 @@
+"""The native vector environment as Stable-Baselines3 wants it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
+
+from vibgym import checks
+
+
+class StableBaselinesAdapter(VecEnv):
+    """A ``VecEnv`` over one ``VibgymVectorEnv`` or several in same-step autoreset mode.
+
+    Of several the worlds stand one after the other: scenes that differ, in their part or its friction, but not in what is seen
+    and done.
+
+    A finished world's info holds ``terminal_observation``, ``TimeLimit.truncated``, ``is_success``, ``fallen`` where the task
+    tells it, and ``episode`` (return and length), as SB3's Monitor would give; the infos of running worlds are empty. Of
+    dictionary observations every entry is a batch.
+
+    Args:
+        envs: made with ``autoreset_mode="SameStep"``, and an observation that is a box or a dictionary of boxes.
+
+    Attributes:
+        env: the first of them.
+        part_reward: (worlds, parts) what the last step was worth to every part.
+
+    Raises:
+        ValueError: another mode or observation, or spaces that differ.
+    """
+
+    def __init__(self, *envs: Any) -> None:
+        self.envs, self.env = envs, envs[0]
+        space, actions = self.env.single_observation_space, self.env.single_action_space
+        for env in envs:
+            if env.autoreset_mode is not AutoresetMode.SAME_STEP:
+                raise ValueError(f"env: autoreset_mode is {env.autoreset_mode}; allowed: {AutoresetMode.SAME_STEP}")
+            if env.single_observation_space != space or env.single_action_space != actions:
+                got = f"{env.single_observation_space} and {env.single_action_space}"
+                raise checks.refuse("scenes", got, f"scenes with the same spaces, {space} and {actions}")
+        boxes = space.values() if isinstance(space, gym.spaces.Dict) else (space,)
+        if not all(isinstance(each, gym.spaces.Box | gym.spaces.MultiBinary) for each in boxes):
+            raise ValueError(f"env: observation is {space}; allowed: a box, or a dictionary of boxes and binary arrays")
+        super().__init__(sum(env.num_envs for env in envs), space, actions)
+        first = np.cumsum([0, *(env.num_envs for env in envs)])
+        self._slices = [slice(a, b) for a, b in zip(first[:-1], first[1:], strict=True)]
+        self._seed: int | None = None
+        self._actions = np.zeros((self.num_envs, *(actions.shape or ())), dtype=np.float32)
+        self._return = np.zeros(self.num_envs)
+        self._length = np.zeros(self.num_envs, dtype=np.int64)
+        self.part_reward = np.zeros((self.num_envs, len(self.env.parts)))
+
+    def reset(self) -> Any:
+        observations = []
+        for env, own in zip(self.envs, self._slices, strict=True):
+            observations.append(env.reset(seed=None if self._seed is None else self._seed + own.start)[0])
+        self._seed = None
+        self._return[:] = 0.0
+        self._length[:] = 0
+        return _joined(observations)
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """World k gets ``seed + k`` at the next reset."""
+        self._seed = seed
+        return [None if seed is None else seed + k for k in range(self.num_envs)]
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        steps = [env.step(self._actions[own]) for env, own in zip(self.envs, self._slices, strict=True)]
+        reward, terminated, truncated = (_joined([each[k] for each in steps]) for k in (1, 2, 3))
+        done = terminated | truncated
+        self._return += reward
+        self._length += 1
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        self.part_reward = _joined([each[4]["parts"]["reward"] for each in steps])
+        for own, (_, _, _, _, info) in zip(self._slices, steps, strict=True):
+            for k in np.flatnonzero(done[own]).tolist():
+                world, final = own.start + k, info["final_info"]
+                self.part_reward[world] = final["parts"]["reward"][k]
+                infos[world] = {
+                    "terminal_observation": info["final_obs"][k],
+                    "TimeLimit.truncated": bool(truncated[world] and not terminated[world]),
+                    "is_success": bool(final["is_success"][k]),
+                    "episode": {"r": float(self._return[world]), "l": int(self._length[world]), "t": 0.0},
+                }
+                if "fallen" in final:
+                    infos[world]["fallen"] = bool(final["fallen"][k])
+        self._return[done] = 0.0
+        self._length[done] = 0
+        return _joined([each[0] for each in steps]), reward.astype(np.float32), done, infos
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit."""
+        own = {"return": self._return.copy(), "length": self._length.copy(), "seed": self._seed}
+        return {"scenes": [env.get_state() for env in self.envs], **own}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave.
+
+        Raises:
+            ValueError: a state of other scenes.
+        """
+        if len(state["scenes"]) != len(self.envs):
+            raise checks.refuse("state['scenes']", len(state["scenes"]), f"{len(self.envs)} states")
+        for env, own in zip(self.envs, state["scenes"], strict=True):
+            env.set_state(own)
+        self._return[:], self._length[:], self._seed = state["return"], state["length"], state["seed"]
+
+    def close(self) -> None:
+        for env in self.envs:
+            env.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return self._of([value for env in self.envs for value in env.get_attr(attr_name)], indices)
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """All worlds of a scene share one environment, so an attribute is set for all."""
+        for env in self.envs:
+            setattr(env, attr_name, value)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """What a method says of the worlds, one by one; a batch of rewards, which is of no world, whole for each of them."""
+        if method_name == "compute_reward":
+            return [self.env.compute_reward(*args, **kwargs) for _ in self._get_indices(indices)]
+        return self._of([value for env in self.envs for value in env.call(method_name, *args, **kwargs)], indices)
+
+    def _of(self, values: Sequence[Any], indices: Any) -> list[Any]:
+        return [values[world] for world in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False] * len(list(self._get_indices(indices)))
+
+
+def _joined(batches: list[Any]) -> Any:
+    """Batches of several scenes as one; of one scene itself."""
+    if len(batches) == 1:
+        return batches[0]
+    if isinstance(batches[0], dict):
+        return {name: np.concatenate([each[name] for each in batches]) for name in batches[0]}
+    return np.concatenate(batches)

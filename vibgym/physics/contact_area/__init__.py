@@ -1,1 +1,0 @@
-"""The outline cut by the element grid: pieces, contact points, pressure moments."""

@@ -1,1 +1,0 @@
-"""Sliding and static friction of a flat part, resolved in time."""

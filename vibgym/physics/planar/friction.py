@@ -1,0 +1,125 @@
+"""Planar contact, resolved in time: parts that touch nothing but the vibrating elements, sliding and sticking.
+
+A period is divided into ``steps``. Each step cuts the outline once, at the pose predicted for its middle, and then takes
+``substeps`` Runge-Kutta steps of the friction dynamics on these pieces (:mod:`vibgym.physics.planar.stepper`): fourth order
+in time where no element edge is crossed, second order across edges. Cutting is what edges need and friction is what the fast
+table needs, so each gets its own step. Trigonometry of the drive is tabulated at the stage times.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import reference
+from vibgym.physics.core.records import state_at
+from vibgym.physics.planar.pressure_moments import LANES
+from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, enter_part, finite_lane
+from vibgym.physics.planar.workspace import Scene, Step, fixed_scene_at
+
+
+@borrowing
+def begin_period(scene):
+    """Remember where the period began; returns whether any part can move."""
+    state, workspace = scene.state, scene.workspace
+    pose, velocity = workspace.pose[0], workspace.velocity[0]
+    for k in range(3 * LANES):
+        workspace.begun_pose[0, k], workspace.begun_velocity[0, k] = pose[k], velocity[k]
+    anything = False
+    for lane in range(LANES):
+        world = workspace.world[lane]
+        workspace.away[lane] = (
+            workspace.away[lane] or state.fallen[world, workspace.part[lane]] or state.diverged[world]
+        )
+        anything = anything or not workspace.away[lane]
+    return anything
+
+
+@borrowing
+def end_period(scene, lane):
+    """After a period: a part whose numbers make no sense goes back to where it was, one that has fallen rests."""
+    state, workspace = scene.state, scene.workspace
+    world, part = workspace.world[lane], workspace.part[lane]
+    pose, velocity = workspace.pose[0], workspace.velocity[0]
+    if state.diverged[world] or not (finite_lane(pose, lane) and finite_lane(velocity, lane)):
+        # Keep the last state that made sense; nobody gets to see the other one.
+        state.diverged[world], state.fallen[world, part] = True, False
+        copy_lane(workspace.begun_pose[0], pose, lane)
+        copy_lane(workspace.begun_velocity[0], velocity, lane)
+    if state.fallen[world, part]:
+        state.sticking[world, part] = False
+        for k in range(lane, 3 * LANES, LANES):
+            velocity[k] = 0.0
+
+
+@borrowing
+def write_paths(scene, count, paths, base, node):
+    """Write down where the first ``count`` lanes are, if paths are asked for."""
+    if paths.shape[0] == 0:
+        return
+    workspace, parts = scene.workspace, scene.state.pose.shape[1]
+    for lane in range(count):
+        row = workspace.world[lane] * parts + workspace.part[lane] - base
+        for k in range(3):
+            paths[row, node, k] = workspace.pose[0, k * LANES + lane]
+
+
+@borrowing
+def slide_period(scene, count, paths, base):
+    """Advance the first ``count`` lanes by a period; returns whether any part could move."""
+    can_move = begin_period(scene)
+    write_paths(scene, count, paths, base, np.int64(0))
+    if not can_move:
+        return False
+    table, scheme, workspace = scene.table, scene.scheme, scene.workspace
+    span = table.period / scheme.steps
+    stages = 3 * scheme.substeps
+    advance = 2.0 * math.pi / table.period * (span / stages)
+    for turn in range(scheme.steps):
+        for lane in range(LANES):
+            workspace.stale[lane] = True
+        cut_stale(scene, span, False)
+        step = Step(
+            advance * (stages * turn), span, table.period / (scheme.steps * scheme.substeps), scheme.substeps,
+            scheme.cosine, scheme.sine, stages * turn, 3,
+        )  # fmt: skip
+        apply_friction(scene, reference(step))
+        write_paths(scene, count, paths, base, turn + 1)
+    for lane in range(count):
+        end_period(scene, lane)
+    return True
+
+
+@borrowing
+def slide_rows(rows, fixed, drive, state, periods, paths, base):
+    """Advance parts without contacts by whole periods under a held drive, changing the state in place.
+
+    Args:
+        rows: (n,) the parts, as ``world * parts + part``.
+        fixed, state: addresses of pinned records; the workspace is one for a group of lanes.
+        paths: (all rows, steps + 1, 3) overwritten with the poses of the last period at the ends of its steps, or no rows at
+            all. The first is that of row ``base``.
+    """
+    fixed = fixed_scene_at(fixed)
+    scene = reference(
+        Scene(fixed.table, fixed.bodies, fixed.scheme, reference(drive), state_at(state), fixed.workspace)
+    )
+    state, workspace = scene.state, scene.workspace
+    parts = state.pose.shape[1]
+    for first in range(0, rows.shape[0], LANES):
+        count = min(LANES, rows.shape[0] - first)
+        for lane in range(LANES):
+            row = rows[first + min(lane, count - 1)]
+            enter_part(scene, lane, row // parts, row % parts, lane >= count)
+        for _ in range(periods):
+            if not slide_period(scene, count, paths, base):
+                break
+        for lane in range(count):
+            world, part = workspace.world[lane], workspace.part[lane]
+            for k in range(3):
+                at = k * LANES + lane
+                pose = workspace.pose[0, at]
+                state.pose[world, part, k], state.velocity[world, part, k] = pose, workspace.velocity[0, at]
+                state.mean_velocity[world, part, k] = (pose - workspace.begun_pose[0, at]) / scene.table.period

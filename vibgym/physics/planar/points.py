@@ -1,0 +1,199 @@
+"""One part's steps by contact points: where slip nearly vanishes, where it turns across the part, where it sticks.
+
+The series of :mod:`vibgym.physics.planar.wrench` needs slip that varies little under the part. Elsewhere friction is
+summed over contact points, four a piece, and the pieces are cut finer the more slip varies across an element. Slip that
+comes near zero turns fast: substeps are shortened in proportion to it, and the last stretch is taken by implicit steps, in
+which friction takes hold or lets go (:mod:`vibgym.physics.planar.static`). A part that sticks moves with the table until
+static friction cannot carry it any longer; that instant is found by bisection.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibgym._numba.jit import borrowing
+from vibgym.physics.core.records import Motion, body_incline, is_finite
+from vibgym.physics.planar.cut import points_at, spin_split
+from vibgym.physics.planar.static import holds, slip_step
+from vibgym.physics.planar.wrench import sliding_wrench
+
+SHORTEST = 1 / 32
+"""Length of the implicit steps, as a share of a substep."""
+
+TURN = 0.5
+"""Largest change of slip in an explicit step, as a share of the slip."""
+
+MOST_TURN, MOST_TRAVEL, MOST_CUTS = 0.5, 0.5, 64
+"""A part that turns by more than this angle (rad) in a step, or travels by more of an element, is cut more often."""
+
+
+@borrowing
+def slide(table, body, cut, n, phase, h, motion):
+    """One step of length ``h`` of Kutta's 3/8 rule from ``phase = w t`` on."""
+    weight, rx, ry = cut.points[0], cut.points[1], cut.points[2]
+    pc, ps = cut.phasor_c, cut.phasor_s
+    x, y, heading, vx, vy, spin = motion
+    g, speed, mu, turn = table.gravity, table.speed, body.friction, body.friction / body.gyration
+    px, py = body.incline_x, body.incline_y
+    third = h / 3.0
+    advance = 2.0 * math.pi / table.period * third
+    c, s = math.cos(phase), math.sin(phase)
+    ax, ay, aw = sliding_wrench(weight, rx, ry, pc, ps, n, g, c, s, -speed * s - vx, speed * c - vy, spin)
+    ax, ay, aw = mu * ax + px, mu * ay + py, turn * aw
+    c, s = math.cos(phase + advance), math.sin(phase + advance)
+    bx, by, bw = sliding_wrench(
+        weight, rx, ry, pc, ps, n, g, c, s,
+        -speed * s - (vx + third * ax), speed * c - (vy + third * ay), spin + third * aw,
+    )  # fmt: skip
+    bx, by, bw = mu * bx + px, mu * by + py, turn * bw
+    c, s = math.cos(phase + 2.0 * advance), math.sin(phase + 2.0 * advance)
+    cx, cy, cw = sliding_wrench(
+        weight, rx, ry, pc, ps, n, g, c, s,
+        -speed * s - (vx + h * bx - third * ax), speed * c - (vy + h * by - third * ay), spin + h * bw - third * aw,
+    )  # fmt: skip
+    cx, cy, cw = mu * cx + px, mu * cy + py, turn * cw
+    c, s = math.cos(phase + 3.0 * advance), math.sin(phase + 3.0 * advance)
+    dx, dy, dw = sliding_wrench(
+        weight, rx, ry, pc, ps, n, g, c, s,
+        -speed * s - (vx + h * (ax - bx + cx)), speed * c - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
+    )  # fmt: skip
+    dx, dy, dw = mu * dx + px, mu * dy + py, turn * dw
+    x += h * (vx + 0.125 * h * (ax + 2.0 * bx + cx))
+    y += h * (vy + 0.125 * h * (ay + 2.0 * by + cy))
+    heading += h * (spin + 0.125 * h * (aw + 2.0 * bw + cw))
+    vx += 0.125 * h * (ax + 3.0 * (bx + cx) + dx)
+    vy += 0.125 * h * (ay + 3.0 * (by + cy) + dy)
+    spin += 0.125 * h * (aw + 3.0 * (bw + cw) + dw)
+    return Motion(x, y, heading, vx, vy, spin)
+
+
+@borrowing
+def release(table, body, cut, n, start, stop):
+    """First phase ``w t`` after ``start`` at which static friction cannot carry the part along; ``stop`` if it always can.
+
+    Bisection: it is looked for at ``stop``, at ``start``, then between them.
+    """
+    at, held_until, lost_at = stop, start, stop
+    for look in range(44):
+        held = holds(
+            table, body.static_friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration,
+            math.cos(at), math.sin(at), body.incline_x, body.incline_y, cut.load,
+        )  # fmt: skip
+        if look == 0:
+            if held:
+                return stop
+            at = start
+            continue
+        if look == 1 and not held:
+            return start
+        if held:
+            held_until = at
+        else:
+            lost_at = at
+        at = 0.5 * (held_until + lost_at)
+        if at <= held_until or at >= lost_at:
+            break
+    return lost_at
+
+
+@borrowing
+def near_rest(table, body, cut, n, phase, h, motion, stuck):
+    """A substep of length ``h`` from ``phase = w t`` on, while slip is small or the part sticks; ``motion`` and ``stuck``."""
+    x, y, heading, vx, vy, spin = motion
+    omega = 2.0 * math.pi / table.period
+    harshest = table.speed * omega + 2.0 * body.friction * table.gravity + body_incline(body)  # m/s^2, of slip
+    shortest = SHORTEST * h
+    stop = phase + omega * h
+    let_go = -1.0  # the phase at which static friction was found too weak
+    while phase < stop:
+        c0, s0 = math.cos(phase), math.sin(phase)
+        slip_x, slip_y = -table.speed * s0 - vx, table.speed * c0 - vy
+        if stuck or (slip_x == 0.0 and slip_y == 0.0 and spin == 0.0 and phase != let_go):
+            let_go = release(table, body, cut, n, phase, stop)
+            stuck = let_go == stop
+            c1, s1 = math.cos(let_go), math.sin(let_go)
+            x += table.radius * (c1 - c0)
+            y += table.radius * (s1 - s0)
+            vx, vy, spin = -table.speed * s1, table.speed * c1, 0.0
+            phase = let_go
+            continue
+        fastest = math.sqrt(slip_x * slip_x + slip_y * slip_y + body.gyration * spin * spin)
+        left = (stop - phase) / omega
+        step = TURN * fastest / max(harshest, 1e-300)
+        explicit = step > shortest
+        step = max(step, shortest)
+        last = step >= (1.0 - 1e-9) * left
+        if last:
+            step = left
+        after = stop if last else phase + omega * step
+        c3, s3 = math.cos(after), math.sin(after)
+        if explicit:
+            x, y, heading, vx, vy, spin = slide(table, body, cut, n, phase, step, Motion(x, y, heading, vx, vy, spin))
+        else:
+            slip_x, slip_y, spin, way_x, way_y, turned = slip_step(
+                table, body.friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration, body.incline_x, body.incline_y,
+                cut.load, phase, step, slip_x, slip_y, spin,
+            )  # fmt: skip
+            x += table.radius * (c3 - c0) - way_x
+            y += table.radius * (s3 - s0) - way_y
+            heading += turned
+            vx, vy = -table.speed * s3 - slip_x, table.speed * c3 - slip_y
+            stuck = slip_x == 0.0 and slip_y == 0.0 and spin == 0.0
+        phase = after
+        if not abs(x + y + heading + vx + vy + spin) < math.inf:
+            break
+    return Motion(x, y, heading, vx, vy, spin), stuck
+
+
+@borrowing
+def cuts_needed(table, step, vx, vy, spin):
+    """Cuts that a step takes: one, and more for a part that turns or travels far in it."""
+    way = math.sqrt(vx * vx + vy * vy) * step / (MOST_TRAVEL * table.element_size)
+    return int(math.ceil(min(max(abs(spin) * step / MOST_TURN, way, 1.0), float(MOST_CUTS))))
+
+
+@borrowing
+def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot, motion, stuck):
+    """A step of one part, in its substeps or a few more.
+
+    Args:
+        pieces: cells per element and direction; 0: as the spin asks for.
+        cut, phasors, slot: working arrays.
+
+    Returns:
+        Motion, whether the part sticks, and whether anything supported it.
+    """
+    omega = 2.0 * math.pi / table.period
+    cuts = cuts_needed(table, step.span, motion.vx, motion.vy, motion.spin)
+    substeps = (step.substeps + cuts - 1) // cuts
+    h = step.span / (cuts * substeps)
+    # The most that slip can change in a substep.
+    slow = (table.speed * omega + 2.0 * body.friction * table.gravity + body_incline(body)) * h
+    ahead = 0.5 * step.span / cuts
+    for k in range(cuts):
+        begin = step.phase + omega * h * (k * substeps)
+        slip_x, slip_y = -table.speed * math.sin(begin) - motion.vx, table.speed * math.cos(begin) - motion.vy
+        split = pieces
+        if split == 0:
+            split = spin_split(table, body, math.sqrt(slip_x * slip_x + slip_y * slip_y), motion.spin)
+        x, y = motion.x + ahead * motion.vx, motion.y + ahead * motion.vy
+        heading = motion.heading + ahead * motion.spin
+        n = points_at(table, body, split, drive, world, x, y, heading, cut, phasors, slot)
+        if n == 0:
+            return motion, stuck, False
+        for substep in range(substeps):
+            at = begin + omega * h * substep
+            slip_x, slip_y = -table.speed * math.sin(at) - motion.vx, table.speed * math.cos(at) - motion.vy
+            square = slip_x * slip_x + slip_y * slip_y + body.gyration * motion.spin * motion.spin
+            if stuck or square <= slow * slow:
+                motion, stuck = near_rest(table, body, cut, n, at, h, motion, stuck)
+            else:
+                motion = slide(table, body, cut, n, at, h, motion)
+            if not is_finite(motion):
+                return motion, stuck, True
+    if stuck:  # exactly, on the values of the step's last stage
+        end = step.node + step.stride * (step.substeps - 1) + 3
+        motion = Motion(
+            motion.x, motion.y, motion.heading, -table.speed * step.sine[end], table.speed * step.cosine[end], 0.0
+        )
+    return motion, stuck, True

@@ -1,0 +1,405 @@
+"""What each element makes of its phasor, learnt from where parts come to rest after pulses that missed.
+
+Near rest a part that is at p with velocity v comes to rest at ``zeta = p + v / c`` (:mod:`.settling`), and a
+step of pushes ``u_e`` of the elements e under it shifts that place by ``B sum_e J_e h_e u_e``: ``J_e`` is the share of the
+part on the element and its lever, ``h_e`` a complex number, 1 for an element that does as it is told, 0 for a dead one, and
+turned by the element's phase error. An estimator that knows nothing of the ``h_e`` predicts with 1 and is put right by the
+readings that follow. So what the place of rest moves beyond the nominal shift tells ``B sum_e J_e (h_e - 1) u_e``, late and
+spread over some periods: both sides are summed up alike, with a memory of some periods, and a Kalman filter of the ``h_e -
+1`` of the elements under a part goes by these sums. One more unknown for each direction is a drift, by which the place of
+rest moves all the time: on an inclined table, say.
+
+Elements that a part leaves are forgotten when their place in the list is needed for others.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing
+from vibgym.allocation.cut import Outlines, cut_parts, new_pieces, outlines_of
+from vibgym.allocation.projections import SPREAD
+from vibgym.policies.classical.measured import Measured
+from vibgym.policies.classical.plant import plant_of
+from vibgym.policies.task_info import TaskInfo
+
+KEEP = 0.9
+"""Share of the sums that is kept from step to step."""
+
+BLUR = 0.82
+"""Share of what an estimator has not yet put right that it leaves to the next step."""
+
+UNSEEN = 0.4e-3
+"""m, most that is believed of what readings will yet put right: estimators that see much to put right are faster."""
+
+ARRIVAL = 1.2e-3
+"""m, by which places of rest are off when a part has just become slow; forgotten as the sums are."""
+
+GAIN_SPREAD, PHASE_SPREAD = 0.06, 0.09
+"""Standard deviations of gains and phases (rad) of elements of which nothing is known yet."""
+
+DRIFT = 0.02e-3
+"""m a step, the same of the drift."""
+
+NOISE = 0.08e-3
+"""m, of the sum that is measured."""
+
+MISFIT = 0.05
+"""Share of the sum of nominal shifts by which it may differ, because friction is not as linear as that."""
+
+REPEATS = 4.0
+"""Sums that follow each other tell nearly the same: so many are worth one."""
+
+SURPRISE = 3.0
+"""Standard deviations beyond which elements are taken to be faulty, ..."""
+
+FAULT = 0.3
+"""... and the standard deviation of their gains then."""
+
+WANDER = 0.002
+"""Standard deviation by which gains change in a step in which they work."""
+
+SLOW, SLOW_TURN = 0.040, 1.5
+"""m/s and rad/s, below which the linear motion holds."""
+
+MOST, MOST_PHASE, LEAST = 1.3, 0.35, 0.35
+"""Of gains (and phases, rad) that are believed; those below the last count as dead."""
+
+CAUTION = 1.2
+"""Spread that the allocator counts on, over the standard deviation of what is known."""
+
+SURE = 0.08
+"""Least spread of an element that has been learnt."""
+
+
+class Gains(NamedTuple):
+    """What has been learnt: arrays (batch, parts, ...), with ``room`` places for elements under a part."""
+
+    element: np.ndarray  # (..., room) int64, index of the element; -1: a free place
+    arm: np.ndarray  # (..., room, 3) share and lever of the part on it now, 0 where it is not under it
+    mean: np.ndarray  # (..., 2 room + 3) real and imaginary parts of h - 1, and the drift, m a step
+    covariance: np.ndarray  # (..., 2 room + 3, 2 room + 3)
+    waiting: (
+        np.ndarray
+    )  # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps of which nothing is read yet
+    coming: np.ndarray  # (..., room, 2, 3) m, likewise, of which the readings have told a part
+    summed: np.ndarray  # (..., room, 2, 3) m, what the readings have told, summed up
+    moved: np.ndarray  # (..., 3) m, the sum of what the place of rest moved beyond the nominal shift
+    steps: np.ndarray  # (...) the sum of ones: 0 where nothing has been summed up
+    rest: np.ndarray  # (..., 3) where the part should come to rest, by the nominal shift: m, m, rad
+
+
+class Numbers(NamedTuple):
+    """Of the parts, for the kernels."""
+
+    outlines: Outlines
+    shift: np.ndarray  # (parts,) B, m
+    gyration: np.ndarray  # (parts,) m
+    turn: np.ndarray  # (parts,) rad, after which a part looks the same; 0: always
+
+
+@borrowing
+def enter(gains, w, p, k, e):
+    """Give place ``k`` to element ``e``, of which nothing is known."""
+    gains.element[w, p, k] = e
+    for q in range(2):
+        i = 2 * k + q
+        gains.mean[w, p, i] = 0.0
+        gains.covariance[w, p, i, :] = 0.0
+        gains.covariance[w, p, :, i] = 0.0
+        gains.covariance[w, p, i, i] = PHASE_SPREAD**2 if q else GAIN_SPREAD**2
+    gains.summed[w, p, k] = 0.0
+    gains.waiting[w, p, :, k] = 0.0
+    gains.coming[w, p, k] = 0.0
+
+
+@borrowing
+def find_places(gains, w, pieces, count):
+    """Places for the elements now under the parts of world ``w``, and their arms."""
+    room = gains.element.shape[2]
+    gains.arm[w] = 0.0
+    for i in range(count):  # those that are known
+        p = pieces.part[i]
+        for k in range(room):
+            if gains.element[w, p, k] == pieces.element[i]:
+                set_arm(gains, w, p, k, pieces, i)
+    for i in range(count):  # and the others, in places whose elements are no longer under the part
+        p, free, known = pieces.part[i], -1, False
+        for k in range(room):
+            known = known or gains.element[w, p, k] == pieces.element[i]
+            if free < 0 and gains.arm[w, p, k, 0] == 0.0:
+                free = k
+        if not known and free >= 0:
+            enter(gains, w, p, free, pieces.element[i])
+            set_arm(gains, w, p, free, pieces, i)
+
+
+@borrowing
+def set_arm(gains, w, p, k, pieces, i):
+    """The arm of a piece."""
+    gains.arm[w, p, k, 0] = pieces.share[i]
+    gains.arm[w, p, k, 1], gains.arm[w, p, k, 2] = pieces.lever[i, 0], pieces.lever[i, 1]
+
+
+@borrowing
+def take_in(gains, w, p, axis, noise, column):
+    """Kalman's step for the sum along one axis, whose other side is ``summed``; noise is a variance, m^2."""
+    mean, covariance, summed = gains.mean[w, p], gains.covariance[w, p], gains.summed[w, p]
+    room, n = summed.shape[0], mean.shape[0]
+    drift, steps = 2 * room + axis, gains.steps[w, p]
+    error, total = gains.moved[w, p, axis] - steps * mean[drift], noise
+    for i in range(n):
+        value = covariance[i, drift] * steps
+        for k in range(room):
+            value += covariance[i, 2 * k] * summed[k, 0, axis] + covariance[i, 2 * k + 1] * summed[k, 1, axis]
+        column[i] = value
+    for k in range(room):
+        for q in range(2):
+            error -= summed[k, q, axis] * mean[2 * k + q]
+            total += summed[k, q, axis] * column[2 * k + q]
+    total += steps * column[drift]
+    if error * error > SURPRISE * SURPRISE * total:  # some element does not do what it should
+        for k in range(room):
+            for q in range(2):
+                s = summed[k, q, axis]
+                i = 2 * k + q
+                more = max(FAULT * FAULT - covariance[i, i], 0.0)
+                if s != 0.0 and more > 0.0:
+                    covariance[i, i] += more
+                    column[i] += more * s
+                    total += more * s * s
+    for i in range(n):
+        mean[i] += column[i] * error / total
+        for j in range(n):
+            covariance[i, j] -= column[i] * column[j] / total
+    for i in range(n):
+        covariance[i, i] = max(covariance[i, i], 0.0)
+    for k in range(room):
+        mean[2 * k] = min(max(mean[2 * k], -1.0), MOST - 1.0)
+        mean[2 * k + 1] = min(max(mean[2 * k + 1], -MOST_PHASE), MOST_PHASE)
+
+
+@borrowing
+def compare(gains, numbers, w, p, rest, column):
+    """Take in where a slow part comes to rest by the readings of this step."""
+    room, size = gains.summed.shape[2], 0.0
+    gains.steps[w, p] = KEEP * gains.steps[w, p] + 1.0
+    for axis in range(3):
+        off = rest[axis] - gains.rest[w, p, axis]
+        if axis == 2:
+            if numbers.turn[p] == 0.0:
+                off = 0.0
+            else:
+                off = numbers.gyration[p] * (off - numbers.turn[p] * math.floor(0.5 + off / numbers.turn[p]))
+        gains.moved[w, p, axis] = KEEP * gains.moved[w, p, axis] + off
+        net = 0.0
+        for k in range(room):
+            for q in range(2):
+                gains.summed[w, p, k, q, axis] = (
+                    KEEP * gains.summed[w, p, k, q, axis] + (1.0 - BLUR) / BLUR * gains.coming[w, p, k, q, axis]
+                )
+            net += gains.summed[w, p, k, 0, axis]
+        size += net * net
+    early = ARRIVAL * (1.0 - (1.0 - KEEP) * gains.steps[w, p])
+    noise = REPEATS * (NOISE * NOISE + MISFIT * MISFIT * size + early * early)
+    for i in range(2 * room):
+        gains.covariance[w, p, i, i] += WANDER * WANDER if gains.summed[w, p, i // 2, 0, 0] != 0.0 else 0.0
+    for axis in range(3):
+        gains.covariance[w, p, 2 * room + axis, 2 * room + axis] += (0.05 * DRIFT) ** 2
+    for axis in range(3):
+        if axis < 2 or numbers.turn[p] != 0.0:
+            take_in(gains, w, p, axis, noise, column)
+
+
+@borrowing
+def begin_again(gains, w, p):
+    """Forget the sums: the part was too fast."""
+    gains.steps[w, p] = 0.0
+    gains.moved[w, p] = 0.0
+    gains.summed[w, p] = 0.0
+
+
+@borrowing
+def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doubt):
+    """Learn from where the parts come to rest.
+
+    Args:
+        pose, rest: (batch, parts, 3), now, and where the parts come to rest.  present, slow: (batch, parts) bool.
+        ahead: (batch, parts, 3) m, m, rad: what readings will yet put right, overwritten.
+        doubt: (batch, parts, 3) m, m, rad: its standard deviation, overwritten.
+    """
+    lag, room = gains.waiting.shape[2], gains.element.shape[2]
+    for w in range(pose.shape[0]):
+        for p in range(pose.shape[1]):
+            for k in range(room):
+                for q in range(2):
+                    for axis in range(3):
+                        gains.coming[w, p, k, q, axis] = BLUR * (
+                            gains.coming[w, p, k, q, axis] + gains.waiting[w, p, lag - 1, k, q, axis]
+                        )
+            if not (present[w, p] and slow[w, p]):
+                gains.steps[w, p] = -1.0
+            elif gains.steps[w, p] >= 0.0:
+                compare(gains, numbers, w, p, rest[w, p], column)
+            else:
+                begin_again(gains, w, p)
+        any_slow = False
+        for p in range(pose.shape[1]):
+            any_slow = any_slow or (present[w, p] and slow[w, p])
+        if not any_slow:
+            gains.arm[w] = 0.0
+            continue
+        find_places(gains, w, pieces, cut_parts(numbers.outlines, pose[w], present[w], pieces))
+    for w in range(pose.shape[0]):
+        for p in range(pose.shape[1]):
+            for axis in range(3):
+                total, variance = 0.0, 0.0
+                for k in range(room):
+                    for q in range(2):
+                        left = gains.coming[w, p, k, q, axis]
+                        for j in range(lag - 1):
+                            left += gains.waiting[w, p, j, k, q, axis]
+                        total += gains.mean[w, p, 2 * k + q] * left
+                        variance += gains.covariance[w, p, 2 * k + q, 2 * k + q] * left * left
+                doubt[w, p, axis] = math.sqrt(variance) if axis < 2 else math.sqrt(variance) / numbers.gyration[p]
+                total = min(max(total, -UNSEEN), UNSEEN)
+                ahead[w, p, axis] = total if axis < 2 else total / numbers.gyration[p]
+                gains.rest[w, p, axis] = rest[w, p, axis]
+
+
+@borrowing
+def tell(gains, gain, phase, spread):
+    """What the elements under slow parts make of their phasors, into (batch, elements) each."""
+    for w in range(gains.element.shape[0]):
+        for p in range(gains.element.shape[1]):
+            for k in range(gains.element.shape[2]):
+                e = gains.element[w, p, k]
+                if e < 0 or gains.arm[w, p, k, 0] == 0.0:
+                    continue
+                real, imaginary = 1.0 + gains.mean[w, p, 2 * k], gains.mean[w, p, 2 * k + 1]
+                size = math.sqrt(real * real + imaginary * imaginary)
+                if real < LEAST:
+                    gain[w, e] = 0.0
+                else:
+                    gain[w, e] = min(size, MOST)
+                    phase[w, e] = min(max(math.atan2(imaginary, real), -MOST_PHASE), MOST_PHASE)
+                own = gains.covariance[w, p, 2 * k, 2 * k] + gains.covariance[w, p, 2 * k + 1, 2 * k + 1]
+                spread[w, e] = max(CAUTION * math.sqrt(own), SURE)
+
+
+@borrowing
+def note(numbers, gains, push, given):
+    """Take note of the pushes (batch, elements, 2) that the elements are told, and of where the parts should come to rest.
+
+    Into ``given`` (batch, parts, 3) goes what nominal elements do of this with slow parts; other rows are left.
+    """
+    room = gains.element.shape[2]
+    for w in range(given.shape[0]):
+        for p in range(given.shape[1]):
+            gains.waiting[w, p, 0] = 0.0
+            total, across, turned, b = 0.0, 0.0, 0.0, numbers.shift[p]
+            for k in range(room):
+                e, share = gains.element[w, p, k], gains.arm[w, p, k, 0]
+                if e < 0 or share == 0.0:
+                    continue
+                lx, ly = gains.arm[w, p, k, 1], gains.arm[w, p, k, 2]
+                x, y = push[w, e, 0], push[w, e, 1]
+                own = gains.waiting[w, p, 0, k]
+                own[0, 0], own[0, 1], own[0, 2] = b * share * x, b * share * y, b * (lx * y - ly * x)
+                own[1, 0], own[1, 1], own[1, 2] = -b * share * y, b * share * x, b * (lx * x + ly * y)
+                total, across, turned = total + own[0, 0], across + own[0, 1], turned + own[0, 2]
+            gains.rest[w, p, 0] += total
+            gains.rest[w, p, 1] += across
+            gains.rest[w, p, 2] += turned / numbers.gyration[p]
+            if gains.steps[w, p] >= 0.0:
+                given[w, p, 0], given[w, p, 1], given[w, p, 2] = total / b, across / b, turned / b
+
+
+class GainLearner:
+    """Learns what elements make of their phasors; see the module.
+
+    Args:
+        info: task, scene and step time.
+    """
+
+    def __init__(self, info: TaskInfo) -> None:
+        surface, plant = info.surface, plant_of(info)
+        self.info, self.elements = info, surface.rows * surface.columns
+        self.coast = 1.0 / plant.drag  # s
+        outlines = outlines_of(surface, info.parts)
+        shift = info.step_time * plant.push / plant.strength * self.coast
+        turn = np.array([2.0 * math.pi / part.symmetry if part.symmetry else 0.0 for part in info.parts])
+        self.numbers = Numbers(outlines, shift, outlines.gyration, turn)
+        self.room = max((math.floor(2.0 * part.radius / surface.element_size) + 2) ** 2 for part in info.parts)
+        self.lag = -(-info.hardware.latency // info.periods_per_step) + 2
+
+    def begin(self, batch: int) -> Gains:
+        """Nothing is known."""
+        shape, room = (batch, len(self.info.parts)), self.room
+        n = 2 * room + 3
+        prior = np.zeros(n)
+        prior[-3:] = DRIFT**2
+        return Gains(
+            element=np.full((*shape, room), -1),
+            arm=np.zeros((*shape, room, 3)),
+            mean=np.zeros((*shape, n)),
+            covariance=np.tile(np.diag(prior), (*shape, 1, 1)),
+            waiting=np.zeros((*shape, self.lag, room, 2, 3)),
+            coming=np.zeros((*shape, room, 2, 3)),
+            summed=np.zeros((*shape, room, 2, 3)),
+            moved=np.zeros((*shape, 3)),
+            steps=np.full(shape, -1.0),
+            rest=np.zeros((*shape, 3)),
+        )
+
+    def learn(self, measured: Measured, gains: Gains) -> tuple[np.ndarray, np.ndarray]:
+        """Learn from what is measured now; returns what readings will yet put right, and its standard deviation.
+
+        Both are (batch, parts, 3) m, m, rad.
+        """
+        pose, rest = self.pose(measured), self.rest(measured)
+        slow = ((measured.velocity**2).sum(axis=-1) < SLOW**2) & (np.abs(measured.spin) < SLOW_TURN)
+        pieces, ahead = new_pieces(self.info.surface, self.info.parts), np.empty_like(pose)
+        doubt = np.empty_like(pose)
+        column = np.empty(gains.mean.shape[-1])
+        learn(self.numbers, pieces, gains, pose, measured.present, rest, slow, column, ahead, doubt)
+        return ahead, doubt
+
+    def known(self, gains: Gains) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Gain, phase (rad) and spread of the elements, (batch, elements) each."""
+        shape = (len(gains.element), self.elements)
+        gain, phase, spread = np.ones(shape), np.zeros(shape), np.full(shape, SPREAD)
+        tell(gains, gain, phase, spread)
+        return gain, phase, spread
+
+    def note(self, push: np.ndarray, gains: Gains, given: np.ndarray) -> np.ndarray:
+        """Take note of the pushes (batch, rows, columns, 2) of elements; returns what nominal ones give to the parts.
+
+        Args:
+            given: (batch, parts, 3) what the parts were meant to get: it stands for those that are fast.
+        """
+        gains.waiting[:, :, 1:] = gains.waiting[:, :, :-1].copy()
+        given = given.copy()
+        note(self.numbers, gains, push.reshape(len(push), -1, 2), given)
+        return given
+
+    def pose(self, measured: Measured) -> np.ndarray:
+        return np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
+
+    def rest(self, measured: Measured) -> np.ndarray:
+        velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
+        return self.pose(measured) + self.coast[:, None] * velocity
+
+
+@borrowing
+def turn_pushes(angle, push):
+    """Turn pushes (batch, elements, 2) by angles (batch, elements), rad, in place."""
+    for w in range(angle.shape[0]):
+        for e in range(angle.shape[1]):
+            if angle[w, e] != 0.0:
+                cosine, sine = math.cos(angle[w, e]), math.sin(angle[w, e])
+                x, y = push[w, e, 0], push[w, e, 1]
+                push[w, e, 0], push[w, e, 1] = cosine * x - sine * y, sine * x + cosine * y

@@ -1,0 +1,17 @@
+"""Control laws by name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vibgym.policies.classical.local_law import LocalLaw
+from vibgym.policies.classical.lqr import LqrLaw
+from vibgym.policies.classical.pid_law import PidLaw
+from vibgym.policies.classical.pose_law import PoseLaw
+from vibgym.policies.classical.state_space_law import StateSpaceLaw
+from vibgym.registry import Registry
+
+LAWS: Registry[Any] = Registry(
+    "law", {"local": LocalLaw, "pose": PoseLaw, "lqr": LqrLaw, "pid": PidLaw, "state_space": StateSpaceLaw}
+)
+"""``LAWS.register(name, cls)`` adds one of your own, made as ``cls(info, **settings)``; see :mod:`.law`."""

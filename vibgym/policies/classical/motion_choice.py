@@ -1,0 +1,267 @@
+"""Motions that a part may make next, what each leads to, and which is best beside the others: the planner's kernel.
+
+A part's candidates are a few simple motions (:func:`set_velocity`): straight to the target at several speeds, to it through one
+of the aisles that run the length of the table, out of the way in one of several directions, or to stay where it is for a while.
+Each is followed for two seconds by a simple model of the part, beside the motions that the others have chosen, and priced in
+seconds: the time to the target that is left, and the time spent too near others (:func:`nearness`) or too near the border.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing, jit
+
+INSTANTS, INTERVAL = 25, 0.08
+"""Number of a prediction's instants, and the time between them, s."""
+
+AISLES, DIRECTIONS = 6, 12
+FIRST_WAIT, FIRST_AISLE, FIRST_ASIDE = 3, 6, 6 + 2 * AISLES
+MOTIONS = FIRST_ASIDE + 2 * DIRECTIONS
+"""From 0 on: three speeds straight to the target; three waits; every aisle at two speeds; every direction at two speeds."""
+
+STAY = FIRST_WAIT + 2
+ASIDE_X = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+ASIDE_Y = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+WAITS = 0.3  # s, the first wait; the second is twice that, the third lasts
+ASIDE_TIME = 0.4  # s
+AISLE_END = 0.08  # m before the target, along the table, where a part leaves its aisle for it
+AISLE_SLOPE = 2.0  # steepest way into an aisle
+SLACK = 0.002  # m that a part may be too near the border for nothing
+OUTSIDE = 0.005  # m too near the border that cost as much as being as near to another part as can be
+FADING = 0.6  # share by which what is near in place counts less at the end of a prediction
+ROUNDING = 1e-9  # s, by which a bound may be wrong
+DEEPEST = 4.0  # in safe distances, the lack of distance beyond which the price grows no more
+
+
+class Preferences(NamedTuple):
+    """What the planner knows of the table and wants, the same for all parts."""
+
+    width: float  # m, of the surface
+    depth: float  # m
+    edge: float  # m, distance that centres keep from the border
+    top_speed: float  # m/s
+    acceleration: float  # m/s^2 that the model of a part can do
+    braking: float  # m/s^2 that the stopping law counts on
+    approach: float  # 1/s
+    spacing: float  # m, distance between parts that the thesis asks for
+    safe: float  # m, distance that is kept where there is no room for more
+    soft: float  # price of a second in touch for breaking the spacing rule, s
+    hard: float  # the same for breaking the safe distance
+    yielding: float  # share of these prices that a part reckons for those over which it has right of way
+
+
+class Scene(NamedTuple):
+    """The parts of all worlds at this instant."""
+
+    present: np.ndarray  # (worlds, parts) bool
+    centre: np.ndarray  # (worlds, parts, 2) m
+    velocity: np.ndarray  # (worlds, parts, 2) m/s
+    facing: np.ndarray  # (worlds, parts, 2) cos and sin of the headings
+    target: np.ndarray  # (worlds, parts, 2) m
+    patience: np.ndarray  # (worlds, parts) see nearness()
+    order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
+
+
+@borrowing
+def set_velocity(wants, motion, time, x, y, target_x, target_y):
+    """Set velocity (m/s) of a motion ``time`` seconds after it was chosen, at a place."""
+    speed = 1.0
+    if motion < FIRST_WAIT:
+        speed = 1.0 - 0.35 * motion
+    elif motion < FIRST_AISLE:
+        if motion == STAY or time < WAITS * (1 + motion - FIRST_WAIT):
+            return 0.0, 0.0
+    elif motion < FIRST_ASIDE:
+        speed = 1.0 if motion < FIRST_AISLE + AISLES else 0.5
+        ahead = target_x - x
+        if abs(ahead) > AISLE_END:
+            aisle = (motion - FIRST_AISLE) % AISLES
+            aisle_y = wants.edge + (wants.depth - 2.0 * wants.edge) * aisle / (AISLES - 1.0)
+            slope = min(max((aisle_y - y) / 0.03, -AISLE_SLOPE), AISLE_SLOPE)
+            along = speed * wants.top_speed / math.sqrt(1.0 + slope * slope)
+            return math.copysign(along, ahead), slope * along
+    elif time < ASIDE_TIME:
+        way = (motion - FIRST_ASIDE) % DIRECTIONS
+        speed = wants.top_speed * (1.0 if motion < FIRST_ASIDE + DIRECTIONS else 0.4)
+        return speed * ASIDE_X[way], speed * ASIDE_Y[way]
+    dx, dy = target_x - x, target_y - y
+    distance = math.sqrt(dx * dx + dy * dy)
+    rate = min(math.sqrt(2.0 * wants.braking * distance), wants.approach * distance)
+    rate = speed * min(rate, wants.top_speed) / max(distance, 1e-9)
+    return rate * dx, rate * dy
+
+
+@borrowing
+def follow(wants, motion, centre, velocity, target, path, limit):
+    """Predict a motion of one part: ``path`` (INSTANTS, 2) is overwritten with its places after 1, 2, ... intervals.
+
+    Args:
+        centre, velocity, target: (2,) m, m/s, m.
+        limit: s, price of place above which nobody wants to know where it leads.
+
+    Returns:
+        How many places were written; all, unless a lower bound of the price is above the limit.
+    """
+    x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
+    spent = 0.0
+    # As price_of_place() counts it, if from here on the part went straight to its target as fast as it can.
+    fastest = max(wants.top_speed, math.sqrt(vx * vx + vy * vy))
+    gain = INTERVAL * fastest / wants.top_speed
+    for k in range(INSTANTS):
+        wx, wy = set_velocity(wants, motion, k * INTERVAL, x, y, target[0], target[1])
+        ax, ay = wx - vx, wy - vy
+        change = math.sqrt(ax * ax + ay * ay)
+        share = min(wants.acceleration * INTERVAL / max(change, 1e-12), 1.0)
+        nx, ny = vx + share * ax, vy + share * ay
+        x, y = x + 0.5 * INTERVAL * (vx + nx), y + 0.5 * INTERVAL * (vy + ny)
+        vx, vy = nx, ny
+        path[k, 0], path[k, 1] = x, y
+        dx, dy = target[0] - x, target[1] - y
+        left, more = math.sqrt(dx * dx + dy * dy) / wants.top_speed, INSTANTS - 1 - k
+        spent += left / INSTANTS
+        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+        if out > SLACK:
+            spent += wants.hard * INTERVAL * out / OUTSIDE
+        count = min(int(left / gain), more - 1)  # the last place counts in full
+        way = (count * left - 0.5 * gain * count * (count + 1)) / INSTANTS
+        if more > 0 and spent + way + max(left - more * gain, 0.0) > limit + ROUNDING:
+            return k + 1
+    return INSTANTS
+
+
+@borrowing
+def reach(hulls, part, cosine, sine, nx, ny):
+    """How far a part with this heading reaches from its centre along a unit vector, m."""
+    bx, by = cosine * nx + sine * ny, cosine * ny - sine * nx
+    most = -math.inf
+    for a in range(hulls.owner[part], hulls.owner[part + 1]):
+        for k in range(hulls.first[a], hulls.first[a + 1]):
+            most = max(most, bx * hulls.corner[k, 0] + by * hulls.corner[k, 1] + hulls.rounding[a])
+    return most
+
+
+@borrowing
+def distance_at_least(hulls, p, q, facing, dx, dy):
+    """Lower bound of the distance between two parts, m: the gap along the line of their centres.
+
+    Args:
+        facing: (parts, 2) cos and sin of the headings.
+        dx, dy: centre of ``q`` minus that of ``p``, m.
+    """
+    length = math.sqrt(dx * dx + dy * dy)
+    if length == 0.0:
+        return -hulls.radius[p] - hulls.radius[q]
+    nx, ny = dx / length, dy / length
+    own = reach(hulls, p, facing[p, 0], facing[p, 1], nx, ny)
+    return length - own - reach(hulls, q, facing[q, 0], facing[q, 1], -nx, -ny)
+
+
+@borrowing
+def nearness(wants, gap, patience):
+    """Price of a second at a distance between two parts: below the spacing rule, and much more below the safe distance.
+
+    Args:
+        patience: share of the spacing rule's price that still counts.
+    """
+    price = 0.0
+    if gap < wants.spacing:
+        lack = (wants.spacing - gap) / wants.spacing
+        price += patience * wants.soft * lack * lack
+    if gap < wants.safe:
+        price += wants.hard * min((wants.safe - gap) / wants.safe, DEEPEST)
+    return price
+
+
+@borrowing
+def price_of_place(wants, path, target):
+    """Price of a path (INSTANTS, 2) by itself, s: the time to the target that is left on the way, and the border."""
+    price = 0.0
+    for k in range(INSTANTS):
+        x, y = path[k, 0], path[k, 1]
+        dx, dy = target[0] - x, target[1] - y
+        left = math.sqrt(dx * dx + dy * dy) / wants.top_speed
+        price += left if k == INSTANTS - 1 else left / INSTANTS
+        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+        if out > SLACK:  # targets may lie on that line
+            price += wants.hard * INTERVAL * out / OUTSIDE
+    return price
+
+
+@borrowing
+def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
+    """Price of a motion of part ``p``, s; its path is left in ``trial``. One dearer than ``limit`` is not priced to the end.
+
+    Args:
+        rank: (parts,) lower: has right of way, and those over which a part has it count less for it; -1: absent.
+        paths: (parts, INSTANTS, 2) m, of the others.
+    """
+    target, patience = scene.target[world, p], scene.patience[world, p]
+    if follow(wants, motion, scene.centre[world, p], scene.velocity[world, p], target, trial, limit) < INSTANTS:
+        return math.inf
+    price = price_of_place(wants, trial, target)
+    for q in range(rank.shape[0]):
+        if price > limit:
+            return price
+        if q == p or rank[q] < 0:
+            continue
+        share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
+        far = hulls.radius[p] + hulls.radius[q] + wants.spacing
+        for k in range(INSTANTS):
+            dx, dy = paths[q, k, 0] - trial[k, 0], paths[q, k, 1] - trial[k, 1]
+            if dx * dx + dy * dy < far * far:
+                if price > limit:
+                    return price
+                gap = distance_at_least(hulls, p, q, scene.facing[world], dx, dy)
+                price += share * nearness(wants, gap, patience) * (1.0 - FADING * k / INSTANTS)
+    return price
+
+
+@borrowing
+def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, trial):
+    """The cheapest motion of part ``p``; another than the last one must be better by ``faithful`` (s)."""
+    best, least = STAY, math.inf
+    # Waits and steps aside have no such advantage: taken anew every time, they put off what they lead to for ever.
+    if last < FIRST_WAIT or (FIRST_AISLE <= last and last < FIRST_ASIDE):
+        best = last
+        least = price_of(wants, hulls, scene, world, p, last, rank, paths, trial, math.inf) - faithful
+    for motion in range(MOTIONS):
+        price = price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, least)
+        if price < least:
+            best, least = motion, price
+    return best
+
+
+@jit
+def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
+    """Let the parts of each world choose in turn, each beside the motions of those before and the last ones of those after.
+
+    Args:
+        start, stop: first world, and the one after the last.
+        wants: the :class:`Preferences`.
+        faithful: s, what another motion must be better than the last one.
+        motion: (worlds, parts) int64, the last ones; overwritten.
+        chosen: (worlds, parts, 2) m/s, overwritten with the set velocities; 0 for absent parts.
+    """
+    parts = scene.present.shape[1]
+    paths, trial = np.empty((parts, INSTANTS, 2)), np.empty((INSTANTS, 2))
+    rank = np.empty(parts, np.int64)
+    for w in range(start, stop):
+        centre, velocity, target = scene.centre[w], scene.velocity[w], scene.target[w]
+        for k in range(parts):
+            p = scene.order[w, k]
+            rank[p] = k if scene.present[w, p] else -1
+            follow(wants, motion[w, p], centre[p], velocity[p], target[p], paths[p], math.inf)
+        for k in range(parts):
+            p = scene.order[w, k]
+            chosen[w, p] = 0.0
+            if rank[p] < 0:
+                continue
+            best = best_motion(wants, hulls, scene, w, p, motion[w, p], faithful, rank, paths, trial)
+            motion[w, p] = best
+            follow(wants, best, centre[p], velocity[p], target[p], paths[p], math.inf)
+            wx, wy = set_velocity(wants, best, 0.0, centre[p, 0], centre[p, 1], target[p, 0], target[p, 1])
+            chosen[w, p, 0], chosen[w, p, 1] = wx, wy

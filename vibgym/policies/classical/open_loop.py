@@ -1,0 +1,91 @@
+"""Fields without a sensor, as in chapter 4 of the thesis: planned at the start of an episode, never corrected.
+
+The goal and where the part was put down are known (the first observation of an episode); after that nothing is looked at.
+A radial field brings the part to the goal from wherever it is. To align it, a squeeze field towards a line through the
+goal, along the wanted heading, follows. To turn it by more than can be seen of a heading, a tangential field acts for the time
+that the turn takes at its steady rate: friction lets the spin build up and run out with the same lag, so the two cancel.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.fields import radial, squeeze, tangential
+from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.task_info import TaskInfo
+
+
+class Plan(NamedTuple):
+    """What is known from the start of the episodes on."""
+
+    goal: np.ndarray  # (batch, 3) m, m, rad
+    turn: np.ndarray  # (batch,) rad, from the heading at the start to the goal's
+    time: np.ndarray  # (batch,) s, since the start
+
+
+class OpenLoopPolicy:
+    """Whole-surface fields around the goal, as ``"phasor"`` actions.
+
+    Args:
+        info: task, scene and step time.
+        turn_rate: rad/s, steady angular velocity in the tangential field.
+        gather_time: s, time that the radial field gets before the squeeze field aligns the part.
+        centring: strength of the radial field beside the squeeze field.
+
+    Raises:
+        ValueError: a task for several parts or without goal pose, or a bad argument.
+    """
+
+    action, observation = "phasor", "state"
+
+    def __init__(
+        self, info: TaskInfo, *, turn_rate: float = 11.5, gather_time: float = 2.0, centring: float = 0.2
+    ) -> None:
+        if not info.has_goal or info.goal_moves or len(info.parts) != 1:
+            allowed = "tasks for one part with a goal pose"
+            raise checks.refuse("policy 'open_loop'", f"the task {info.name}", allowed)
+        self.info = info
+        self.turn_rate = checks.number("turn_rate", turn_rate, above=0.0)
+        self.gather_time = checks.number("gather_time", gather_time, least=0.0)
+        self.centring = checks.number("centring", centring, least=0.0, most=1.0)
+
+    def initial(self, batch: int) -> Plan:
+        """Memory at the very start, before anything has been seen."""
+        return Plan(np.zeros((batch, 3)), np.zeros(batch), np.zeros(batch))
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Field of the goal latched at the episode's start; the state is a :class:`Plan`."""
+        info, measured = self.info, Measured.of(observation, self.info)
+        plan, new = recall(state, episode_start, self.initial(len(measured.centre)), len(measured.centre))
+        plan.goal[new, :2] = (measured.centre + measured.way)[new, 0]
+        plan.goal[new, 2] = (measured.heading + measured.turn)[new, 0]
+        plan.turn[new] = measured.turn[new, 0]
+        phasors = self._phasors(plan).reshape(len(new), -1).astype(np.float32)
+        return (phasors[0] if measured.single else phasors), plan._replace(time=plan.time + info.step_time)
+
+    def _phasors(self, plan: Plan) -> np.ndarray:
+        """Phasors (batch, rows, columns, 2) of this step: of a first field, and from some time on of a second one or none.
+
+        That time need not be a whole number of steps: the step in which it lies gets its share of both.
+        """
+        x, y, heading = (column[:, None, None] for column in plan.goal.T)
+        first, second = radial(x, y), None
+        until = np.full(len(plan.time), np.inf)
+        if self.info.has_heading and self.info.wraps:
+            second = radial(x, y, self.centring) + squeeze(x, y, heading)
+            until[:] = self.gather_time
+        elif self.info.has_heading:
+            first = first + tangential(x, y, np.sign(plan.turn)[:, None, None])
+            until = np.abs(plan.turn) / self.turn_rate
+        share = np.clip((until - plan.time) / self.info.step_time, 0.0, 1.0)[:, None, None, None]
+        surface, friction = self.info.surface, self.info.parts[0].friction
+        phasors = np.zeros((len(share), surface.rows, surface.columns, 2))
+        for field, weight in ((first, share), (second, 1.0 - share)):
+            if field is not None and weight.any():
+                phasors += weight * field.phasors(surface, friction=friction)
+        return phasors

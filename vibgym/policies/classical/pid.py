@@ -1,0 +1,101 @@
+"""The thesis's PID controller of the reduced plant: gains by pole placement, discrete form, windup (sections 5.3, 7.3.2).
+
+With the reduced plant 1 / s^2 the closed loop is ``(kI + kP s + kD s^2) / (kI + kP s + kD s^2 + s^3)`` (eq. 5.74), so that
+three poles give three gains. In discrete time, with errors of zero before the first one,
+
+    u_k = kP e_k + kI T (e_0 + ... + e_k) + kD (e_k - e_k-1) / T
+
+which is eq. 5.81 with ``z^2 - z`` below; the thesis has ``z^3 - z^2``, one more period of latency.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.policies.classical.design import polynomial
+
+POLES = (-2.0, -2.0, -2.0)
+"""rad/s, the thesis's."""
+
+ROUNDING = 1e-6
+"""m/s^2 or rad/s^2 that the inverse of the frictional process may be off without being at its limit."""
+
+
+class Gains(NamedTuple):
+    """Of a PID controller."""
+
+    proportional: float  # kP, 1/s^2
+    integral: float  # kI, 1/s^3
+    derivative: float  # kD, 1/s
+
+
+class PidMemory(NamedTuple):
+    """Arrays of one shape, an axis each."""
+
+    total: np.ndarray  # of all errors so far, times the period
+    error: np.ndarray  # the last one
+    late: np.ndarray  # what the last errors asked for, given out one period later
+    asked: np.ndarray  # what was given out last
+
+
+def gains_for(poles: Any = POLES) -> Gains:
+    """Gains that put the three poles of the closed loop with the reduced plant (eqs. 5.74 to 5.80).
+
+    Raises:
+        ValueError: poles that are not stable, or complex ones without their conjugates.
+    """
+    _, derivative, proportional, integral = polynomial("poles", poles, 3).tolist()
+    return Gains(proportional, integral, derivative)
+
+
+class Pid:
+    """PID controllers of any number of independent axes.
+
+    Args:
+        period: s.
+        poles: of the closed loop in continuous time, rad/s.
+        late: whether outputs are given out one period later, as in eq. 5.81.
+        anti_windup: whether the sum of errors rests while the elements cannot give what it adds to.
+
+    Raises:
+        ValueError: a bad argument.
+    """
+
+    def __init__(self, period: float, *, poles: Any = POLES, late: bool = True, anti_windup: bool = False) -> None:
+        self.period = checks.number("period", period, above=0.0)
+        self.gains = gains_for(poles)
+        self.late, self.anti_windup = checks.flag("late", late), checks.flag("anti_windup", anti_windup)
+
+    def initial(self, shape: tuple[int, ...]) -> PidMemory:
+        """Before the first error: all were zero, so that a step in the set value is one for the derivative as well."""
+        return PidMemory(*np.zeros((4, *shape)))
+
+    def output(
+        self, error: np.ndarray, memory: PidMemory, change: np.ndarray | None = None
+    ) -> tuple[np.ndarray, PidMemory]:
+        """Wanted accelerations, and the new memory.
+
+        Args:
+            error: set value minus measured value.
+            memory: of :meth:`initial`, or what the last call made of it.
+            change: of the error since the last one; None: as the errors say.
+        """
+        gains, period = self.gains, self.period
+        total = memory.total + period * error
+        change = error - memory.error if change is None else change
+        now = gains.proportional * error + gains.integral * total + gains.derivative / period * change
+        given = memory.late if self.late else now
+        return given, PidMemory(total, error, now, given)
+
+    def applied(self, acceleration: np.ndarray, memory: PidMemory) -> PidMemory:
+        """The memory, once it is known what the elements can give of the last output.
+
+        With anti-windup, an error that asks for more of what they cannot give is taken out of the sum.
+        """
+        if not self.anti_windup:
+            return memory
+        short = (memory.asked - acceleration) * np.sign(memory.error) > ROUNDING
+        return memory._replace(total=memory.total - np.where(short, self.period * memory.error, 0.0))

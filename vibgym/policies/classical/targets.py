@@ -1,0 +1,130 @@
+"""Targets for several parts: places of a lattice, far enough apart, given out so that the longest way is short."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from vibgym._numba.jit import borrowing, jit
+from vibgym.policies.task_info import TaskInfo
+from vibgym.tasks.lattice import lattice
+
+SHIFTS = 9
+"""How many shifts along the table are tried of the lattice that takes a heap apart."""
+
+SPARE = 1.003
+"""Pitch of the lattice over the smallest that keeps the spacing rule."""
+
+
+def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, least: int) -> np.ndarray:
+    """Centres (n, 2) m, at least ``least``, for parts of ``size`` (2,) m that lie straight: ``spacing`` apart if there is room.
+
+    Where there is not, rows or columns are added until they suffice, each where it costs the least distance.
+    """
+    middle = 0.5 * (low + high)
+    low, high = np.minimum(low, middle), np.maximum(high, middle)  # no room at all is room for one in the middle
+    pitch = SPARE * (size + spacing)
+    while True:
+        centres = pitch * lattice(low / pitch, high / pitch, 0.0, 1.0)
+        if len(centres) >= least:
+            return centres
+        tight = (high - low) / [
+            len(np.unique(column)) for column in centres.T
+        ]  # the pitch that gains a column, or a row
+        k = int(np.argmax(tight / size))
+        pitch[k] = tight[k]
+
+
+def assign(centre: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """One of the free places (n, 2) m for each centre (n, 2) m; the cubes of the ways add up to the least, so none is long."""
+    way = np.sqrt(((centre[:, None] - free) ** 2).sum(axis=-1))
+    return free[linear_sum_assignment(way**3)[1]]
+
+
+class Targets:
+    """Gives targets to all parts of a world.
+
+    Args:
+        info: surface, parts, kinds and zones.
+        edge: m, distance of targets from the surface's border.
+        inset: m, distance from the other borders of a zone.
+        slack: m, by how much more than they have to be parts shall be apart, because they do not come to rest just there.
+
+    Attributes:
+        spacing: m, distance that parts keep: the largest dimension of an element, so that none shares one, or what is asked.
+        room: m, distance that targets have, where there is room.
+    """
+
+    def __init__(self, info: TaskInfo, edge: float, inset: float, slack: float = 0.0) -> None:
+        surface, parts = info.surface, info.parts
+        self.zones, self.kind = info.zones, np.array(info.kind)
+        self.spacing = max(math.sqrt(2.0) * surface.element_size, info.apart or 0.0)
+        self.room = self.spacing + slack
+        radius = np.array([part.radius for part in parts])
+        edge = min(
+            edge, radius.max()
+        )  # small surfaces and zones hold parts by their circles, and so do these rectangles
+        self.low, self.high = np.full(2, edge), np.array([surface.width, surface.depth]) - edge
+        # Twice the reach from the centre, on the larger side, so that parts of any shape in neighbouring places are clear.
+        self.size = np.array([2.0 * np.abs(part.outline).max(axis=0) for part in parts])
+        self.places = []
+        for kind, zone in enumerate(() if info.zones is None else info.zones):
+            own = self.kind == kind
+            border = min(inset, radius[own].max())
+            low, high = np.maximum(zone[:2] + border, self.low), np.minimum(zone[2:] - border, self.high)
+            self.places.append(places(low, high, self.size[own].max(axis=0), self.room, int(own.sum())))
+
+    def give(self, centre: np.ndarray, present: np.ndarray) -> np.ndarray:
+        """Targets (parts, 2) m of one world's parts at ``centre`` (parts, 2) m; absent parts stay."""
+        target = centre.copy()
+        if self.zones is None:
+            target[present] = self._apart(centre[present])
+        for kind, free in enumerate(self.places):
+            own = present & (self.kind == kind)
+            target[own] = assign(centre[own], free)
+        return target
+
+    def _apart(self, centre: np.ndarray) -> np.ndarray:
+        """Places of the lattice, shifted along the table so that the longest way is shortest."""
+        free = places(self.low, self.high, self.size.max(axis=0), self.room, len(centre))
+        pitch = self.size[:, 0].max() + self.room
+        best, least = free, math.inf
+        for shift in np.linspace(-0.5, 0.5, SHIFTS) * pitch:
+            moved = free + [shift, 0.0]
+            moved = moved[(moved[:, 0] >= self.low[0] - 1e-9) & (moved[:, 0] <= self.high[0] + 1e-9)]
+            if len(moved) >= len(centre):
+                target = assign(centre, moved)
+                longest = np.sqrt(((target - centre) ** 2).sum(axis=-1)).max(initial=0.0)
+                if longest < least:
+                    best, least = target, longest
+        return best if least < math.inf else assign(centre, free)
+
+
+@jit
+def swap(kind, present, centre, target, gain):
+    """Let parts of a kind swap targets, in place, where their ways, each cubed with ``gain`` (m) more, then add up to less.
+
+    Args:
+        kind: (parts,).  present: (worlds, parts) bool.
+        centre, target: (worlds, parts, 2) m.
+    """
+    for w in range(len(centre)):
+        for i in range(len(kind)):
+            for j in range(i):
+                if kind[i] != kind[j] or not (present[w, i] and present[w, j]):
+                    continue
+                now = cubed_way(centre[w], i, target[w], i, 0.0) + cubed_way(centre[w], j, target[w], j, 0.0)
+                then = cubed_way(centre[w], i, target[w], j, gain) + cubed_way(centre[w], j, target[w], i, gain)
+                if then < now:
+                    for k in range(2):
+                        target[w, i, k], target[w, j, k] = target[w, j, k], target[w, i, k]
+
+
+@borrowing
+def cubed_way(centre, i, target, j, gain):
+    """Cube of the way from centre i to target j and ``gain`` more, m^3."""
+    x, y = target[j, 0] - centre[i, 0], target[j, 1] - centre[i, 1]
+    way = math.sqrt(x * x + y * y) + gain
+    return way * way * way

@@ -1,0 +1,95 @@
+"""What a policy may know beforehand: what an engineer would tell it of the machine and the job."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibgym import Part, Surface, checks
+from vibgym.actuators import DataSheet
+from vibgym.envs.layout import Layout
+from vibgym.envs.shared import step_limit
+
+
+@dataclass(frozen=True, eq=False)
+class TaskInfo:
+    """Task, scene and timing of an environment, never the state behind its observations."""
+
+    name: str  # the environment's without "vibgym/" and version, such as "SortTwelve"; else the task's
+    summary: str  # first paragraph of the task's documentation, in one line
+    surface: Surface
+    parts: tuple[Part, ...]
+    kinds: tuple[str, ...]  # names of the kinds
+    kind: tuple[int, ...]  # of each part
+    walls: tuple[str, ...]
+    zones: np.ndarray | None  # (kinds, 4) m: x_low, y_low, x_high, y_high; None where there are none
+    has_goal: bool  # every part has a goal pose of its own
+    has_heading: bool  # headings count
+    wraps: bool  # headings that differ by a turn of some size are the same
+    position_tolerance: float  # m
+    heading_tolerance: float  # rad; infinite where headings do not count
+    apart: float | None  # m, distance that all parts shall keep; None where it does not count
+    periods_per_step: int  # oscillation periods
+    step_time: float  # s
+    layout: Layout  # of the state observation
+    parts_layout: tuple[Any, ...]  # what the numbers of a row of the observation by parts mean
+    hardware: DataSheet  # what the actuators' data sheet says
+    step_limit: int | None  # steps
+    goal_moves: bool = False  # while an episode goes on; observations tell how, see vibgym.policies.classical.measured
+    lead: int = 0  # periods after the present of which measurements tell: what an estimator predicts
+
+    @classmethod
+    def of(cls, env: Any, name: str | None = None) -> TaskInfo:
+        """What is public of an environment, single or vector, wrapped or not.
+
+        Args:
+            env: a :class:`vibgym.envs.VibgymEnv` or :class:`vibgym.envs.VibgymVectorEnv`.
+            name: instead of the environment's.
+        """
+        base, spec = env.unwrapped, env.spec
+        task = base.task
+        limit = getattr(base, "max_episode_steps", None)  # the vector environment's own
+        if spec is not None and limit is None:
+            more = step_limit(base.periods_per_step, spec.kwargs.get("max_episode_periods"))
+            limit = min((each for each in (spec.max_episode_steps, more) if each is not None), default=None)
+        zones = None if task.zones is None else np.array(task.zones)
+        if zones is not None:
+            zones.setflags(write=False)
+        return cls(
+            name=name or (task.name if spec is None else spec.name),
+            summary=" ".join((type(task).__doc__ or "").strip().split("\n\n")[0].split()),
+            surface=base.surface,
+            parts=base.parts,
+            kinds=tuple(task.kinds),
+            kind=tuple(np.asarray(task.kind).tolist()),
+            walls=tuple(base.walls),
+            zones=zones,
+            has_goal=task.has_goal,
+            has_heading=task.has_heading,
+            wraps=all(task.heading_period(part) > 0.0 for part in base.parts),
+            position_tolerance=task.position_tolerance,
+            heading_tolerance=task.heading_tolerance,
+            apart=task.apart if math.isfinite(task.apart) else None,
+            periods_per_step=base.periods_per_step,
+            step_time=base.step_time,
+            layout=Layout(base.surface, base.parts, task.features, task.slots),
+            parts_layout=base.parts_layout,
+            hardware=base.data_sheet,
+            step_limit=limit,
+            goal_moves=task.goal_moves,
+            lead=base.measurement_lead,
+        )
+
+    def check_places(self, policy: str) -> None:
+        """Refuse a task that asks for no place of a part: neither goals nor zones nor a distance to keep.
+
+        Raises:
+            ValueError: names the policy and the task.
+        """
+        if not self.has_goal and self.zones is None and self.apart is None:
+            raise checks.refuse(
+                f"policy {policy!r}", f"the task {self.name}", "tasks with goals, zones or a distance to keep"
+            )

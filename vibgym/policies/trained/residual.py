@@ -1,0 +1,173 @@
+"""A classical policy with a learned correction: what it wants of every part, plus what a network has learned to add.
+
+Both speak ``"wrench"``. The classical one, the base, reads the flat state; the network reads observations by parts, in whose
+rows the base's action stands as well, so that it sees what it corrects (residual policy learning: Silver et al. 2018, Johannink
+et al. 2019). A correction of zero leaves the base as it is, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.envs.layout import Numbers
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.networks.shape import NEIGHBOUR
+from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION, TrainedPolicy, network_of
+
+SCALE = 0.5
+"""Of the network's action, before it is added: what it may change of what elements can do."""
+
+MOST_SCALE = 2.0
+"""That takes any action to any other."""
+
+NAME, NUMBERS = "base", 3
+"""Of the base's action in a row."""
+
+
+def with_base(layout: Sequence[Numbers]) -> tuple[Numbers, ...]:
+    """The table of a row in which the base's action stands, behind the part's own columns and before its neighbours'."""
+    rows = list(layout)
+    at = next((k for k, row in enumerate(rows) if row.name.endswith(NEIGHBOUR)), len(rows))
+    start = rows[at].start if at < len(rows) else rows[-1].start + rows[-1].width
+    meaning = "acceleration that the base policy wants, x, y and angular, as an action of 'wrench'"
+    base = Numbers(NAME, None, start, NUMBERS, "1", (1.0,) * NUMBERS, (-1.0, 1.0), meaning, "linear")
+    return (*rows[:at], base, *(row._replace(start=row.start + NUMBERS) for row in rows[at:]))
+
+
+class Memory(NamedTuple):
+    """What the policy hands on from step to step."""
+
+    base: Any  # the base's own
+    learned: Any  # the network's own; () where it has none
+
+
+class Base:
+    """A base policy as both the trained policy and its training want it.
+
+    Args:
+        policy: speaks ``"wrench"`` and reads ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``. One that has
+            ``acted``, as :meth:`.steering.Steering.acted`, is told what was done instead of what it said.
+        info: task and scene.
+        scale: see :class:`ResidualPolicy`.
+
+    Attributes:
+        layout: of the rows, with the base's action.
+
+    Raises:
+        ValueError: it speaks or reads something else, or a bad scale.
+    """
+
+    def __init__(self, policy: Policy, info: TaskInfo, scale: float) -> None:
+        checks.choice("base.action", policy.action, ("wrench",))
+        checks.choice("base.observation", policy.observation, ("state",))
+        self.policy, self.parts = policy, len(info.parts)
+        self.scale = np.float32(checks.number("scale", scale, above=0.0, most=MOST_SCALE))
+        self.layout = with_base(info.parts_layout)
+        self._at = next(row.start for row in self.layout if row.name == NAME)
+        self._acted = getattr(policy, "acted", lambda memory, said, done: memory)
+
+    def rows(self, rows: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Rows (batch, slots, columns) with the base's action (batch, n) among them; zeros in slots without a part."""
+        wide = np.zeros((*rows.shape[:2], rows.shape[2] + NUMBERS), dtype=np.float32)
+        wide[..., : self._at], wide[..., self._at + NUMBERS :] = rows[..., : self._at], rows[..., self._at :]
+        wide[:, : self.parts, self._at : self._at + NUMBERS] = action.reshape(len(rows), self.parts, NUMBERS)
+        return wide
+
+    def corrected(self, said: np.ndarray, residual: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+        """The action (batch, n) with a correction of -1 to 1, and the base's memory, which knows of it."""
+        residual = np.asarray(residual, dtype=np.float32).reshape(said.shape)
+        done = np.clip(said + self.scale * residual, -1.0, 1.0).astype(np.float32)
+        return done, self._acted(memory, said, done)
+
+
+class ResidualPolicy:
+    """Adds ``scale`` times what a network says to what a base policy wants, within [-1, 1].
+
+    Args:
+        info: task and scene.
+        base: a policy that speaks ``"wrench"`` and reads ``"state"``.
+        learned: has ``predict``, reads observations by parts whose rows are those of :func:`with_base`, and gives actions of
+            ``"wrench"``.
+        scale: of its action. It is part of what was trained.
+
+    Raises:
+        ValueError: a base that does not fit, or a bad scale.
+    """
+
+    action, observation = "wrench", "parts_and_state"
+
+    def __init__(self, info: TaskInfo, base: Policy, learned: Any, *, scale: float = SCALE) -> None:
+        self.base, self.learned = Base(base, info, scale), learned
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Wanted accelerations; the state is a :class:`Memory`."""
+        single = np.ndim(observation["mask"]) == 1
+        seen = {name: np.asarray(each)[None] for name, each in observation.items()} if single else observation
+        if state is not None and not isinstance(state, Memory):
+            raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: Memory")
+        kept = Memory(None, None) if state is None else state
+        said, base = self.base.policy.predict(seen["state"], kept.base, episode_start, deterministic)
+        rows = {"parts": self.base.rows(seen["parts"], said), "mask": seen["mask"]}
+        residual, learned = self.learned.predict(rows, kept.learned, episode_start, deterministic)
+        action, base = self.base.corrected(said, residual, base)
+        return (action[0] if single else action), Memory(base, learned)
+
+
+def base_named(base: Any) -> dict[str, Any]:
+    """A base policy's name or mapping as corrections' files have it.
+
+    Raises:
+        ValueError: something else, of which a file cannot tell whether it is the same.
+    """
+    base = {"kind": base} if isinstance(base, str) else base
+    if not isinstance(base, Mapping) or base.get("kind") in (None, RESIDUAL):
+        raise checks.refuse("base", base, "a name, or a mapping with 'kind', of a policy that is itself no correction")
+    return {"action": "wrench", **base}
+
+
+class Correction(NamedTuple):
+    """What the file of a correction holds."""
+
+    learned: TrainedPolicy  # reads rows with the base's action
+    base: dict[str, Any]  # what it corrects, as a mapping for make_policy()
+    scale: float  # of what it says
+
+
+def load_correction(path: Path, info: TaskInfo, base: Any = None, scale: float | None = None) -> Correction:
+    """The network in a trained correction's file, and what it corrects.
+
+    Args:
+        path: of the file.
+        info: task and scene.
+        base, scale: with which the caller wants it; None: with those that it was trained with.
+
+    Raises:
+        ValueError: the file holds no correction for this task, or one that was trained with another base or scale.
+    """
+    tensors, record = load_set(path, KIND, VERSION)
+    what = record.get(RESIDUAL)
+    if not isinstance(what, dict) or set(what) != {"base", "scale"} or not isinstance(what["base"], dict):
+        raise checks.refuse(f"{path}: {RESIDUAL}", what, "'base' and 'scale' of a policy that a network corrects")
+    own = (
+        base_named(what["base"]),
+        checks.number(f"{path}: {RESIDUAL}.scale", what["scale"], above=0.0, most=MOST_SCALE),
+    )
+    wanted = (own[0] if base is None else base_named(base)), (own[1] if scale is None else scale)
+    for name, mine, theirs in zip(("base", "scale"), wanted, own, strict=True):
+        if mine != theirs:
+            raise checks.refuse(name, mine, f"{theirs!r}, with which {path} was trained")
+    checks.choice(f"{path}: action", record.get("action"), ("wrench",))
+    checks.choice(f"{path}: network", record.get("network"), ("parts",))
+    learned = network_of(str(path), tensors, record, replace(info, parts_layout=with_base(info.parts_layout)))
+    assert isinstance(learned, TrainedPolicy)
+    return Correction(learned, *own)

@@ -1,0 +1,187 @@
+"""A sensorless schedule: fields of the whole surface one after the other, of the same part from whatever start.
+
+Programmable force fields can bring a part of unknown pose to a known one without a sensor (Boehringer, Donald, MacDonald,
+"Programmable force fields for distributed manipulation", 1999; Kavraki 1997 for one elliptic field): each field of a sequence
+leaves fewer poses possible, up to the part's symmetry. The thesis (sections 4.2, 7.2.2) tried one squeeze field. Here every
+field is two squeezes at right angles and a swirl about one centre; :mod:`studies.sensorless` finds the numbers.
+
+Nothing but time is looked at. The goal is part of the schedule: use it with ``reset(options={"goal": schedule.goal})``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.fields import squeeze, tangential
+from vibgym.policies.classical.measured import check_state, recall
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.storage import load_set, save_set
+from vibgym.scene.surface import Surface
+
+KIND = "vibgym-schedule"
+
+COLUMNS = ("x", "y", "angle", "towards", "along", "swirl", "reach")
+"""Of a field: centre (m); direction of the first squeeze line (rad from +x); strength of the push towards it, and of the push
+along it towards the centre; strength of the swirl about the centre, counter-clockwise (1: full amplitude); distance at
+which all three are at full strength (m)."""
+
+MOST_SEGMENTS = 1000
+LEAST_REACH, MOST_REACH = 1e-4, 1e3
+MOST_STRENGTH, MOST_PLACE, MOST_SECONDS = 1e3, 1e3, 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """Fields in time; after the last one all elements rest.
+
+    Args:
+        fields: (segments, 7), see :data:`COLUMNS`.
+        seconds: (segments,) that each of them acts, s.
+        goal: (3,) pose at which the part shall end, m, m, rad.
+        friction: of the part that it was made for, to correct the direction of every push; see
+            :func:`vibgym.fields.lead_angle`.
+
+    Raises:
+        ValueError: a wrong shape, or numbers out of range.
+    """
+
+    fields: np.ndarray
+    seconds: np.ndarray
+    goal: np.ndarray
+    friction: float
+
+    def __post_init__(self) -> None:
+        if np.ndim(self.seconds) != 1 or not 1 <= len(self.seconds) <= MOST_SEGMENTS:
+            raise checks.refuse("seconds", self.seconds, f"one number for each of 1 to {MOST_SEGMENTS} segments")
+        segments = len(self.seconds)
+        if np.shape(self.fields) != (segments, len(COLUMNS)):
+            raise checks.refuse("fields", f"shape {np.shape(self.fields)}", f"shape {(segments, len(COLUMNS))}")
+        fields = np.array(checks.array("fields", self.fields, (segments, len(COLUMNS))))
+        checks.array("fields: places, angles", fields[:, :3], (segments, 3), least=-MOST_PLACE, most=MOST_PLACE)
+        checks.array("fields: strengths", fields[:, 3:6], (segments, 3), least=-MOST_STRENGTH, most=MOST_STRENGTH)
+        checks.array("fields: reach", fields[:, 6], (segments,), least=LEAST_REACH, most=MOST_REACH)
+        seconds = np.array(checks.array("seconds", self.seconds, (segments,), least=0.0, most=MOST_SECONDS))
+        goal = np.array(checks.array("goal", self.goal, (3,), least=-MOST_PLACE, most=MOST_PLACE))
+        for name, value in (("fields", fields), ("seconds", seconds), ("goal", goal)):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)  # the class is frozen
+        object.__setattr__(self, "friction", checks.number("friction", self.friction, least=0.0, most=1e3))
+
+    @property
+    def total(self) -> float:
+        """s until the elements rest."""
+        return float(self.seconds.sum())
+
+    def phasors(self, surface: Surface) -> np.ndarray:
+        """Phasors (segments + 1, rows, columns, 2) of the fields, and of the rest after them."""
+        found = np.zeros((len(self.seconds) + 1, surface.rows, surface.columns, 2))
+        for k, (x, y, angle, towards, along, swirl, reach) in enumerate(self.fields.tolist()):
+            field = squeeze(x, y, angle, towards, reach) + squeeze(x, y, angle + math.pi / 2.0, along, reach)
+            field = field + tangential(x, y, swirl, reach)
+            found[k] = field.phasors(surface, friction=self.friction)
+        return found
+
+    def shares(self, time: np.ndarray, step: float) -> np.ndarray:
+        """Share (batch, segments + 1) that each segment, and the rest, has of a step of ``step`` s from ``time`` (batch,)."""
+        ends = np.append(np.cumsum(self.seconds), math.inf)
+        begins = np.append(0.0, ends[:-1])
+        now = np.asarray(time, dtype=np.float64)[:, None]
+        shares = np.clip(np.minimum(ends, now + step) - np.maximum(begins, now), 0.0, None) / step
+        return np.round(shares, 9)  # a whole step is whole, however late it is
+
+
+class Clock(NamedTuple):
+    """All that is remembered."""
+
+    time: np.ndarray  # (batch,) s since the episode's start
+
+
+class SchedulePolicy:
+    """Plays a schedule as ``"phasor"`` actions; of the observation only its shape is looked at.
+
+    A segment that ends within a step shares it with the next one.
+
+    Args:
+        info: task, scene and step time.
+        schedule: what to play.
+
+    Raises:
+        ValueError: a task for several parts, or without a goal pose that stays.
+    """
+
+    action, observation = "phasor", "state"
+
+    def __init__(self, info: TaskInfo, schedule: Schedule) -> None:
+        if not info.has_goal or info.goal_moves or len(info.parts) != 1:
+            raise checks.refuse("policy 'schedule'", f"the task {info.name}", "tasks for one part with a goal pose")
+        self.info, self.schedule = info, schedule
+        self._phasors = schedule.phasors(info.surface).reshape(len(schedule.seconds) + 1, -1)
+
+    def initial(self, batch: int) -> Clock:
+        """Memory at the very start."""
+        return Clock(np.zeros(batch))
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Phasors of all elements for one observation or a batch; the state is a :class:`Clock`."""
+        values = check_state(observation, self.info.layout)
+        batch = 1 if values.ndim == 1 else len(values)
+        clock, _ = recall(state, episode_start, self.initial(batch), batch)
+        shares = self.schedule.shares(clock.time, self.info.step_time)
+        # A world's sum must not depend on how many others there are, as that of a matrix product may.
+        action = np.zeros((batch, self._phasors.shape[1]))
+        for k in range(shares.shape[1]):
+            action += shares[:, k, None] * self._phasors[k]
+        action = action.astype(np.float32)
+        return (action[0] if values.ndim == 1 else action), Clock(clock.time + self.info.step_time)
+
+
+def save_schedule(path: Path, schedule: Schedule, surface: Surface, training: Mapping[str, Any]) -> None:
+    """Write a schedule for :func:`load_schedule`, with a note of how it was made.
+
+    Raises:
+        ValueError: the name does not end in ``.json``.
+    """
+    tensors = {"fields": schedule.fields, "seconds": schedule.seconds, "goal": schedule.goal}
+    record = {"surface": asdict(surface), "friction": schedule.friction, "training": dict(training)}
+    save_set(path, KIND, tensors, record)
+
+
+def read_schedule(path: Path) -> tuple[Schedule, dict[str, Any]]:
+    """A schedule and its file's record.
+
+    Raises:
+        ValueError: the file is missing, altered, or holds no schedule.
+    """
+    tensors, record = load_set(path, KIND)
+    missing = {"fields", "seconds", "goal"} - set(tensors)
+    if missing:
+        raise checks.refuse(f"{path}: tensors", f"no {', '.join(sorted(missing))}", "fields, seconds and goal")
+    try:
+        schedule = Schedule(tensors["fields"], tensors["seconds"], tensors["goal"], record.get("friction"))  # type: ignore[arg-type]
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return schedule, record
+
+
+def load_schedule(path: Path, info: TaskInfo) -> SchedulePolicy:
+    """Load a schedule and check that it fits.
+
+    Raises:
+        ValueError: as :func:`read_schedule`; or a task or a surface that it is not for.
+    """
+    schedule, record = read_schedule(path)
+    mine, theirs = asdict(info.surface), record.get("surface")
+    if theirs != mine:
+        given = theirs if isinstance(theirs, dict) else {}
+        other = {name: given.get(name) for name in mine if given.get(name) != mine[name]}
+        raise checks.refuse(f"{path}: surface", other, f"a schedule for { ({name: mine[name] for name in other}) }")
+    return SchedulePolicy(info, schedule)
