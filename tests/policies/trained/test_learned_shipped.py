@@ -20,7 +20,7 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import RESIDUAL
 
 ROOT = Path(__file__).parents[3]
-SHIPPED, TABLE = ROOT / "agents" / "learned" / "shipped", ROOT / "results" / "agents.csv"
+SHIPPED, TABLE = ROOT / "vibgym" / "policies" / "trained" / "shipped", ROOT / "results" / "agents.csv"
 FILES = {agent: path for path in sorted((ROOT / "configs" / "agents").glob("*.yaml"))
          if "\nvibgym/" in path.read_text() for agent in agents_in(path)}  # fmt: skip
 """In which file the settings of an agent stand."""

@@ -70,7 +70,10 @@ def test_friction_over_a_cut_area_equals_a_dense_sum(part, twist):
         best = Cutter(surface, part, FINE._replace(far=60.0, order=12)).cut(x, y, heading)
         exact = best.wrench(np.array(twist), pressure[best.element[:, 0], best.element[:, 1]]) / part.area
         exact[2] /= part.radius
-        assert np.abs(got - exact).max() < within
+        away = math.hypot(*twist[:2]) / max(abs(twist[2]), 1e-9) / part.radius  # of the slip centre, in radii
+        # The closed form's terms are by the square of this larger than what is left of them, and so is their rounding.
+        rounding = np.finfo(float).eps * away**2 if FINE.far < away < 60.0 else 0.0
+        assert np.abs(got - exact).max() < within + rounding
 
 
 def test_closed_form_and_gauss_rule_meet():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from agents.__main__ import main
+from studies.thesis.__main__ import main
 from studies.thesis import element_size, page, quantisation_figure, speed_ratio, squeeze_figure
 from studies.thesis.element_size import PITCH
 from studies.thesis.figures import FIGURES
@@ -42,7 +42,7 @@ def test_velocity_against_amplitude():
 
 
 def test_the_page(tmp_path, capsys):
-    assert main(["replicate", "--output", str(tmp_path), "--figure", "camera_chain"]) == 0
+    assert main(["--output", str(tmp_path), "--figure", "camera_chain"]) == 0
     page = (tmp_path / "replicate.html").read_text()
     assert page.count("data:image/png;base64,") == 5 and "Figs. 5.5 to 5.9" in page and "Fig. 5.8" not in page
     assert "http" not in page  # opens offline
@@ -73,7 +73,7 @@ def test_what_the_figures_say_is_on_the_page(tmp_path, monkeypatch):
 
 
 def test_an_unknown_figure_is_refused(tmp_path, capsys):
-    assert main(["replicate", "--output", str(tmp_path), "--figure", "nine"]) == 2
+    assert main(["--output", str(tmp_path), "--figure", "nine"]) == 2
     refusal = capsys.readouterr().err
     assert refusal.startswith("figure: got 'nine'; allowed: ")
     assert all(f"'{name}'" in refusal for name in FIGURES)
