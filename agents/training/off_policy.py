@@ -15,10 +15,11 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from agents.training.checkpoint import refuse_infinite
 from agents.training.hindsight import HindsightBuffer, buffer_bytes
 from agents.training.noise import Wandering
+from agents.training.on_policy import check_native
 from agents.training.sac import LeanSAC
 from agents.training.settings import TrainSettings
 from vibgym import checks
-from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.goal_features import GoalFeatures
@@ -27,6 +28,7 @@ from vibgym.policies.trained.storage import save_set
 from vibgym.policies.trained.trained import KIND as POLICY_KIND
 from vibgym.policies.trained.trained import VERSION as POLICY_VERSION
 from vibgym.policies.trained.trained import described
+from vibgym.tasks import PoseTask
 
 TITLE, PHASE = "SAC with hindsight (on Stable-Baselines3)", "sac"
 """What policies' files and learning curves call it."""
@@ -63,7 +65,7 @@ class GoalExtractor(BaseFeaturesExtractor):
         return torch.cat((observations["observation"][:, self.kept], far), dim=1)  # type: ignore[index]
 
 
-def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
+def make_env(settings: TrainSettings) -> VecEnv:
     """The batch of worlds that a run trains on, with goal observations.
 
     Raises:
@@ -76,20 +78,23 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     }  # fmt: skip
     name = settings.environment_name
     env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
-    assert isinstance(env, VibgymVectorEnv)
-    return StableBaselinesAdapter(env)
+    check_native(settings, env)
+    return VecEnv(env)
 
 
-def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
+def make_model(settings: TrainSettings, env: VecEnv) -> LeanSAC:
     """An untrained SAC model.
 
     Raises:
-        ValueError: an environment without goal observations, or a replay buffer that is too large to keep.
+        ValueError: an environment without goal observations, hindsight with a reward that a wrapper has changed, or a replay
+            buffer that is too large to keep.
     """
     sac = settings.sac
     features = GoalFeatures(TaskInfo.of(env.env))
     if not isinstance(env.observation_space, spaces.Dict) or not hasattr(env.env, "compute_reward"):
         raise checks.refuse("observation", settings.environment.get("observation", "state"), "'goal' for SAC")
+    if sac.hindsight > 0.0 and not env.keeps_rewards:  # goals of hindsight are paid by compute_reward
+        raise checks.refuse("sac.hindsight", sac.hindsight, "0 where a wrapper changes the goal reward")
     assert isinstance(env.action_space, spaces.Box)
     (actions,) = env.action_space.shape
     size = buffer_bytes(sac.buffer_size, env.num_envs, env.observation_space, env.action_space)
@@ -109,7 +114,7 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
         train_freq=sac.train_freq,
         gradient_steps=sac.gradient_steps,
         policy_delay=sac.policy_delay,
-        values=(-1.0 / (1.0 - sac.gamma), 0.0),
+        values=_bounds(env, sac.gamma),
         replay_buffer_class=HindsightBuffer,
         replay_buffer_kwargs={"env": env, "hindsight": sac.hindsight, "horizon": sac.horizon, "seed": settings.seed},
         action_noise=Wandering(env.num_envs, actions, sac.noise, sac.noise_steps, settings.seed),
@@ -124,6 +129,13 @@ def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> LeanSAC:
         seed=settings.seed,
         device="cpu",
     )
+
+
+def _bounds(env: VecEnv, gamma: float) -> tuple[float, float] | None:
+    """Least and largest value of rewards of -1 and 0 for ever, the shipped goal reward; None with any other reward."""
+    task = type(env.env.task)
+    shipped = task.compute_reward is PoseTask.compute_reward and task.FALL_REWARD == PoseTask.FALL_REWARD
+    return (-1.0 / (1.0 - gamma), 0.0) if shipped and env.keeps_rewards else None
 
 
 def acting(model: LeanSAC, settings: TrainSettings) -> GoalPolicy:
@@ -179,9 +191,9 @@ def take_actor(model: LeanSAC, tensors: Mapping[str, np.ndarray]) -> None:
         layer.load_state_dict({kind: torch.from_numpy(tensors[f"{name}.{kind}"].copy()) for kind in kinds})
 
 
-def _env(model: LeanSAC) -> StableBaselinesAdapter:
+def _env(model: LeanSAC) -> VecEnv:
     env = model.get_env()
-    assert isinstance(env, StableBaselinesAdapter)
+    assert isinstance(env, VecEnv)
     return env
 
 

@@ -13,7 +13,7 @@ from agents.training.on_policy import acting, actor, take_actor  # noqa: F401 - 
 from agents.training.parts_policy import PartsPolicy
 from agents.training.settings import OfflineSettings, TrainSettings
 from vibgym import checks
-from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies.trained.coding import Coding
 
 TITLE, PHASE = "learning from a data set", "offline"
@@ -29,7 +29,7 @@ def _own(settings: TrainSettings) -> OfflineSettings:
     return settings.offline
 
 
-def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
+def make_env(settings: TrainSettings) -> VecEnv:
     """The environment that a policy is learned for; nothing is played in it.
 
     Raises:
@@ -40,7 +40,7 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     return on_policy.make_env(settings.model_copy(update={"worlds": len(settings.all_scenes)}))
 
 
-def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> OfflineLearner:
+def make_model(settings: TrainSettings, env: VecEnv) -> OfflineLearner:
     """A learner that has read its data.
 
     Raises:

@@ -12,6 +12,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import torch
+from gymnasium.vector import VectorEnv
 
 from agents.training.checkpoint import refuse_infinite
 from agents.training.imitation import check_room
@@ -21,7 +22,7 @@ from agents.training.ppo import PartsPPO
 from agents.training.residual_env import ResidualEnv
 from agents.training.settings import TrainSettings
 from vibgym import checks
-from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
@@ -48,7 +49,7 @@ MOST_ROLLOUT = 4e9
 """Bytes of a rollout: what is kept of ``ppo.n_steps`` steps of all worlds before a model learns from them."""
 
 
-def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
+def make_env(settings: TrainSettings) -> VecEnv:
     """The worlds that a run trains on, dealt out to its scenes; policies are trained and act on what their network reads."""
     own = observation_of(settings)
     checks.choice("observation", settings.environment.get("observation", own), (own,))
@@ -58,7 +59,7 @@ def make_env(settings: TrainSettings) -> StableBaselinesAdapter:
     if settings.worlds < len(scenes):
         raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
     shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
-    return StableBaselinesAdapter(*(_scene(settings, *each) for each in zip(scenes, shares, strict=True)))
+    return VecEnv(*(_scene(settings, *each) for each in zip(scenes, shares, strict=True)))
 
 
 def check_residual(settings: TrainSettings) -> None:
@@ -85,7 +86,8 @@ def observation_of(settings: TrainSettings) -> str:
     return reads(settings).observation if settings.residual is None else ResidualPolicy.observation
 
 
-def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VibgymVectorEnv | ResidualEnv:
+def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> VectorEnv:
+    """The worlds of one scene, in the wrappers that the registered environment brings along."""
     arguments = {**settings.environment, **scene, "num_envs": worlds, "observation": observation_of(settings)}
     arguments.setdefault("autoreset_mode", "SameStep")
     name = settings.environment_name
@@ -93,13 +95,23 @@ def _scene(settings: TrainSettings, scene: dict[str, Any], worlds: int) -> Vibgy
         env = gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(settings.task, **arguments)
     except TypeError as error:
         raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({error})") from None
-    assert isinstance(env, VibgymVectorEnv)
+    check_native(settings, env)
     if settings.residual is None:
         return env
     try:
         return ResidualEnv(env, make_policy(settings.residual.base, TaskInfo.of(env)), settings.residual.scale)
     except ValueError as error:
         raise ValueError(f"residual: {error}") from None
+
+
+def check_native(settings: TrainSettings, env: VectorEnv) -> None:
+    """Refuse an environment that is none of ours.
+
+    Raises:
+        ValueError: a registered environment of other makers.
+    """
+    if not isinstance(env.unwrapped, VibgymVectorEnv):
+        raise checks.refuse("task", settings.task, "a task or an id whose batch is a VibgymVectorEnv, wrapped or not")
 
 
 def reads(settings: TrainSettings) -> type[Coding] | type[PictureCoding]:
@@ -127,7 +139,7 @@ def coding_of(settings: TrainSettings, env: VibgymVectorEnv | ResidualEnv) -> Co
     return reads(settings)(env.surface, env.parts, layout, action_of(settings), columns, *flags)
 
 
-def make_model(settings: TrainSettings, env: StableBaselinesAdapter) -> PartsPPO:
+def make_model(settings: TrainSettings, env: VecEnv) -> PartsPPO:
     """An untrained model.
 
     Raises:
@@ -202,7 +214,7 @@ def acting(model: Learner, settings: TrainSettings) -> TrainedPolicy:
     return TrainedPolicy(actor(model), model.policy.actor.kind, settings.network.activation, model.policy.coding)
 
 
-def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[Policy, VibgymVectorEnv]]:
+def experts(settings: TrainSettings, env: VecEnv) -> list[tuple[Policy, VibgymVectorEnv]]:
     """Whom the run imitates in each of its scenes; none without imitation.
 
     Raises:
@@ -211,8 +223,9 @@ def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[
     if settings.imitation is None:
         return []
     found = []
-    for scene in env.envs:
-        assert isinstance(scene, VibgymVectorEnv)  # corrections are not taught
+    for wrapped in env.envs:
+        scene = wrapped.unwrapped  # its rewards do not count here
+        assert isinstance(scene, VibgymVectorEnv)
         expert = make_policy(settings.imitation.expert, TaskInfo.of(scene), settings.seed)
         if expert.action != action_of(settings) or expert.observation != "state":
             got = f"one that speaks {expert.action!r} and reads {expert.observation!r}"
@@ -222,7 +235,7 @@ def experts(settings: TrainSettings, env: StableBaselinesAdapter) -> list[tuple[
     return found
 
 
-def begin_with(settings: TrainSettings, model: PartsPPO, env: StableBaselinesAdapter) -> None:
+def begin_with(settings: TrainSettings, model: PartsPPO, env: VecEnv) -> None:
     """Take the actor over from the policy that the settings name, if they do; how much it explores is theirs to say.
 
     Raises:
@@ -294,7 +307,7 @@ def save_policy(path: Path, model: Learner, settings: TrainSettings, training: d
     save_set(path, POLICY_KIND, tensors, record, POLICY_VERSION)
 
 
-def _env(model: Learner) -> StableBaselinesAdapter:
+def _env(model: Learner) -> VecEnv:
     env = model.get_env()
-    assert isinstance(env, StableBaselinesAdapter)
+    assert isinstance(env, VecEnv)
     return env

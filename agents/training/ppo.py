@@ -29,7 +29,7 @@ class PartsPPO(Resumable, PPO):
     """PPO (Schulman et al. 2017) over :class:`agents.training.parts_policy.PartsPolicy`; see the module.
 
     Args:
-        policy, env, **settings: as SB3's; ``env`` is a :class:`vibgym.adapters.sb3.StableBaselinesAdapter` over worlds with
+        policy, env, **settings: as SB3's; ``env`` is a :class:`vibgym.adapters.sb3.VecEnv` over worlds with
             observations by parts. ``batch_size`` counts parts.
         touch_cost: what a step in touch with another part costs, in training alone: tasks count touches, but do not price them.
         critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to

@@ -39,6 +39,8 @@ class ResidualEnv(VectorWrapper):
         ValueError: an environment or a base that does not fit, or a bad scale.
     """
 
+    keeps_rewards = True  # see vibgym.adapters.credit
+
     def __init__(self, env: VectorEnv, base: Policy, scale: float = SCALE) -> None:
         inner: Any = env.unwrapped
         space = env.single_observation_space

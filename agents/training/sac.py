@@ -26,19 +26,20 @@ class LeanSAC(Resumable, SAC):
     gradients from the actor's loss, which would be thrown away. Actor and entropy coefficient learn at every
     ``policy_delay``-th update of the critics only (as in TD3, https://arxiv.org/abs/1802.09477).
 
-    Values that rewards cannot come to are cut off, as Andrychowicz et al. do for rewards of -1 and 0; what is worse than
-    never reaching a goal, a fall, then counts as much as that, and does not outweigh all else that the critics learn.
+    With the sparse goal reward alone, values that it cannot come to are cut off, as Andrychowicz et al. do for rewards of -1
+    and 0; what is worse than never reaching a goal, a fall, then counts as much as that, and does not outweigh all else that
+    the critics learn.
 
     Args:
         policy_delay: updates of the critics for one of the actor.
-        values: least and largest value of a transition.
+        values: least and largest value of a transition; None: whatever rewards come to.
         more: of :class:`stable_baselines3.SAC`; the entropy coefficient must be learned.
 
     Raises:
         ValueError: an extractor that has weights.
     """
 
-    def __init__(self, *args: Any, policy_delay: int, values: tuple[float, float], **more: Any) -> None:
+    def __init__(self, *args: Any, policy_delay: int, values: tuple[float, float] | None, **more: Any) -> None:
         self.policy_delay, self.values = policy_delay, values
         super().__init__(*args, **more)
         if any(True for _ in self.actor.features_extractor.parameters()) or self.ent_coef_optimizer is None:
@@ -80,7 +81,9 @@ class LeanSAC(Resumable, SAC):
                 seen, after = extract(batch.observations), extract(batch.next_observations)
                 action, logarithm = self._draw(after)
                 value = _least(self.critic_target, after, action) - coefficient * logarithm
-                wanted = (batch.rewards + (1.0 - batch.dones) * self.gamma * value).clamp(*self.values)
+                wanted = batch.rewards + (1.0 - batch.dones) * self.gamma * value
+                if self.values is not None:
+                    wanted = wanted.clamp(*self.values)
             both = torch.cat((seen, batch.actions), dim=1)
             loss = sum(0.5 * functional.mse_loss(network(both), wanted) for network in self.critic.q_networks)
             assert isinstance(loss, torch.Tensor)

@@ -21,7 +21,7 @@ from stable_baselines3.common.logger import configure
 import vibgym  # noqa: F401 - registers the environments
 from agents.training.on_policy import make_env, make_model
 from agents.training.settings import PPOSettings, TrainSettings
-from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.adapters.sb3 import VecEnv
 from vibgym.simulation.threads import available_threads
 
 TARGETS = {"Align, patch": 80_000, "Align, element": 25_000, "Sort, field": 12_000, "Sort, wrench": 12_000}
@@ -43,7 +43,7 @@ def plain(task: str, action: str, worlds: int) -> Callable[[], float]:
     """Stable-Baselines3's PPO on the flat state."""
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, autoreset_mode="SameStep")
     net = {"net_arch": [128, 128]}
-    adapter = StableBaselinesAdapter(env.unwrapped)  # type: ignore[arg-type]
+    adapter = VecEnv(env.unwrapped)  # type: ignore[arg-type]
     return _measured(
         PPO("MlpPolicy", adapter, n_steps=32, batch_size=4096, n_epochs=3, policy_kwargs=net, device="cpu")
     )

@@ -12,13 +12,13 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from tests.envs.helpers import SMALL, batch, single
-from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.adapters.sb3 import VecEnv
 
 WORLDS = 3
 
 
 def adapter(task="Align", worlds=WORLDS, **settings):
-    return StableBaselinesAdapter(batch(task, worlds, autoreset_mode="SameStep", **settings))
+    return VecEnv(batch(task, worlds, autoreset_mode="SameStep", **settings))
 
 
 def same(one, other):
@@ -109,13 +109,13 @@ def test_attributes_and_methods():
 
 def test_other_environments_are_refused():
     with pytest.raises(ValueError, match="^env: .*autoreset_mode"):
-        StableBaselinesAdapter(batch("Align", 2))
+        VecEnv(batch("Align", 2))
     env = batch("Align", 2, autoreset_mode="SameStep")
     env.unwrapped.single_observation_space = spaces.Discrete(3)
     other = batch("Align", 2, autoreset_mode="SameStep")
     other.single_observation_space = gym.spaces.Dict({"pose": gym.spaces.Discrete(3)})
     with pytest.raises(ValueError, match="^env: observation is .*Discrete"):
-        StableBaselinesAdapter(other)
+        VecEnv(other)
 
 
 @pytest.mark.parametrize("settings", [{"action": "patch"}, {"observation": "state"}, {"surface": SMALL}])
@@ -123,19 +123,17 @@ def test_scenes_that_look_different_are_refused(settings):
     first = {"action": "field", "observation": "parts", "autoreset_mode": "SameStep"}
     envs = batch("Align", 2, **first), batch("Align", 2, **{**first, **settings})
     if "surface" in settings:  # rows by parts are of any surface
-        assert StableBaselinesAdapter(*envs).num_envs == 4
+        assert VecEnv(*envs).num_envs == 4
         return
     with pytest.raises(ValueError, match="^scenes: got .*; allowed: scenes with the same spaces"):
-        StableBaselinesAdapter(*envs)
+        VecEnv(*envs)
 
 
 def test_dictionaries_are_batches_and_parts_have_rewards_of_their_own():
     """Of several scenes as of each by itself; of an episode's last step its own reward, not that of the next one."""
     parts = {"parts": ["steel_block", "aluminium_block"], "action": "field", "observation": "parts"}
     settings = [{**parts, "max_episode_steps": 4}, {**parts, "max_episode_steps": 6, "walls": ["left"]}]
-    both = StableBaselinesAdapter(
-        *(batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True))
-    )
+    both = VecEnv(*(batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True)))
     alone = [batch("Sort", n, autoreset_mode="SameStep", **s) for n, s in zip((2, 3), settings, strict=True)]
     both.seed(5)
     seen, first = both.reset(), [env.reset(seed=seed)[0] for env, seed in zip(alone, (5, 7), strict=True)]

@@ -14,6 +14,7 @@ from gymnasium import spaces
 from pettingzoo import ParallelEnv, parallel_registry, register
 
 from vibgym import checks
+from vibgym.adapters.credit import credits_parts
 from vibgym.envs.row_observation import PartsObservation
 from vibgym.envs.single import VibgymEnv
 from vibgym.envs.starting import KEYS
@@ -46,7 +47,9 @@ class PartsParallelEnv(ParallelEnv):
     episode are not in :attr:`agents`. An episode ends for all at once: when the task is done, a part has fallen, the
     simulation has diverged, or at the limit.
 
-    ``infos`` tell every agent ``done`` and ``fallen`` of its part, its ``reward_terms``, and ``is_success`` of the episode.
+    Every agent is paid for its part alone, or the world's reward where a wrapper has changed it, see
+    :func:`vibgym.adapters.credit.credits_parts`. ``infos`` tell every agent ``done`` and ``fallen`` of its part, its
+    ``reward_terms``, and ``is_success`` of the episode.
 
     Args:
         env: a single environment, with Gymnasium's wrappers or without, made with ``observation="parts"``.
@@ -69,7 +72,7 @@ class PartsParallelEnv(ParallelEnv):
             raise checks.refuse(
                 "action", type(acting).__name__.lower(), "one with a share for every part, as 'wrench' has"
             )
-        self.env, self._base = env, base
+        self.env, self._base, self._credits_parts = env, base, credits_parts(env)
         self._shape = acting.shape[1:]
         self._share = acting.size // len(base.parts)
         self.possible_agents = [f"part_{part}" for part in range(len(base.parts))]
@@ -135,8 +138,9 @@ class PartsParallelEnv(ParallelEnv):
         """
         if not self.agents:
             raise gym.error.ResetNeeded("call reset() before step(): no episode goes on")
-        seen, _, terminated, truncated, info = self.env.step(self._action(actions))
-        self._rows, rewards = seen["parts"], info["parts"]["reward"]
+        seen, reward, terminated, truncated, info = self.env.step(self._action(actions))
+        self._rows = seen["parts"]
+        rewards = info["parts"]["reward"] if self._credits_parts else [reward] * len(self.possible_agents)
         result = (
             self._observations(),
             {agent: float(rewards[self._part(agent)]) for agent in self.agents},

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import VecEnv
+from gymnasium.vector import AutoresetMode, VectorEnv
+from stable_baselines3.common import vec_env
 
 from vibgym import checks
+from vibgym.adapters.credit import credits_parts, keeps_rewards
 
 
-class StableBaselinesAdapter(VecEnv):
-    """A ``VecEnv`` over one ``VibgymVectorEnv`` or several in same-step autoreset mode.
+class VecEnv(vec_env.VecEnv):
+    """Stable-Baselines3's ``VecEnv`` over one ``VibgymVectorEnv`` or several in same-step autoreset mode.
+
+        VecEnv("vibgym/Align-v0", num_envs=256, action="field")
 
     Of several the worlds stand one after the other: scenes that differ, in their part or its friction, but not in what is seen
     and done.
@@ -23,23 +26,51 @@ class StableBaselinesAdapter(VecEnv):
     tells it, and ``episode`` (return and length), as SB3's Monitor would give; the infos of running worlds are empty. Of
     dictionary observations every entry is a batch.
 
+    Wrappers take part: what ``step`` of the outermost one returns is the reward. Those that remember something are part of
+    :meth:`get_state` only with a ``get_state`` and ``set_state`` of their own, which include the environment's.
+
     Args:
-        envs: made with ``autoreset_mode="SameStep"``, and an observation that is a box or a dictionary of boxes.
+        envs: the name of a registered environment, or environments that are made already, wrapped or not, with
+            ``autoreset_mode="SameStep"``, and an observation that is a box or a dictionary of boxes.
+        num_envs: worlds, with a name.
+        wrappers: of vector environments, the innermost first, put around each of ``envs``.
+        settings: of :func:`gymnasium.make_vec`, with a name.
 
     Attributes:
-        env: the first of them.
-        part_reward: (worlds, parts) what the last step was worth to every part.
+        env: the first of the environments, without the wrappers that do not know the scene.
+        keeps_rewards, credits_parts: whether no wrapper changes rewards, and whether parts are paid one by one, see
+            :mod:`vibgym.adapters.credit`.
+        part_reward: (worlds, parts) what the last step was worth to every part; where parts are not paid one by one, what it
+            was worth to its world.
 
     Raises:
-        ValueError: another mode or observation, or spaces that differ.
+        ValueError: another mode or observation, spaces that differ, or settings of an environment that is made already.
     """
 
-    def __init__(self, *envs: Any) -> None:
-        self.envs, self.env = envs, envs[0]
-        space, actions = self.env.single_observation_space, self.env.single_action_space
+    def __init__(
+        self,
+        *envs: Any,
+        num_envs: int | None = None,
+        wrappers: Sequence[Callable[[VectorEnv], VectorEnv]] = (),
+        **settings: Any,
+    ) -> None:
+        if len(envs) == 1 and isinstance(envs[0], str):
+            worlds = checks.count("num_envs", 1 if num_envs is None else num_envs)
+            envs = (gym.make_vec(envs[0], num_envs=worlds, **{"autoreset_mode": "SameStep", **settings}),)
+        elif num_envs is not None or settings or not envs:
+            got = sorted([*settings, *(["num_envs"] if num_envs is not None else [])])
+            raise checks.refuse(
+                "settings", got, "none beside environments that are made already; or one name, and settings"
+            )
+        for wrap in wrappers:
+            envs = tuple(map(wrap, envs))
+        self.envs, self._scenes = envs, [_knowing(env, "parts_layout") for env in envs]
+        self.env = self._scenes[0]
+        space, actions = envs[0].single_observation_space, envs[0].single_action_space
         for env in envs:
-            if env.autoreset_mode is not AutoresetMode.SAME_STEP:
-                raise ValueError(f"env: autoreset_mode is {env.autoreset_mode}; allowed: {AutoresetMode.SAME_STEP}")
+            mode = env.metadata.get("autoreset_mode")
+            if mode is not AutoresetMode.SAME_STEP:
+                raise ValueError(f"env: autoreset_mode is {mode}; allowed: {AutoresetMode.SAME_STEP}")
             if env.single_observation_space != space or env.single_action_space != actions:
                 got = f"{env.single_observation_space} and {env.single_action_space}"
                 raise checks.refuse("scenes", got, f"scenes with the same spaces, {space} and {actions}")
@@ -53,6 +84,7 @@ class StableBaselinesAdapter(VecEnv):
         self._actions = np.zeros((self.num_envs, *(actions.shape or ())), dtype=np.float32)
         self._return = np.zeros(self.num_envs)
         self._length = np.zeros(self.num_envs, dtype=np.int64)
+        self.keeps_rewards, self.credits_parts = all(map(keeps_rewards, envs)), all(map(credits_parts, envs))
         self.part_reward = np.zeros((self.num_envs, len(self.env.parts)))
 
     def reset(self) -> Any:
@@ -79,11 +111,14 @@ class StableBaselinesAdapter(VecEnv):
         self._return += reward
         self._length += 1
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        self.part_reward = _joined([each[4]["parts"]["reward"] for each in steps])
+        self.part_reward = np.repeat(reward[:, None], len(self.env.parts), axis=1)
+        if self.credits_parts:
+            self.part_reward = _joined([each[4]["parts"]["reward"] for each in steps])
         for own, (_, _, _, _, info) in zip(self._slices, steps, strict=True):
             for k in np.flatnonzero(done[own]).tolist():
                 world, final = own.start + k, info["final_info"]
-                self.part_reward[world] = final["parts"]["reward"][k]
+                if self.credits_parts:
+                    self.part_reward[world] = final["parts"]["reward"][k]
                 infos[world] = {
                     "terminal_observation": info["final_obs"][k],
                     "TimeLimit.truncated": bool(truncated[world] and not terminated[world]),
@@ -99,7 +134,7 @@ class StableBaselinesAdapter(VecEnv):
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit."""
         own = {"return": self._return.copy(), "length": self._length.copy(), "seed": self._seed}
-        return {"scenes": [env.get_state() for env in self.envs], **own}
+        return {"scenes": [_knowing(env, "get_state").get_state() for env in self.envs], **own}
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Go on from what :meth:`get_state` gave.
@@ -110,7 +145,7 @@ class StableBaselinesAdapter(VecEnv):
         if len(state["scenes"]) != len(self.envs):
             raise checks.refuse("state['scenes']", len(state["scenes"]), f"{len(self.envs)} states")
         for env, own in zip(self.envs, state["scenes"], strict=True):
-            env.set_state(own)
+            _knowing(env, "set_state").set_state(own)
         self._return[:], self._length[:], self._seed = state["return"], state["length"], state["seed"]
 
     def close(self) -> None:
@@ -118,24 +153,31 @@ class StableBaselinesAdapter(VecEnv):
             env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        return self._of([value for env in self.envs for value in env.get_attr(attr_name)], indices)
+        return self._of([value for env in self._scenes for value in env.get_attr(attr_name)], indices)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """All worlds of a scene share one environment, so an attribute is set for all."""
-        for env in self.envs:
+        for env in self._scenes:
             setattr(env, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """What a method says of the worlds, one by one; a batch of rewards, which is of no world, whole for each of them."""
         if method_name == "compute_reward":
             return [self.env.compute_reward(*args, **kwargs) for _ in self._get_indices(indices)]
-        return self._of([value for env in self.envs for value in env.call(method_name, *args, **kwargs)], indices)
+        return self._of([value for env in self._scenes for value in env.call(method_name, *args, **kwargs)], indices)
 
     def _of(self, values: Sequence[Any], indices: Any) -> list[Any]:
         return [values[world] for world in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         return [False] * len(list(self._get_indices(indices)))
+
+
+def _knowing(env: Any, name: str) -> Any:
+    """The outermost of an environment and its wrappers that has an attribute of this name."""
+    while not hasattr(env, name) and env is not env.unwrapped:
+        env = env.env
+    return env
 
 
 def _joined(batches: list[Any]) -> Any:

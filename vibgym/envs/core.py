@@ -33,6 +33,7 @@ from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
+from vibgym.tasks.reward import OwnReward
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -107,8 +108,9 @@ class Core:
         names = cls.RANDOMIZED, self.actuators.VARIED
         self.randomization = Randomization(options.randomize, *names, self.surface, len(self.parts))
         self.actuators.vary(self.randomization.actuators)
-        settings = _task_settings(options, cls, self.randomization.task)
+        settings, weights = _task_settings(options, cls, self.randomization.task)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
+        self.task.weigh(weights)
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
         knobs: dict[str, Any] = {}
         if isinstance(options.model, str) and options.model == "auto":
@@ -140,14 +142,31 @@ class Core:
         if not self.sensing.exact:
             self._measured = new_relations(worlds, len(self.parts))
             self._by_measurement = self.scoring.judged(self._measured)
-        self.term_names = tuple(self.task.TERMS)
+        self.drive: Any = None
+        self._own_reward: OwnReward | None = None
+        self._choose_reward(weights)
+        self.facts, self.details = self._shown()
+        self.began, self.longest = False, math.inf
+
+    def _choose_reward(self, weights: Mapping[str, Any]) -> None:
+        """Who rewards: kernels what is shipped, a task with a reward of its own, or the goal of the observation.
+
+        Raises:
+            ValueError: terms of the task's own that cannot be weighed, or weights beside a goal's reward.
+        """
+        worlds, parts = self.worlds, len(self.parts)
+        self.term_names: tuple[str, ...] = tuple(self.task.made_of)
         self.terms, self.part_terms = self.episode.terms, self.episode.part_terms
         if self.observation.goal_reward:
+            if weights:
+                allowed = "none with observation='goal', whose reward is compute_reward's"
+                raise checks.refuse("task_settings['weights']", dict(weights), allowed)
             self.term_names = ("goal",)
-            self.terms, self.part_terms = np.zeros((worlds, 1)), np.zeros((worlds, len(self.parts), 1))
-        self.facts, self.details = self._shown()
-        self.drive: Any = None
-        self.began, self.longest = False, math.inf
+            self.terms, self.part_terms = np.zeros((worlds, 1)), np.zeros((worlds, parts, 1))
+        elif self.task.has_own_reward:
+            state = self.simulator.state
+            self._own_reward = own = OwnReward(self.task, self.scoring, state, self.periods, self._all_phasors, weights)
+            self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
@@ -201,7 +220,7 @@ class Core:
         self.simulator.place(worlds, start.pose, velocity, 0.0, ~start.present)
         self.simulator.condition(worlds, drawn)
         self.scoring.begin(worlds, start)
-        if self.observation.goal_reward:
+        if self.terms is not self.episode.terms:  # which have just been set
             self.terms[worlds], self.part_terms[worlds] = 0.0, 0.0
         for remembered in self.action.live().values():
             remembered[worlds] = 0
@@ -236,6 +255,8 @@ class Core:
         """Advance every world by one step under a checked action, score it, and measure."""
         command = self.action.command(action, self.sensing.measurement)
         self.sensing.follow(command)
+        if self._own_reward is not None:
+            self._own_reward.begin_step()
         elapsed, instant, state = 0, self.sensing.instant, self.simulator.state
         for drive, periods in self.actuators.apply(command):
             self.drive = drive
@@ -251,7 +272,9 @@ class Core:
         self.sensing.update()
         self.scoring.score()
         self._look()
-        if self.observation.goal_reward:
+        if self._own_reward is not None:
+            self._own_reward.score()
+        elif self.observation.goal_reward:
             reached = self.observation.reached  # type: ignore[attr-defined]
             goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
             reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
@@ -301,11 +324,15 @@ class Core:
 
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
-        phasors = np.zeros((1, self.surface.rows, self.surface.columns, 2))
+        return self._all_phasors(world, 1)[0]
+
+    def _all_phasors(self, first: int = 0, worlds: int | None = None) -> np.ndarray:
+        """Those of the worlds from ``first`` on, (worlds, rows, columns, 2)."""
+        phasors = np.zeros((worlds or self.worlds, self.surface.rows, self.surface.columns, 2))
         if self.drive is not None and self.surface.full_scale > 0.0:
-            all_phasors(self.drive, phasors, world)
+            all_phasors(self.drive, phasors, first)
             phasors /= self.surface.full_scale
-        return phasors[0]
+        return phasors
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit, but the generators."""
@@ -367,10 +394,12 @@ def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
     return tuple(part_from(part, "parts" if one else f"parts[{k}]") for k, part in enumerate(parts))
 
 
-def _task_settings(options: Options, cls: type[Task], randomize: Mapping[str, Any]) -> dict[str, Any]:
+def _task_settings(
+    options: Options, cls: type[Task], randomize: Mapping[str, Any]
+) -> tuple[dict[str, Any], Mapping[str, Any]]:
     """Keyword arguments of the task: those that the environment names, where the task has them, and the task's own.
 
-    ``randomize``: the task's share of it.
+    ``randomize``: the task's share of it. Also the weights of reward terms, which every task has, whatever its arguments.
     """
     settings = {name: getattr(options, name) for name in NAMED if name != "randomize"}
     settings = {
@@ -382,11 +411,11 @@ def _task_settings(options: Options, cls: type[Task], randomize: Mapping[str, An
             own = ", ".join(each for each in known if each in NAMED)
             raise checks.refuse(name, value, f"nothing for {options.task}, which has {own or 'no settings'}")
     more = {} if options.task_settings is None else options.task_settings
+    known = tuple(dict.fromkeys((*known, "weights")))
     if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
-        raise checks.refuse(
-            "task_settings", more, f"a mapping with keys among {', '.join(known) or '(none)'}, each once"
-        )
-    return {**settings, **more}
+        raise checks.refuse("task_settings", more, f"a mapping with keys among {', '.join(known)}, each once")
+    own = {name: value for name, value in more.items() if name != "weights"}
+    return {**settings, **own}, more.get("weights", {})
 
 
 def _identity(options: Options, core: Core) -> str:

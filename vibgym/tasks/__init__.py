@@ -6,6 +6,7 @@ from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.follow import Follow
 from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.reward import Step
 from vibgym.tasks.rotate import Rotate
 from vibgym.tasks.singulate import Singulate
 from vibgym.tasks.sort import Sort
@@ -27,6 +28,7 @@ __all__ = [
     "Singulate",
     "Sort",
     "Start",
+    "Step",
     "Task",
     "Transport",
 ]

@@ -16,6 +16,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.episode import LIMITS, QUANTITIES, Episode, Relations, Rules, Start
 from vibgym.tasks.kinds import kinds_by_name
+from vibgym.tasks.reward import Step, terms_of
 from vibgym.tasks.scoring import Scoring
 
 HOLD_PERIODS = 10
@@ -44,17 +45,19 @@ class Task(ABC):
         lasts: s that an episode takes at least before it can succeed, the hold aside.
         slots: blocks of the state observation.
         features: of a part in it: :attr:`FEATURES`, and what the sensor tells besides.
+        made_of: quantity of each reward term that has one.  weights: of all terms.
 
     Raises:
-        ValueError: too many kinds or parts, or a hold that is no number of periods.
+        ValueError: too many kinds or parts, a hold that is no number of periods, or reward terms of which there is no quantity.
     """
 
     DEFAULT_PARTS: ClassVar[tuple[str, ...]] = ("aluminium_block",)
     MOST_PARTS: ClassVar[int | None] = None
 
-    TERMS: ClassVar[Mapping[str, tuple[str, float]]]
+    TERMS: ClassVar[Mapping[str, tuple[str, float] | float]]
     """Reward terms in order: of what each one is made (:data:`vibgym.tasks.episode.QUANTITIES`), and its weight. Each is
-    bounded by its weight in magnitude; those of :data:`PER_PERIOD` count every period of a step."""
+    bounded by its weight in magnitude; those of :data:`PER_PERIOD` count every period of a step. A term that a
+    :meth:`reward` of the task's own makes has a weight alone."""
 
     FACTS: ClassVar[tuple[str, ...]]
     """What ``info`` says besides ``reward_terms``, among the names in :meth:`facts`."""
@@ -91,6 +94,7 @@ class Task(ABC):
         self.apart, self.lasts = -math.inf, 0.0
         self.slots, self.features = len(self.parts), tuple(self.FEATURES)
         self.hulls = hulls_of(self.parts)
+        self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_own_reward)
 
     @property
     def name(self) -> str:
@@ -159,14 +163,50 @@ class Task(ABC):
             "hold": self.hold,
             "periods": periods,
         }
-        made_of = [of for of, _ in self.TERMS.values()]
+        counted = [(of, self.weights[name]) for name, of in self.made_of.items()]
+        if self.has_own_reward:  # which is made of all quantities as they are
+            counted = [(of, 1.0) for of in QUANTITIES]
         return Rules(
             zone=zone,
             heading_period=np.array([self.heading_period(part) for part in self.parts]),
             limit=np.array([limits[name] for name in LIMITS]),
-            term=np.array([QUANTITIES.index(of) for of in made_of]),
-            weight=np.array([w * (periods if of in PER_PERIOD else 1) for of, w in self.TERMS.values()]),
+            term=np.array([QUANTITIES.index(of) for of, _ in counted], dtype=np.int64),
+            weight=np.array([w * (periods if of in PER_PERIOD else 1) for of, w in counted], dtype=np.float64),
         )
+
+    def reward(self, step: Step) -> Mapping[str, np.ndarray]:
+        """Terms of the reward of a step, each (worlds, parts), before they are weighed.
+
+        What ``env.step`` returns is their sum, each times its weight in :attr:`weights`: the mean over the present parts, but
+        for ``fallen``, of which the worst part counts; see :class:`vibgym.tasks.reward.OwnReward`. Override it for a reward of
+        your own, with ``super().reward(step)`` for the terms of :attr:`TERMS`; kernels compute those where nobody does. A
+        reward may depend on the step alone and is to keep nothing: then worlds, copies and snapshots go on with the same bits.
+        """
+        return {name: step.quantities[quantity] for name, quantity in self.made_of.items()}
+
+    @property
+    def has_own_reward(self) -> bool:
+        """Whether :meth:`reward` is overridden, so that it is asked at every step."""
+        return getattr(self.reward, "__func__", None) is not Task.reward
+
+    def weigh(self, weights: Any) -> None:
+        """Let some terms of the reward count with other weights than in :attr:`TERMS`.
+
+        Args:
+            weights: a mapping from terms to finite numbers. Of a reward of the task's own it may name terms that are not in
+                the table.
+
+        Raises:
+            ValueError: another value, or an unknown term; nothing has changed.
+        """
+        name = "task_settings['weights']"
+        known = ", ".join(self.weights)
+        if not isinstance(weights, Mapping):
+            raise checks.refuse(name, weights, f"a mapping from terms to numbers; terms: {known}")
+        for term in weights:
+            if not isinstance(term, str) or not (term in self.weights or self.has_own_reward):
+                raise checks.refuse(name, f"a weight of {checks.shown(term)}", f"weights of the terms {known}")
+        self.weights |= {term: checks.number(f"{name}[{term!r}]", weight) for term, weight in weights.items()}
 
     def facts(self, diverged: np.ndarray, episode: Episode) -> dict[str, np.ndarray]:
         """What ``info`` says besides ``reward_terms``, each (worlds,); live arrays of the true state."""

@@ -9,7 +9,7 @@ from gymnasium import spaces
 
 from agents.training.hindsight import HindsightBuffer, buffer_bytes
 from tests.envs.helpers import SMALL, batch
-from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.adapters.sb3 import VecEnv
 
 WORLDS, SIZE = 3, 40
 SPACE = spaces.Dict({
@@ -121,9 +121,7 @@ def test_memory_is_what_is_said():
 
 def test_rewards_are_the_environment_s_own():
     """Of parts that wander on a small surface, and fall from it."""
-    env = StableBaselinesAdapter(
-        batch("Align", WORLDS, action="field", observation="goal", surface=SMALL, autoreset_mode="SameStep")
-    )
+    env = VecEnv(batch("Align", WORLDS, action="field", observation="goal", surface=SMALL, autoreset_mode="SameStep"))
     kept = HindsightBuffer(900, env.observation_space, env.action_space, n_envs=WORLDS, env=env, hindsight=0.0)
     again = HindsightBuffer(
         900, env.observation_space, env.action_space, n_envs=WORLDS, env=env, hindsight=1.0, horizon=0

@@ -11,7 +11,7 @@ from agents.training.rollout import PartsBuffer
 from tests.envs.helpers import batch
 from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
-from vibgym.adapters.sb3 import StableBaselinesAdapter
+from vibgym.adapters.sb3 import VecEnv
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Seen
 from vibgym.policies.trained.trained import TrainedPolicy
@@ -40,9 +40,7 @@ def untrained(env, **settings):
     policy = {"actor": "parts", "net": [8], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -0.5}
     policy["coding"] = coding_for(TaskInfo.of(env), "field")
     made = {"n_steps": STEPS, "batch_size": 24, "n_epochs": 2, "gamma": GAMMA, "gae_lambda": LAMBDA, "seed": 1}
-    return PartsPPO(
-        PartsPolicy, StableBaselinesAdapter(env), policy_kwargs=policy, device="cpu", **{**made, **settings}
-    )
+    return PartsPPO(PartsPolicy, VecEnv(env), policy_kwargs=policy, device="cpu", **{**made, **settings})
 
 
 class FirstColumn:
@@ -265,7 +263,7 @@ def test_a_rollout_remembers_what_parts_were_told(turned, monkeypatch):
     coding = coding_for(TaskInfo.of(env), "wrench", turned=turned, remembers=True)
     policy = {"actor": "parts", "net": [8], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -1.0}
     made = {"n_steps": STEPS, "batch_size": 24, "n_epochs": 1, "learning_rate": 1e-9, "seed": 1, "device": "cpu"}
-    model = PartsPPO(PartsPolicy, StableBaselinesAdapter(env), policy_kwargs={**policy, "coding": coding}, **made)
+    model = PartsPPO(PartsPolicy, VecEnv(env), policy_kwargs={**policy, "coding": coding}, **made)
     torch.nn.init.normal_(model.policy.actor.mean.weight)
     acting = TrainedPolicy(trained_tensors(model.policy.actor), "parts", "tanh", coding)
     steps, step, async_ = [], model.env.step_wait, model.env.step_async

@@ -1,0 +1,249 @@
+"""Rewards of a task's own: what a step has done to every part, in NumPy, and what becomes of the terms that a task makes of it.
+
+A shipped reward is a table of quantities and weights (:attr:`vibgym.tasks.Task.TERMS`), which kernels add up. A task that
+overrides :meth:`vibgym.tasks.Task.reward` gets the same quantities as arrays, adds what it likes, and is asked at every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.core.records import State
+from vibgym.tasks.episode import QUANTITIES, Episode, Relations
+from vibgym.tasks.scoring import Scoring
+
+WORST = "fallen"
+"""Quantity, and term, of which a world counts its worst part's: one part on the floor is as bad as several."""
+
+
+class Instant(NamedTuple):
+    """The true state of all parts at the beginning or at the end of a step; of absent parts it means nothing."""
+
+    pose: np.ndarray  # (worlds, parts, 3) m, m, rad
+    velocity: np.ndarray  # (worlds, parts, 3) m/s, m/s, rad/s
+    mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period
+    sticking: np.ndarray  # (worlds, parts) bool
+    goal: np.ndarray  # (worlds, parts, 3) m, m, rad; zeros for tasks with zones or without goals
+    error: np.ndarray  # (worlds, parts, 3) goal, or nearest point of the zone, minus pose: m, m, rad
+    gap: np.ndarray  # (worlds, parts) m, to the nearest other part
+    done: np.ndarray  # (worlds, parts) bool
+    fallen: np.ndarray  # (worlds, parts) bool
+
+    @property
+    def position_error(self) -> np.ndarray:
+        """(worlds, parts) m, distance to the goal or zone."""
+        return np.hypot(self.error[..., 0], self.error[..., 1])
+
+    @property
+    def heading_error(self) -> np.ndarray:
+        """(worlds, parts) rad, magnitude; 0 where headings do not count."""
+        return np.abs(self.error[..., 2])
+
+    @classmethod
+    def of(cls, state: State, episode: Episode, relations: Relations) -> Instant:
+        """The present one, as views that cannot be written to."""
+        live = (
+            state.pose, state.velocity, state.mean_velocity, state.sticking, episode.goal, relations.error, relations.gap,
+            episode.done, episode.part_fallen,
+        )  # fmt: skip
+        return cls(*map(_readable, live))
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a step has done to the parts of all worlds. Arrays are those of the environment: copy what is to be kept.
+
+    Attributes:
+        before, now: how the parts stood at the step's beginning, and stand at its end.
+        quantities: by the names of :data:`vibgym.tasks.episode.QUANTITIES`, (worlds, parts) of each part alone: what the
+            terms of shipped tasks count. ``time`` and ``within`` count every period of the step.
+        present: (worlds, parts) bool, the parts of this episode.
+        success: (worlds,) bool, whether the step has ended the episode with success.
+        periods: oscillation periods of the step.
+    """
+
+    before: Instant
+    now: Instant
+    quantities: Mapping[str, np.ndarray]
+    present: np.ndarray
+    success: np.ndarray
+    periods: int
+    _elements: Callable[[], np.ndarray]
+
+    @cached_property
+    def phasors(self) -> np.ndarray:
+        """(worlds, rows, columns, 2) what every element did last: amplitude x (cos, sin) of its phase, 1 at full scale."""
+        return self._elements()
+
+
+class Rewarding(Protocol):
+    """What this module knows of a task, see :class:`vibgym.tasks.Task`."""
+
+    made_of: dict[str, str]
+    weights: dict[str, float]
+
+    @property
+    def name(self) -> str: ...
+    def reward(self, step: Step) -> Mapping[str, np.ndarray]: ...
+
+
+class OwnReward:
+    """Asks a task for its terms at every step, weighs them, and writes them where the kernels' own would stand.
+
+    The reward of a part is the sum of its weighted terms; those of absent parts are 0. A world's term is the mean over its
+    present parts, but for ``fallen`` (:data:`WORST`), and its reward is the sum of these. The kernels form a world's shipped
+    terms of the parts' mean errors instead: to rounding that is the same, unless a part is at a term's bound, and but for
+    ``approach``, ``alignment`` and ``within`` of several parts.
+
+    Args:
+        task: whose terms; it is asked once at construction, about a step in which nothing has happened.
+        scoring: of its episodes; of a task with a reward of its own it delivers the quantities.
+        state: true state of the worlds.
+        periods: oscillation periods of a step.
+        elements: what makes :attr:`Step.phasors`.
+        weights: those that were set, beside the task's own.
+
+    Attributes:
+        names: of the terms.
+        terms: (worlds, terms) weighted.  part_terms: (worlds, parts, terms) likewise.
+
+    Raises:
+        ValueError: the task returns no mapping, a term of a wrong shape or one without a weight; a weight of no term.
+    """
+
+    def __init__(
+        self,
+        task: Rewarding,
+        scoring: Scoring,
+        state: State,
+        periods: int,
+        elements: Callable[[], np.ndarray],
+        weights: Mapping[str, float],
+    ) -> None:
+        self._task, self._scoring, self._state, self._periods = task, scoring, state, periods
+        self._elements = elements
+        worlds, parts = state.pose.shape[:2]
+        self._everyone = np.ones((worlds, parts), dtype=bool)
+        self.names: tuple[str, ...] = ()
+        self.begin_step()
+        with np.errstate(all="ignore"):
+            first = self._asked(self._everyone)
+        self.names = tuple(first)
+        for name in weights:
+            if name not in self.names:
+                allowed = f"terms that the reward of {task.name} returns: {', '.join(self.names) or 'none'}"
+                raise checks.refuse("task_settings['weights']", f"a weight of {checks.shown(name)}", allowed)
+        self.terms, self.part_terms = np.zeros((worlds, len(first))), np.zeros((worlds, parts, len(first)))
+
+    def begin_step(self) -> None:
+        """Remember how the parts stand before a step."""
+        self._before = Instant(*(view.copy() for view in self._now()))
+
+    def score(self) -> None:
+        """Reward the step that has just been scored.
+
+        Raises:
+            ValueError: the task returns no mapping, other terms than before, or one of a wrong shape, without a weight or
+                with numbers that are not finite.
+        """
+        episode = self._scoring.episode
+        present, terms, part_terms = episode.present, self.terms, self.part_terms
+        parts, reward, part_reward = present.shape[1], episode.reward, episode.part_reward
+        reward[:], part_reward[:] = 0.0, 0.0
+        share, made_of = np.maximum(present.sum(axis=1), 1), self._task.made_of
+        for k, (name, values) in enumerate(self._asked(present).items()):
+            here = np.where(present, values, 0.0)
+            if not np.isfinite(here).all():
+                world, part = np.argwhere(~np.isfinite(here))[0].tolist()
+                self._refuse(name, f"{here[world, part]} for part {part} of world {world}", "finite numbers")
+            weight = self._task.weights[name]
+            if made_of.get(name, name) == WORST:
+                of_world = here.min(axis=1)
+            else:  # part by part: the sum of a world shall not depend on how many there are
+                of_world = sum(here[:, part] for part in range(parts)) / share
+            terms[:, k], part_terms[..., k] = weight * of_world, weight * here
+            reward += terms[:, k]
+            part_reward += part_terms[..., k]
+
+    def _now(self) -> Instant:
+        return Instant.of(self._state, self._scoring.episode, self._scoring.relations)
+
+    def _asked(self, present: np.ndarray) -> dict[str, np.ndarray]:
+        """The task's terms, checked but for their numbers."""
+        episode = self._scoring.episode
+        quantities = {name: _readable(episode.part_terms[..., k]) for k, name in enumerate(QUANTITIES)}
+        who, success = _readable(present), _readable(episode.success)
+        step = Step(self._before, self._now(), quantities, who, success, self._periods, self._elements)
+        found = self._task.reward(step)
+        if not isinstance(found, Mapping):
+            raise checks.refuse(f"reward of {self._task.name}", found, "a mapping from terms to (worlds, parts) arrays")
+        terms = {name: self._checked(name, values) for name, values in found.items()}
+        if self.names and tuple(terms) != self.names:
+            if set(terms) != set(self.names):
+                allowed = f"the terms of its first step: {', '.join(self.names)}"
+                raise checks.refuse(f"reward of {self._task.name}", f"terms {', '.join(terms)}", allowed)
+            terms = {name: terms[name] for name in self.names}
+        return terms
+
+    def _checked(self, name: Any, values: Any) -> np.ndarray:
+        """A term as an array of numbers, of which there is a weight."""
+        known = self._task.weights
+        if not isinstance(name, str) or name not in known:
+            got, allowed = (
+                f"a term {checks.shown(name)} without a weight",
+                f"terms with one: {', '.join(known) or 'none'}",
+            )
+            raise checks.refuse(
+                f"reward of {self._task.name}", got, f"{allowed}; see TERMS and task_settings['weights']"
+            )
+        shape = self._everyone.shape
+        allowed = f"an array of numbers of shape {shape}: (worlds, parts)"
+        try:
+            array = np.asarray(values)
+        except (TypeError, ValueError):  # rows of different lengths
+            self._refuse(name, values, allowed)
+        if array.shape != shape or array.dtype.kind not in "bfiu":
+            self._refuse(name, f"array of shape {array.shape} and type {array.dtype}", allowed)
+        return array.astype(np.float64)
+
+    def _refuse(self, name: str, got: Any, allowed: str) -> Any:
+        raise checks.refuse(f"reward of {self._task.name}, term {name!r}", got, allowed)
+
+
+def _readable(array: np.ndarray) -> np.ndarray:
+    """A view that cannot be written to."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
+def terms_of(owner: str, terms: Mapping[str, Any], own: bool) -> tuple[dict[str, str], dict[str, float]]:
+    """What a task's table of terms says: of which quantities they are made, and their weights.
+
+    Args:
+        owner: the task's name, for errors.
+        terms: see :attr:`vibgym.tasks.Task.TERMS`.
+        own: whether the task has a reward of its own.
+
+    Raises:
+        ValueError: a quantity that there is not, a weight that is no finite number, or a term that nobody makes.
+    """
+    made_of, weights = {}, {}
+    for name, entry in terms.items():
+        where, weight = f"{owner}.TERMS[{name!r}]", entry
+        if isinstance(entry, tuple) and len(entry) == 2:
+            made_of[name] = checks.choice(f"{where}[0]", entry[0], QUANTITIES)
+            weight = entry[1]
+        elif not own:
+            known = (
+                f"(quantity, weight) with a quantity among {', '.join(QUANTITIES)}, or a reward that returns the term"
+            )
+            raise checks.refuse(where, entry, known)
+        weights[name] = checks.number(where, weight)
+    return made_of, weights
