@@ -2,6 +2,7 @@
 
 import warnings
 
+import gymnasium as gym
 import numpy as np
 import pettingzoo
 import pytest
@@ -114,3 +115,15 @@ def test_bad_input():
         with pytest.raises(ValueError, match="^actions"):
             many.step(bad)
     assert_same(many.env.unwrapped.get_state(), state)
+
+
+def test_agents_are_paid_what_a_wrapper_pays():
+    """The world's reward where it changes that, and their own beneath limits and the like."""
+    paid = []
+    for wrap in (lambda env: env, lambda env: gym.wrappers.TransformReward(env, lambda reward: reward - 3.0)):
+        many = PartsParallelEnv(wrap(single("Sort", observation="parts", action="wrench")))
+        many.reset(seed=0)
+        paid.append(many.step({agent: np.ones(3) for agent in many.agents})[1])
+    own, wrapped = paid
+    assert len(set(own.values())) > 1 and len(set(wrapped.values())) == 1
+    assert wrapped["part_0"] == pytest.approx(np.mean(list(own.values())) - 3.0, abs=1e-12)

@@ -6,6 +6,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
+from gymnasium.vector import VectorRewardWrapper, VectorWrapper
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
@@ -183,3 +185,54 @@ def test_rewards_of_a_batch_come_whole():
     assert env.env_method("compute_reward", achieved, desired, {"fallen": np.array([True, False, True])}, indices=[0])[
         0
     ].tolist() == [-50.0, -1.0, -50.0]
+
+
+class Halved(VectorRewardWrapper):
+    """Pays half."""
+
+    def rewards(self, reward):
+        return 0.5 * reward
+
+
+class PartByPart(VectorWrapper):
+    """Pays a third, of the parts too."""
+
+    credits_parts = True
+
+    def step(self, actions):
+        seen, reward, *ends, info = self.env.step(actions)
+        for told in (info["parts"], info.get("final_info", {}).get("parts", {})):
+            if told:
+                told["reward"] = told["reward"] / 3.0
+        return seen, reward / 3.0, *ends, info
+
+
+def test_made_by_name_with_wrappers():
+    settings = {"parts": ["steel_block", "aluminium_block"], "action": "field", "max_episode_steps": 4}
+    plain, half, third, both = (
+        VecEnv("vibgym/Sort-v0", num_envs=3, wrappers=wrappers, **settings)
+        for wrappers in ((), [Halved], [PartByPart], [RecordEpisodeStatistics, Halved, PartByPart])
+    )
+    assert [env.keeps_rewards for env in (plain, half, third, both)] == [True, False, False, False]
+    assert [env.credits_parts for env in (plain, half, third, both)] == [True, False, True, False]
+    for env in (plain, half, third, both):
+        assert env.num_envs == 3 and env.get_attr("num_envs") == [3] * 3
+        env.seed(1), env.reset()
+    for push in np.random.default_rng(0).uniform(-1, 1, (9, 3, 12)).astype(np.float32):
+        _, whole, done, _ = plain.step(push)
+        assert plain.part_reward.mean(axis=1) == pytest.approx(whole, abs=1e-6)
+        for env, share in ((half, 2.0), (third, 3.0), (both, 6.0)):
+            _, reward, ended, infos = env.step(push)
+            assert reward == pytest.approx(whole / share, abs=1e-7) and (ended == done).all()
+            expected = plain.part_reward / share if env.credits_parts else np.repeat(reward[:, None], 2, axis=1)
+            assert env.part_reward == pytest.approx(expected, abs=1e-7)
+        for world in np.flatnonzero(done):
+            assert infos[world]["episode"]["l"] == 4
+    state = half.get_state()
+    after = half.step(push)
+    half.set_state(state)
+    assert all(same(a, b) for a, b in zip(half.step(push)[:3], after[:3], strict=True))
+    with pytest.raises(ValueError, match=r"^settings: got \['action', 'num_envs'\]; allowed: none beside"):
+        VecEnv(plain.envs[0], num_envs=2, action="field")
+    with pytest.raises(ValueError, match=r"^num_envs: got 0"):
+        VecEnv("vibgym/Align-v0", num_envs=0)

@@ -166,7 +166,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         paths: of Follow: a list with a mapping for each part, or a mapping for paths that are drawn, see
             :class:`vibgym.tasks.Follow`.
         task_settings: keyword arguments that the task has besides: ``hold``, periods in a row with all parts done that make
-            success (10; at most an episode), and those that only a task of your own has.
+            success (10; at most an episode); ``weights``, a mapping from reward terms to what they count instead; and those
+            that only a task of your own has.
         periods_per_step: oscillation periods per step. Hold, time cost and limit count periods, so the task stays the same.
         max_episode_periods: periods after which an episode is truncated, where a step has several; with one a step that is
             Gymnasium's own ``max_episode_steps``. None: no limit.

@@ -205,7 +205,7 @@ class Task(ABC):
             raise checks.refuse(name, weights, f"a mapping from terms to numbers; terms: {known}")
         for term in weights:
             if not isinstance(term, str) or not (term in self.weights or self.has_own_reward):
-                raise checks.refuse(name, f"a weight of {checks.shown(term)}", f"weights of the terms {known}")
+                raise checks.refuse(f"{name}[{checks.shown(term)}]", weights[term], f"weights of the terms {known}")
         self.weights |= {term: checks.number(f"{name}[{term!r}]", weight) for term, weight in weights.items()}
 
     def facts(self, diverged: np.ndarray, episode: Episode) -> dict[str, np.ndarray]:

@@ -137,8 +137,8 @@ class OwnReward:
         self.names = tuple(first)
         for name in weights:
             if name not in self.names:
-                allowed = f"terms that the reward of {task.name} returns: {', '.join(self.names) or 'none'}"
-                raise checks.refuse("task_settings['weights']", f"a weight of {checks.shown(name)}", allowed)
+                allowed = f"weights of what the reward of {task.name} returns: {', '.join(self.names) or 'nothing'}"
+                raise checks.refuse(f"task_settings['weights'][{name!r}]", weights[name], allowed)
         self.terms, self.part_terms = np.zeros((worlds, len(first))), np.zeros((worlds, parts, len(first)))
 
     def begin_step(self) -> None:
@@ -161,7 +161,8 @@ class OwnReward:
             here = np.where(present, values, 0.0)
             if not np.isfinite(here).all():
                 world, part = np.argwhere(~np.isfinite(here))[0].tolist()
-                self._refuse(name, f"{here[world, part]} for part {part} of world {world}", "finite numbers")
+                what = f"reward of {self._task.name}, term {name!r}, part {part} of world {world}"
+                raise checks.refuse(what, float(here[world, part]), "a finite number")
             weight = self._task.weights[name]
             if made_of.get(name, name) == WORST:
                 of_world = here.min(axis=1)
@@ -187,7 +188,7 @@ class OwnReward:
         if self.names and tuple(terms) != self.names:
             if set(terms) != set(self.names):
                 allowed = f"the terms of its first step: {', '.join(self.names)}"
-                raise checks.refuse(f"reward of {self._task.name}", f"terms {', '.join(terms)}", allowed)
+                raise checks.refuse(f"reward of {self._task.name}", list(terms), allowed)
             terms = {name: terms[name] for name in self.names}
         return terms
 
@@ -195,13 +196,8 @@ class OwnReward:
         """A term as an array of numbers, of which there is a weight."""
         known = self._task.weights
         if not isinstance(name, str) or name not in known:
-            got, allowed = (
-                f"a term {checks.shown(name)} without a weight",
-                f"terms with one: {', '.join(known) or 'none'}",
-            )
-            raise checks.refuse(
-                f"reward of {self._task.name}", got, f"{allowed}; see TERMS and task_settings['weights']"
-            )
+            allowed = f"those with a weight, in TERMS or task_settings['weights']: {', '.join(known) or 'none'}"
+            raise checks.refuse(f"terms of the reward of {self._task.name}", name, allowed)
         shape = self._everyone.shape
         allowed = f"an array of numbers of shape {shape}: (worlds, parts)"
         try:

@@ -4,17 +4,23 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import VectorRewardWrapper
 
+from agents.training import on_policy
 from agents.training.parts_policy import PartsPolicy, trained_tensors
 from agents.training.ppo import PartsPPO
 from agents.training.rollout import PartsBuffer
+from agents.training.settings import TrainSettings
 from tests.envs.helpers import batch
 from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
 from vibgym.adapters.sb3 import VecEnv
+from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Seen
 from vibgym.policies.trained.trained import TrainedPolicy
+from vibgym.tasks import TASKS, Align
 
 GAMMA, LAMBDA = 0.9, 0.8
 STEPS, WORLDS, PARTS = 9, 3, 2
@@ -208,6 +214,75 @@ def test_a_rollout_keeps_what_happened(model):
     for at, world, rows, _ in buffer.cut:
         assert at == 4 and (rows == seen[4][2][world]["parts"][:PARTS]).all()
     assert (buffer.reward[4] != reward[4].astype(np.float32)).all()
+
+
+class Shifted(VectorRewardWrapper):
+    """Pays more."""
+
+    def rewards(self, reward):
+        return reward + 7.0
+
+
+def test_a_rollout_keeps_the_reward_of_a_wrapper():
+    """Every part is credited with what the wrapper paid its world."""
+    env = batch("Sort", WORLDS, parts=TWO, action="field", observation="parts", autoreset_mode="SameStep")
+    model = untrained(Shifted(env))
+    model.learn(STEPS * WORLDS)
+    paid = model.rollout_buffer.reward
+    assert (abs(paid - 7.0) < 1.0).all() and (paid[..., 0] == paid[..., 1]).all() and len(np.unique(paid)) > STEPS
+
+
+def test_wrappers_of_a_registered_environment_take_part(monkeypatch):
+    """An id whose batch comes wrapped is trained on as it is, scene and network as without."""
+    for name, made in (
+        ("mine/Shifted-v0", lambda **more: Shifted(VibgymVectorEnv("Align", **more))),
+        ("mine/Pole-v0", lambda num_envs, **more: gym.make_vec("CartPole-v1", num_envs, "sync")),
+    ):
+        entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": made}
+        monkeypatch.setitem(gym.registry, name, EnvSpec(name, **entry))
+    ppo = {"n_steps": 4, "batch_size": 8, "n_epochs": 1, "net": [8], "critic_net": [8]}
+    made = {"task": "mine/Shifted-v0", "algorithm": "ppo", "worlds": 2, "steps": 8, "judging": None, "ppo": ppo}
+    settings = TrainSettings.model_validate({**made, "environment": {"action": "field"}})
+    env = on_policy.make_env(settings)
+    model = on_policy.make_model(settings, env)
+    model.learn(8)
+    assert not env.credits_parts and (abs(model.rollout_buffer.reward - 7.0) < 1.0).all()
+    assert isinstance(env.env, VibgymVectorEnv) and model.policy.coding.parts == env.env.parts
+    with pytest.raises(ValueError, match="^task: got 'mine/Pole-v0'; allowed: .*VibgymVectorEnv, wrapped or not"):
+        on_policy.make_env(settings.model_copy(update={"task": "mine/Pole-v0"}))
+
+
+class Thrifty(Align):
+    """Align, and the elements' energy counts."""
+
+    TERMS = {**Align.TERMS, "energy": 1.0}
+
+    def reward(self, step):
+        return {**super().reward(step), "energy": -np.square(step.phasors).mean(axis=(1, 2, 3))[:, None] * step.present}
+
+
+def test_a_reward_of_ones_own_is_learned_from(monkeypatch):
+    """By settings alone: with another weight of a term other weights of the network, and without it those of the task."""
+    monkeypatch.setattr(TASKS, "_items", {**TASKS, "Thrifty": Thrifty})
+    made = {
+        "algorithm": "ppo", "worlds": 4, "steps": 128, "judging": None,
+        "ppo": {"n_steps": 16, "batch_size": 32, "n_epochs": 2, "net": [8], "critic_net": [8]},
+    }  # fmt: skip
+    learned = []
+    for task, weight in (("Align", None), ("Thrifty", 0.0), ("Thrifty", 1.0)):
+        environment = {
+            "action": "field",
+            **({} if weight is None else {"task_settings": {"weights": {"energy": weight}}}),
+        }
+        settings = TrainSettings.model_validate({**made, "task": task, "environment": environment})
+        env = on_policy.make_env(settings)
+        model = on_policy.make_model(settings, env)
+        model.learn(settings.steps)
+        learned.append(on_policy.actor(model))
+        env.close()
+    align, free, costly = learned
+    assert all((align[name] == free[name]).all() for name in align)
+    assert any((align[name] != costly[name]).any() for name in align)
 
 
 def test_the_critic_alone_learns_at_first():

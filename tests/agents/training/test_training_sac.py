@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 import yaml
+from gymnasium.vector import VectorRewardWrapper
 from stable_baselines3 import SAC
 
 from agents.training import checkpoint, off_policy
@@ -15,6 +16,7 @@ from agents.training.settings import TrainSettings, load_settings
 from agents.training.train import train
 from tests.policies.helpers import info_of
 from vibgym.policies.registry import make_policy
+from vibgym.tasks import TASKS, Align
 
 SMALL = {
     "task": "Align", "algorithm": "sac", "environment": {"action": "field", "max_episode_steps": 8}, "worlds": 4,
@@ -44,6 +46,27 @@ def made():
     yield make
     for env in envs:
         env.close()
+
+
+class Doubled(VectorRewardWrapper):
+    """Pays twice."""
+
+    def rewards(self, reward):
+        return 2.0 * reward
+
+
+def test_values_are_bounded_for_the_shipped_goal_reward_alone(made, monkeypatch):
+    assert made(steps=0)[0].values == (pytest.approx(-1.0 / (1.0 - settings_of().sac.gamma)), 0.0)
+    kind = type("Paying", (Align,), {"compute_reward": lambda self, *goals: 10.0 + Align.compute_reward(self, *goals)})
+    monkeypatch.setattr(TASKS, "_items", {**TASKS, "Paying": kind})
+    model, _ = made(task="Paying")
+    assert model.values is None and (model.replay_buffer.sample(50).rewards >= 9.0).all()
+    make_vec = off_policy.gym.make_vec
+    monkeypatch.setattr(off_policy.gym, "make_vec", lambda *args, **more: Doubled(make_vec(*args, **more)))
+    with pytest.raises(ValueError, match=r"^sac.hindsight: got 0.8; allowed: 0 where a wrapper changes"):
+        made()
+    model, _ = made(sac={"hindsight": 0.0})
+    assert model.values is None and set(np.unique(model.replay_buffer.sample(50).rewards)) <= {-2.0, 0.0, -100.0}
 
 
 def test_the_update_is_that_of_stable_baselines(made):

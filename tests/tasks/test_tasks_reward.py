@@ -1,0 +1,252 @@
+"""Rewards of a task's own: the kernels' numbers in NumPy, terms by hand, weights, and what is refused."""
+
+import copy
+import pickle
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from tests.envs.helpers import SMALL, assert_same
+from vibgym.envs import VibgymEnv, VibgymVectorEnv
+from vibgym.tasks import TASKS, Align, Sort, Task
+from vibgym.tasks.episode import QUANTITIES
+
+SCENES = {
+    "Transport": {}, "Align": {}, "Rotate": {}, "Follow": {"parts": ["aluminium_block", "steel_block"]},
+    "Sort": {"randomize": {"parts": [2, 6]}}, "Singulate": {"randomize": {"parts": [2, 6]}},
+}  # fmt: skip
+OF_MEANS = ("approach", "alignment", "inside")
+"""Terms that the kernels form of the mean errors of several parts, or of whether all of them are inside (Follow)."""
+
+
+class Quiet(Align):
+    """Align, and the elements' energy counts."""
+
+    TERMS = {**Align.TERMS, "energy": 0.5}
+
+    def reward(self, step):
+        energy = np.square(step.phasors).sum(axis=(1, 2, 3)) / step.phasors[0, ..., 0].size
+        return {**super().reward(step), "energy": -energy[:, None] * step.present}
+
+
+class Gentle(Sort):
+    """Sort, and only progress and speed count."""
+
+    TERMS = {"progress": 2.0, "speed": 1.0, "fallen": 3.0}
+
+    def reward(self, step):
+        now = step.now
+        progress = step.before.position_error - now.position_error
+        return {
+            "progress": progress, "speed": -np.hypot(*np.moveaxis(now.mean_velocity, -1, 0)[:2]),
+            "fallen": -1.0 * now.fallen,
+        }  # fmt: skip
+
+
+@pytest.fixture
+def names(monkeypatch):
+    """A registry for the time of a test: its ``register`` gives a class a name."""
+    monkeypatch.setattr(TASKS, "_items", dict(TASKS._items))
+    for cls in (Quiet, Gentle):
+        TASKS.register(cls.__name__, cls)
+    return TASKS
+
+
+def actions(env, steps, seed=0):
+    return (
+        np.sign(seen := np.random.default_rng(seed).uniform(-1, 1, (steps, *env.action_space.shape))) * abs(seen) ** 0.3
+    )
+
+
+@pytest.mark.parametrize("periods", [1, 3])
+@pytest.mark.parametrize("name", SCENES)
+def test_shipped_rewards_are_the_same_bits_in_numpy(names, name, periods):
+    """Of every part: what kernels compute, and what :meth:`Task.reward` says where a task of one's own asks it."""
+    own = type("Same", (names[name],), {"reward": lambda self, step: Task.reward(self, step)})
+    names.register("Same", own)
+    settings = {**SCENES[name], "num_envs": 8, "action": "field", "max_episode_steps": 20, "periods_per_step": periods}
+    kernels, numpy = VibgymVectorEnv(name, **settings), VibgymVectorEnv("Same", **settings)
+    assert_same(kernels.reset(seed=3), numpy.reset(seed=3))
+    several = len(kernels.parts) > 1
+    for action in actions(kernels, 50):
+        expected, got = kernels.step(action), numpy.step(action)
+        assert_same(got[4]["parts"], expected[4]["parts"])
+        # Sums of a world may differ by a rounding: the kernel is free to add in another order.
+        assert got[1] == pytest.approx(expected[1], abs=1e-12) or name == "Follow"
+        if not several:
+            assert_same((got[0], *got[2:]), (expected[0], *expected[2:]))
+            continue
+        for term, values in expected[4]["reward_terms"].items():
+            if name == "Follow" and term in OF_MEANS:
+                present = kernels.truth.present
+                values = expected[4]["parts"]["reward_terms"][term].sum(axis=1) / present.sum(axis=1)
+            assert got[4]["reward_terms"][term] == pytest.approx(values, abs=1e-12), term
+        assert got[1] == pytest.approx(sum(v for k, v in got[4]["reward_terms"].items() if k[0] != "_"), abs=1e-12)
+
+
+def test_energy_counts_as_computed_by_hand(names):
+    settings = {"action": "phasor", "max_episode_steps": 30, "num_envs": 4}
+    plain, quiet = VibgymVectorEnv("Align", **settings), VibgymVectorEnv("Quiet", **settings)
+    loud = VibgymVectorEnv("Quiet", task_settings={"weights": {"energy": 2.0, "time": 0.1}}, **settings)
+    for env in (plain, quiet, loud):
+        env.reset(seed=0)
+    for k, action in enumerate(actions(plain, 40)):
+        without, with_it, louder = plain.step(action), quiet.step(action), loud.step(action)
+        phasors = action.reshape(4, -1, 2)
+        phasors = phasors / np.maximum(np.linalg.norm(phasors, axis=-1, keepdims=True), 1.0)
+        energy = np.square(phasors).sum(axis=(1, 2)) / phasors.shape[1]
+        if k == 29:  # the step after the limit begins anew, and is worth nothing
+            assert without[3].all()
+        if k == 30:
+            assert not (with_it[1].any() or louder[1].any())
+            continue
+        assert with_it[4]["reward_terms"]["energy"] == pytest.approx(-0.5 * energy, rel=1e-6)
+        assert with_it[1] == pytest.approx(without[1] - 0.5 * energy, abs=1e-6)
+        assert louder[1] == pytest.approx(without[1] - 2.0 * energy - 0.08, abs=1e-6)
+        assert (with_it[4]["parts"]["reward"][:, 0] == with_it[1]).all()
+
+
+def test_a_reward_of_its_own_terms_alone(names):
+    env = VibgymVectorEnv("Gentle", num_envs=4, action="field", randomize={"parts": [2, 5]})
+    env.reset(seed=1)
+    assert not env.core.terms.any() and env.core.terms.shape == (4, 3)
+    before = np.hypot(*np.moveaxis(env.truth.error, -1, 0)[:2])
+    for action in actions(env, 10):
+        _, reward, *_, info = env.step(action)
+        truth, told = env.truth, info["parts"]["reward_terms"]
+        away = np.hypot(*np.moveaxis(truth.error, -1, 0)[:2])
+        assert told["progress"] == pytest.approx(np.where(truth.present, 2.0 * (before - away), 0.0), abs=1e-12)
+        assert not told["speed"][~truth.present].any() and (told["speed"][truth.present] < 0.0).all()
+        assert reward == pytest.approx(info["parts"]["reward"].sum(axis=1) / truth.present.sum(axis=1), abs=1e-12)
+        before = away
+    pose = truth.pose[:, :].copy()
+    pose[1, np.flatnonzero(truth.present[1])[0], :2] = 0.4, -0.01
+    env.core.simulator.place(np.arange(4), pose, env.core.idle, 0.0, ~truth.present)
+    *_, info = env.step(np.zeros(env.action_space.shape))
+    assert info["reward_terms"]["fallen"].tolist() == [0.0, -3.0, 0.0, 0.0]  # the worst part's, not the mean
+    assert info["parts"]["reward_terms"]["fallen"].sum() == -3.0
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize("task", ["Quiet", "Gentle"])
+def test_batches_copies_and_snapshots_go_on_with_the_same_bits(names, task, mode):
+    settings = {"action": "field", "surface": SMALL} if task == "Quiet" else {"action": "field"}
+    if task == "Gentle":
+        settings["randomize"] = {"parts": [2, 5]}
+    native = VibgymVectorEnv(task, num_envs=3, autoreset_mode=mode, max_episode_steps=9, **settings)
+    sync = SyncVectorEnv([lambda: gym.wrappers.TimeLimit(VibgymEnv(task, **settings), 9)] * 3, autoreset_mode=mode)
+    assert_same(native.reset(seed=1), sync.reset(seed=1))
+    for k, action in enumerate(actions(native, 24).astype(np.float32)):
+        if k == 13:
+            state, twin = copy.deepcopy(native.get_state()), pickle.loads(pickle.dumps(native))
+            again = VibgymVectorEnv(task, num_envs=3, autoreset_mode=mode, max_episode_steps=9, **settings)
+            again.set_state(state)
+        got = native.step(action)
+        assert_same(got, sync.step(action))
+        if k >= 13:
+            for other in (twin, again):
+                assert_same(other.step(action), got)
+        done = got[2] | got[3]
+        if mode is AutoresetMode.DISABLED and done.any():
+            mask = {"reset_mask": done.copy()}
+            begun = native.reset(options=mask)
+            assert_same(sync.reset(options={"reset_mask": done.copy()}), begun)
+            if k >= 13:
+                for other in (twin, again):
+                    assert_same(other.reset(options={"reset_mask": done.copy()}), begun)
+
+
+def test_a_goal_observation_keeps_its_reward(names):
+    quiet, plain = (VibgymEnv(name, action="field", observation="goal") for name in ("Quiet", "Align"))
+    assert_same(quiet.reset(seed=0), plain.reset(seed=0))
+    assert_same(quiet.step(np.ones(6)), plain.step(np.ones(6)))
+    with pytest.raises(ValueError, match=r"^task_settings\['weights'\]: got .* none with observation='goal'"):
+        VibgymEnv("Align", observation="goal", task_settings={"weights": {"time": 0.1}})
+
+
+def test_what_a_step_shows_cannot_be_changed(names):
+    def meddle(self, step):
+        step.now.pose[...] = 0.0
+        return Task.reward(self, step)
+
+    names.register("Meddling", type("Meddling", (Align,), {"reward": meddle}))
+    with pytest.raises(ValueError, match="read-only"):
+        VibgymEnv("Meddling")
+
+
+@pytest.mark.parametrize("weights, message", [
+    ({"speed": 1.0}, r"\['speed'\]: got 1.0; allowed: weights of .*distance, approach"),
+    ({"time": float("nan")}, r"\['time'\]: got nan; allowed: a finite number"),
+    ({"time": "much"}, r"\['time'\]: got 'much'"), ({3: 1.0}, r"\[3\]: got 1.0; allowed: weights of"),
+    ([0.1], "a mapping"), (None, "a mapping"),
+])  # fmt: skip
+@pytest.mark.parametrize("task", ["Align", "Quiet"])
+def test_bad_weights_are_refused(names, task, weights, message):
+    with pytest.raises(ValueError, match=rf"^task_settings\['weights'\].*{message}"):
+        VibgymEnv(task, task_settings={"weights": weights})
+
+
+def returning(values):
+    """A reward that begins well and, where ``values`` is a function, goes on with what that says of the step."""
+    return lambda self, step: values(step)
+
+
+@pytest.mark.parametrize("terms, reward, message", [
+    ({"a": 1.0}, lambda step: {"b": step.gap}, "no attribute 'gap'"),
+    ({"a": 1.0}, lambda step: {"b": step.now.gap}, "^terms of the reward of Mine: got 'b'; allowed: .*: a$"),
+    ({"a": 1.0}, lambda step: {"a": step.now.gap[:, 0]}, r"^reward of Mine, term 'a': got 'array of shape \(1,\).*\(1, 1\)"),
+    ({"a": 1.0}, lambda step: {"a": [[1.0], [1.0, 2.0]]}, r"^reward of Mine, term 'a': got .*\(worlds, parts\)"),
+    ({"a": 1.0}, lambda step: {"a": np.array([["one"]])}, r"^reward of Mine, term 'a': got .*an array of numbers"),
+    ({"a": 1.0}, lambda step: step.now.gap, "^reward of Mine: got .*; allowed: a mapping"),
+    ({"a": ("gap", 1.0)}, None, r"^Mine.TERMS\['a'\]\[0\]: got 'gap'; allowed: 'distance', .*'fallen'$"),
+    ({"a": ("gap", 1.0)}, lambda step: {}, r"^Mine.TERMS\['a'\]\[0\]: got 'gap'; allowed: 'distance'"),
+    ({"a": 1.0}, None, r"^Mine.TERMS\['a'\]: got 1.0; allowed: \(quantity, weight\) .*clearance.*or a reward"),
+    ({"a": float("inf")}, lambda step: {}, r"^Mine.TERMS\['a'\]: got inf; allowed: a finite number"),
+])  # fmt: skip
+def test_bad_rewards_are_refused_before_anything_is_played(names, terms, reward, message):
+    own = {} if reward is None else {"reward": returning(reward)}
+    names.register("Mine", type("Mine", (Align,), {"TERMS": terms, **own}))
+    with pytest.raises((ValueError, AttributeError), match=message):
+        VibgymEnv("Mine")
+
+
+@pytest.mark.parametrize("later, message", [
+    (lambda step: {"a": np.full((1, 1), np.nan)}, "^reward of Mine, term 'a', part 0 of world 0: got nan; allowed: a finite"),
+    (lambda step: {"a": np.full((1, 1), -np.inf)}, "^reward of Mine, term 'a', part 0 of world 0: got -inf; allowed: a finite"),
+    (lambda step: {"a": np.zeros(1)}, r"^reward of Mine, term 'a': got 'array of shape \(1,\)"),
+    (lambda step: {"a": step.now.gap, "b": step.now.gap}, r"^reward of Mine: got \['a', 'b'\]; allowed: .* first step: a"),
+    (lambda step: {}, r"^reward of Mine: got \[\]; allowed: .* first step: a"),
+])  # fmt: skip
+def test_bad_rewards_are_refused_by_the_step(names, later, message):
+    def reward(self, step):
+        return later(step) if step.phasors.any() else {"a": step.now.gap}
+
+    names.register("Mine", type("Mine", (Align,), {"TERMS": {"a": 1.0, "b": 1.0}, "reward": reward}))
+    env = VibgymEnv("Mine", action="field")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=message):
+        env.step(np.ones(6))
+
+
+def test_weights_of_a_term_that_only_the_settings_name(names):
+    names.register("Mine", type("Mine", (Align,), {"reward": lambda self, step: {"near": -step.now.position_error}}))
+    env = VibgymEnv("Mine", action="field", task_settings={"weights": {"near": 10.0}})
+    env.reset(seed=0)
+    _, reward, *_, info = env.step(np.zeros(6))
+    assert reward == pytest.approx(-10.0 * info["position_error"]) and list(info["reward_terms"]) == ["near"]
+    with pytest.raises(ValueError, match=r"\['time'\]: got 0.1; allowed: weights of .* Mine returns: near"):
+        VibgymEnv("Mine", task_settings={"weights": {"near": 10.0, "time": 0.1}})
+
+
+def test_weights_of_a_shipped_task(names):
+    usual, other = (
+        VibgymEnv("Align", action="field", **s) for s in ({}, {"task_settings": {"weights": {"distance": -3.0}}})
+    )
+    usual.reset(seed=4), other.reset(seed=4)
+    for action in actions(usual, 5):
+        expected, got = usual.step(action)[4]["reward_terms"], other.step(action)[4]["reward_terms"]
+        assert got == {**expected, "distance": pytest.approx(-3.0 * expected["distance"], rel=1e-12)}
+    assert Align.TERMS["distance"] == ("distance", 1.0)  # of the class: unchanged
+    assert set(QUANTITIES) >= {quantity for quantity, _ in Align.TERMS.values()}
