@@ -34,14 +34,14 @@ class Quiet(Align):
 class Gentle(Sort):
     """Sort, and only progress and speed count."""
 
-    TERMS = {"progress": 2.0, "speed": 1.0, "fallen": 3.0}
+    TERMS = {"progress": 2.0, "speed": 1.0, "fallen": -3.0}
 
     def reward(self, step):
         now = step.now
         progress = step.before.position_error - now.position_error
         return {
             "progress": progress, "speed": -np.hypot(*np.moveaxis(now.mean_velocity, -1, 0)[:2]),
-            "fallen": -1.0 * now.fallen,
+            "fallen": 1.0 * now.fallen,
         }  # fmt: skip
 
 
@@ -214,6 +214,7 @@ def test_bad_rewards_are_refused_before_anything_is_played(names, terms, reward,
 
 @pytest.mark.parametrize("later, message", [
     (lambda step: {"a": np.full((1, 1), np.nan)}, "^reward of Mine, term 'a', part 0 of world 0: got nan; allowed: a finite"),
+    (lambda step: {"a": np.full((1, 1), 1e308)}, "^reward of Mine, term 'a', part 0 of world 0: got 1e[+]308; allowed: a"),
     (lambda step: {"a": np.full((1, 1), -np.inf)}, "^reward of Mine, term 'a', part 0 of world 0: got -inf; allowed: a finite"),
     (lambda step: {"a": np.zeros(1)}, r"^reward of Mine, term 'a': got 'array of shape \(1,\)"),
     (lambda step: {"a": step.now.gap, "b": step.now.gap}, r"^reward of Mine: got \['a', 'b'\]; allowed: .* first step: a"),
@@ -223,7 +224,7 @@ def test_bad_rewards_are_refused_by_the_step(names, later, message):
     def reward(self, step):
         return later(step) if step.phasors.any() else {"a": step.now.gap}
 
-    names.register("Mine", type("Mine", (Align,), {"TERMS": {"a": 1.0, "b": 1.0}, "reward": reward}))
+    names.register("Mine", type("Mine", (Align,), {"TERMS": {"a": 10.0, "b": 1.0}, "reward": reward}))
     env = VibgymEnv("Mine", action="field")
     env.reset(seed=0)
     with pytest.raises(ValueError, match=message):

@@ -145,6 +145,7 @@ class OwnReward:
         """Remember how the parts stand before a step."""
         self._before = Instant(*(view.copy() for view in self._now()))
 
+    @np.errstate(over="ignore", invalid="ignore")  # what is not finite is refused
     def score(self) -> None:
         """Reward the step that has just been scored.
 
@@ -158,17 +159,16 @@ class OwnReward:
         reward[:], part_reward[:] = 0.0, 0.0
         share, made_of = np.maximum(present.sum(axis=1), 1), self._task.made_of
         for k, (name, values) in enumerate(self._asked(present).items()):
-            here = np.where(present, values, 0.0)
-            if not np.isfinite(here).all():
-                world, part = np.argwhere(~np.isfinite(here))[0].tolist()
-                what = f"reward of {self._task.name}, term {name!r}, part {part} of world {world}"
-                raise checks.refuse(what, float(here[world, part]), "a finite number")
-            weight = self._task.weights[name]
+            weight, here = self._task.weights[name], np.where(present, values, 0.0)
             if made_of.get(name, name) == WORST:
-                of_world = here.min(axis=1)
+                of_world = np.take_along_axis(here, np.abs(here).argmax(axis=1)[:, None], axis=1)[:, 0]
             else:  # part by part: the sum of a world shall not depend on how many there are
                 of_world = sum(here[:, part] for part in range(parts)) / share
             terms[:, k], part_terms[..., k] = weight * of_world, weight * here
+            if not np.isfinite(part_terms[..., k]).all():
+                world, part = np.argwhere(~np.isfinite(part_terms[..., k]))[0].tolist()
+                what = f"reward of {self._task.name}, term {name!r}, part {part} of world {world}"
+                raise checks.refuse(what, float(here[world, part]), "a finite number, weighed too")
             reward += terms[:, k]
             part_reward += part_terms[..., k]
 
