@@ -48,8 +48,13 @@ class TaskInfo:
         Args:
             env: a :class:`vibgym.envs.VibgymEnv` or :class:`vibgym.envs.VibgymVectorEnv`.
             name: instead of the environment's.
+
+        Raises:
+            ValueError: it is no such environment.
         """
-        base, spec = env.unwrapped, env.spec
+        base, spec = getattr(env, "unwrapped", env), getattr(env, "spec", None)
+        if not hasattr(base, "measurement_lead"):
+            raise checks.refuse("env", env, "an environment of vibgym, single or vector, or its TaskInfo")
         task = base.task
         limit = getattr(base, "max_episode_steps", None)  # the vector environment's own
         if spec is not None and limit is None:

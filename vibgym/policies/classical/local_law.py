@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.settling import Settling, bands, keep_on
@@ -26,7 +27,7 @@ APPROACH, CROWD_APPROACH = 9.0, 7.0
 """1/s, near goal poses, and near places among others, passed at a distance for longer by parts that slow down early."""
 
 
-class LocalLaw:
+class LocalLaw(Law):
     """Velocities along square roots of the distance; see the module.
 
     Args:
@@ -57,10 +58,6 @@ class LocalLaw:
             settling = Settling(info, plant.drag, *bands(info))
             self.settle, self.slack = settling, settling.slack
 
-    def initial(self, batch: int) -> tuple[()]:
-        """It has no memory."""
-        return ()
-
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
         distance = np.sqrt((way**2).sum(axis=-1))
@@ -69,10 +66,6 @@ class LocalLaw:
         rate = np.sign(turn) * self.stopping_rate(np.abs(turn), self.plant.turn_push)
         change = np.concatenate([velocity - measured.velocity, (rate - measured.spin)[..., None]], axis=-1)
         return self.settle(measured, way, turn, change / self.response[:, None]), memory
-
-    def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
-        """It goes by what is measured alone."""
-        return memory
 
     def stopping_rate(self, distance: np.ndarray, push: np.ndarray) -> np.ndarray:
         """Set speed (..., parts) at a distance, from which a part that can be slowed down by ``push`` still stops."""

@@ -14,6 +14,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.settling import LOOSE_BAND, LOOSE_TURN, Settling, keep_on
@@ -41,7 +42,7 @@ BEYOND = 1.03
 """Speed that is asked for over the top speed, so that parts reach that."""
 
 
-class PoseLaw:
+class PoseLaw(Law):
     """Ways and turns along the curves from which parts can just stop; see the module.
 
     Args:
@@ -92,10 +93,6 @@ class PoseLaw:
             settling = Settling(info, plant.drag, band, turn_band)
             self.settle, self.slack = settling, settling.slack
 
-    def initial(self, batch: int) -> tuple[()]:
-        """It has no memory."""
-        return ()
-
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
         distance = np.sqrt((way**2).sum(axis=-1))
@@ -110,10 +107,6 @@ class PoseLaw:
         spin = (np.sign(turn) * rate)[..., None]
         change = np.concatenate([velocity - measured.velocity, spin - measured.spin[..., None]], axis=-1)
         return self.settle(measured, way, turn, change / self.step), memory
-
-    def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
-        """It goes by what is measured alone."""
-        return memory
 
 
 def allowed_turn(info: TaskInfo) -> float:
