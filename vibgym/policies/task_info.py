@@ -88,6 +88,11 @@ class TaskInfo:
             lead=base.measurement_lead,
         )
 
+    @property
+    def hard_dead_zone(self) -> bool:
+        """Whether elements that are told to do little do nothing at all."""
+        return self.hardware.dead_zone > 0.0 and self.hardware.dead_zone_form == "hard"
+
     def check_places(self, policy: str) -> None:
         """Refuse a task that asks for no place of a part: neither goals nor zones nor a distance to keep.
 
