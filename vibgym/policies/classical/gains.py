@@ -209,9 +209,8 @@ def correct(gains, numbers, w, p, rest, column):
         net = 0.0
         for k in range(room):
             for q in range(2):
-                gains.summed[w, p, k, q, axis] = (
-                    KEEP * gains.summed[w, p, k, q, axis] + (1.0 - BLUR) / BLUR * gains.coming[w, p, k, q, axis]
-                )
+                told = (1.0 - BLUR) / BLUR * gains.coming[w, p, k, q, axis]
+                gains.summed[w, p, k, q, axis] = KEEP * gains.summed[w, p, k, q, axis] + told
             net += gains.summed[w, p, k, 0, axis]
         size += net * net
     early = ARRIVAL * (1.0 - (1.0 - KEEP) * gains.steps[w, p])

@@ -52,9 +52,8 @@ class Spacing:
         ValueError: a bad value.
     """
 
-    soft: float = (
-        3.0  # s, price of a second in touch for breaking the spacing rule; grows with the square of what lacks
-    )
+    # s, price of a second in touch for breaking the spacing rule; it grows with the square of the distance lacking
+    soft: float = 3.0
     hard: float = 20.0  # s, price of a second in touch for coming nearer than ``safe``
     safe: float = 0.010  # m, distance that is kept where there is no room for more
     yielding: float = 0.3  # share of these prices that a part reckons for those over which it has right of way
