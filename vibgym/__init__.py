@@ -15,9 +15,11 @@ from vibgym.scene import Part, Surface
 from vibgym.simulation import Simulator
 
 __version__ = "0.1.0"
-__all__ = ["Part", "Simulator", "Surface"]
+__all__ = ["Part", "Simulator", "Surface", "make_policy"]  # pyright: ignore[reportUnsupportedDunderAll]
 
-_ROOMS = ("actuators", "config", "envs", "fields", "rendering", "sensing", "tasks")
+_ROOMS = (
+    "actuators", "adapters", "allocation", "bounds", "config", "envs", "fields", "policies", "rendering", "sensing", "tasks",
+)  # fmt: skip
 
 register_environments()
 
@@ -26,6 +28,8 @@ def __getattr__(name: str) -> Any:
     """Import a submodule, or what needs an extra, when first asked for; ``gym.make`` does so by the registered names."""
     if name in _ROOMS:
         return importlib.import_module(f"vibgym.{name}")
+    if name == "make_policy":
+        return importlib.import_module("vibgym.policies").make_policy
     if name == "parallel_env":  # PettingZoo is an extra
         return importlib.import_module("vibgym.adapters.pettingzoo").parallel_env
     raise AttributeError(f"module 'vibgym' has no attribute {name!r}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from typing import Generic, TypeVar
 
 from vibgym import checks
@@ -16,11 +16,15 @@ class Registry(Mapping[str, Item], Generic[Item]):
     Args:
         what: the names are of, such as ``"task"``; for errors.
         items: to begin with.
+
+    Attributes:
+        taken: further names that may not be registered, because they mean something else where these are used.
     """
 
     def __init__(self, what: str, items: Mapping[str, Item]) -> None:
         self.what = what
         self._items = dict(items)
+        self.taken: Container[str] = ()
 
     def register(self, name: str, item: Item) -> None:
         """Add ``item`` under a name of its own.
@@ -30,8 +34,8 @@ class Registry(Mapping[str, Item], Generic[Item]):
         """
         if not isinstance(name, str) or not name.replace("-", "_").isidentifier():
             raise checks.refuse(f"{self.what} name", name, "a word of letters, digits, '_' and '-'")
-        if name in self._items:
-            raise checks.refuse(f"{self.what} name", name, f"one that is not taken ({', '.join(self._items)})")
+        if name in self or name in self.taken:
+            raise checks.refuse(f"{self.what} name", name, f"one that is not taken ({', '.join(self)})")
         if not callable(item):
             raise checks.refuse(self.what, item, f"a class or function that makes one for {name!r}")
         self._items[name] = item
@@ -42,7 +46,7 @@ class Registry(Mapping[str, Item], Generic[Item]):
         Raises:
             ValueError: there is no such name.
         """
-        return self._items[checks.choice(argument, name, tuple(self._items))]
+        return self[checks.choice(argument, name, tuple(self))]
 
     def __getitem__(self, name: str) -> Item:
         return self._items[name]

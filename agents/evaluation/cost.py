@@ -40,7 +40,7 @@ WARM_UP, PERIODS = 2, 5
 """Periods of a run before the clock starts, and while it runs."""
 
 REPETITIONS = 15
-POLICIES = ("local_fields", "planner")
+POLICIES = ("local_field", "planner")
 
 
 @dataclass(frozen=True)

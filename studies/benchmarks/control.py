@@ -35,7 +35,6 @@ HARDWARE: dict[str, dict[str, Any]] = {
     "ideal": {},
     "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
 }
-STRAIGHT = {"Align": "local_field", "Sort": "local_fields"}
 SIZES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 ROUNDS = 15
 
@@ -94,9 +93,9 @@ def courses(task: str, policy: dict[str, Any], hardware: dict[str, Any], steps: 
     return Times(*took[:, 0].T), Times(*took[:, 1].T)
 
 
-def controllers(task: str) -> Iterator[dict[str, Any]]:
+def controllers() -> Iterator[dict[str, Any]]:
     """Settings of all controllers that steer by a law."""
-    for kind in (STRAIGHT[task], "planner"):
+    for kind in ("local_field", "planner"):
         for law in LAWS:
             yield {"kind": kind, "law": law}
 
@@ -104,9 +103,9 @@ def controllers(task: str) -> Iterator[dict[str, Any]]:
 def control(steps: int, only: str) -> None:
     """Print a line for every controller."""
     print(f"{'':<44}{WORLDS} worlds: x simulated step (median)   us a world   one world: ms (95 %)")
-    for task in STRAIGHT:
+    for task in ("Align", "Sort"):
         for name, hardware in HARDWARE.items():
-            for policy in controllers(task):
+            for policy in controllers():
                 title = f"{task:<6}{name:<11}{policy['kind']:<14}{policy['law']:<12}"
                 if only not in title:
                     continue

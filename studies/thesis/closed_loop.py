@@ -20,7 +20,6 @@ from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.drive import polar_drive
 from vibgym.policies.classical.observer import Estimate, Observer
 from vibgym.policies.classical.pid import Pid, PidMemory
-from vibgym.policies.classical.saturation import shortened
 from vibgym.policies.classical.state_space import StateFeedback
 
 START = (0.1, 0.104)
@@ -242,3 +241,17 @@ def step_response(
             estimate = observer.update(estimate, position, given)
     values = np.moveaxis(np.array(rows), 1, 0)
     return Response(plant.period * np.arange(len(rows)), *values)
+
+
+def shortened(vectors: np.ndarray, most: float | np.ndarray) -> np.ndarray:
+    """The saturation block of figs. 5.18 and 5.23: vectors (..., n), those longer than the limit shortened to it.
+
+    An amplitude that is limited, with its phase kept, is a push of this kind; :class:`vibgym.allocation.frictional
+    .FrictionalInverse` limits in the same way what a push changes of a part's acceleration.
+
+    Args:
+        vectors: finite.
+        most: broadcastable to (...,), > 0.
+    """
+    length = np.sqrt((vectors**2).sum(axis=-1))
+    return vectors / np.maximum(length / most, 1.0)[..., None]

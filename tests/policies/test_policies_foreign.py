@@ -7,7 +7,7 @@ import pytest
 
 from tests.envs.helpers import single
 from tests.policies.helpers import info_of
-from vibgym.policies.foreign import Foreign
+from vibgym.policies.foreign import ModelPolicy
 from vibgym.policies.registry import make_policy
 
 
@@ -36,7 +36,7 @@ def check_predictions(policy, size):
 )
 def test_the_action_space_tells_the_action(shape, action):
     policy = make_policy(Model(shape), info_of())
-    assert isinstance(policy, Foreign) and (policy.action, policy.observation) == (action, "state")
+    assert isinstance(policy, ModelPolicy) and (policy.action, policy.observation) == (action, "state")
     check_predictions(policy, int(np.prod(shape)))
 
 
@@ -49,7 +49,7 @@ def test_a_model_whose_actions_could_mean_two_things_must_be_told_which(shape):
         for made in (
             make_policy(Model(shape, action=action), info_of()),  # was taken for "element" whatever it said
             make_policy({"policy": Model(shape), "action": action}, info_of()),
-            Foreign(Model(shape), info_of(), action=action),
+            ModelPolicy(Model(shape), info_of(), action=action),
         ):
             assert (made.action, made.observation) == (action, "state")
             check_predictions(made, 512)

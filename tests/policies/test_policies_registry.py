@@ -1,15 +1,22 @@
 """How policies are made from names, mappings, files and objects."""
 
 import math
+import subprocess
+import sys
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.policies.helpers import info_of
+import vibgym
+from tests.policies.helpers import episodes, info_of
+from vibgym.policies.classical.law import Law, lead_of
+from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
+from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.registry import CONTROLLERS, make_policy
 
-NAMES = ("zero", "random", "open_loop", "local_field", "local_fields", "planner")
+NAMES = ("zero", "random", "open_loop", "local_field", "planner")
 
 
 class Mine:
@@ -29,11 +36,9 @@ def test_policies_are_made_from_names_mappings_and_objects():
     mine = Mine(info)
     assert make_policy(mine, info) is mine
     for name in NAMES:
-        info = info_of("Sort" if name == "local_fields" else "Align")
         named, mapped = make_policy(name, info), make_policy({"kind": name}, info)
         assert type(named) is type(mapped) and hasattr(named, "predict")
         assert named.action in ("element", "phasor", "patch", "field") and named.observation == "state"
-    info = info_of()
     tuned = make_policy({"kind": "local_field", "response": 0.1, "braking": 0.5, "approach": 3.0}, info)
     assert isinstance(tuned, LocalFieldPolicy) and tuned.law.response.tolist() == [0.1]
     assert (tuned.law.braking, tuned.law.approach) == (0.5, 3.0)
@@ -56,8 +61,9 @@ def test_a_controller_of_ones_own_has_a_name(monkeypatch):
 
 
 @pytest.mark.parametrize("policy, named", [
-    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'local_fields', 'planner', 'pose', 'lqr', "
-     "'pid', 'state_space', 'trained'"),
+    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'planner', 'learned', 'trained', 'residual', "
+     "'schedule', 'local', 'pose', 'lqr', 'pid', 'state_space'"),
+    ("local_fields", "policy.kind.*local_fields.*'local_field'"),
     (3, "policy.*3"), (None, "policy.*None"), ({}, "policy.kind.*None"), ({"kind": 3}, "policy.kind"),
     ({"kind": "zero", "colour": 1}, "policy 'zero'.*colour"),
     ({"kind": "local_field", "response": -1}, "response.*-1"),
@@ -79,9 +85,9 @@ def test_bad_policies_are_refused(policy, named):
 
 
 @pytest.mark.parametrize("policy, named", [
-    ({"kind": "local_fields", "law": "loudest"}, "law.*loudest.*'local'"),
-    ({"kind": "local_fields", "response": 0}, "response"), ({"kind": "planner", "braking": 2}, "braking"),
-    ({"kind": "local_fields", "margin": -1}, "margin"), ({"kind": "planner", "safe": 0}, "safe"),
+    ({"kind": "local_field", "law": "loudest"}, "law.*loudest.*'local'"),
+    ({"kind": "local_field", "response": 0}, "response"), ({"kind": "planner", "braking": 2}, "braking"),
+    ({"kind": "local_field", "margin": -1}, "margin"), ({"kind": "planner", "safe": 0}, "safe"),
     ({"kind": "planner", "soft": -1}, "soft"), ({"kind": "planner", "hard": math.nan}, "hard"),
     ({"kind": "planner", "yielding": 1.5}, "yielding"), ({"kind": "planner", "calm": 0}, "calm"),
     ({"kind": "planner", "faithful": -1}, "faithful"), ({"kind": "planner", "edge": 0}, "edge"),
@@ -96,10 +102,127 @@ def test_bad_arguments_are_refused(policy, named):
 
 @pytest.mark.parametrize("name, task, allowed", [
     ("open_loop", "Sort", "one part with a goal pose"), ("open_loop", "Singulate", "one part with a goal pose"),
-    ("local_field", "Singulate", "with goal poses.*'local_fields'"),
-    ("local_fields", "Align", "without goal poses.*'local_field'"),
 ])  # fmt: skip
 def test_policies_say_which_tasks_they_do_not_serve(name, task, allowed):
     with pytest.raises(ValueError, match=f"policy '{name}'.*{task}.*tasks.*{allowed}") as error:
         make_policy(name, info_of(task))
     assert "\n" not in str(error.value)
+
+
+# -- environments ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("task, laws", [("Align", LocalFieldPolicy), ("Sort", PlannerPolicy)])
+def test_an_environment_is_as_good_as_what_may_be_known_of_it(task, laws):
+    one = gym.make(f"vibgym/{task}-v0", action="phasor")
+    many = gym.make_vec(f"vibgym/{task}-v0", num_envs=2, action="phasor")
+    for env in (one, one.unwrapped, many, info_of(task)):
+        policy = vibgym.make_policy("pose", env)
+        assert type(policy) is laws and policy.action == "phasor"
+
+
+@pytest.mark.parametrize("env", [None, 3, "vibgym/Align-v0", gym.make("CartPole-v1")])
+def test_other_environments_are_refused(env):
+    with pytest.raises(ValueError, match="^env: got .*allowed: an environment of vibgym"):
+        make_policy("zero", env)
+
+
+@pytest.mark.parametrize("action, spoken", [("phasor", "phasor"), ("wrench", "wrench"), ("element", "element")])
+@pytest.mark.parametrize("policy", ["pose", {"kind": "local_field", "law": "lqr"}])
+def test_laws_speak_the_action_of_the_environment(policy, action, spoken):
+    env = gym.make("vibgym/Align-v0", action=action)
+    made = make_policy(policy, env)
+    action, _ = made.predict(env.reset(seed=0)[0])
+    assert made.action == spoken and action.shape == env.action_space.shape
+
+
+def test_phasors_are_told_to_environments_of_amplitudes_and_phases():
+    """The default action: what a newcomer makes just acts."""
+    env = gym.make("vibgym/Align-v0")
+    told, meant = make_policy("pose", env), make_policy("pose", info_of())
+    assert (told.action, meant.action) == ("element", "phasor")
+    seen, _ = env.reset(seed=3)
+    (elements, _), (phasors, _) = told.predict(seen), meant.predict(seen)
+    amplitude, phase = (0.5 * (elements.reshape(-1, 2)[:, 0] + 1.0), math.pi * elements.reshape(-1, 2)[:, 1])
+    assert amplitude.max() > 0.5
+    vectors = np.stack([amplitude * np.cos(phase), amplitude * np.sin(phase)], axis=-1)
+    assert vectors == pytest.approx(phasors.reshape(-1, 2), abs=1e-6)
+    assert told.predict(np.stack([seen, seen]))[0].shape == (2, 512)
+    assert episodes(told, "Align", 10).success == 10
+
+
+# -- laws of one's own -------------------------------------------------------------------------------------------------
+
+
+class Proportional(Law):
+    """All that a law needs: what parts want of the way that is left."""
+
+    def __init__(self, info, *, stiffness=60.0, damping=12.0):
+        self.stiffness, self.damping = stiffness, damping
+
+    def wanted(self, measured, way, turn, memory):
+        push = self.stiffness * way - self.damping * measured.velocity
+        torque = self.stiffness * turn - self.damping * measured.spin
+        return np.concatenate([push, torque[..., None]], axis=-1), memory
+
+
+@pytest.fixture
+def own_law(monkeypatch):
+    monkeypatch.setattr(LAWS, "_items", dict(LAWS))
+    LAWS.register("mine", Proportional)
+
+
+def test_a_law_that_is_registered_is_a_controller(own_law):
+    alone, several = make_policy("mine", info_of("Align")), make_policy("mine", info_of("Sort"))
+    assert (type(alone), type(several)) == (LocalFieldPolicy, PlannerPolicy) and "mine" in CONTROLLERS
+    assert make_policy({"kind": "mine", "damping": 20.0}, info_of("Align")).law.damping == 20.0
+    assert several.lead == pytest.approx(0.2) and several.slack == 0.0  # as 12 / 60 says
+    assert episodes(alone, "Align", 20).success == 20
+    assert episodes(several, "Sort", 6).success == 6
+    for name in ("planner", "mine", "pose"):
+        with pytest.raises(ValueError, match=f"law name: got '{name}'"):
+            LAWS.register(name, Proportional)
+    with pytest.raises(ValueError, match="controller name: got 'mine'"):
+        CONTROLLERS.register("mine", Mine)
+
+
+@pytest.mark.parametrize("name", ["local", "pose", "lqr"])
+def test_where_a_law_does_not_say_how_far_ahead_a_velocity_lies_it_is_found_out(name):
+    info = info_of("Transport")
+    law = LAWS[name](info)
+    said, law.lead = law.lead, None
+    assert lead_of(law, info, 0.1) == pytest.approx(said, rel=1e-6)
+
+
+def test_a_law_that_does_not_brake_must_say_it(own_law):
+    with pytest.raises(ValueError, match=r"^Proportional\.lead: got None; allowed: s, a number"):
+        make_policy({"kind": "mine", "damping": 0.0}, info_of("Sort"))
+
+
+# -- the extra ---------------------------------------------------------------------------------------------------------
+
+WITHOUT = """
+import sys
+sys.modules.update(dict.fromkeys(("scipy", "scipy.linalg", "scipy.optimize", "safetensors", "safetensors.numpy")))
+import gymnasium as gym, vibgym
+alone, several = (gym.make(f"vibgym/{task}-v0", action="phasor") for task in ("Align", "Sort"))
+for name in ("zero", "random", "open_loop", "local_field", "local", "pose", "pid"):
+    print(type(vibgym.make_policy(name, alone)).__name__)
+for name, env in (("lqr", alone), ("planner", several), ("learned", alone)):
+    try:
+        vibgym.make_policy(name, env)
+    except ModuleNotFoundError as error:
+        print(error)
+"""
+
+
+def test_policies_that_need_the_extra_say_so_and_others_do_without():
+    """A module that is None in sys.modules is as good as not installed."""
+    result = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True)
+    lines = result.stdout.splitlines()
+    assert lines[:7] == ["ZeroPolicy", "RandomPolicy", "OpenLoopPolicy"] + ["LocalFieldPolicy"] * 4, result.stderr
+    needed = [("lqr", "scipy"), ("planner", "scipy"), ("learned", "safetensors")]
+    assert lines[7:] == [
+        f"policy '{name}' needs {module}, which is not installed: pip install 'vibgym[policies]'"
+        for name, module in needed
+    ]

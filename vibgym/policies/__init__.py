@@ -1,5 +1,9 @@
 """Who acts: the protocol of policies, classical controllers and trained agents, and how their episodes are played."""
 
+from vibgym.policies.classical.law import Law
+from vibgym.policies.classical.laws import LAWS
+from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.task_info import TaskInfo
 
-__all__ = ["CONTROLLERS", "make_policy"]
+__all__ = ["CONTROLLERS", "LAWS", "Law", "Policy", "TaskInfo", "make_policy"]

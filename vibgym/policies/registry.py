@@ -3,40 +3,34 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from vibgym import checks
+from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
+from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy
+from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.foreign import Foreign
+from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.registry import Registry
 
+Maker = Callable[..., Policy]
+"""``make(info, **arguments)``."""
 
-def local_field(info: TaskInfo, **arguments: Any) -> Policy:
-    """:class:`LocalFieldPolicy` where every part has a goal pose of its own."""
-    if not info.has_goal:
-        raise checks.refuse(
-            "policy 'local_field'", f"the task {info.name}", "tasks with goal poses; see 'local_fields'"
-        )
-    return LocalFieldPolicy(info, **arguments)
+EXTRA = ("safetensors", "scipy")
+"""What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
 
-
-def local_fields(info: TaskInfo, **arguments: Any) -> Policy:
-    """:class:`LocalFieldPolicy` where parts share zones, or shall be apart."""
-    if info.has_goal:
-        raise checks.refuse(
-            "policy 'local_fields'", f"the task {info.name}", "tasks without goal poses; see 'local_field'"
-        )
-    return LocalFieldPolicy(info, **arguments)
+FILES = ("trained", "residual", "learned")
+"""Policies that are read from files and act in environments with the action that they were trained with alone."""
 
 
-def lawful(law: str) -> Callable[..., Policy]:
+def lawful(law: str) -> Maker:
     """Maker of a policy under one of :data:`.laws.LAWS`: parts with goal poses go straight there, as
     :class:`LocalFieldPolicy` has them, others by the :class:`PlannerPolicy`."""
 
@@ -46,21 +40,29 @@ def lawful(law: str) -> Callable[..., Policy]:
         straight = (info.has_goal and len(info.parts) == 1) or info.goal_moves
         return (LocalFieldPolicy if straight else PlannerPolicy)(info, law=law, **arguments)
 
-    make.__name__ = law
     return make
 
 
+def file_of(path: Any, info: TaskInfo) -> Path:
+    """The file at a path in which ``{task}`` stands for the task's name in lower case.
+
+    Raises:
+        ValueError: no text.
+    """
+    if not isinstance(path, str):
+        raise checks.refuse("policy.path", path, "the path of a policy's JSON file")
+    return Path(path.replace("{task}", info.name.lower()))
+
+
 def trained(info: TaskInfo, *, path: str) -> Policy:
-    """The trained policy in a JSON file; ``{task}`` in its path is replaced by the task's name in lower case.
+    """The trained policy in a JSON file (:func:`file_of`).
 
     Raises:
         ValueError: the file holds no policy for this task.
     """
     from vibgym.policies.trained.trained import load_trained  # safetensors is an extra
 
-    if not isinstance(path, str):
-        raise checks.refuse("policy.path", path, "the path of a trained policy's JSON file")
-    return load_trained(Path(path.replace("{task}", info.name.lower())), info)
+    return load_trained(file_of(path, info), info)
 
 
 def residual(info: TaskInfo, *, path: str, base: Any = None, scale: float | None = None) -> Policy:
@@ -76,10 +78,22 @@ def residual(info: TaskInfo, *, path: str, base: Any = None, scale: float | None
     """
     from vibgym.policies.trained.residual import ResidualPolicy, load_correction  # safetensors is an extra
 
-    if not isinstance(path, str):
-        raise checks.refuse("policy.path", path, "the path of a trained correction's JSON file")
-    found = load_correction(Path(path.replace("{task}", info.name.lower())), info, base, scale)
+    found = load_correction(file_of(path, info), info, base, scale)
     return ResidualPolicy(info, make_policy(found.base, info), found.learned, scale=found.scale)
+
+
+def learned(
+    info: TaskInfo, *, action: str | None = None, hardware: str | None = None, variant: str | None = None
+) -> Policy:
+    """The agent that is shipped for this task and hardware (:func:`vibgym.policies.trained.catalogue.shipped_agent`).
+
+    Raises:
+        ValueError: there is none.
+    """
+    from vibgym.policies.trained.catalogue import shipped_agent  # safetensors is an extra
+
+    agent = shipped_agent(info, action=action, hardware=hardware, variant=variant)
+    return CONTROLLERS[agent.kind](info, path=str(agent.path))
 
 
 def schedule(info: TaskInfo, *, path: str) -> Policy:
@@ -90,24 +104,31 @@ def schedule(info: TaskInfo, *, path: str) -> Policy:
     """
     from vibgym.policies.trained.schedule import load_schedule  # safetensors is an extra
 
-    if not isinstance(path, str):
-        raise checks.refuse("policy.path", path, "the path of a schedule's JSON file")
-    return load_schedule(Path(path), info)
+    return load_schedule(file_of(path, info), info)
 
 
-CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
+class Controllers(Registry[Maker]):
+    """Makers of policies by name, and one for every law, under the law's name."""
+
+    def __getitem__(self, name: str) -> Maker:
+        return self._items[name] if name in self._items or name not in LAWS else lawful(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*self._items, *LAWS))
+
+    def __len__(self) -> int:
+        return len(self._items) + len(LAWS)
+
+
+CONTROLLERS = Controllers(
     "controller",
     {
         "zero": ZeroPolicy,
         "random": RandomPolicy,
         "open_loop": OpenLoopPolicy,
-        "local_field": local_field,
-        "local_fields": local_fields,
+        "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
-        "pose": lawful("pose"),
-        "lqr": lawful("lqr"),
-        "pid": lawful("pid"),
-        "state_space": lawful("state_space"),
+        "learned": learned,
         "trained": trained,
         "residual": residual,
         "schedule": schedule,
@@ -115,29 +136,41 @@ CONTROLLERS: Registry[Callable[..., Policy]] = Registry(
 )
 """Policies by name; ``CONTROLLERS.register(name, cls)`` adds one of your own, made as ``cls(info, **arguments)``.
 
-``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"planner"`` those that ask
-for places: goals, zones, or a distance to keep. ``"local_field"`` and ``"local_fields"`` are one law under the names of its two
-uses: parts with goal poses of their own, and parts that share zones or shall be apart. ``"pose"``, ``"lqr"``, ``"pid"`` and
-``"state_space"`` are other laws in the same place, or under the planner where several parts have to keep apart.
+``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"local_field"`` and
+``"planner"`` those that ask for places: goals, zones, or a distance to keep; the first takes every part straight there, the
+second past the others. The names of laws are in the first one's place with one part, in the second one's with several:
+``vibgym.policies.classical.laws.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
 """
+LAWS.taken = CONTROLLERS
 
 
-def make_policy(policy: Any, info: TaskInfo, seed: int = 0) -> Policy:
+def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     """A policy from a name, the path of a trained one's JSON file, a mapping, or anything that has ``predict``.
 
     - ``{"kind": name, **arguments}``: one of :data:`CONTROLLERS`. ``{"kind": "trained", "path":
       "vibgym/policies/trained/shipped/{task}.json"}``: ``{task}`` is replaced by the task's name in lower case.
+    - ``"learned"``, or ``{"kind": "learned", "hardware": "prototype", "variant": "cloned", "action": "wrench"}``: the agent
+      that is shipped for this task and hardware.
     - ``{"policy": model, "action": name}``: a model that has ``predict`` alone, and the actions that it speaks; see
-      :class:`vibgym.policies.foreign.Foreign`. One that has both ``action`` and ``observation`` is a policy as it is.
+      :class:`vibgym.policies.foreign.ModelPolicy`. One that has both ``action`` and ``observation`` is a policy as it is.
+
+    What a policy speaks and reads says ``policy.action`` and ``policy.observation``: an environment is made with these. Where
+    ``env`` has an action already and the policy knows several, it speaks that one.
 
     Args:
+        policy: see above.
+        env: that it shall act in, single or vector, wrapped or not; or a :class:`TaskInfo`.
         seed: of policies that draw random numbers, where the mapping has none.
 
     Raises:
         ValueError: unknown name or arguments, a policy that does not serve this task, or a file that holds none for it.
+        ModuleNotFoundError: it needs the extra ``policies``.
     """
+    info = env if isinstance(env, TaskInfo) else TaskInfo.of(env)
+    spoken = None if env is info else action_of(env)
     if hasattr(policy, "predict"):
-        return policy if hasattr(policy, "action") and hasattr(policy, "observation") else Foreign(policy, info)
+        known = hasattr(policy, "action") and hasattr(policy, "observation")
+        return policy if known else ModelPolicy(policy, info, usual=spoken)
     if isinstance(policy, str):
         policy = {"kind": "trained", "path": policy} if policy.endswith(".json") else {"kind": policy}
     if not isinstance(policy, Mapping):
@@ -149,12 +182,52 @@ def make_policy(policy: Any, info: TaskInfo, seed: int = 0) -> Policy:
             raise checks.refuse(
                 "policy", dict(policy), "'policy', an object with predict(), and 'action', what it speaks"
             )
-        return Foreign(model, info, **arguments)
+        return ModelPolicy(model, info, usual=spoken, **arguments)
     kind = arguments.pop("kind", None)
-    make = CONTROLLERS.choose("policy.kind", kind)
+    CONTROLLERS.choose("policy.kind", kind)
+    assert isinstance(kind, str)
+    chosen = _made(kind, arguments | _spoken(kind, arguments, spoken), info, seed)
+    if kind in FILES and spoken not in (None, UNSAID, chosen.action):
+        allowed = f"an environment made with action={chosen.action!r}"
+        raise checks.refuse(f"policy {kind!r}", f"the environment's action {spoken!r}", allowed)
+    return InElements(chosen) if (spoken, chosen.action) == ("element", "phasor") else chosen
+
+
+UNSAID = "element"
+"""Action of environments for which none has been chosen: it asks a policy for nothing."""
+
+
+def action_of(env: Any) -> str | None:
+    """Name of an environment's action; None of one without a name."""
+    acting = type(env.unwrapped.core.action)
+    return next((name for name, each in ACTIONS.items() if each is acting), None)
+
+
+def _spoken(kind: str, arguments: Mapping[str, Any], spoken: str | None) -> dict[str, str]:
+    """The argument by which a policy that knows several actions speaks that of its environment."""
+    steers = kind in ("local_field", "planner") or kind in LAWS
+    if spoken is None or "action" in arguments or not (spoken in OUTPUTS if steers else kind == "learned"):
+        return {}
+    return {} if spoken == UNSAID else {"action": spoken}
+
+
+def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Policy:
+    """One of :data:`CONTROLLERS`.
+
+    Raises:
+        ValueError: see :func:`make_policy`.
+        ModuleNotFoundError: likewise.
+    """
+    make = CONTROLLERS[kind]
     if "seed" in inspect.signature(make).parameters:
         arguments.setdefault("seed", seed)
     try:
         return make(info, **arguments)
     except TypeError as error:
         raise checks.refuse(f"policy {kind!r}", arguments, f"its own arguments ({error})") from error
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing not in EXTRA:
+            raise
+        text = f"policy {kind!r} needs {missing}, which is not installed: pip install 'vibgym[policies]'"
+        raise ModuleNotFoundError(text, name=missing) from None

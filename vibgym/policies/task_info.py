@@ -48,8 +48,13 @@ class TaskInfo:
         Args:
             env: a :class:`vibgym.envs.VibgymEnv` or :class:`vibgym.envs.VibgymVectorEnv`.
             name: instead of the environment's.
+
+        Raises:
+            ValueError: it is no such environment.
         """
-        base, spec = env.unwrapped, env.spec
+        base, spec = getattr(env, "unwrapped", env), getattr(env, "spec", None)
+        if not hasattr(base, "measurement_lead"):
+            raise checks.refuse("env", env, "an environment of vibgym, single or vector, or its TaskInfo")
         task = base.task
         limit = getattr(base, "max_episode_steps", None)  # the vector environment's own
         if spec is not None and limit is None:
@@ -82,6 +87,11 @@ class TaskInfo:
             goal_moves=task.goal_moves,
             lead=base.measurement_lead,
         )
+
+    @property
+    def hard_dead_zone(self) -> bool:
+        """Whether elements that are told to do little do nothing at all."""
+        return self.hardware.dead_zone > 0.0 and self.hardware.dead_zone_form == "hard"
 
     def check_places(self, policy: str) -> None:
         """Refuse a task that asks for no place of a part: neither goals nor zones nor a distance to keep.

@@ -138,7 +138,7 @@ def several(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
 
 def small_cost(quiet: bool) -> Cost:
     """Up to four parts on the prototype."""
-    return measure(quiet, counts=(1, 2, 4), surfaces=[Surface()], policies=["local_fields"], repetitions=2)
+    return measure(quiet, counts=(1, 2, 4), surfaces=[Surface()], policies=["local_field"], repetitions=2)
 
 
 @pytest.fixture(scope="session")

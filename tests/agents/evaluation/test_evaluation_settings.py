@@ -38,7 +38,7 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
                 {"name": "mine", "policy": Pusher(), "tasks": ["Transport"]},
                 Shepherd(),
                 {"kind": "zero", "name": "still", "tasks": ["Sort"]},
-                "local_fields",
+                {"kind": "local_field", "name": "local_fields", "tasks": ["Sort"]},
                 "zero",
             ]
         )
@@ -57,7 +57,7 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
 
 
 def test_every_environment_can_be_evaluated() -> None:
-    prepared = evaluation.prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_fields"]))
+    prepared = evaluation.prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_field"]))
     facts = prepared.tasks["SortThreeKinds"]
     assert facts.kinds == ("steel_block", "aluminium_block", "disc") and facts.step_limit == 750
     assert prepared.scenery["SortThreeKinds"].kinds == (0, 1, 2, 0, 1, 2)

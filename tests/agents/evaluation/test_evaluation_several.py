@@ -201,7 +201,7 @@ def test_json(several: evaluation.Results, written_several: Path) -> None:
         ("Singulate", "lazy shepherd"),
     }
     curves = {(each["what"], each["touching"]): each for each in content["cost_per_period"]["curves"]}
-    assert set(curves) == {("simulation", False), ("simulation", True), ("local_fields", False)}
+    assert set(curves) == {("simulation", False), ("simulation", True), ("local_field", False)}
     assert curves["simulation", False]["parts"] == [1, 2, 4] and curves["simulation", True]["parts"] == [2, 4]
 
 

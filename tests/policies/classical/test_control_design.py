@@ -17,7 +17,6 @@ from vibgym.policies.classical.design import (
     sampled_riccati,
 )
 from vibgym.policies.classical.observer import Estimate, Observer
-from vibgym.policies.classical.saturation import shortened
 from vibgym.policies.classical.state_space import StateFeedback
 
 A, B = DOUBLE_INTEGRATOR
@@ -89,12 +88,6 @@ def test_the_observers_error_dies_out_with_its_poles():
     assert error[-1] == pytest.approx(-24.0 * T**2 / 12.0, rel=0.1)
     left = np.array(error) - error[-1]
     assert left[75] / left[50] == pytest.approx(math.exp(-3.0 * 25 * T), rel=0.02)
-
-
-def test_vectors_beyond_the_limit_keep_their_direction():
-    assert shortened(np.array([[3.0, -4.0], [0.3, 0.4], [0.0, 0.0]]), 1.0) == pytest.approx(
-        np.array([[0.6, -0.8], [0.3, 0.4], [0.0, 0.0]])
-    )
 
 
 @pytest.mark.parametrize(

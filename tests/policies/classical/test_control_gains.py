@@ -45,7 +45,7 @@ def played(true, pulses=40, noise=0.0, seed=0):
         if step % 12 == 0:
             under = gains.element[0, 0][gains.arm[0, 0, :, 0] > 0.0]
             push.reshape(-1, 2)[under] = 0.3 * random.normal(size=(len(under), 2))
-        learner.note(push, gains, np.zeros((1, 1, 3)))
+        learner.predict(push, gains, np.zeros((1, 1, 3)))
         # By the definition: the place of rest is off by B sum J (h - 1) u, put right late; the nominal shift is taken back.
         x, y = push.reshape(-1, 2).T
         missed = np.zeros(3)
@@ -112,7 +112,7 @@ def test_fast_parts_teach_nothing():
     for step in range(20):
         unseen, doubt = learner.learn(seen(info, POSE + [0.01 * step, 0.0, 0.0], (0.25, 0.0, 0.0)), gains)
         assert (unseen == 0.0).all() and (doubt == 0.0).all()
-        learner.note(np.full((1, 8, 32, 2), 0.5), gains, np.zeros((1, 1, 3)))
+        learner.predict(np.full((1, 8, 32, 2), 0.5), gains, np.zeros((1, 1, 3)))
     assert (gains.mean == 0.0).all() and (learner.known(gains)[0] == 1.0).all()
 
 

@@ -120,11 +120,6 @@ def test_targets_are_goals_places_in_zones_or_away_from_others():
             assert spread(target) > 1.2 * spread(truth.pose[..., :2])
 
 
-def test_both_names_are_one_law():
-    one, several = make_policy("local_field", info_of("Align")), make_policy("local_fields", info_of("Sort"))
-    assert type(one) is type(several) is LocalFieldPolicy
-
-
 # -- what it achieves --------------------------------------------------------------------------------------------------
 
 
@@ -142,7 +137,7 @@ def test_it_does_so_with_long_steps(task):
 
 
 def test_it_collides_with_several():
-    outcome = episodes(make_policy("local_fields", info_of("Sort")), "Sort", 8)
+    outcome = episodes(make_policy("local_field", info_of("Sort")), "Sort", 8)
     assert outcome.success >= 7 and outcome.collisions > 2
 
 
@@ -153,7 +148,7 @@ def test_it_knows_other_surfaces_and_parts():
     assert episodes(policy, "Transport", 20, **settings).success >= 19
 
 
-@pytest.mark.parametrize("name", ["local_fields", "planner"])
+@pytest.mark.parametrize("name", ["local_field", "planner"])
 def test_one_part_is_sorted_too(name):
     env = single("Sort", action="phasor", parts=["steel_block"], zones={"steel_block": [0.6, 0.05, 0.8, 0.15]})
     policy, state, done = make_policy(name, TaskInfo.of(env)), None, False

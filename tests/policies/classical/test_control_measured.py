@@ -61,7 +61,7 @@ def test_observations_of_one_part_of_another_shape_are_refused(name, seen):
         make_policy(name, info_of()).predict(seen)
 
 
-@pytest.mark.parametrize("name", ["zero", "random", "local_fields", "planner"])
+@pytest.mark.parametrize("name", ["zero", "random", "local_field", "planner"])
 @pytest.mark.parametrize("seen", [np.zeros(18), np.zeros((3, 119)), 0.0, np.zeros((0,))])
 def test_observations_of_several_parts_of_another_shape_are_refused(name, seen):
     with pytest.raises(ValueError, match="^observation: .*120"):

@@ -9,7 +9,7 @@ from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 
 ALL = [(task, name) for task in POSE_TASKS for name in ("zero", "random", "open_loop", "local_field", "planner")] + [
-    (task, name) for task in ARRANGED_TASKS for name in ("zero", "random", "local_fields", "planner")
+    (task, name) for task in ARRANGED_TASKS for name in ("zero", "random", "local_field", "planner")
 ]
 REPEATABLE = [(task, name) for task, name in ALL if name != "random"]
 

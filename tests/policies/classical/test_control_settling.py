@@ -164,7 +164,7 @@ def test_it_does_so_on_other_hardware(change):
     assert episodes(make_policy("local_field", info_of("Align", **settings)), "Align", 40, **settings).success >= 39
 
 
-@pytest.mark.parametrize("task, name", [("Sort", "planner"), ("Singulate", "planner"), ("Singulate", "local_fields")])
+@pytest.mark.parametrize("task, name", [("Sort", "planner"), ("Singulate", "planner"), ("Singulate", "local_field")])
 def test_several_parts_reach_their_places_on_the_prototype(task, name):
     outcome = episodes(make_policy(name, info_of(task, **HARDWARE)), task, 12, **HARDWARE)
     assert outcome.success == 12 and outcome.collisions < 1.0

@@ -17,10 +17,11 @@ from tests.policies.helpers import DISC, FRESH, episodes, info_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.policies.trained.trained import RESIDUAL
 
 ROOT = Path(__file__).parents[3]
-SHIPPED, TABLE = ROOT / "vibgym" / "policies" / "trained" / "shipped", ROOT / "results" / "agents.csv"
+TABLE = ROOT / "results" / "agents.csv"
 FILES = {agent: path for path in sorted((ROOT / "configs" / "agents").glob("*.yaml"))
          if "\nvibgym/" in path.read_text() for agent in agents_in(path)}  # fmt: skip
 """In which file the settings of an agent stand."""

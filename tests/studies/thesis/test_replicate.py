@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from studies.thesis.__main__ import main
 from studies.thesis import element_size, page, quantisation_figure, speed_ratio, squeeze_figure
+from studies.thesis.__main__ import main
 from studies.thesis.element_size import PITCH
 from studies.thesis.figures import FIGURES
 from studies.thesis.quantisation import centre_errors, chain_errors

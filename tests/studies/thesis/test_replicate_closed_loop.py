@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studies.thesis import control_cycle, pid_step, prototype_steps, state_space_step
-from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, StateController, step_response
+from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, StateController, shortened, step_response
 from studies.thesis.control_cycle import cycle
 from studies.thesis.pid_step import ACCELERATION, STEP
 from studies.thesis.pid_step import responses as pid_responses
@@ -131,4 +131,10 @@ def test_what_the_figures_say(figure, monkeypatch):
         said["State space: residual, soft dead zone of 0.1 mm"] == "within"
         and said["State space: residual, cubic dead zone of 0.1 mm"] == "within"
         and said["State space: residual, hard dead zone of 0.1 mm"].endswith("above")
+    )
+
+
+def test_vectors_beyond_the_limit_keep_their_direction():
+    assert shortened(np.array([[3.0, -4.0], [0.3, 0.4], [0.0, 0.0]]), 1.0) == pytest.approx(
+        np.array([[0.6, -0.8], [0.3, 0.4], [0.0, 0.0]])
     )

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import linalg
 
 from vibgym import checks
 
@@ -80,6 +79,8 @@ def riccati(a: np.ndarray, b: np.ndarray, state: Sequence[float], control: float
     Raises:
         ValueError: weights that are not positive.
     """
+    from scipy import linalg  # of the extra "policies"
+
     q, s = np.diag(weights("state_weights", state, len(a))), checks.number("control_weight", control, above=0.0)
     return (b.T @ linalg.solve_continuous_are(a, b, q, np.array([[s]])) / s)[0]
 
@@ -96,6 +97,8 @@ def sampled_riccati(
     Raises:
         ValueError: weights that are not positive.
     """
+    from scipy import linalg  # of the extra "policies"
+
     q, s = np.diag(weights(name, state, len(f))), checks.number("control_weight", control, above=0.0)
     p = linalg.solve_discrete_are(f, g, q, np.array([[s]]))
     return np.linalg.solve(s + g.T @ p @ g, g.T @ p @ f)[0]
@@ -106,6 +109,8 @@ def sampled(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np
 
     Eq. 5.72 needs the inverse of A, which an integrator does not have; the exponential of both together does not.
     """
+    from scipy import linalg  # of the extra "policies"
+
     order, inputs = b.shape
     both = np.zeros((order + inputs, order + inputs))
     both[:order, :order], both[:order, order:] = a, b

@@ -10,6 +10,9 @@ spread over some periods: both sides are summed up alike, with a memory of some 
 rest moves all the time: on an inclined table, say.
 
 Elements that a part leaves are forgotten when their place in the list is needed for others.
+
+The numbers below are tuned by hand on the prototype's hardware, with its readings and estimator: where goals are held
+(``python -m studies.benchmarks.pose_control``), and on elements that are dead or differ by more than there.
 """
 
 from __future__ import annotations
@@ -43,6 +46,9 @@ GAIN_SPREAD, PHASE_SPREAD = 0.06, 0.09
 
 DRIFT = 0.02e-3
 """m a step, the same of the drift."""
+
+DRIFT_WANDER = 0.05
+"""Share of that by which the drift changes in a step."""
 
 NOISE = 0.08e-3
 """m, of the sum that is measured."""
@@ -82,9 +88,8 @@ class Gains(NamedTuple):
     arm: np.ndarray  # (..., room, 3) share and lever of the part on it now, 0 where it is not under it
     mean: np.ndarray  # (..., 2 room + 3) real and imaginary parts of h - 1, and the drift, m a step
     covariance: np.ndarray  # (..., 2 room + 3, 2 room + 3)
-    waiting: (
-        np.ndarray
-    )  # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps of which nothing is read yet
+    # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps of which nothing is read yet
+    waiting: np.ndarray
     coming: np.ndarray  # (..., room, 2, 3) m, likewise, of which the readings have told a part
     summed: np.ndarray  # (..., room, 2, 3) m, what the readings have told, summed up
     moved: np.ndarray  # (..., 3) m, the sum of what the place of rest moved beyond the nominal shift
@@ -102,7 +107,13 @@ class Numbers(NamedTuple):
 
 
 @borrowing
-def enter(gains, w, p, k, e):
+def within(value, most):
+    """A value, cut off at +-most."""
+    return min(max(value, -most), most)
+
+
+@borrowing
+def give_place(gains, w, p, k, e):
     """Give place ``k`` to element ``e``, of which nothing is known."""
     gains.element[w, p, k] = e
     for q in range(2):
@@ -133,7 +144,7 @@ def find_places(gains, w, pieces, count):
             if free < 0 and gains.arm[w, p, k, 0] == 0.0:
                 free = k
         if not known and free >= 0:
-            enter(gains, w, p, free, pieces.element[i])
+            give_place(gains, w, p, free, pieces.element[i])
             set_arm(gains, w, p, free, pieces, i)
 
 
@@ -145,7 +156,7 @@ def set_arm(gains, w, p, k, pieces, i):
 
 
 @borrowing
-def take_in(gains, w, p, axis, noise, column):
+def kalman_update(gains, w, p, axis, noise, column):
     """Kalman's step for the sum along one axis, whose other side is ``summed``; noise is a variance, m^2."""
     mean, covariance, summed = gains.mean[w, p], gains.covariance[w, p], gains.summed[w, p]
     room, n = summed.shape[0], mean.shape[0]
@@ -179,12 +190,12 @@ def take_in(gains, w, p, axis, noise, column):
         covariance[i, i] = max(covariance[i, i], 0.0)
     for k in range(room):
         mean[2 * k] = min(max(mean[2 * k], -1.0), MOST - 1.0)
-        mean[2 * k + 1] = min(max(mean[2 * k + 1], -MOST_PHASE), MOST_PHASE)
+        mean[2 * k + 1] = within(mean[2 * k + 1], MOST_PHASE)
 
 
 @borrowing
-def compare(gains, numbers, w, p, rest, column):
-    """Take in where a slow part comes to rest by the readings of this step."""
+def correct(gains, numbers, w, p, rest, column):
+    """Correct what is known by where a slow part comes to rest, as the readings of this step have it."""
     room, size = gains.summed.shape[2], 0.0
     gains.steps[w, p] = KEEP * gains.steps[w, p] + 1.0
     for axis in range(3):
@@ -198,9 +209,8 @@ def compare(gains, numbers, w, p, rest, column):
         net = 0.0
         for k in range(room):
             for q in range(2):
-                gains.summed[w, p, k, q, axis] = (
-                    KEEP * gains.summed[w, p, k, q, axis] + (1.0 - BLUR) / BLUR * gains.coming[w, p, k, q, axis]
-                )
+                told = (1.0 - BLUR) / BLUR * gains.coming[w, p, k, q, axis]
+                gains.summed[w, p, k, q, axis] = KEEP * gains.summed[w, p, k, q, axis] + told
             net += gains.summed[w, p, k, 0, axis]
         size += net * net
     early = ARRIVAL * (1.0 - (1.0 - KEEP) * gains.steps[w, p])
@@ -208,14 +218,14 @@ def compare(gains, numbers, w, p, rest, column):
     for i in range(2 * room):
         gains.covariance[w, p, i, i] += WANDER * WANDER if gains.summed[w, p, i // 2, 0, 0] != 0.0 else 0.0
     for axis in range(3):
-        gains.covariance[w, p, 2 * room + axis, 2 * room + axis] += (0.05 * DRIFT) ** 2
+        gains.covariance[w, p, 2 * room + axis, 2 * room + axis] += (DRIFT_WANDER * DRIFT) ** 2
     for axis in range(3):
         if axis < 2 or numbers.turn[p] != 0.0:
-            take_in(gains, w, p, axis, noise, column)
+            kalman_update(gains, w, p, axis, noise, column)
 
 
 @borrowing
-def begin_again(gains, w, p):
+def reset_sums(gains, w, p):
     """Forget the sums: the part was too fast."""
     gains.steps[w, p] = 0.0
     gains.moved[w, p] = 0.0
@@ -243,9 +253,9 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doub
             if not (present[w, p] and slow[w, p]):
                 gains.steps[w, p] = -1.0
             elif gains.steps[w, p] >= 0.0:
-                compare(gains, numbers, w, p, rest[w, p], column)
+                correct(gains, numbers, w, p, rest[w, p], column)
             else:
-                begin_again(gains, w, p)
+                reset_sums(gains, w, p)
         any_slow = False
         for p in range(pose.shape[1]):
             any_slow = any_slow or (present[w, p] and slow[w, p])
@@ -265,14 +275,14 @@ def learn(numbers, pieces, gains, pose, present, rest, slow, column, ahead, doub
                         total += gains.mean[w, p, 2 * k + q] * left
                         variance += gains.covariance[w, p, 2 * k + q, 2 * k + q] * left * left
                 doubt[w, p, axis] = math.sqrt(variance) if axis < 2 else math.sqrt(variance) / numbers.gyration[p]
-                total = min(max(total, -UNSEEN), UNSEEN)
+                total = within(total, UNSEEN)
                 ahead[w, p, axis] = total if axis < 2 else total / numbers.gyration[p]
                 gains.rest[w, p, axis] = rest[w, p, axis]
 
 
 @borrowing
-def tell(gains, gain, phase, spread):
-    """What the elements under slow parts make of their phasors, into (batch, elements) each."""
+def put_known(gains, gain, phase, spread):
+    """Put what the elements under slow parts make of their phasors into (batch, elements) each."""
     for w in range(gains.element.shape[0]):
         for p in range(gains.element.shape[1]):
             for k in range(gains.element.shape[2]):
@@ -285,14 +295,14 @@ def tell(gains, gain, phase, spread):
                     gain[w, e] = 0.0
                 else:
                     gain[w, e] = min(size, MOST)
-                    phase[w, e] = min(max(math.atan2(imaginary, real), -MOST_PHASE), MOST_PHASE)
+                    phase[w, e] = within(math.atan2(imaginary, real), MOST_PHASE)
                 own = gains.covariance[w, p, 2 * k, 2 * k] + gains.covariance[w, p, 2 * k + 1, 2 * k + 1]
                 spread[w, e] = max(CAUTION * math.sqrt(own), SURE)
 
 
 @borrowing
-def note(numbers, gains, push, given):
-    """Take note of the pushes (batch, elements, 2) that the elements are told, and of where the parts should come to rest.
+def predict(numbers, gains, push, given):
+    """Take down the pushes (batch, elements, 2) that the elements are told, and where the parts should come to rest.
 
     Into ``given`` (batch, parts, 3) goes what nominal elements do of this with slow parts; other rows are left.
     """
@@ -360,7 +370,8 @@ class GainLearner:
 
         Both are (batch, parts, 3) m, m, rad.
         """
-        pose, rest = self.pose(measured), self.rest(measured)
+        pose = measured.pose
+        rest = pose + self.coast[:, None] * measured.rate
         slow = ((measured.velocity**2).sum(axis=-1) < SLOW**2) & (np.abs(measured.spin) < SLOW_TURN)
         pieces, ahead = new_pieces(self.info.surface, self.info.parts), np.empty_like(pose)
         doubt = np.empty_like(pose)
@@ -372,26 +383,19 @@ class GainLearner:
         """Gain, phase (rad) and spread of the elements, (batch, elements) each."""
         shape = (len(gains.element), self.elements)
         gain, phase, spread = np.ones(shape), np.zeros(shape), np.full(shape, SPREAD)
-        tell(gains, gain, phase, spread)
+        put_known(gains, gain, phase, spread)
         return gain, phase, spread
 
-    def note(self, push: np.ndarray, gains: Gains, given: np.ndarray) -> np.ndarray:
-        """Take note of the pushes (batch, rows, columns, 2) of elements; returns what nominal ones give to the parts.
+    def predict(self, push: np.ndarray, gains: Gains, given: np.ndarray) -> np.ndarray:
+        """Take down the pushes (batch, rows, columns, 2) of elements; returns what nominal ones give to the parts.
 
         Args:
             given: (batch, parts, 3) what the parts were meant to get: it stands for those that are fast.
         """
         gains.waiting[:, :, 1:] = gains.waiting[:, :, :-1].copy()
         given = given.copy()
-        note(self.numbers, gains, push.reshape(len(push), -1, 2), given)
+        predict(self.numbers, gains, push.reshape(len(push), -1, 2), given)
         return given
-
-    def pose(self, measured: Measured) -> np.ndarray:
-        return np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
-
-    def rest(self, measured: Measured) -> np.ndarray:
-        velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
-        return self.pose(measured) + self.coast[:, None] * velocity
 
 
 @borrowing

@@ -11,25 +11,34 @@ sees the parts from their goals, which stand still there, and what it wants come
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.policies.classical.measured import Measured
+from vibgym.policies.task_info import TaskInfo
+
+LONGEST_LEAD = 10.0
+"""s, most that :func:`lead_of` looks for."""
 
 
-class Law(Protocol):
-    """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part and several."""
+class Law:
+    """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part and several.
 
-    lead: float
-    """s: a place ``lead * v`` ahead of a part asks for the velocity ``v``. For planners, which set velocities."""
+    One without memory is :meth:`wanted` alone.
+    """
 
-    slack: float
+    lead: float | None = None
+    """s: a place ``lead * v`` ahead of a part asks for the velocity ``v``. For planners, which set velocities; None: they find
+    it out (:func:`lead_of`)."""
+
+    slack: float = 0.0
     """m, by how much corners of parts that have arrived may be off."""
 
     def initial(self, batch: int) -> Any:
         """Memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
-        ...
+        return ()
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
         """Mean accelerations that the parts want (batch, parts, 3), m/s^2 and rad/s^2, and the new memory.
@@ -42,11 +51,40 @@ class Law(Protocol):
             turn: (batch, parts) rad, likewise.
             memory: of :meth:`initial`, or what the last call made of it.
         """
-        ...
+        raise NotImplementedError
 
     def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
         """The memory, after it is known what accelerations (batch, parts, 3) the elements can give the parts.
 
         Like those that are wanted, they count from the goals' own where these move.
         """
-        ...
+        return memory
+
+
+def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
+    """The ``lead`` of a law, s; where it says none, that of what it wants of parts at ``speed`` (m/s), by bisection.
+
+    Raises:
+        ValueError: it says none, and there is no place ahead at which it neither drives nor brakes such parts.
+    """
+    if law.lead is not None:
+        return law.lead
+    still, alone = np.zeros((1, len(info.parts), 2)), np.zeros((1, len(info.parts)))
+    along = still + [1.0, 0.0]
+    seen = Measured(
+        present=alone == 0.0, centre=still, heading=alone, way=still, turn=alone, velocity=speed * along, spin=alone,
+        gap=alone + np.inf, single=False,
+    )  # fmt: skip
+
+    def wanted(lead: float) -> np.ndarray:
+        return law.wanted(seen, lead * speed * along, alone, law.initial(1))[0][..., 0]
+
+    near, far = 0.0, LONGEST_LEAD
+    if not ((wanted(near) < 0.0).all() and (wanted(far) > 0.0).all()):
+        name = type(law).__name__
+        allowed = f"s, a number: from {name}.wanted() of parts at {speed:.3g} m/s it cannot be told"
+        raise checks.refuse(f"{name}.lead", law.lead, allowed)
+    for _ in range(40):
+        middle = 0.5 * (near + far)
+        near, far = (near, middle) if (wanted(middle) > 0.0).all() else (middle, far)
+    return far

@@ -30,7 +30,7 @@ class LocalFieldPolicy(Steering):
     def __init__(self, info: TaskInfo, *, margin: float = 0.03, **law: Any) -> None:
         super().__init__(info, **law)
         self.margin = checks.number("margin", margin, least=0.0)
-        info.check_places("local_fields")
+        info.check_places("local_field")
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True

@@ -17,16 +17,21 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.plant import plant_of
-from vibgym.policies.classical.settling import Settling, bands, keep_on
+from vibgym.policies.classical.settling import LEAST_DRAG, Settling, bands, keep_on
 from vibgym.policies.task_info import TaskInfo
 
 APPROACH, CROWD_APPROACH = 9.0, 7.0
 """1/s, near goal poses, and near places among others, passed at a distance for longer by parts that slow down early."""
 
 
-class LocalLaw:
+SLOWER = 2.5
+"""Times the time that longer steps add, by which the approach takes longer; tuned with four periods a step."""
+
+
+class LocalLaw(Law):
     """Velocities along square roots of the distance; see the module.
 
     Args:
@@ -48,18 +53,14 @@ class LocalLaw:
         ahead = 0.5 * (info.step_time - info.surface.period)
         usual = APPROACH if info.has_goal else CROWD_APPROACH
         self.approach = checks.number("approach", usual if approach is None else approach, above=0.0)
-        self.approach /= 1.0 + 2.5 * self.approach * ahead
+        self.approach /= 1.0 + SLOWER * self.approach * ahead
         self.lead = 1.0 / self.approach
-        held = -np.expm1(-plant.drag * info.step_time) / np.maximum(plant.drag, 1e-9)  # s, see above
+        held = -np.expm1(-plant.drag * info.step_time) / np.maximum(plant.drag, LEAST_DRAG)  # s, see above
         self.response = np.maximum(checks.number("response", response, above=0.0), held)
-        self.settle, self.slack = keep_on, 0.0
-        if info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard":
-            settling = Settling(info, plant.drag, *bands(info))
-            self.settle, self.slack = settling, settling.slack
-
-    def initial(self, batch: int) -> tuple[()]:
-        """It has no memory."""
-        return ()
+        self.settle = keep_on
+        if info.hard_dead_zone:
+            self.settle = Settling(info, plant.drag, *bands(info))
+            self.slack = self.settle.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
@@ -69,10 +70,6 @@ class LocalLaw:
         rate = np.sign(turn) * self.stopping_rate(np.abs(turn), self.plant.turn_push)
         change = np.concatenate([velocity - measured.velocity, (rate - measured.spin)[..., None]], axis=-1)
         return self.settle(measured, way, turn, change / self.response[:, None]), memory
-
-    def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
-        """It goes by what is measured alone."""
-        return memory
 
     def stopping_rate(self, distance: np.ndarray, push: np.ndarray) -> np.ndarray:
         """Set speed (..., parts) at a distance, from which a part that can be slowed down by ``push`` still stops."""

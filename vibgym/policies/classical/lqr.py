@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from vibgym.policies.classical.design import sampled, sampled_riccati
+from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.task_info import TaskInfo
@@ -23,7 +24,7 @@ WEIGHTS = (30000.0, 1.0)
 """1/s^4 and 1/s^2, of position and velocity squared beside accelerations squared."""
 
 
-class LqrLaw:
+class LqrLaw(Law):
     """Linear-quadratic regulator of positions and headings by measured positions and velocities; it has no memory.
 
     Args:
@@ -38,8 +39,6 @@ class LqrLaw:
     Raises:
         ValueError: weights that are not positive.
     """
-
-    slack = 0.0
 
     def __init__(
         self,
@@ -65,16 +64,8 @@ class LqrLaw:
         self._rate = self.gains[:, :, 1] + self.drag[:, None]
         self.lead = float((self._rate[:, 0] / self.gains[:, 0, 0]).max())
 
-    def initial(self, batch: int) -> tuple[()]:
-        """It has no memory."""
-        return ()
-
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
         push = self.gains[:, 0, :1] * way - self._rate[:, :1] * measured.velocity
         torque = self.gains[:, 1, 0] * turn - self._rate[:, 1] * measured.spin
         return np.concatenate([push, torque[..., None]], axis=-1), memory
-
-    def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
-        """It goes by what is measured alone."""
-        return memory

@@ -38,6 +38,16 @@ class Measured:
     # (batch, parts, 3) m, m, rad: standard deviation of the place where a part comes to rest, of what is not yet read.
     doubt: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
 
+    @property
+    def pose(self) -> np.ndarray:
+        """(batch, parts, 3) m, m, rad."""
+        return np.concatenate([self.centre, self.heading[..., None]], axis=-1)
+
+    @property
+    def rate(self) -> np.ndarray:
+        """(batch, parts, 3) mean velocity and spin over the last period, m/s, m/s, rad/s."""
+        return np.concatenate([self.velocity, self.spin[..., None]], axis=-1)
+
     @classmethod
     def of(cls, observation: Any, info: TaskInfo) -> Measured:
         """Decode one state observation or a batch of them.

@@ -55,8 +55,7 @@ class PhasorOutput:
     action = "phasor"
 
     def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool) -> None:
-        hard = info.hardware.dead_zone > 0.0 and info.hardware.dead_zone_form == "hard"
-        self.learner = GainLearner(info) if learn and hard and info.has_goal else None
+        self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
         self.allocator = Allocator(info.surface, info.parts, info.hardware)
         self.half = 0.5 * info.surface.period  # s
 
@@ -68,7 +67,7 @@ class PhasorOutput:
         """See :class:`Output`."""
         present, push = order.measured.present, order.push
         # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
-        pose = pose_of(order.measured) + self.half * order.velocity
+        pose = order.measured.pose + self.half * order.velocity
         if self.learner is None:
             pushes = self.allocator.pushes(pose, present, push)
             # Of the push that the elements under a part can do together, which is less than each part's limit says.
@@ -77,7 +76,7 @@ class PhasorOutput:
             gain, phase, spread = self.learner.known(memory)
             pushes = self.allocator.pushes(pose, present, push, gain, spread)
             turn_pushes(-phase, pushes.reshape(*phase.shape, 2))
-            given = self.learner.note(pushes, memory, push)
+            given = self.learner.predict(pushes, memory, push)
         return self.allocator.commands(pushes), given, memory
 
 
@@ -125,7 +124,7 @@ class WrenchOutput:
         served = present & holds
         push = np.where(served[..., None] & order.push.any(axis=-1, keepdims=True), push, 0.0)
         # As the environment does it, which allocates for where a part was measured.
-        pose = pose_of(order.measured) - self.ahead * order.velocity
+        pose = order.measured.pose - self.ahead * order.velocity
         given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, push))
         memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity)
         return action.reshape(len(present), -1), given, memory
@@ -135,11 +134,6 @@ class WrenchOutput:
         action = np.clip(action, -1.0, 1.0).reshape(memory.given.shape)
         _, counted, holds = self.process.push(memory.velocity, action * self.scale)
         return np.where(holds[..., None], counted, 0.0)
-
-
-def pose_of(measured: Measured) -> np.ndarray:
-    """Poses (batch, parts, 3), m and rad."""
-    return np.concatenate([measured.centre, measured.heading[..., None]], axis=-1)
 
 
 OUTPUTS: Mapping[str, Any] = {"phasor": PhasorOutput, "wrench": WrenchOutput}

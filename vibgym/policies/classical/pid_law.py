@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.pid import POLES, Pid, PidMemory
 from vibgym.policies.task_info import TaskInfo
@@ -19,7 +20,7 @@ class PidLawMemory(NamedTuple):
     known: np.ndarray  # (batch, parts) bool, whether there has been one
 
 
-class PidLaw:
+class PidLaw(Law):
     """One PID controller for x, y and heading of every part, see :mod:`vibgym.policies.classical.pid`.
 
     A heading's rate is taken from the measured headings, not from what is left to turn: this counts modulo the part's symmetry,
@@ -32,8 +33,6 @@ class PidLaw:
     Raises:
         ValueError: a bad argument.
     """
-
-    slack = 0.0
 
     def __init__(self, info: TaskInfo, *, poles: Any = POLES, late: bool = True, anti_windup: bool = False) -> None:
         self.pid = Pid(info.step_time, poles=poles, late=late, anti_windup=anti_windup)

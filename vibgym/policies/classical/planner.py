@@ -10,12 +10,14 @@ one of them goes ahead.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.policies.classical import steering
+from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
 from vibgym.policies.classical.plant import plant_of
@@ -28,6 +30,7 @@ from vibgym.simulation import threads as workers
 ARRIVED = 0.020  # m from the target
 SLOW = 0.050  # m/s
 CALMING = 0.5  # s of waiting that are forgotten in a second of motion
+ACCELERATION = 0.8  # share of the largest push that parts are expected to gain speed by
 BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
 SWAP_GAIN = 0.010  # m, lest two parts swap targets to and fro
 
@@ -41,6 +44,36 @@ class Memory(NamedTuple):
     steering: steering.Memory
 
 
+@dataclass(frozen=True)
+class Spacing:
+    """How parts keep their distance.
+
+    Raises:
+        ValueError: a bad value.
+    """
+
+    # s, price of a second in touch for breaking the spacing rule; it grows with the square of the distance lacking
+    soft: float = 3.0
+    hard: float = 20.0  # s, price of a second in touch for coming nearer than ``safe``
+    safe: float = 0.010  # m, distance that is kept where there is no room for more
+    yielding: float = 0.3  # share of these prices that a part reckons for those over which it has right of way
+    calm: float = 0.5  # s of waiting after which patience is halved
+    faithful: float = 0.02  # s, what another motion must be better than the last one
+    edge: float = 0.026  # m, distance of centres from the surface's border
+    inset: float = 0.020  # m, distance of targets from the other borders of their zones
+
+    def __post_init__(self) -> None:
+        limits = {
+            "safe": {"above": 0.0},
+            "calm": {"above": 0.0},
+            "edge": {"above": 0.0},
+            "yielding": {"least": 0.0, "most": 1.0},
+        }
+        for name in (each.name for each in fields(self)):
+            value = checks.number(name, getattr(self, name), **limits.get(name, {"least": 0.0}))
+            object.__setattr__(self, name, value)  # the class is frozen
+
+
 class PlannerPolicy(Steering):
     """Local fields whose targets are given out and whose parts keep their distance on the way.
 
@@ -48,57 +81,36 @@ class PlannerPolicy(Steering):
 
     Args:
         info: task, scene and step time.
-        soft: s, price of a second in touch for breaking the spacing rule; it grows with the square of the distance lacking.
-        hard: s, price of a second in touch for coming nearer than ``safe``.
-        safe: m, distance that is kept where there is no room for more.
-        yielding: share of these prices that a part reckons for those over which it has right of way.
-        calm: s of waiting after which patience is halved.
-        faithful: s, what another motion must be better than the last one.
-        edge: m, distance of centres from the surface's border.
-        inset: m, distance of targets from the other borders of their zones.
-        **law: ``law`` and ``action`` of :class:`Steering`, and that law's settings.
+        **settings: of :class:`Spacing`; ``law``, ``action`` and ``learn`` of :class:`Steering`; and that law's own.
 
     Raises:
         ValueError: a task that asks for no place, or a bad argument.
     """
 
-    def __init__(
-        self,
-        info: TaskInfo,
-        *,
-        soft: float = 3.0,
-        hard: float = 20.0,
-        safe: float = 0.010,
-        yielding: float = 0.3,
-        calm: float = 0.5,
-        faithful: float = 0.02,
-        edge: float = 0.026,
-        inset: float = 0.020,
-        **law: Any,
-    ) -> None:
-        super().__init__(info, **law)
+    def __init__(self, info: TaskInfo, **settings: Any) -> None:
+        own = {each.name: settings.pop(each.name) for each in fields(Spacing) if each.name in settings}
+        super().__init__(info, **settings)
         info.check_places("planner")
-        surface, plant = info.surface, plant_of(info)
-        self.calm = checks.number("calm", calm, above=0.0)
-        self.faithful = checks.number("faithful", faithful, least=0.0)
-        edge = min(checks.number("edge", edge, above=0.0), 0.5 * surface.width, 0.5 * surface.depth)
-        self.targets = Targets(info, edge, checks.number("inset", inset, least=0.0), 2.0 * self.slack)
+        surface, plant, self.spacing = info.surface, plant_of(info), Spacing(**own)
+        edge = min(self.spacing.edge, 0.5 * surface.width, 0.5 * surface.depth)
+        self.targets = Targets(info, edge, self.spacing.inset, 2.0 * self.slack)
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Parts without zones may all swap targets: apart is apart.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
+        self.lead = lead_of(self.law, info, 0.5 * plant.top_speed)
         self.preferences = Preferences(
             width=surface.width,
             depth=surface.depth,
             edge=edge,
             top_speed=plant.top_speed,
-            acceleration=0.8 * plant.push.min(),
+            acceleration=ACCELERATION * plant.push.min(),
             braking=BRAKING * plant.push.min(),
-            approach=1.0 / self.law.lead,
+            approach=1.0 / self.lead,
             spacing=self.targets.spacing,
-            safe=checks.number("safe", safe, above=0.0),
-            soft=checks.number("soft", soft, least=0.0),
-            hard=checks.number("hard", hard, least=0.0),
-            yielding=checks.number("yielding", yielding, least=0.0, most=1.0),
+            safe=self.spacing.safe,
+            soft=self.spacing.soft,
+            hard=self.spacing.hard,
+            yielding=self.spacing.yielding,
         )
 
     def initial(self, batch: int) -> Memory:
@@ -131,16 +143,16 @@ class PlannerPolicy(Steering):
             velocity=np.ascontiguousarray(measured.velocity),
             facing=np.stack([np.cos(measured.heading), np.sin(measured.heading)], axis=-1),
             target=target,
-            patience=1.0 / (1.0 + (waited / self.calm) ** 2),
+            patience=1.0 / (1.0 + (waited / self.spacing.calm) ** 2),
             order=np.argsort(-way, axis=1, kind="stable"),
         )
         velocity = np.empty_like(centre)
 
         def choose(start: int, stop: int) -> None:
-            choose_motions(start, stop, self.preferences, self.hulls, scene, self.faithful, motion, velocity)
+            choose_motions(start, stop, self.preferences, self.hulls, scene, self.spacing.faithful, motion, velocity)
 
         workers.share(choose, batch, self.threads)
-        action, steered = self.steer(measured, self.law.lead * velocity, steered)
+        action, steered = self.steer(measured, self.lead * velocity, steered)
         return action, Memory(target, motion, waited, steered)
 
     def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:

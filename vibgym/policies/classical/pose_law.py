@@ -14,6 +14,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.settling import LOOSE_BAND, LOOSE_TURN, Settling, keep_on
@@ -41,7 +42,7 @@ BEYOND = 1.03
 """Speed that is asked for over the top speed, so that parts reach that."""
 
 
-class PoseLaw:
+class PoseLaw(Law):
     """Ways and turns along the curves from which parts can just stop; see the module.
 
     Args:
@@ -85,16 +86,12 @@ class PoseLaw:
         self.turn_landing = Landing(turn_curve, turn_approach, step, over * allowed_turn(info))
         self.gain, self.step = GAIN * plant.push, step
         self.lead = 1.0 / approach + step  # the speed asked for is that at the end of the step
-        self.settle, self.slack = keep_on, 0.0
-        if sheet.dead_zone > 0.0 and sheet.dead_zone_form == "hard":
+        self.settle = keep_on
+        if info.hard_dead_zone:
             band = checks.number("band", band, above=0.0) if info.has_goal else LOOSE_BAND
             turn_band = checks.number("turn_band", turn_band, above=0.0) if info.has_goal else LOOSE_TURN
-            settling = Settling(info, plant.drag, band, turn_band)
-            self.settle, self.slack = settling, settling.slack
-
-    def initial(self, batch: int) -> tuple[()]:
-        """It has no memory."""
-        return ()
+            self.settle = Settling(info, plant.drag, band, turn_band)
+            self.slack = self.settle.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
         """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
@@ -108,12 +105,8 @@ class PoseLaw:
         time = time_left(distance, closing, self.gain, self.curve)
         rate = np.where(time > SOON, np.minimum(rate, left / np.maximum(time, SOON)), rate)
         spin = (np.sign(turn) * rate)[..., None]
-        change = np.concatenate([velocity - measured.velocity, spin - measured.spin[..., None]], axis=-1)
+        change = np.concatenate([velocity, spin], axis=-1) - measured.rate
         return self.settle(measured, way, turn, change / self.step), memory
-
-    def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
-        """It goes by what is measured alone."""
-        return memory
 
 
 def allowed_turn(info: TaskInfo) -> float:

@@ -29,6 +29,9 @@ BAND = 0.25
 LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
 """m and rad, the same where a task asks for no pose, but for zones or distances."""
 
+LEAST_DRAG = 1e-9
+"""1/s, taken for the drag of parts without friction."""
+
 DOUBT = 1.5
 """Standard deviations of the place of rest by which bands are wider."""
 
@@ -55,7 +58,7 @@ class Settling:
     def __init__(self, info: TaskInfo, drag: np.ndarray, band: float, turn_band: float) -> None:
         self.drag, self.step, self.period = drag, info.step_time, info.surface.period
         ahead = 0.5 * (info.step_time - info.surface.period)
-        self.coast = 1.0 / np.maximum(drag, 1e-9) - ahead  # s
+        self.coast = 1.0 / np.maximum(drag, LEAST_DRAG) - ahead  # s
         self.band, self.turn_band = band, turn_band
         self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
         self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
@@ -68,16 +71,15 @@ class Settling:
             turn: (batch, parts) rad that are left.
             wanted: (batch, parts, 3) by the law for parts on their way.
         """
-        velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
+        velocity = measured.rate
         off = np.concatenate([way, turn[..., None]], axis=-1) - self.coast[:, None] * velocity
         distance, skew = np.sqrt((off[..., :2] ** 2).sum(axis=-1)), np.abs(off[..., 2])
         # A part whose goal moves has nowhere to come to rest.
         near = ~(measured.goal_velocity.any(axis=-1) | measured.goal_acceleration.any(axis=-1))
         near = near & ((way**2).sum(axis=-1) < REACH**2) & (np.abs(turn) < REACH_TURN)
         near &= (distance < self.near) & (skew < self.near_turn)
-        doubt = (
-            measured.doubt
-        )  # of late pulses: who does not wait for what they have done fires at errors of the estimate
+        # Of late pulses: who does not wait for what they have done fires at errors of the estimate.
+        doubt = measured.doubt
         wider = DOUBT * np.sqrt((doubt[..., :2] ** 2).sum(axis=-1))
         rests = near & (distance < self.band + wider) & (skew < self.turn_band + DOUBT * doubt[..., 2])
         # The push drag * off / step, less what friction takes on average.

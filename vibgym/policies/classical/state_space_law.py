@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.observer import Estimate, Observer
 from vibgym.policies.classical.state_space import StateFeedback
@@ -19,7 +20,7 @@ class StateSpaceMemory(NamedTuple):
     known: np.ndarray  # (batch, parts) bool, whether there has been a measurement
 
 
-class StateSpaceLaw:
+class StateSpaceLaw(Law):
     """State feedback for x, y and heading of every part, see :mod:`vibgym.policies.classical.state_space`.
 
     Args:
@@ -30,8 +31,6 @@ class StateSpaceLaw:
     Raises:
         ValueError: a bad argument.
     """
-
-    slack = 0.0
 
     def __init__(
         self,

@@ -116,7 +116,7 @@ class Steering:
         wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
         wanted = wanted + measured.goal_acceleration
         moves = ~np.isnan(wanted[..., :1])
-        velocity = np.concatenate([measured.velocity, measured.spin[..., None]], axis=-1)
+        velocity = measured.rate
         push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
         moves &= holds[..., None]  # where averages do not hold, nobody knows what a push would do
         push = np.where(moves, push, 0.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from vibgym._numba.jit import borrowing, jit
 from vibgym.policies.task_info import TaskInfo
@@ -30,15 +29,16 @@ def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, 
         centres = pitch * lattice(low / pitch, high / pitch, 0.0, 1.0)
         if len(centres) >= least:
             return centres
-        tight = (high - low) / [
-            len(np.unique(column)) for column in centres.T
-        ]  # the pitch that gains a column, or a row
+        # The pitch that gains a column, or a row.
+        tight = (high - low) / [len(np.unique(column)) for column in centres.T]
         k = int(np.argmax(tight / size))
         pitch[k] = tight[k]
 
 
 def assign(centre: np.ndarray, free: np.ndarray) -> np.ndarray:
     """One of the free places (n, 2) m for each centre (n, 2) m; the cubes of the ways add up to the least, so none is long."""
+    from scipy.optimize import linear_sum_assignment  # of the extra "policies"
+
     way = np.sqrt(((centre[:, None] - free) ** 2).sum(axis=-1))
     return free[linear_sum_assignment(way**3)[1]]
 
@@ -58,14 +58,14 @@ class Targets:
     """
 
     def __init__(self, info: TaskInfo, edge: float, inset: float, slack: float = 0.0) -> None:
+        if not info.has_goal:
+            import scipy.optimize  # noqa: F401  -- missed here, where it is, and not in the first episode
         surface, parts = info.surface, info.parts
         self.zones, self.kind = info.zones, np.array(info.kind)
         self.spacing = max(math.sqrt(2.0) * surface.element_size, info.apart or 0.0)
         self.room = self.spacing + slack
         radius = np.array([part.radius for part in parts])
-        edge = min(
-            edge, radius.max()
-        )  # small surfaces and zones hold parts by their circles, and so do these rectangles
+        edge = min(edge, radius.max())  # small surfaces and zones hold parts by their circles, as these rectangles do
         self.low, self.high = np.full(2, edge), np.array([surface.width, surface.depth]) - edge
         # Twice the reach from the centre, on the larger side, so that parts of any shape in neighbouring places are clear.
         self.size = np.array([2.0 * np.abs(part.outline).max(axis=0) for part in parts])

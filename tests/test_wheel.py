@@ -1,0 +1,119 @@
+"""What pip installs is enough: the wheel, in an environment of its own and far from the checkout, plays and trains."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+from numba.core.caching import _CacheLocator
+
+ROOT = Path(__file__).parents[1]
+
+PLAY = """
+import importlib.util, json
+import gymnasium as gym, numpy as np, vibgym
+
+found = {name: getattr(importlib.util.find_spec(name), "origin", None) for name in ("vibgym", "agents", "studies", "tests")}
+
+
+def successes(policy, task, **settings):
+    settings |= {"action": policy.action, "observation": policy.observation}
+    env = gym.make_vec(f"vibgym/{task}-v0", num_envs=3, **settings)
+    seen, _ = env.reset(seed=11)
+    state, start, succeeded = None, np.ones(3, bool), np.zeros(3, bool)
+    over = np.zeros(3, bool)
+    while not over.all():
+        action, state = policy.predict(seen, state, start)
+        seen, _, terminated, truncated, info = env.step(action)
+        succeeded |= ~over & info["is_success"]
+        start = terminated | truncated
+        over |= start
+    return int(succeeded.sum())
+
+
+played = {}
+for task, policies in {"Align": ("pose", "learned"), "Sort": ("planner", "pose", "learned")}.items():
+    made = gym.make(f"vibgym/{task}-v0")
+    for name in policies:
+        played[f"{task} {name}"] = successes(vibgym.make_policy(name, vibgym.policies.TaskInfo.of(made)), task)
+
+from stable_baselines3 import PPO
+
+env = gym.make_vec("vibgym/Align-v0", num_envs=8, action="field", autoreset_mode="SameStep")
+model = PPO("MlpPolicy", vibgym.adapters.sb3.StableBaselinesAdapter(env), n_steps=32, batch_size=64, device="cpu")
+before = [each.detach().clone() for each in model.policy.parameters()]
+model.learn(512)
+moved = any(bool((each != old).any()) for each, old in zip(model.policy.parameters(), before))
+print(json.dumps({"found": found, "played": played, "steps": model.num_timesteps, "learned": moved}))
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Built as pip builds it; with the test environment's hatchling where it has one, else pip fetches it."""
+    directory = tmp_path_factory.mktemp("wheel")
+    have = ["--no-build-isolation"] if importlib.util.find_spec("hatchling") else []
+    pip("wheel", "--no-deps", *have, "--wheel-dir", directory, ROOT)
+    (built,) = directory.glob("vibgym-*.whl")
+    return built
+
+
+def pip(*arguments):
+    command = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check", *map(str, arguments)]
+    result = subprocess.run(command, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+
+
+def installed(wheel, directory):
+    """An environment's interpreter: vibgym from the wheel, all that it depends on from the tests' own environment."""
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", directory], check=True)
+    python = directory / "bin" / "python"
+    pip("--python", python, "install", "--no-deps", "--no-index", "--no-compile", wheel)
+    own = Path(sysconfig.get_path("purelib", vars={"base": str(directory), "platbase": str(directory)}))
+    # A path alone: what its own .pth files name, such as the checkout, is not followed.
+    (own / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+    return python, own
+
+
+def share_kernels(own, cache):
+    """Let both copies of the package keep their kernels in one place: they are the same, as digests of their sources say."""
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    for copy in own.joinpath("vibgym").rglob("*.py"):
+        source = ROOT / copy.relative_to(own)
+        stamp = source.stat().st_mtime_ns
+        os.utime(copy, ns=(stamp, stamp))
+        link = cache / _CacheLocator.get_suitable_cache_subpath(str(copy))
+        kept = source.parent / "__pycache__"
+        if given is not None:
+            kept = Path(given) / _CacheLocator.get_suitable_cache_subpath(str(source))
+        if not link.exists():
+            kept.mkdir(parents=True, exist_ok=True)
+            link.symlink_to(kept)
+
+
+def test_the_wheel_alone_plays_and_trains(wheel, tmp_path):
+    python, own = installed(wheel, tmp_path / "environment")
+    (tmp_path / "kernels").mkdir()
+    share_kernels(own, tmp_path / "kernels")
+    hidden = {"PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME"}
+    environment = {name: value for name, value in os.environ.items() if name not in hidden}
+    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")
+    result = subprocess.run([python, "-c", PLAY], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    said = json.loads(result.stdout.splitlines()[-1])
+    assert said["found"].pop("vibgym") == str(own / "vibgym" / "__init__.py")
+    assert set(said["found"].values()) == {None}  # nothing of the checkout can be imported
+    assert said["played"] == dict.fromkeys(said["played"], 3) and len(said["played"]) == 5
+    assert said["steps"] == 512 and said["learned"]
+
+
+def test_the_wheel_holds_the_shipped_agents_and_no_laboratory(wheel):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    shipped = ROOT / "vibgym" / "policies" / "trained" / "shipped"
+    assert {path.relative_to(ROOT).as_posix() for path in shipped.rglob("*.*")} <= names
+    assert {name.partition("/")[0] for name in names} == {"vibgym", "vibgym-0.1.0.dist-info"}
