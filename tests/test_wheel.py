@@ -45,7 +45,7 @@ for task, policies in {"Align": ("pose", "learned"), "Sort": ("planner", "pose",
 from stable_baselines3 import PPO
 
 env = gym.make_vec("vibgym/Align-v0", num_envs=8, action="field", autoreset_mode="SameStep")
-model = PPO("MlpPolicy", vibgym.adapters.sb3.StableBaselinesAdapter(env), n_steps=32, batch_size=64, device="cpu")
+model = PPO("MlpPolicy", vibgym.adapters.sb3.VecEnv(env), n_steps=32, batch_size=64, device="cpu")
 before = [each.detach().clone() for each in model.policy.parameters()]
 model.learn(512)
 moved = any(bool((each != old).any()) for each, old in zip(model.policy.parameters(), before))
