@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from vibgym import interrupts
 
-if interrupts.started():
-    interrupts.at_once()  # before the imports below, which take seconds
-
-import importlib
-from typing import Any
-
-from vibgym.registration import register_environments
-from vibgym.scene import Part, Surface
-from vibgym.simulation import Simulator
+if TYPE_CHECKING:
+    from vibgym.scene import Part, Surface
+    from vibgym.simulation import Simulator
 
 __version__ = "0.1.0"
 __all__ = ["Part", "Simulator", "Surface"]
 
-_ROOMS = ("actuators", "config", "envs", "fields", "rendering", "sensing", "tasks")
+_ROOMS = ("actuators", "config", "envs", "fields", "rendering", "scene", "sensing", "simulation", "tasks")
 
-register_environments()
+_PLACES = {
+    "Part": "vibgym.scene",
+    "Simulator": "vibgym.simulation",
+    "Surface": "vibgym.scene",
+    "parallel_env": "vibgym.adapters.pettingzoo",  # PettingZoo is an extra
+}
+"""Where names are that are imported when first asked for."""
+
+if not interrupts.started():  # a command line takes Ctrl-C in hand first, and registers then
+    importlib.import_module("vibgym.registration").register_environments()
 
 
 def __getattr__(name: str) -> Any:
-    """Import a submodule, or what needs an extra, when first asked for; ``gym.make`` does so by the registered names."""
+    """Import a submodule, or a name, when first asked for; ``gym.make`` does so by the registered names."""
     if name in _ROOMS:
         return importlib.import_module(f"vibgym.{name}")
-    if name == "parallel_env":  # PettingZoo is an extra
-        return importlib.import_module("vibgym.adapters.pettingzoo").parallel_env
+    if name in _PLACES:
+        return getattr(importlib.import_module(_PLACES[name]), name)
     raise AttributeError(f"module 'vibgym' has no attribute {name!r}")
