@@ -45,13 +45,13 @@ def jit(function: Any) -> Any:
 
     numba looks for cached kernels by their file alone. So each state of what the file imports has a folder of its own.
     """
-    folder = cache_folder()
-    if folder is None:
-        if options.CACHE:
-            options.warn_about_cache("no folder that may be written")
+    file, folder = function.__code__.co_filename, cache_folder()
+    if folder is None and options.CACHE:
+        options.warn_about_cache("no folder that may be written")
+    if folder is None or not os.path.isfile(file):
         return numba.njit(**options.OPTIONS)(function)
     before = numba.config.CACHE_DIR
-    digest = sources(function.__code__.co_filename, function.__module__)
+    digest = sources(file, function.__module__)
     numba.config.CACHE_DIR = os.path.join(folder, f"plain-{digest[:16]}")
     try:
         return numba.njit(cache=True, **options.OPTIONS)(function)

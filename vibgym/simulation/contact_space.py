@@ -83,7 +83,10 @@ class ContactSpace:
         space.add(*self._shapes)
         space.remove(*self._shapes)  # hash tables have grown now to what they will be: their order never changes again
         self._keep: list[Any] = []
-        n = len(parts)
+        self.solver = self._solver(len(parts), np.array(owner), fixed, slop)
+
+    def _solver(self, n: int, owner: np.ndarray, fixed: int, slop: float) -> Solver:
+        """Addresses of all that kernels call and hand over, for ``n`` parts."""
         data = np.zeros(6 * n + 8)  # the library grows its arrays when they are nearly full: never let it
         floats = ffi.new("pmFloatArray *")
         floats.arr, floats.max, floats.num = ffi.from_buffer("cpFloat[]", data), 1 << 30, 0
@@ -97,8 +100,8 @@ class ContactSpace:
             return _address(made)
 
         place, speed = lib.POSITION | lib.ANGLE, lib.VELOCITY | lib.ANGULAR_VELOCITY
-        self.solver = Solver(
-            space=_address(space._space),
+        return Solver(
+            space=_address(self.space._space),
             step=_function("cpSpaceStep", "int64", "float64"),
             each=_function("cpSpaceEachBody", "int64", "int64", "int64"),
             put=_place("pmSpaceBodySetIteratorFuncBatched"),
@@ -119,7 +122,7 @@ class ContactSpace:
             cursor=np.frombuffer(ffi.buffer(floats, 4), dtype=np.int32),
             bodies=np.array([_address(body._body) for body in self._bodies]),
             shapes=np.array([_address(shape._shape) for shape in self._shapes]),
-            owner=np.array(owner),
+            owner=owner,
             fixed=fixed,
             slop=slop,
         )

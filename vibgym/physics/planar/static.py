@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym._numba.jit import borrowing, inlined
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """Of SDIRK2: stiffly accurate, so its last stage is its result, and sticking is exact."""
@@ -79,7 +79,7 @@ def _energy(load, x, y, n, gyration, free, smooth, slip):
     return value
 
 
-@borrowing
+@inlined
 def newton_step(load, x, y, n, gyration, free, smooth, slip):
     """Newton's step x, y and spin down the energy of :func:`implicit_slip` from ``slip``, and the slope along it, negative."""
     (rx, ry, rw), (sx, sy, spin) = free, slip
