@@ -12,7 +12,6 @@ from vibgym import Part, Simulator, Surface
 from vibgym.physics.planar.static import implicit_slip
 
 G = 9.81
-REST = (0.0, 0.0, 0.0)
 OMEGA = 2 * math.pi * 25.0
 THRESHOLD = 0.6 * G / OMEGA**2  # m: horizontal amplitude at which a_h w^2 = mu g
 
@@ -194,7 +193,7 @@ def test_implicit_slip_is_the_minimum(given_points, rx, ry, rw):
         inertia = 0.5 * ((sx - rx) ** 2 + (sy - ry) ** 2 + k2 * (spin - rw) ** 2)
         return inertia + power(load, x, y, sx, sy, spin)
 
-    found = np.array(implicit_slip(load, total, x, y, len(x), k2, (rx, ry, rw), REST))
+    found = np.array(implicit_slip(load, total, x, y, len(x), k2, rx, ry, rw, 0.0, 0.0, 0.0))
     scale = np.array([1.0, 1.0, 1.0 / math.sqrt(k2)])
     here, tolerance = energy(found), 1e-8 * (1.0 + rx * rx + ry * ry + k2 * rw * rw)
     rng = np.random.default_rng(0)
@@ -211,15 +210,15 @@ def test_limit_surface_of_a_ring_pair():
     x, y, load, r, k2 = np.array([0.02, -0.02]), np.zeros(2), np.full(2, 0.5), 0.02, 4e-4
 
     def holds(force_y, torque):
-        return implicit_slip(load, 1.0, x, y, 2, k2, (0.0, force_y, torque / k2), REST) == (0.0, 0.0, 0.0)
+        return implicit_slip(load, 1.0, x, y, 2, k2, 0.0, force_y, torque / k2, 0.0, 0.0, 0.0) == (0.0, 0.0, 0.0)
 
     assert holds(0.999, 0.0) and not holds(1.001, 0.0)
     assert holds(0.0, 0.999 * r) and not holds(0.0, 1.001 * r)
     # along y the two points carry F/2 +- T/(2 r): the limit is |F| + |T| / r = 1
     assert holds(0.5, 0.499 * r) and not holds(0.5, 0.501 * r)
     # along x the stresses are perpendicular: F^2 + (T / r)^2 = 1
-    assert implicit_slip(load, 1.0, x, y, 2, k2, (0.6, 0.0, 0.799 * r / k2), REST) == (0.0, 0.0, 0.0)
-    assert implicit_slip(load, 1.0, x, y, 2, k2, (0.6, 0.0, 0.801 * r / k2), REST) != (0.0, 0.0, 0.0)
+    assert implicit_slip(load, 1.0, x, y, 2, k2, 0.6, 0.0, 0.799 * r / k2, 0.0, 0.0, 0.0) == (0.0, 0.0, 0.0)
+    assert implicit_slip(load, 1.0, x, y, 2, k2, 0.6, 0.0, 0.801 * r / k2, 0.0, 0.0, 0.0) != (0.0, 0.0, 0.0)
 
 
 def transitions(steps, substeps, worlds=16, periods=10):

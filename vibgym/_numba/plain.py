@@ -27,12 +27,14 @@ logging.getLogger("vibgym").warning(
     "interface alone"
 )
 
+config: Any = numba.config  # type: ignore[attr-defined]
+
 Record = TypeVar("Record")
 
 
 def cache_folder(kernel: Any = None) -> str | None:
     """Where kernels are kept once they are compiled, by default in this file's folder; None: nowhere."""
-    folder = numba.config.CACHE_DIR or str(Path(__file__).parent / "__pycache__")
+    folder = config.CACHE_DIR or str(Path(__file__).parent / "__pycache__")
     try:
         os.makedirs(folder, exist_ok=True)
     except OSError:
@@ -50,13 +52,13 @@ def jit(function: Any) -> Any:
         options.warn_about_cache("no folder that may be written")
     if folder is None or not os.path.isfile(file):
         return numba.njit(**options.OPTIONS)(function)
-    before = numba.config.CACHE_DIR
+    before = config.CACHE_DIR
     digest = sources(file, function.__module__)
-    numba.config.CACHE_DIR = os.path.join(folder, f"plain-{digest[:16]}")
+    config.CACHE_DIR = os.path.join(folder, f"plain-{digest[:16]}")
     try:
         return numba.njit(cache=True, **options.OPTIONS)(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before
 
 
 borrowing = inlined = jit

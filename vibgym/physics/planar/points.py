@@ -75,7 +75,10 @@ def release(table, body, cut, n, start, stop):
     """
     at, held_until, lost_at = stop, start, stop
     for look in range(44):
-        held = holds(table, body, cut, n, math.cos(at), math.sin(at))
+        held = holds(
+            table, body.static_friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration,
+            math.cos(at), math.sin(at), body.incline_x, body.incline_y, cut.load,
+        )  # fmt: skip
         if look == 0:
             if held:
                 return stop
@@ -127,8 +130,10 @@ def near_rest(table, body, cut, n, phase, h, motion, stuck):
         if explicit:
             x, y, heading, vx, vy, spin = slide(table, body, cut, n, phase, step, Motion(x, y, heading, vx, vy, spin))
         else:
-            slip = slip_x, slip_y, spin
-            slip_x, slip_y, spin, way_x, way_y, turned = slip_step(table, body, cut, n, phase, step, slip)
+            slip_x, slip_y, spin, way_x, way_y, turned = slip_step(
+                table, body.friction, cut.points, cut.phasor_c, cut.phasor_s, n, body.gyration, body.incline_x, body.incline_y,
+                cut.load, phase, step, slip_x, slip_y, spin,
+            )  # fmt: skip
             x += table.radius * (c3 - c0) - way_x
             y += table.radius * (s3 - s0) - way_y
             heading += turned

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing, inlined
+from vibgym._numba.jit import borrowing
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """Of SDIRK2: stiffly accurate, so its last stage is its result, and sticking is exact."""
@@ -43,12 +43,11 @@ def set_loads(weight, phasor_c, phasor_s, n, gravity, cosine, sine, scale, load)
 
 
 @borrowing
-def balanced(load, total, x, y, n, gyration, free):
-    """Whether one simple stress, uniform plus a rotation about the centre of pressure, holds ``free``, see implicit_slip().
+def balanced(load, total, x, y, n, gyration, rx, ry, rw):
+    """Whether one simple stress, uniform plus a rotation about the centre of pressure, holds the load ``(rx, ry, k^2 rw)``.
 
     Sufficient for sticking, and cheap; exact where the pressure is centred and no torque is asked for.
     """
-    rx, ry, rw = free
     px, py = 0.0, 0.0
     for k in range(n):
         px += load[k] * x[k]
@@ -70,8 +69,7 @@ def balanced(load, total, x, y, n, gyration, free):
 
 
 @borrowing
-def _energy(load, x, y, n, gyration, free, smooth, slip):
-    (rx, ry, rw), (sx, sy, spin) = free, slip
+def _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin):
     value = 0.5 * ((sx - rx) ** 2 + (sy - ry) ** 2 + gyration * (spin - rw) ** 2)
     for k in range(n):
         ux, uy = sx + spin * y[k], sy - spin * x[k]
@@ -79,84 +77,77 @@ def _energy(load, x, y, n, gyration, free, smooth, slip):
     return value
 
 
-@inlined
-def newton_step(load, x, y, n, gyration, free, smooth, slip):
-    """Newton's step x, y and spin down the energy of :func:`implicit_slip` from ``slip``, and the slope along it, negative."""
-    (rx, ry, rw), (sx, sy, spin) = free, slip
-    gx, gy, gw = sx - rx, sy - ry, gyration * (spin - rw)
-    hxx, hyy, hxy, hxw, hyw, hww = 1.0, 1.0, 0.0, 0.0, 0.0, gyration
-    for k in range(n):
-        ux, uy = sx + spin * y[k], sy - spin * x[k]
-        inverse = 1.0 / math.sqrt(ux * ux + uy * uy + smooth)
-        ux, uy = ux * inverse, uy * inverse
-        gx += load[k] * ux
-        gy += load[k] * uy
-        gw += load[k] * (y[k] * ux - x[k] * uy)
-        stiff = load[k] * inverse
-        xx, xy, yy = stiff * (1.0 - ux * ux), -stiff * ux * uy, stiff * (1.0 - uy * uy)
-        hxx += xx
-        hxy += xy
-        hyy += yy
-        hxw += y[k] * xx - x[k] * xy
-        hyw += y[k] * xy - x[k] * yy
-        hww += y[k] * y[k] * xx - 2.0 * x[k] * y[k] * xy + x[k] * x[k] * yy
-    # Cholesky of the 3 x 3 Hessian, which is at least M.
-    l11 = math.sqrt(hxx)
-    l21, l31 = hxy / l11, hxw / l11
-    l22 = math.sqrt(max(hyy - l21 * l21, 1e-12 * hyy))
-    l32 = (hyw - l31 * l21) / l22
-    l33 = math.sqrt(max(hww - l31 * l31 - l32 * l32, 1e-12 * hww))
-    z1 = -gx / l11
-    z2 = (-gy - l21 * z1) / l22
-    z3 = (-gw - l31 * z1 - l32 * z2) / l33
-    dw = z3 / l33
-    dy = (z2 - l32 * dw) / l22
-    dx = (z1 - l21 * dy - l31 * dw) / l11
-    return dx, dy, dw, gx * dx + gy * dy + gw * dw  # the Hessian is positive definite
-
-
 @borrowing
-def implicit_slip(load, total, x, y, n, gyration, free, guess):
+def implicit_slip(load, total, x, y, n, gyration, rx, ry, rw, guess_x, guess_y, guess_w):
     """Minimum of ``1/2 |eta - r|_M^2 + sum load |u - spin z^ x r|``: slip and spin at the end of an implicit step.
 
     Args:
         load, total: from :func:`set_loads`, scaled by step and friction coefficient: the slip that each point can stop, m/s.
         x, y, n: contact points about the centre of mass, m.
         gyration: planar inertia over mass, m^2.
-        free: slip x, y (m/s) and spin (rad/s) ``r`` that the step would reach without friction.
-        guess: where the solution may be; zeros if that is not known.
+        rx, ry, rw: slip (m/s) and spin (rad/s) that the step would reach without friction.
+        guess_x, guess_y, guess_w: where the solution may be; zeros if that is not known.
 
     Returns:
         Slip x, y and spin; exactly (0, 0, 0) where friction holds.
     """
-    rx, ry, rw = free
     if total <= 0.0:
         return rx, ry, rw
     size = math.sqrt(rx * rx + ry * ry)
-    if size <= total and balanced(load, total, x, y, n, gyration, free):
+    if size <= total and balanced(load, total, x, y, n, gyration, rx, ry, rw):
         return 0.0, 0.0, 0.0
     shorter = max(1.0 - total / max(size, 1e-300), 0.01)
-    sx, sy, spin = guess
+    sx, sy, spin = guess_x, guess_y, guess_w
     if sx == 0.0 and sy == 0.0 and spin == 0.0:
         # Exact for a centred pressure without torque: slip is shortened, its direction stays.
         sx, sy, spin = shorter * rx, shorter * ry, shorter * rw
     # From a good guess the finest rounding-off gets there in a few iterations; else it begins anew, coarsely.
     level = _FINEST
     smooth = (level * total) ** 2
-    value = _energy(load, x, y, n, gyration, free, smooth, (sx, sy, spin))
+    value = _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin)
     for iteration in range(_ITERATIONS):
-        dx, dy, dw, slope = newton_step(load, x, y, n, gyration, free, smooth, (sx, sy, spin))
+        gx, gy, gw = sx - rx, sy - ry, gyration * (spin - rw)
+        hxx, hyy, hxy, hxw, hyw, hww = 1.0, 1.0, 0.0, 0.0, 0.0, gyration
+        for k in range(n):
+            ux, uy = sx + spin * y[k], sy - spin * x[k]
+            inverse = 1.0 / math.sqrt(ux * ux + uy * uy + smooth)
+            ux, uy = ux * inverse, uy * inverse
+            gx += load[k] * ux
+            gy += load[k] * uy
+            gw += load[k] * (y[k] * ux - x[k] * uy)
+            stiff = load[k] * inverse
+            xx, xy, yy = stiff * (1.0 - ux * ux), -stiff * ux * uy, stiff * (1.0 - uy * uy)
+            hxx += xx
+            hxy += xy
+            hyy += yy
+            hxw += y[k] * xx - x[k] * xy
+            hyw += y[k] * xy - x[k] * yy
+            hww += y[k] * y[k] * xx - 2.0 * x[k] * y[k] * xy + x[k] * x[k] * yy
+        # Cholesky of the 3 x 3 Hessian, which is at least M.
+        l11 = math.sqrt(hxx)
+        l21, l31 = hxy / l11, hxw / l11
+        l22 = math.sqrt(max(hyy - l21 * l21, 1e-12 * hyy))
+        l32 = (hyw - l31 * l21) / l22
+        l33 = math.sqrt(max(hww - l31 * l31 - l32 * l32, 1e-12 * hww))
+        z1 = -gx / l11
+        z2 = (-gy - l21 * z1) / l22
+        z3 = (-gw - l31 * z1 - l32 * z2) / l33
+        dw = z3 / l33
+        dy = (z2 - l32 * dw) / l22
+        dx = (z1 - l21 * dy - l31 * dw) / l11
+        slope = gx * dx + gy * dy + gw * dw  # negative: the Hessian is positive definite
         done = -slope <= 1e-20 * total * total
         if iteration == _DIRECT and not done:
             sx, sy, spin = shorter * rx, shorter * ry, shorter * rw
             level = _COARSEST
             smooth = (level * total) ** 2
-            value = _energy(load, x, y, n, gyration, free, smooth, (sx, sy, spin))
+            value = _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin)
             continue
         length, step = 1.0, 0
         while step < 40:
-            there = (sx + length * dx, sy + length * dy, spin + length * dw)
-            trial = _energy(load, x, y, n, gyration, free, smooth, there)
+            trial = _energy(
+                load, x, y, n, gyration, rx, ry, rw, smooth, sx + length * dx, sy + length * dy, spin + length * dw
+            )
             if trial <= value + 1e-4 * length * slope:
                 break
             length *= 0.5
@@ -169,18 +160,17 @@ def implicit_slip(load, total, x, y, n, gyration, free, guess):
                 break
             level = max(level * _FINER, _FINEST)
             smooth = (level * total) ** 2
-            value = _energy(load, x, y, n, gyration, free, smooth, (sx, sy, spin))
+            value = _energy(load, x, y, n, gyration, rx, ry, rw, smooth, sx, sy, spin)
     if sx * sx + sy * sy + gyration * spin * spin <= (_STOPPED * total) ** 2:
         return 0.0, 0.0, 0.0
     return sx, sy, spin
 
 
 @borrowing
-def holds(table, body, cut, n, cosine, sine):
-    """Whether static friction can carry the part along with the table (thesis eq. 3.2), less the incline's acceleration, which
-    it need not give or has to hold up. ``cosine``, ``sine``: of ``w t``; ``n``: contact points of the cut."""
+def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine, incline_x, incline_y, load):
+    """Whether friction of coefficient ``friction`` can carry the part along with the table (thesis eq. 3.2), less the incline's
+    acceleration (m/s^2), which it need not give or has to hold up."""
     drive = table.speed * 2.0 * math.pi / table.period
-    incline_x, incline_y = body.incline_x, body.incline_y
     # | -drive (cos, sin) - incline |, written so that it is exactly ``drive`` on a level table.
     square = (
         drive * drive
@@ -188,22 +178,25 @@ def holds(table, body, cut, n, cosine, sine):
         + (incline_x * incline_x + incline_y * incline_y)
     )
     needed = math.sqrt(max(square, 0.0))
-    points, load = cut.points, cut.load
-    total = set_loads(points[0], cut.phasor_c, cut.phasor_s, n, table.gravity, cosine, sine, body.static_friction, load)
+    total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, cosine, sine, friction, load)
     if needed == 0.0:
         return True
     if needed > total * (1.0 + 1e-12):  # at exactly mu_0 g it holds, whatever rounding says
         return False
-    free = (-drive * cosine - incline_x, -drive * sine - incline_y, 0.0)
-    sx, sy, spin = implicit_slip(load, total, points[1], points[2], n, body.gyration, free, (0.0, 0.0, 0.0))
+    sx, sy, spin = implicit_slip(
+        load, total, points[1], points[2], n, gyration,
+        -drive * cosine - incline_x, -drive * sine - incline_y, 0.0, 0.0, 0.0, 0.0,
+    )  # fmt: skip
     return sx == 0.0 and sy == 0.0 and spin == 0.0
 
 
 @borrowing
-def slip_step(table, body, cut, n, phase, h, slip):
-    """One SDIRK2 step of ``slip``, x and y (m/s) and spin (rad/s), from ``phase = w t`` on.
+def slip_step(
+    table, friction, points, phasor_c, phasor_s, n, gyration, incline_x, incline_y, load, phase, h, slip_x, slip_y, spin
+):
+    """One SDIRK2 step of slip and spin from ``phase = w t`` on.
 
-    The incline accelerates the part, so it takes from the slip of the table against it.
+    The incline (m/s^2) accelerates the part, so it takes from the slip of the table against it.
 
     Returns:
         Slip x, y and spin at the end, and the integrals of slip x, y and spin over the step.
@@ -211,20 +204,31 @@ def slip_step(table, body, cut, n, phase, h, slip):
     omega = 2.0 * math.pi / table.period
     needed = table.speed * omega
     part = GAMMA * h
-    incline_x, incline_y, points, load = body.incline_x, body.incline_y, cut.points, cut.load
-    slip_x, slip_y, spin = slip
     way_x, way_y, turned = 0.0, 0.0, 0.0
     from_x, from_y, from_spin = slip_x, slip_y, spin  # what a stage starts from, before its own implicit part
     sx, sy, sw = slip_x, slip_y, spin
     for stage in range(2):
         at = phase + omega * (part if stage == 0 else h)
         c, s = math.cos(at), math.sin(at)
-        total = set_loads(points[0], cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, part * body.friction, load)
-        # Asked, for else the compiler rounds differently on a level table, too.
-        if incline_x != 0.0 or incline_y != 0.0:
+        total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, c, s, part * friction, load)
+        if (
+            incline_x != 0.0 or incline_y != 0.0
+        ):  # asked, for else the compiler rounds differently on a level table, too
             from_x, from_y = from_x - part * incline_x, from_y - part * incline_y
-        free = (from_x - part * needed * c, from_y - part * needed * s, from_spin)
-        sx, sy, sw = implicit_slip(load, total, points[1], points[2], n, body.gyration, free, (sx, sy, sw))
+        sx, sy, sw = implicit_slip(
+            load,
+            total,
+            points[1],
+            points[2],
+            n,
+            gyration,
+            from_x - part * needed * c,
+            from_y - part * needed * s,
+            from_spin,
+            sx,
+            sy,
+            sw,
+        )
         share = h - part if stage == 0 else part
         way_x, way_y, turned = way_x + share * sx, way_y + share * sy, turned + share * sw
         carry = (1.0 - GAMMA) / GAMMA
