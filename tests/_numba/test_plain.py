@@ -97,7 +97,7 @@ def expected():
 
 def check(found, expected):
     for name, numbers in found.items():
-        assert np.allclose(numbers, expected[name], rtol=0.0, atol=1e-6), name
+        assert np.allclose(numbers, expected[name], rtol=0.0, atol=1e-9), name
 
 
 def test_as_plain_python(expected):
