@@ -14,6 +14,8 @@ from pathlib import Path
 
 from vibgym import interrupts
 
+interrupts.start_command()
+
 PUBLISHED = Path("results/report")
 
 

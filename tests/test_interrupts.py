@@ -11,10 +11,12 @@ from pathlib import Path
 
 import pytest
 
+import vibgym
 from vibgym import interrupts
 
 COMMANDS = {
     "accuracy": ["studies.accuracy", "configs/accuracy/quick.yaml"],
+    "sensorless": ["studies.sensorless", "configs/sensorless.yaml"],
     "warm": ["vibgym", "warm"],
     "train": ["agents", "train", "configs/agents/align.yaml"],
     "evaluate": ["agents", "evaluate", "configs/evaluations/quick.yaml"],
@@ -79,17 +81,38 @@ def test_in_other_threads_and_where_interruptions_are_switched_off_signals_are_l
     thread.join()
     assert found == [3]
     monkeypatch.setattr(interrupts, "_own", lambda: False)
-    interrupts.at_once()
+    monkeypatch.setattr(interrupts, "started", lambda: True)
+    interrupts.start_command()
     assert signal.getsignal(signal.SIGINT) is not interrupts._end
 
 
+@pytest.mark.parametrize(
+    "code", ["import vibgym", "import vibgym.__main__, agents.__main__, studies.accuracy.__main__"]
+)
+def test_imports_into_another_program_leave_signals_alone(code):
+    more = "import gymnasium; print(signal.getsignal(signal.SIGINT) is before, 'vibgym/Align-v0' in gymnasium.registry)"
+    code = f"import signal; before = signal.getsignal(signal.SIGINT); {code}; {more}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "True"]
+
+
 def test_only_the_projects_own_commands_end_at_once(monkeypatch):
+    root = Path(vibgym.__file__).parents[1]
+    for file, expected in (
+        (root / "agents" / "__main__.py", True),
+        (root / "studies" / "accuracy" / "__main__.py", True),
+        (root / "studies" / "benchmarks" / "digest.py", False),
+        (root.parent / "agents" / "__main__.py", False),
+        (Path("mine.py"), False),
+    ):
+        monkeypatch.setattr(sys.modules["__main__"], "__file__", str(file))
+        assert interrupts.started() is expected, file
+    monkeypatch.setattr(sys, "argv", ["-m"])  # while Python looks for the module
     for words, expected in (
-        (["python", "-m", "studies.accuracy", "x"], True),
         (["python", "-m", "vibgym", "warm"], True),
         (["python", "-m", "pytest", "vibgym"], False),
+        (["python", "-m", "vibgym.mine"], False),
         (["python", "-m"], False),
-        (["python", "mine.py"], False),
     ):
         monkeypatch.setattr(sys, "orig_argv", words)
         assert interrupts.started() is expected, words

@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from vibgym import interrupts
 
-if interrupts.started():
-    interrupts.at_once()  # before the imports below, which take seconds
-
-import importlib
-from typing import Any
-
-from vibgym.registration import register_environments
-from vibgym.scene import Part, Surface
-from vibgym.simulation import Simulator
+if TYPE_CHECKING:
+    from vibgym.policies import make_policy
+    from vibgym.scene import Part, Surface
+    from vibgym.simulation import Simulator
 
 __version__ = "0.1.0"
-__all__ = ["Part", "Simulator", "Surface", "make_policy"]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = ["Part", "Simulator", "Surface", "make_policy"]
 
 _ROOMS = (
-    "actuators", "adapters", "allocation", "bounds", "config", "envs", "fields", "policies", "rendering", "sensing", "tasks",
+    "actuators", "adapters", "allocation", "bounds", "config", "envs", "fields", "policies", "rendering", "scene", "sensing",
+    "simulation", "tasks",
 )  # fmt: skip
 
-register_environments()
+_PLACES = {
+    "Part": "vibgym.scene",
+    "Simulator": "vibgym.simulation",
+    "Surface": "vibgym.scene",
+    "make_policy": "vibgym.policies",
+    "parallel_env": "vibgym.adapters.pettingzoo",  # PettingZoo is an extra
+}
+"""Where names are that are imported when first asked for."""
+
+if not interrupts.started():  # a command line takes Ctrl-C in hand first, and registers then
+    importlib.import_module("vibgym.registration").register_environments()
 
 
 def __getattr__(name: str) -> Any:
-    """Import a submodule, or what needs an extra, when first asked for; ``gym.make`` does so by the registered names."""
+    """Import a submodule, or a name, when first asked for; ``gym.make`` does so by the registered names."""
     if name in _ROOMS:
         return importlib.import_module(f"vibgym.{name}")
-    if name == "make_policy":
-        return importlib.import_module("vibgym.policies").make_policy
-    if name == "parallel_env":  # PettingZoo is an extra
-        return importlib.import_module("vibgym.adapters.pettingzoo").parallel_env
+    if name in _PLACES:
+        return getattr(importlib.import_module(_PLACES[name]), name)
     raise AttributeError(f"module 'vibgym' has no attribute {name!r}")

@@ -10,7 +10,8 @@ import sys
 from collections.abc import Sequence
 
 from vibgym import interrupts
-from vibgym._numba import jit
+
+interrupts.start_command()
 
 
 def parser() -> argparse.ArgumentParser:
@@ -29,7 +30,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def compiled() -> int:
     """Compile all kernels; returns the exit code."""
-    folder = jit.cache_folder()
+    from vibgym._numba.jit import cache_folder
+
+    folder = cache_folder()
     if folder is None:
         print("compiled kernels are not kept: VIBGYM_CACHE is 0, or no folder can be written", file=sys.stderr)
         return 1

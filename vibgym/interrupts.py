@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NoReturn
 
 CODE = 130
@@ -15,25 +17,30 @@ CODE = 130
 
 WHOLE = "whatever was written before is whole"
 
-PROGRAMS = ("vibgym", "studies.accuracy")
-"""That Python finds only after it has imported this package, which takes seconds."""
-
 
 def started() -> bool:
-    """Whether this process is one of the project's own command lines."""
-    words, beside = sys.orig_argv, os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    if getattr(sys.modules.get("__main__"), "__file__", None) == os.path.join(beside, "agents", "__main__.py"):
-        return True
-    return "-m" in words[:-1] and words[words.index("-m") + 1] in PROGRAMS
+    """Whether this process is one of the project's own command lines, or Python is about to find that it is."""
+    words, beside = sys.orig_argv, Path(__file__).parents[1]
+    if sys.argv[:1] == ["-m"]:  # a package is imported before its command line is found
+        return "-m" in words[:-1] and words[words.index("-m") + 1] == "vibgym"
+    program = Path(getattr(sys.modules.get("__main__"), "__file__", None) or "").absolute()
+    return program.name == "__main__.py" and program.is_relative_to(beside) and program.parent.parent in (
+        beside, beside / "studies",
+    )  # fmt: skip
 
 
-def at_once() -> None:
-    """Until :func:`run` begins, Ctrl-C ends the process where it stands.
+def start_command() -> None:
+    """The first line of the project's command lines: until :func:`run` begins, Ctrl-C ends the process where it stands.
 
-    Imports have nothing to clean up, and some of them turn an interruption into another error, or swallow it.
+    Imports take seconds and have nothing to clean up, and some of them turn an interruption into another error, or swallow
+    it. In another program, which only imports a command line, nothing happens. ``import vibgym`` leaves signals alone: in
+    a command line it waits for this line with all that takes time, the registration of environments.
     """
+    if not started():
+        return
     if _own():
         signal.signal(signal.SIGINT, _end)
+    importlib.import_module("vibgym.registration").register_environments()
 
 
 def run(work: Callable[[], int]) -> int:

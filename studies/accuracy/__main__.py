@@ -13,6 +13,8 @@ from pathlib import Path
 
 from vibgym import interrupts
 
+interrupts.start_command()
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""

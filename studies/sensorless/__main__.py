@@ -11,9 +11,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from studies.sensorless.settings import load_settings
 from vibgym import interrupts
-from vibgym.files import WriteError, output_directory, write_atomically
+
+interrupts.start_command()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,7 +28,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from studies.sensorless.settings import load_settings
     from studies.sensorless.study import study
+    from vibgym.files import WriteError, output_directory, write_atomically
 
     try:
         settings = load_settings(arguments.config)

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vibgym import interrupts
-from vibgym.files import WriteError
+
+interrupts.start_command()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,6 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     from studies.thesis.page import write
+    from vibgym.files import WriteError
 
     try:
         page = write(arguments.output, arguments.figure)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import vibgym
-from vibgym._numba import jit
-from vibgym._numba.jit import sources
+from vibgym._numba import cache, compiler
+from vibgym._numba.sources import sources
 
 ROOT = Path(vibgym.__file__).parent
 
@@ -131,7 +131,7 @@ def test_without_a_cache(run):
     ("*.nbi", lambda content: b"\x80garbage"), ("*.nb[ci]", lambda content: content[:60]),
 ], ids=["half", "empty", "other bytes", "half index", "garbage index", "both"])  # fmt: skip
 def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, caplog, kind, damage):
-    monkeypatch.setattr(jit.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiler.config, "CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "mine.py").write_text(
         "from vibgym._numba.jit import jit\n\n\n@jit\ndef twice(x):\n    return 2.0 * x\n"
     )
@@ -139,7 +139,7 @@ def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, capl
     def once():
         """As in a process of its own: the number, and what was said."""
         caplog.clear()
-        monkeypatch.setattr(jit, "_damaged", set())
+        monkeypatch.setattr(cache, "_damaged", set())
         spec = importlib.util.spec_from_file_location("mine", tmp_path / "mine.py")
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
@@ -172,10 +172,10 @@ def test_where_no_folder_can_be_written(run):
 TOGETHER = """
 import itertools, sys, threading, time
 sys.path.insert(0, {folder!r})
-from vibgym._numba import jit
+from vibgym._numba import compiler
 from mine import double
-digest, turn = jit.sources, itertools.count(1)
-jit.sources = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
+digest, turn = compiler.sources, itertools.count(1)
+compiler.sources = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
 threads = [threading.Thread(target=double, args=(1.0,)) for _ in range(int(sys.argv[1]))]
 for thread in threads:
     thread.start()

@@ -1,35 +1,18 @@
-"""Calls from kernels to compiled functions of other libraries, by address.
+"""Calls from kernels to compiled functions of other libraries.
 
-Addresses come in as integers at run time, so kernels that use them can be cached. Only integers, pointers and float64 may be
-passed, which every platform's calling convention puts in the same registers whatever the exact pointer type.
+``foreign(address, "int64", "float64")`` is a function that kernels call by ``call_foreign(function, arguments)``, which throws
+its result away. It comes in as an argument at run time, so kernels that use it can be cached. Only integers, pointers (as
+int64) and float64 may be passed, which every platform's calling convention puts in the same registers whatever the exact
+pointer type.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from vibgym._numba.options import PLAIN
 
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.extending import intrinsic
+if PLAIN:
+    from vibgym._numba.plain import call_foreign, foreign
+else:
+    from vibgym._numba.by_address import call_foreign, foreign
 
-
-def _call_foreign(typingctx: Any, address: Any, arguments: Any) -> Any:
-    """``call_foreign(address, arguments)`` in a kernel: ``address(*arguments)``, its result thrown away.
-
-    ``arguments`` is a tuple of int64 (integers, pointers) and float64.
-    """
-    kinds = getattr(arguments, "types", ())  # of a tuple
-    if not kinds or not all(each in (types.int64, types.float64) for each in kinds):
-        return None
-
-    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        pointer, packed = values
-        passed = cgutils.unpack_tuple(builder, packed)
-        kind = ir.FunctionType(ir.VoidType(), [each.type for each in passed])
-        builder.call(builder.inttoptr(pointer, kind.as_pointer()), passed)
-        return context.get_dummy_value()
-
-    return types.none(types.int64, arguments), generate
-
-
-call_foreign: Any = intrinsic(_call_foreign)
+__all__ = ["call_foreign", "foreign"]

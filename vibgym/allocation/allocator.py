@@ -22,7 +22,7 @@ from vibgym._numba.jit import borrowing
 from vibgym.actuators import DataSheet
 from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
 from vibgym.allocation.effect import effects, reaches
-from vibgym.allocation.projections import SPREAD, Limits, Work, new_work, serve, start_table
+from vibgym.allocation.projections import SPREAD, Limits, Problem, Scratch, allocate, new_scratch, start_table
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -101,12 +101,13 @@ class Allocator:
         push = np.empty((worlds, surface.rows, surface.columns, 2))
         usual = self._defaults(worlds)
         gain, spread = usual[0] if gain is None else gain, usual[1] if spread is None else spread
-        given = [np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread)]
+        given = (np.ascontiguousarray(each) for each in (pose, present, wanted, gain, spread))
+        problem = Problem(self.outlines, self._limits, *given)
 
         def work(start: int, stop: int) -> None:
             scratch = self._scratch.borrow()
             try:
-                serve(start, stop, self.outlines, self._limits, *given, *scratch, push)
+                allocate(start, stop, problem, *scratch, push)
             finally:
                 self._scratch.give_back(scratch)
 
@@ -172,7 +173,7 @@ def turn_round(push, action):
         action[k], action[k + 1] = -push[k + 1], -push[k]
 
 
-def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Work]:
+def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Scratch]:
     """What one thread needs."""
     pieces = new_pieces(surface, parts)
-    return pieces, new_work(len(parts), surface.rows * surface.columns, len(pieces.part))
+    return pieces, new_scratch(len(parts), surface.rows * surface.columns, len(pieces.part))

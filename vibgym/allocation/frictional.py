@@ -48,7 +48,7 @@ GUESS = 2.0
 """Pushes are first looked for within so many limits (to first order), where Newton's method is sure to find them."""
 
 
-class Inverse(NamedTuple):
+class Pushes(NamedTuple):
     """What the elements shall do, and what the parts will get of it."""
 
     push: np.ndarray  # (batch, parts, 3) over full amplitude: x, y, and the push that turns; see FrictionalInverse
@@ -327,7 +327,7 @@ class FrictionalInverse:
             checks.number("ahead", ahead, least=0.0, most=surface.period),
         )
 
-    def push(self, velocity: np.ndarray, wanted: np.ndarray) -> Inverse:
+    def push(self, velocity: np.ndarray, wanted: np.ndarray) -> Pushes:
         """Pushes that give the parts what they want, as far as the limit lets them.
 
         Args:
@@ -335,7 +335,7 @@ class FrictionalInverse:
             wanted: (batch, parts, 3) mean accelerations, m/s^2 and rad/s^2, friction included: what the part shall get.
         """
         velocity, wanted = _rows(velocity), _rows(wanted)
-        result = Inverse(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
+        result = Pushes(np.empty_like(wanted), np.empty_like(wanted), np.empty(wanted.shape[:2], dtype=bool))
 
         def work(start: int, stop: int) -> None:
             invert(start, stop, self._numbers, velocity, wanted, new_scratch(), np.empty(3), *result)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym._numba.jit import borrowing, inlined
-from vibgym.allocation.cut import cut_parts
+from vibgym.allocation.cut import Outlines, cut_parts
 
 DAMPING = 0.003
 """Share of the mean square by which conflicting wishes are softened."""
@@ -54,7 +54,19 @@ class Limits(NamedTuple):
     few_rounds: int = FEW_ROUNDS
 
 
-class Work(NamedTuple):
+class Problem(NamedTuple):
+    """What the parts of a batch of worlds want."""
+
+    outlines: Outlines
+    limits: Limits
+    pose: np.ndarray  # (worlds, parts, 3)
+    present: np.ndarray  # (worlds, parts) bool
+    wanted: np.ndarray  # (worlds, parts, 3)
+    gain: np.ndarray  # (worlds, elements) what elements make of their phasors
+    spread: np.ndarray  # (worlds, elements) expected error of an element's push over its size
+
+
+class Scratch(NamedTuple):
     """Scratch of one world."""
 
     group: np.ndarray  # (parts,) int64: the first part with which each shares elements, directly or not
@@ -62,10 +74,10 @@ class Work(NamedTuple):
     element: np.ndarray  # (room,) int64: the list
     covered: np.ndarray  # (room,) share of parts on it
     at: np.ndarray  # (parts,) int64: where a part stands in its group
-    row: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
-    on: np.ndarray  # (room,) int64: ... where its element stands ...
-    arm: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element ...
-    doubt: np.ndarray  # (room,) ... and the expected error of its push, squared, over the element's, squared
+    part_index: np.ndarray  # (room,) int64: of each of the group's pieces, three times where its part stands ...
+    element_index: np.ndarray  # (room,) int64: ... where its element stands ...
+    lever: np.ndarray  # (room, 3): ... its share, and its lever in radii of gyration, times the gain of its element ...
+    variance: np.ndarray  # (room,) ... and the expected error of its push, squared, over the element's, squared
     inverse: np.ndarray  # (3 parts, 3 parts): of the Gram matrix
     wanted: np.ndarray  # (3 parts,) what the group's parts want, ...
     missing: np.ndarray  # (3 parts, STARTS) ... what they do not get ...
@@ -75,18 +87,18 @@ class Work(NamedTuple):
     best: np.ndarray  # (room, 2)
 
 
-def new_work(parts: int, elements: int, room: int) -> Work:
+def new_scratch(parts: int, elements: int, room: int) -> Scratch:
     """Scratch for worlds of so many parts, elements and pieces."""
-    return Work(
+    return Scratch(
         group=np.zeros(parts, dtype=np.int64),
         slot=np.full(elements, -1, dtype=np.int64),
         element=np.zeros(room, dtype=np.int64),
         covered=np.zeros(room),
         at=np.zeros(parts, dtype=np.int64),
-        row=np.zeros(room, dtype=np.int64),
-        on=np.zeros(room, dtype=np.int64),
-        arm=np.zeros((room, 3)),
-        doubt=np.zeros(room),
+        part_index=np.zeros(room, dtype=np.int64),
+        element_index=np.zeros(room, dtype=np.int64),
+        lever=np.zeros((room, 3)),
+        variance=np.zeros(room),
         inverse=np.zeros((3 * parts, 3 * parts)),
         wanted=np.zeros(3 * parts),
         missing=np.zeros((3 * parts, STARTS)),
@@ -142,13 +154,14 @@ def invert(matrix, n):
 
 
 @borrowing
-def gather(pieces, count, own, wanted, gain, spread, work):
+def gather(problem, world, pieces, count, own, work):
     """List a group's parts, elements and pieces, and invert the Gram matrix of its fields; returns the numbers of all three.
 
     Part p's field is a uniform push and one that turns. Of all pushes with the wanted effect those that are found have
     the least mean square over the covered area, so that a part alone gets the same push from all its elements.
     """
     group, slot, inverse = work.group, work.slot, work.inverse
+    wanted, gain, spread = problem.wanted[world], problem.gain[world], problem.spread[world]
     parts, elements, n = 0, 0, 0
     for p in range(group.shape[0]):
         if group[p] == own:
@@ -165,11 +178,11 @@ def gather(pieces, count, own, wanted, gain, spread, work):
             work.element[elements], work.covered[elements] = e, 0.0
             elements += 1
         work.covered[slot[e]] += pieces.share[i]
-        work.row[n], work.on[n] = 3 * work.at[p], slot[e]
-        work.arm[n, 0], work.arm[n, 1], work.arm[n, 2] = (
+        work.part_index[n], work.element_index[n] = 3 * work.at[p], slot[e]
+        work.lever[n, 0], work.lever[n, 1], work.lever[n, 2] = (
             gain[e] * pieces.share[i], gain[e] * pieces.lever[i, 0], gain[e] * pieces.lever[i, 1]
         )  # fmt: skip
-        work.doubt[n] = (
+        work.variance[n] = (
             spread[e] * spread[e] * (pieces.share[i] ** 2 + pieces.lever[i, 0] ** 2 + pieces.lever[i, 1] ** 2)
         )
         n += 1
@@ -177,12 +190,12 @@ def gather(pieces, count, own, wanted, gain, spread, work):
         for j in range(3 * parts):
             inverse[i, j] = DAMPING if i == j else 0.0
     for i in range(n):
-        p, a, ax, ay = work.row[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
-        weight = 1.0 / work.covered[work.on[i]]
+        p, a, ax, ay = work.part_index[i], work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
+        weight = 1.0 / work.covered[work.element_index[i]]
         for j in range(n):
-            if work.on[j] != work.on[i]:
+            if work.element_index[j] != work.element_index[i]:
                 continue
-            q, b, bx, by = work.row[j], work.arm[j, 0], work.arm[j, 1], work.arm[j, 2]
+            q, b, bx, by = work.part_index[j], work.lever[j, 0], work.lever[j, 1], work.lever[j, 2]
             inverse[p, q] += weight * a * b
             inverse[p + 1, q + 1] += weight * a * b
             inverse[p, q + 2] -= weight * a * by
@@ -192,6 +205,35 @@ def gather(pieces, count, own, wanted, gain, spread, work):
             inverse[p + 2, q + 2] += weight * (ax * bx + ay * by)
     invert(inverse, 3 * parts)
     return parts, elements, n
+
+
+@inlined
+def want(missing, wanted, n, lanes):
+    """Nothing is done yet: the group's parts lack all that they want."""
+    for k in range(n):
+        whole = wanted[k]
+        for lane in range(lanes):
+            missing[k, lane] = whole
+
+
+@inlined
+def give(missing, p, lane, a, ax, ay, x, y):
+    """Take off what a piece of share ``a`` and lever ``(ax, ay)`` gets from its element's push ``(x, y)``."""
+    missing[p, lane] -= a * x
+    missing[p + 1, lane] -= a * y
+    missing[p + 2, lane] -= ax * y - ay * x
+
+
+@borrowing
+def miss(work, parts, n, lanes):
+    """What the group's parts lack if each start's wish is done, in ``work.missing``."""
+    wish, missing = work.wish, work.missing
+    want(missing, work.wanted, 3 * parts, lanes)
+    for i in range(n):
+        p, j = work.part_index[i], work.element_index[i]
+        a, ax, ay = work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
+        for lane in range(lanes):
+            give(missing, p, lane, a, ax, ay, wish[j, 0, lane], wish[j, 1, lane])
 
 
 @borrowing
@@ -204,23 +246,17 @@ def try_out(limits, work, parts, n, lanes):
     least, half, most = limits.least, 0.5 * limits.least, limits.most
     for lane in range(lanes):
         expected[lane] = 0.0
-    for k in range(3 * parts):
-        wanted = work.wanted[k]
-        for lane in range(lanes):
-            missing[k, lane] = wanted
+    want(missing, work.wanted, 3 * parts, lanes)
     for i in range(n):
-        p, j, a, ax, ay = work.row[i], work.on[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
-        doubt = work.doubt[i]
+        p, j, variance = work.part_index[i], work.element_index[i], work.variance[i]
+        a, ax, ay = work.lever[i, 0], work.lever[i, 1], work.lever[i, 2]
         for lane in range(lanes):
             x, y = wish[j, 0, lane], wish[j, 1, lane]
             length = math.sqrt(x * x + y * y)
             allowed = nearest(length, least, half, most)
             scale = allowed / (length + TINY)
-            x, y = scale * x, scale * y
-            missing[p, lane] -= a * x
-            missing[p + 1, lane] -= a * y
-            missing[p + 2, lane] -= ax * y - ay * x
-            expected[lane] += doubt * allowed * allowed
+            give(missing, p, lane, a, ax, ay, scale * x, scale * y)
+            expected[lane] += variance * allowed * allowed
     for k in range(3 * parts):
         for lane in range(lanes):
             expected[lane] += missing[k, lane] * missing[k, lane]
@@ -235,23 +271,6 @@ def nearest(length, least, half, most):
 
 
 @borrowing
-def miss(work, parts, n, lanes):
-    """What the group's parts lack if each start's wish is done, in ``work.missing``."""
-    wish, missing = work.wish, work.missing
-    for k in range(3 * parts):
-        wanted = work.wanted[k]
-        for lane in range(lanes):
-            missing[k, lane] = wanted
-    for i in range(n):
-        p, j, a, ax, ay = work.row[i], work.on[i], work.arm[i, 0], work.arm[i, 1], work.arm[i, 2]
-        for lane in range(lanes):
-            x, y = wish[j, 0, lane], wish[j, 1, lane]
-            missing[p, lane] -= a * x
-            missing[p + 1, lane] -= a * y
-            missing[p + 2, lane] -= ax * y - ay * x
-
-
-@borrowing
 def add_missing(work, parts, n, lanes):
     """Add to each start's wish the phasors of least mean square over the covered area that do what is missing."""
     command, missing, wish = work.command, work.missing, work.wish
@@ -263,9 +282,9 @@ def add_missing(work, parts, n, lanes):
             for lane in range(lanes):
                 command[k, lane] += share * missing[j, lane]
     for i in range(n):
-        p, j = work.row[i], work.on[i]
+        p, j = work.part_index[i], work.element_index[i]
         weight = 1.0 / work.covered[j]
-        a, ax, ay = weight * work.arm[i, 0], weight * work.arm[i, 1], weight * work.arm[i, 2]
+        a, ax, ay = weight * work.lever[i, 0], weight * work.lever[i, 1], weight * work.lever[i, 2]
         for lane in range(lanes):
             turn = command[p + 2, lane]
             wish[j, 0, lane] += a * command[p, lane] - ay * turn
@@ -330,9 +349,10 @@ def begin(limits, work, parts, elements, n, lanes):
 
 
 @borrowing
-def serve_group(limits, pieces, count, own, wanted, gain, spread, work):
+def allocate_group(problem, world, pieces, count, own, work):
     """Find phasors for a group of parts, into ``work.best``; returns the number of elements."""
-    parts, elements, n = gather(pieces, count, own, wanted, gain, spread, work)
+    limits = problem.limits
+    parts, elements, n = gather(problem, world, pieces, count, own, work)
     size = 0.0
     for k in range(3 * parts):
         size += work.wanted[k] * work.wanted[k]
@@ -356,18 +376,14 @@ def serve_group(limits, pieces, count, own, wanted, gain, spread, work):
 
 
 @borrowing
-def serve(start, stop, outlines, limits, pose, present, wanted, gain, spread, pieces, work, push):
+def allocate(start, stop, problem, pieces, work, push):
     """Pushes of all elements of worlds ``start`` to ``stop``, see :meth:`vibgym.allocation.Allocator.pushes`.
 
     Args:
-        outlines: of :func:`vibgym.allocation.cut.outlines_of`.
-        limits: of the elements.
-        pose, wanted: (worlds, parts, 3).  present: (worlds, parts) bool.
-        gain: (worlds, elements) what elements make of their phasors.
-        spread: (worlds, elements) expected error of an element's push over its size.
         pieces, work: scratch.
         push: (worlds, rows, columns, 2), overwritten.
     """
+    outlines, pose, present, wanted = problem.outlines, problem.pose, problem.present, problem.wanted
     for w in range(start, stop):
         push[w] = 0.0
         count = cut_parts(outlines, pose[w], present[w], pieces)
@@ -381,7 +397,7 @@ def serve(start, stop, outlines, limits, pose, present, wanted, gain, spread, pi
                     moves = moves or wanted[w, p, 0] != 0.0 or wanted[w, p, 1] != 0.0 or wanted[w, p, 2] != 0.0
             if not moves:
                 continue
-            elements = serve_group(limits, pieces, count, own, wanted[w], gain[w], spread[w], work)
+            elements = allocate_group(problem, w, pieces, count, own, work)
             for j in range(elements):
                 row, column = work.element[j] // outlines.columns, work.element[j] % outlines.columns
                 push[w, row, column, 0], push[w, row, column, 1] = work.best[j, 0], work.best[j, 1]

@@ -16,6 +16,7 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
+from vibgym._numba.foreign import foreign
 from vibgym.physics.collision.impact_sequence import ImpactProperties
 from vibgym.physics.collision.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
@@ -82,7 +83,10 @@ class ContactSpace:
         space.add(*self._shapes)
         space.remove(*self._shapes)  # hash tables have grown now to what they will be: their order never changes again
         self._keep: list[Any] = []
-        n = len(parts)
+        self.solver = self._solver(len(parts), np.array(owner), fixed, slop)
+
+    def _solver(self, n: int, owner: np.ndarray, fixed: int, slop: float) -> Solver:
+        """Addresses of all that kernels call and hand over, for ``n`` parts."""
         data = np.zeros(6 * n + 8)  # the library grows its arrays when they are nearly full: never let it
         floats = ffi.new("pmFloatArray *")
         floats.arr, floats.max, floats.num = ffi.from_buffer("cpFloat[]", data), 1 << 30, 0
@@ -96,20 +100,20 @@ class ContactSpace:
             return _address(made)
 
         place, speed = lib.POSITION | lib.ANGLE, lib.VELOCITY | lib.ANGULAR_VELOCITY
-        self.solver = Solver(
-            space=_address(space._space),
-            step=_function("cpSpaceStep"),
-            each=_function("cpSpaceEachBody"),
-            put=_function("pmSpaceBodySetIteratorFuncBatched"),
-            take=_function("pmSpaceBodyGetIteratorFuncBatched"),
-            update=_function("cpBodyUpdatePosition"),
-            add=_function("cpSpaceAddShape"),
-            remove=_function("cpSpaceRemoveShape"),
-            number_from=_function("cpSpaceSetShapeIDCounter"),
-            set_mass=_function("cpBodySetMass"),
-            set_moment=_function("cpBodySetMoment"),
-            set_rounds=_function("cpSpaceSetIterations"),
-            last_step=_function("cpSpaceSetCurrentTimeStep"),
+        return Solver(
+            space=_address(self.space._space),
+            step=_function("cpSpaceStep", "int64", "float64"),
+            each=_function("cpSpaceEachBody", "int64", "int64", "int64"),
+            put=_place("pmSpaceBodySetIteratorFuncBatched"),
+            take=_place("pmSpaceBodyGetIteratorFuncBatched"),
+            update=_function("cpBodyUpdatePosition", "int64", "float64"),
+            add=_function("cpSpaceAddShape", "int64", "int64"),
+            remove=_function("cpSpaceRemoveShape", "int64", "int64"),
+            number_from=_function("cpSpaceSetShapeIDCounter", "int64", "int64"),
+            set_mass=_function("cpBodySetMass", "int64", "float64"),
+            set_moment=_function("cpBodySetMoment", "int64", "float64"),
+            set_rounds=_function("cpSpaceSetIterations", "int64", "int64"),
+            last_step=_function("cpSpaceSetCurrentTimeStep", "int64", "float64"),
             put_all=batch(place | speed),
             put_velocity=batch(speed),
             take_all=batch(place | speed),
@@ -118,7 +122,7 @@ class ContactSpace:
             cursor=np.frombuffer(ffi.buffer(floats, 4), dtype=np.int32),
             bodies=np.array([_address(body._body) for body in self._bodies]),
             shapes=np.array([_address(shape._shape) for shape in self._shapes]),
-            owner=np.array(owner),
+            owner=owner,
             fixed=fixed,
             slop=slop,
         )
@@ -177,8 +181,12 @@ def _address(pointer: Any) -> int:
     return int(ffi.cast("intptr_t", pointer))
 
 
-def _function(name: str) -> int:
-    return _address(ffi.addressof(lib, name))
+def _place(function: str) -> int:
+    return _address(ffi.addressof(lib, function))
+
+
+def _function(name: str, *arguments: str) -> Any:
+    return foreign(_place(name), *arguments)
 
 
 def _part_shapes(body: pymunk.Body, part: Part) -> list[pymunk.Shape]:

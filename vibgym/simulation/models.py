@@ -24,7 +24,7 @@ from vibgym.simulation.schemes import averaged_scheme, check_knobs, check_slidin
 from vibgym.simulation.threads import Pool
 
 
-class Alone:
+class NoContacts:
     """What models have in common whose parts touch nothing."""
 
     def reset(self) -> None:
@@ -39,7 +39,7 @@ class Alone:
         return {"free": periods, "near": 0, "contact": 0, "contact_steps": 0}
 
 
-class Planar(Alone):
+class Planar(NoContacts):
     """The planar model of one part a world."""
 
     def __init__(self, setup: Setup, scheme: Scheme) -> None:
@@ -63,7 +63,7 @@ def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
     return Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES)))
 
 
-class Averaged(Alone):
+class Averaged(NoContacts):
     """The averaged model, of one part a world."""
 
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:

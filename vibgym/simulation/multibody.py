@@ -7,13 +7,11 @@ from functools import partial
 import numpy as np
 
 from vibgym._numba.reference import Pinned
+from vibgym.physics.collision.broad_phase import CONTACT, FREE, NEAR
 from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, FixedEncounter, new_contacts
 from vibgym.physics.collision.multibody import (
     CALLS,
-    CONTACT,
     COUNTS,
-    FREE,
-    LOOKED,
     PROSPECT,
     Prospect,
     broad_phase,
@@ -32,7 +30,7 @@ from vibgym.simulation.protocol import NO_PATHS, Setup
 from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
 from vibgym.simulation.threads import Pool
 
-STATISTICS = {"free": FREE, "near": LOOKED, "contact": CONTACT, "contact_steps": CALLS}
+STATISTICS = {"free": FREE, "near": NEAR, "contact": CONTACT, "contact_steps": CALLS}
 
 
 class Multibody:
@@ -44,21 +42,21 @@ class Multibody:
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
         self._setup, self._bend = setup, schemes.bend
-        self._tools = Pool(partial(Tools, setup, schemes))
+        self._buffers = Pool(partial(ContactBuffers, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
 
     def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
-        tools = self._tools.borrow()
-        prospect = tools.prospect(stop - start)
-        together, seen, at, first = tools.together.address, prospect.address, state.address, start * tools.parts
-        tools.contacts.deepest[0] = self._smallest_gap[start]
+        buffers = self._buffers.borrow()
+        prospect = buffers.prospect(stop - start)
+        together, seen, at, first = buffers.together.address, prospect.address, state.address, start * buffers.parts
+        buffers.contacts.deepest[0] = self._smallest_gap[start]
         rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
         try:
             for _ in range(periods):
                 near, touching = broad_phase(start, stop, together, at, seen)
-                for kind, alone in enumerate(tools.alone):
+                for kind, alone in enumerate(buffers.alone):
                     if count[kind]:
                         chosen = rows[kind, : count[kind]]
                         slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
@@ -67,8 +65,8 @@ class Multibody:
                 else:
                     self.counts[start:stop, FREE] += 1
         finally:
-            self._smallest_gap[start] = tools.contacts.deepest[0]
-            self._tools.give_back(tools)
+            self._smallest_gap[start] = buffers.contacts.deepest[0]
+            self._buffers.give_back(buffers)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse masses that are too different, and friction that contacts cannot follow."""
@@ -96,7 +94,7 @@ class Multibody:
         return {name: int(self.counts[:, column].sum()) for name, column in STATISTICS.items()}
 
 
-class Tools:
+class ContactBuffers:
     """What one thread needs.
 
     Attributes:

@@ -14,7 +14,7 @@ import numpy as np
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.averaged.averages import coupled, direction, first_order_at, interpolate
-from vibgym.physics.averaged.contact import AveragedScheme, Workspace, cut_at, new_workspace
+from vibgym.physics.averaged.contact import AveragedScheme, AveragedWorkspace, cut_at, new_workspace
 from vibgym.physics.core.records import Body, Table
 from vibgym.physics.planar.cut import cells_across
 from vibgym.physics.planar.outline import POINTS_PER_PIECE
@@ -23,7 +23,7 @@ from vibgym.physics.planar.outline import POINTS_PER_PIECE
 class Room(NamedTuple):
     """Working arrays for one part at a time."""
 
-    contact: Workspace
+    contact: AveragedWorkspace
     elements: np.ndarray  # (n) under the part, at one of the points of its way or another
     shares: np.ndarray  # (points, 6, n) of 1, x, y, xx, xy, yy of the load
     coupling: np.ndarray  # (points, 27)

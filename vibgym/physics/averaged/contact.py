@@ -45,7 +45,7 @@ class AveragedScheme(NamedTuple):
     tables: Averages
 
 
-class Workspace(NamedTuple):
+class AveragedWorkspace(NamedTuple):
     """Working arrays for one part at a time."""
 
     cut: Cut
@@ -56,9 +56,9 @@ class Workspace(NamedTuple):
     scratch: Scratch
 
 
-def new_workspace(table: Table, body: Body) -> Workspace:
+def new_workspace(table: Table, body: Body) -> AveragedWorkspace:
     """Working arrays for parts like ``body``."""
-    return Workspace(
+    return AveragedWorkspace(
         cut=new_cut(len(body.outline), cells_across(table, body, finest_split(table, body))),
         phasors=new_phasors(1, cells_across(table, body, 1)),
         moments=np.zeros((6, 3)),

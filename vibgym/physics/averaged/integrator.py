@@ -22,7 +22,13 @@ from typing import NamedTuple
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import reference
 from vibgym.physics.averaged.averages import slip_margin, wobble
-from vibgym.physics.averaged.contact import AveragedScheme, Workspace, look_under, mean_acceleration, steady_part
+from vibgym.physics.averaged.contact import (
+    AveragedScheme,
+    AveragedWorkspace,
+    look_under,
+    mean_acceleration,
+    steady_part,
+)
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Body, Motion, State, Table, is_finite, under_conditions
 from vibgym.physics.planar.phasors import forget_phasors
@@ -36,7 +42,7 @@ class AveragedScene(NamedTuple):
     scheme: AveragedScheme
     drive: Drive
     state: State
-    work: Workspace
+    work: AveragedWorkspace
 
 
 @borrowing

@@ -17,8 +17,8 @@ from vibgym.physics.core.records import friction_in, incline_size
 IN_TOUCH = 2e-4
 """m; what begins a period nearer than this is taken to touch in it, and no path without contacts is tried."""
 
-NEVER, NEAR, TOUCHING = 0, 1, 2
-"""What the broad phase says of a world."""
+FREE, NEAR, CONTACT = 0, 1, 2
+"""What a world's period is: nothing is near enough to touch; something is, and what was near stays apart; with contacts."""
 
 
 @borrowing
@@ -104,14 +104,14 @@ def pair_gap(table, hulls, placed, i, j):
 
 @borrowing
 def proximity(table, hulls, pose, pairs, n, placed):
-    """``TOUCHING`` if one of the pairs is in touch at these poses, else ``NEAR``."""
+    """``CONTACT`` if one of the pairs is in touch at these poses, else ``NEAR``."""
     for k in range(n):
         for end in range(2):
             i = pairs[k, end]
             if i >= 0:
                 place_hulls(hulls, i, pose[i, 0], pose[i, 1], pose[i, 2], placed)
         if pair_gap(table, hulls, placed, pairs[k, 0], pairs[k, 1]) < IN_TOUCH:
-            return TOUCHING
+            return CONTACT
     return NEAR
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import Layout, reference
 from vibgym.physics.collision.broad_phase import (
+    CONTACT,
+    FREE,
     NEAR,
-    NEVER,
-    TOUCHING,
     near_pairs,
     pair_capacity,
     paths_cross,
@@ -28,8 +28,8 @@ from vibgym.physics.collision.coupling import Encounter, collide_period, fixed_e
 from vibgym.physics.core.records import State, new_state, state_at
 from vibgym.physics.planar.workspace import Scene
 
-FREE, LOOKED, CONTACT, CALLS = 0, 1, 2, 3
-"""Columns of the counts: periods in which nothing was near, in which nothing near touched, with contacts; solver calls."""
+CALLS = 3
+"""Column of the counts with calls of the solver; those before it count periods ``FREE``, ``NEAR`` and with ``CONTACT``."""
 
 COUNTS = 4
 
@@ -37,7 +37,7 @@ COUNTS = 4
 class Prospect(NamedTuple):
     """What is known of a block of worlds before a period."""
 
-    mode: np.ndarray  # (worlds,) NEVER, NEAR or TOUCHING
+    mode: np.ndarray  # (worlds,) FREE, NEAR or CONTACT
     pairs: np.ndarray  # (worlds, capacity, 2)
     found: np.ndarray  # (worlds,) number of pairs
     rows: np.ndarray  # (kinds, worlds * parts) what goes without contacts, as world * parts + part
@@ -94,7 +94,7 @@ def broad_phase(start, stop, fixed, state, prospect):
     for world in range(start, stop):
         w = world - start
         pairs = prospect.pairs[w]
-        found, mode = 0, NEVER
+        found, mode = 0, FREE
         if not state.diverged[world]:
             found = near_pairs(
                 table, bodies, hulls, fixed.walls, state, world,
@@ -106,7 +106,7 @@ def broad_phase(start, stop, fixed, state, prospect):
         if mode == NEAR:
             any_near = True
             copy_world(state, world, prospect.kept, w)
-        if mode == TOUCHING:
+        if mode == CONTACT:
             any_touching = True
             continue
         for p in range(parts):
@@ -150,14 +150,11 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
     for world in range(start, stop):
         w = world - start
         mode = prospect.mode[w]
-        if mode == NEAR and not state.diverged[world]:
-            if was_hit(world, w, encounter, prospect):
-                mode = TOUCHING
-                copy_world(prospect.kept, w, state, world)
-            else:
-                counts[world, LOOKED] += 1
-        elif mode != TOUCHING:
-            counts[world, FREE] += 1
-        if mode == TOUCHING:
-            counts[world, CONTACT] += 1
+        if mode == NEAR and state.diverged[world]:
+            mode = FREE
+        elif mode == NEAR and was_hit(world, w, encounter, prospect):
+            mode = CONTACT
+            copy_world(prospect.kept, w, state, world)
+        counts[world, mode] += 1
+        if mode == CONTACT:
             counts[world, CALLS] += collide_period(world, encounter, prospect.pairs[w], prospect.found[w])

@@ -83,6 +83,29 @@ def enter(solver, properties, factor):
 
 
 @borrowing
+def undo_overlap(solver, settled, workspace, h):
+    """Move parts by what undoes overlap: a velocity of its own, which acts in this step only.
+
+    Args:
+        solver: after its step, with zeros for velocities in its data.
+        settled: (parts, 3) poses before.
+        h: s, the step's length.
+    """
+    data, pose = solver.data, workspace.pose
+    solver.cursor[0] = 0
+    call_foreign(solver.each, (solver.space, solver.put, solver.put_velocity))
+    for p in range(solver.bodies.shape[0]):
+        call_foreign(solver.update, (solver.bodies[p], h))
+    solver.cursor[0] = 0
+    call_foreign(solver.each, (solver.space, solver.take, solver.take_pose))
+    for p in range(solver.bodies.shape[0]):
+        g, lane = p // LANES, p % LANES
+        for k in range(3):
+            if not workspace.away[p]:
+                pose[g, k * LANES + lane] += data[3 * p + k] - settled[p, k]
+
+
+@borrowing
 def solve(encounter, world, h, entered, undo):
     """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
 
@@ -133,20 +156,8 @@ def solve(encounter, world, h, entered, undo):
         if change > JOLT:
             workspace.stale[p] = True
             hit = True
-    # What undoes overlap is a velocity of its own, which acts in this step only.
-    if not undo:
-        return hit
-    cursor[0] = 0
-    call_foreign(solver.each, (solver.space, solver.put, solver.put_velocity))
-    for p in range(parts):
-        call_foreign(solver.update, (solver.bodies[p], h))
-    cursor[0] = 0
-    call_foreign(solver.each, (solver.space, solver.take, solver.take_pose))
-    for p in range(parts):
-        g, lane = p // LANES, p % LANES
-        for k in range(3):
-            if not away[p]:
-                pose[g, k * LANES + lane] += data[3 * p + k] - contacts.settled[p, k]
+    if undo:
+        undo_overlap(solver, contacts.settled, workspace, h)
     return hit
 
 

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym._numba.jit import borrowing
-from vibgym.physics.core.hardware import hardware_at, realise
+from vibgym._numba.reference import is_given
+from vibgym.physics.core.hardware import NO_HARDWARE, hardware_at, realise
 
 FIELD_STRENGTHS = 6
 """Numbers of one part in :func:`field_drive`: uniform x, uniform y, squeeze x, squeeze y, radial, tangential."""
@@ -28,6 +29,11 @@ POLAR, ELEMENT, PHASOR, PATCH, FIELD, CARTESIAN = range(6)
 """How a drive is written down; see the function of that name, such as :func:`polar_drive`."""
 
 
+_NO_VALUES = np.zeros((0, 0), dtype=np.float32)
+_NO_MOTION = np.zeros((0, 0, 0))
+_NO_ORIGIN = np.zeros((0, 0, 0), dtype=np.int64)
+
+
 class Drive(NamedTuple):
     """The elements' motion in a batch of worlds; the mode says which fields count, and the others are empty.
 
@@ -35,20 +41,21 @@ class Drive(NamedTuple):
     """
 
     mode: int
-    values: np.ndarray  # (worlds, n) float32, numbers in [-1, 1] (clipped): all modes but POLAR
-    amplitude: np.ndarray  # (worlds, rows, columns) m: POLAR; C, m/s^2: CARTESIAN
-    phase: np.ndarray  # (worlds, rows, columns) rad: POLAR; S, m/s^2: CARTESIAN
-    origin: np.ndarray  # (worlds, parts, 2) int64, row and column of a patch's first element: PATCH
-    centre: np.ndarray  # (worlds, parts, 2), of the parts; PATCH: rows, columns in elements; FIELD: x, y in m
-    size: int  # elements along a side of a patch: PATCH
-    columns: int  # of the surface: ELEMENT, PHASOR
-    full_scale: float  # a_v w^2 at the largest amplitude, m/s^2: all modes but POLAR
-    angular_frequency: float  # rad/s: POLAR
-    element_size: float  # m: FIELD
-    reach: float  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
-    hardware: int = (
-        0  # address of pinned Hardware through which commands go, and which says whose rows they are; 0: none
+    values: np.ndarray = _NO_VALUES  # (worlds, n) float32, numbers in [-1, 1] (clipped): all modes but POLAR
+    amplitude: np.ndarray = _NO_MOTION  # (worlds, rows, columns) m: POLAR; C, m/s^2: CARTESIAN
+    phase: np.ndarray = _NO_MOTION  # (worlds, rows, columns) rad: POLAR; S, m/s^2: CARTESIAN
+    origin: np.ndarray = _NO_ORIGIN  # (worlds, parts, 2) int64, row and column of a patch's first element: PATCH
+    centre: np.ndarray = (
+        _NO_MOTION  # (worlds, parts, 2), of the parts; PATCH: rows, columns in elements; FIELD: x, y in m
     )
+    size: int = 0  # elements along a side of a patch: PATCH
+    columns: int = 0  # of the surface: ELEMENT, PHASOR
+    full_scale: float = 0.0  # a_v w^2 at the largest amplitude, m/s^2: all modes but POLAR
+    angular_frequency: float = 0.0  # rad/s: POLAR
+    element_size: float = 0.0  # m: FIELD
+    reach: float = 0.0  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
+    # Address of pinned Hardware through which commands go, and which says whose rows they are.
+    hardware: int = NO_HARDWARE
 
 
 def _plain(values: Any, kind: type) -> np.ndarray:
@@ -58,23 +65,15 @@ def _plain(values: Any, kind: type) -> np.ndarray:
     return np.array(values, dtype=kind, order="C")
 
 
-_NO_VALUES = np.zeros((0, 0), dtype=np.float32)
-_NO_MOTION = np.zeros((0, 0, 0))
-_NO_ORIGIN = np.zeros((0, 0, 0), dtype=np.int64)
-
-
 def polar_drive(amplitude: np.ndarray, phase: np.ndarray, angular_frequency: float) -> Drive:
     """Amplitude ``a_v`` (m) and phase ``alpha`` (rad) of every element, each (worlds, rows, columns)."""
     amplitude, phase = _plain(amplitude, np.float64), _plain(phase, np.float64)
-    return Drive(
-        POLAR, _NO_VALUES, amplitude, phase, _NO_ORIGIN, _NO_MOTION, 0, 0, 0.0, float(angular_frequency), 0.0, 0.0
-    )
+    return Drive(POLAR, amplitude=amplitude, phase=phase, angular_frequency=float(angular_frequency))
 
 
 def cartesian_drive(c: np.ndarray, s: np.ndarray) -> Drive:
     """The phasors themselves: ``C`` and ``S`` of every element, each (worlds, rows, columns), m/s^2."""
-    c, s = _plain(c, np.float64), _plain(s, np.float64)
-    return Drive(CARTESIAN, _NO_VALUES, c, s, _NO_ORIGIN, _NO_MOTION, 0, 0, 0.0, 0.0, 0.0, 0.0)
+    return Drive(CARTESIAN, amplitude=_plain(c, np.float64), phase=_plain(s, np.float64))
 
 
 def element_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
@@ -85,12 +84,12 @@ def element_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
         columns: of the surface.
         full_scale: ``a_v w^2`` at the largest amplitude, m/s^2.
     """
-    return _of_values(ELEMENT, values, _NO_ORIGIN, _NO_MOTION, 0, columns, full_scale)
+    return Drive(ELEMENT, _plain(values, np.float32), columns=int(columns), full_scale=float(full_scale))
 
 
 def phasor_drive(values: np.ndarray, columns: int, full_scale: float) -> Drive:
     """Amplitude times (cos, sin) of phase of every element, shortened to the unit disc; see :func:`element_drive`."""
-    return _of_values(PHASOR, values, _NO_ORIGIN, _NO_MOTION, 0, columns, full_scale)
+    return Drive(PHASOR, _plain(values, np.float32), columns=int(columns), full_scale=float(full_scale))
 
 
 def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size: int, full_scale: float) -> Drive:
@@ -106,7 +105,9 @@ def patch_drive(values: np.ndarray, origin: np.ndarray, centre: np.ndarray, size
         size: k.
         full_scale: m/s^2.
     """
-    return _of_values(PATCH, values, _plain(origin, np.int64), centre, size, 0, full_scale)
+    origin, centre = _plain(origin, np.int64), _plain(centre, np.float64)
+    values, full_scale = _plain(values, np.float32), float(full_scale)
+    return Drive(PATCH, values, origin=origin, centre=centre, size=int(size), full_scale=full_scale)
 
 
 def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, reach: float, full_scale: float) -> Drive:
@@ -123,24 +124,14 @@ def field_drive(values: np.ndarray, centre: np.ndarray, element_size: float, rea
         reach: m, distance at which squeeze, radial and tangential fields are at full strength.
         full_scale: m/s^2.
     """
-    return _of_values(FIELD, values, _NO_ORIGIN, centre, 0, 0, full_scale, element_size, reach)
-
-
-def _of_values(
-    mode: int,
-    values: np.ndarray,
-    origin: np.ndarray,
-    centre: np.ndarray,
-    size: int,
-    columns: int,
-    full_scale: float,
-    element_size: float = 0.0,
-    reach: float = 0.0,
-) -> Drive:
     return Drive(
-        mode, _plain(values, np.float32), _NO_MOTION, _NO_MOTION, origin, _plain(centre, np.float64),
-        int(size), int(columns), float(full_scale), 0.0, float(element_size), float(reach),
-    )  # fmt: skip
+        FIELD,
+        _plain(values, np.float32),
+        centre=_plain(centre, np.float64),
+        full_scale=float(full_scale),
+        element_size=float(element_size),
+        reach=float(reach),
+    )
 
 
 @borrowing
@@ -250,12 +241,12 @@ def _commanded(drive, world, row, column):
 def element_phasor(drive, world, row, column):
     """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
     source = world
-    if drive.hardware != 0:
+    if is_given(drive.hardware):
         source = hardware_at(drive.hardware).source[world]
     c, s = 0.0, 0.0
     if source >= 0:
         c, s = _commanded(drive, source, row, column)
-    if drive.hardware != 0:
+    if is_given(drive.hardware):
         c, s = realise(hardware_at(drive.hardware), world, row, column, c, s)
     return c, s
 

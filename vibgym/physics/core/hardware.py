@@ -36,9 +36,8 @@ class Hardware(NamedTuple):
     """The elements of all worlds, pinned in memory; amplitudes as ``a_v w^2``, m/s^2."""
 
     source: np.ndarray  # (worlds,) int64, row of the commands on record that acts now; -1: none yet, the elements rest
-    element: (
-        np.ndarray
-    )  # (worlds, rows, columns, 4): gain as a complex number, and the phasor of one that obeys no command
+    # (worlds, rows, columns, 4): gain as a complex number, and the phasor of one that obeys no command
+    element: np.ndarray
     number: np.ndarray  # (worlds, NUMBERS)
     form: int  # of the dead zone
     top: float  # that no element exceeds whatever its gain
@@ -48,9 +47,12 @@ HARDWARE: Layout[Hardware] = Layout("HARDWARE", __name__)
 hardware_at = HARDWARE.at
 
 # Kernels that take drives are compiled whatever the hardware, so there is always one.
-NO_HARDWARE = Pinned(
+_NONE = Pinned(
     HARDWARE, Hardware(np.zeros(0, dtype=np.int64), np.zeros((0, 0, 0, 4)), np.zeros((0, len(NUMBERS))), HARD, 0.0)
 )
+
+NO_HARDWARE = HARDWARE.none(_NONE.record)
+"""Address in drives that go through no hardware."""
 
 
 @borrowing

@@ -61,16 +61,16 @@ class Bodies(NamedTuple):
 def body_of(bodies, kind):
     """The body of a kind."""
     return Body(
-        bodies.outline[bodies.first[kind] : bodies.first[kind + 1]],
-        bodies.area[kind],
-        bodies.radius[kind],
-        bodies.gyration[kind],
-        bodies.friction[kind],
-        bodies.static_friction[kind],
-        bodies.convex[kind],
-        bodies.turns[kind],
-        0.0,
-        0.0,
+        outline=bodies.outline[bodies.first[kind] : bodies.first[kind + 1]],
+        area=bodies.area[kind],
+        radius=bodies.radius[kind],
+        gyration=bodies.gyration[kind],
+        friction=bodies.friction[kind],
+        static_friction=bodies.static_friction[kind],
+        convex=bodies.convex[kind],
+        turns=bodies.turns[kind],
+        incline_x=0.0,
+        incline_y=0.0,
     )
 
 
@@ -145,9 +145,17 @@ def under_conditions(body, state, world, part):
     """A body as it is in its world: with the factor on its friction, and the table's incline."""
     factor = state.friction[world, part]
     return Body(
-        body.outline, body.area, body.radius, body.gyration, factor * body.friction, factor * body.static_friction,
-        body.convex, body.turns, state.incline[world, 0], state.incline[world, 1],
-    )  # fmt: skip
+        outline=body.outline,
+        area=body.area,
+        radius=body.radius,
+        gyration=body.gyration,
+        friction=factor * body.friction,
+        static_friction=factor * body.static_friction,
+        convex=body.convex,
+        turns=body.turns,
+        incline_x=state.incline[world, 0],
+        incline_y=state.incline[world, 1],
+    )
 
 
 @borrowing

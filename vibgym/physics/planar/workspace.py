@@ -88,7 +88,8 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
     """Working arrays for any ``slots`` parts of these kinds at a time."""
     groups = -(-slots // LANES)
     slots = groups * LANES
-    kinds = [body_of.py_func(bodies, kind) for kind in range(len(bodies.area))]
+    body = getattr(body_of, "py_func", body_of)  # it is Python itself under NUMBA_DISABLE_JIT
+    kinds = [body(bodies, kind) for kind in range(len(bodies.area))]
     across = max(cells_across(table, body, 1) for body in kinds)
     finest = max(cells_across(table, body, scheme.pieces or finest_split(table, body)) for body in kinds)
     corners = max(len(body.outline) for body in kinds)
