@@ -24,15 +24,13 @@ from agents.comparison.results import (
     row_of,
 )
 from agents.comparison.sample import Sample
-from agents.evaluation.jobs import Job
+from agents.evaluation.jobs import Job, run_jobs
 from agents.evaluation.results import Trial
-from agents.evaluation.rollout import Measured, Outcomes, measured, outcomes
-from agents.evaluation.running import run_jobs
 from agents.provenance import provenance
 from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
-from vibgym.policies.protocol import Policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.measures import Measured, Measures
+from vibgym.policies.rollout import Ends, Outcomes
 
 Samples = dict[tuple[str, str], dict[str, Sample]]
 """Task and hardware -> policy -> its episodes."""
@@ -83,13 +81,11 @@ def compare(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> 
     )
 
 
-def _judged(
-    policy: Policy, info: TaskInfo, seeds: list[int], environment: dict[str, Any], key: tuple[str, ...], quiet: bool
-) -> Outcomes:
+def _judged(job: Job, key: tuple[str, ...], quiet: bool) -> Outcomes:
     """A trial's episodes with their bounds and collisions; those of a matrix without."""
     if isinstance(key, Tested):
-        return outcomes(policy, info.name, seeds, environment, key.run, quiet)
-    return measured(policy, info.name, seeds, environment, Trial(*key).policy, quiet)
+        return job.play(Ends, key.run, quiet)
+    return job.play(Measures, Trial(*key).policy, quiet)
 
 
 def _samples(prepared: Prepared, found: dict[tuple[str, ...], Any]) -> Samples:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
-
-import gymnasium as gym
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from agents.comparison.curves import Curve, read_curve
 from agents.comparison.settings import ComparisonSettings, Contender
@@ -14,8 +12,7 @@ from agents.evaluation.entries import laid_over, with_sensor
 from agents.evaluation.jobs import Job, Known, trials, writable
 from agents.evaluation.results import Trial
 from vibgym import checks
-from vibgym.policies.protocol import Policy
-from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import worlds_of
 from vibgym.policies.task_info import TaskInfo
 
 FILES = ("compare.csv", "compare.json", "compare.html")
@@ -74,7 +71,9 @@ def prepare(settings: ComparisonSettings) -> Prepared:
             runs = any(trial.task == task and trial.policy == each.run_name(each.seeds[0]) for trial in jobs)
             if runs and each.curve is not None:
                 field = f"comparison.policies ({each.name}).curve"
-                curves[task, each.name] = {seed: read_curve(each.curve_path(task, seed), field) for seed in each.seeds}
+                curves[task, each.name] = {
+                    seed: read_curve(each.curve_path(tasks[task].name, seed), field) for seed in each.seeds
+                }
     for index, ladder in enumerate(settings.ladders):
         hardware = hardware_of(settings, index)
         for name in ladder.named():
@@ -113,12 +112,12 @@ def _matrix(settings: ComparisonSettings, asked: MatrixSettings, where: str, kno
         for line in lines:
             own = with_sensor(environment, line.column.sensor)
             info = known.info(case.task, own, f"{where}.policies ({line.column.name} in {case.name})")
-            found = _able(settings.contender_of(line.column.policy), info, seeds[0], own)
+            found = _able(settings.contender_of(line.column.policy), Job(case.task, info, seeds, own, None, None))
             if isinstance(found, str):
                 refusals[line.column.name, case.name] = found
                 continue
-            for run, content, policy in found:
-                jobs[Tested(asked.name, line.column.name, case.name, run)] = Job(info, seeds, own, content, policy)
+            for run, job in found.items():
+                jobs[Tested(asked.name, line.column.name, case.name, run)] = job
     for line in lines:
         if not any(job.line == line.column.name for job in jobs):
             reason = refusals[line.column.name, cases[0].name]
@@ -127,17 +126,16 @@ def _matrix(settings: ComparisonSettings, asked: MatrixSettings, where: str, kno
     return PreparedMatrix(asked.name, tuple(lines), tuple(cases), jobs, refusals)
 
 
-def _able(
-    contender: Contender, info: TaskInfo, seed: int, environment: dict[str, Any]
-) -> list[tuple[str, Any, Policy]] | str:
-    """Name, content and policy of every run, or why one of them cannot act in an environment."""
-    found = []
+def _able(contender: Contender, empty: Job) -> dict[str, Job] | str:
+    """By its name the job of every run, from one without a policy; or why one of them cannot act there."""
+    found = {}
     try:
         for entry in contender.runs():
-            policy = make_policy(entry.content, info, seed)
-            own = {**environment, "action": policy.action, "observation": policy.observation}
-            gym.make_vec(f"vibgym/{info.name}-v0", num_envs=1, **own).close()
-            found.append((entry.name, entry.content, policy))
+            job = replace(empty, content=entry.content).made()
+            assert job.policy is not None
+            spoken = {"action": job.policy.action, "observation": job.policy.observation}
+            worlds_of(job.task, 1, **{**job.environment, **spoken}).close()
+            found[entry.name] = job
     except ValueError as error:
         return " ".join(str(error).split())
     return found

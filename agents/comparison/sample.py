@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.evaluation.rollout import Measured
+from vibgym.policies.measures import Measured
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from agents.evaluation.entries import Column, arguments_among, column, named, so
 from agents.evaluation.run_settings import ENVIRONMENT_KEYS
 from vibgym import checks
 from vibgym.config import Settings
-from vibgym.registration import ENVIRONMENTS
+from vibgym.policies.rollout import environment_id
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,8 @@ class MatrixSettings(Settings):
         for name, content in self.cases.items():
             field = f"{where}.cases.{named(f'{where}.cases', name)}"
             arguments = arguments_among(field, content, (*ENVIRONMENT_KEYS, "task"))
-            task = checks.choice(f"{field}.task", arguments.pop("task", self.task), tuple(ENVIRONMENTS))
+            task = arguments.pop("task", self.task)
+            environment_id(task, f"{field}.task")
             found.append(Case(name, task, arguments))
         return found
 
@@ -85,7 +86,7 @@ class MatrixSettings(Settings):
         Raises:
             ValueError: the first fault; names the field, which begins with ``where``.
         """
-        checks.choice(f"{where}.task", self.task, tuple(ENVIRONMENTS))
+        environment_id(self.task, f"{where}.task")
         self.lines(where, policies)
         self.columns(where)
 

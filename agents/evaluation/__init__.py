@@ -3,8 +3,8 @@
 from agents.evaluation.effects import Effects
 from agents.evaluation.evaluate import evaluate, write
 from agents.evaluation.jobs import Evaluation, Gif, prepare
+from agents.evaluation.log import Rollout
 from agents.evaluation.results import Results, Trial
-from agents.evaluation.rollout import Rollout
 from agents.evaluation.settings import EvaluationSettings, load_settings, settings_from
 from agents.evaluation.tables import summary_table
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from agents.evaluation.rollout import Outcomes
 from agents.evaluation.statistics import quartiles, success_interval
+from vibgym.policies.rollout import Outcomes
 
 
 @dataclass(frozen=True)

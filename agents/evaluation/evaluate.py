@@ -13,16 +13,14 @@ from tqdm import tqdm
 from agents.evaluation import animation, cost, report, tables
 from agents.evaluation.cost import Cost
 from agents.evaluation.effects import Cell, Effects, cell_of
-from agents.evaluation.jobs import FILES, Evaluation, Job
+from agents.evaluation.jobs import FILES, Evaluation, Job, run_jobs
+from agents.evaluation.log import Log, Rollout
 from agents.evaluation.results import Results, Row, Trial, row_of
-from agents.evaluation.rollout import Outcomes, Rollout, outcomes, run
-from agents.evaluation.running import run_jobs
 from agents.evaluation.statistics import Comparison, compare
 from agents.provenance import policy_files, provenance
 from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
-from vibgym.policies.protocol import Policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.rollout import Ends, Outcomes
 
 
 def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None) -> Results:
@@ -79,27 +77,20 @@ def _effects(evaluation: Evaluation, found: dict[tuple[str, str], tuple[Outcomes
     return Effects(asked.task, seeds, asked.arguments(), policies, cells, episodes)
 
 
-def _first_line(policy: Policy) -> str:
+def _first_line(policy: Any) -> str:
     """What the policy's documentation says of it, without the marks of code."""
     return (inspect.getdoc(policy) or "").partition("\n")[0].replace("`", "").replace('"', "")
 
 
 def _judged(
-    policy: Policy,
-    info: TaskInfo,
-    seeds: list[int],
-    environment: dict[str, Any],
-    key: tuple[str, ...],
-    level: float,
-    resamples: int,
-    quiet: bool,
+    job: Job, key: tuple[str, ...], level: float, resamples: int, quiet: bool
 ) -> tuple[Rollout, Row] | tuple[Outcomes, Cell]:
     """A trial's rollout and its statistics; of the study of effects, where ``key`` is (case, policy), outcomes and a cell."""
     if isinstance(key, Trial):
-        rollout = run(policy, info.name, seeds, environment, key.policy, quiet)
+        rollout = job.play(Log, key.policy, quiet)
         return rollout, row_of(key, rollout, level, resamples)
     case, name = key
-    ends = outcomes(policy, info.name, seeds, environment, name, quiet)
+    ends = job.play(Ends, name, quiet)
     return ends, cell_of(case, name, ends, level, resamples)
 
 

@@ -18,8 +18,8 @@ from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
+from agents.evaluation.log import Rollout
 from agents.evaluation.results import Results, Trial
-from agents.evaluation.rollout import Rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery, colours
 from vibgym.scene import Surface

@@ -1,24 +1,26 @@
-"""From settings to jobs: everything that can fail for bad input is built before anything runs."""
+"""From settings to jobs, built before anything runs, so that bad input fails first; and from jobs to what is kept of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
+from tqdm import tqdm
 
-import vibgym  # noqa: F401 - registers the environments
 from agents.evaluation.entries import HardwareEntry, PolicyEntry, laid_over, with_sensor
 from agents.evaluation.results import Trial
 from agents.evaluation.run_settings import RunSettings
 from agents.evaluation.settings import EvaluationSettings
+from agents.workers import Submit
 from vibgym import checks
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.rollout import Ends, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 
@@ -40,11 +42,21 @@ class Gif:
 class Job:
     """One policy's episodes on one task, in environments with some arguments."""
 
+    task: str  # as the settings call it
     info: TaskInfo
     seeds: list[int]
     environment: dict[str, Any]  # keyword arguments other than action and observation
     content: Any  # from which another process makes the policy, see make_policy
-    policy: Policy
+    policy: Policy | None  # None on the way to another process
+
+    def play(self, keep: type[Ends], name: str, quiet: bool) -> Any:
+        """:func:`vibgym.policies.rollout` of the policy, which the progress bar calls ``name``."""
+        with tqdm(total=len(self.seeds), desc=f"{self.task:>9} {name:<12}", unit="ep", disable=quiet) as bar:
+            return rollout(self.policy, self.task, seeds=self.seeds, keep=keep, progress=bar.update, **self.environment)
+
+    def made(self) -> Job:
+        """With its policy."""
+        return replace(self, policy=make_policy(self.content, self.info, self.seeds[0]))
 
     @property
     def size(self) -> tuple[bool, int]:
@@ -114,12 +126,12 @@ def trials(settings: RunSettings) -> tuple[dict[str, TaskInfo], dict[str, Scener
     jobs: dict[Trial, Job] = {}
     for task in settings.tasks:
         with InField(f"{where}.environment"):
-            env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings.environment)
-        tasks[task], scenery[task] = TaskInfo.of(env, task), scenery_of(env.unwrapped)  # type: ignore[arg-type]
+            env = worlds_of(task, 1, **settings.environment)
+        tasks[task], scenery[task] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
         serving = [each for each in entries if each.tasks is not None or serves(each.content, tasks[task])]
         for machine in machines:
-            jobs |= _jobs(settings, tasks[task], machine, [each for each in serving if machine.runs(each, task)])
+            jobs |= _jobs(settings, task, tasks[task], machine, [each for each in serving if machine.runs(each, task)])
         if not any(trial.task == task for trial in jobs):
             raise checks.refuse(f"{where}.policies", [entry.name for entry in entries], f"one that serves {task}")
     for entry in entries:
@@ -133,10 +145,10 @@ def trials(settings: RunSettings) -> tuple[dict[str, TaskInfo], dict[str, Scener
 
 
 def _jobs(
-    settings: RunSettings, plain: TaskInfo, machine: HardwareEntry, entries: list[PolicyEntry]
+    settings: RunSettings, task: str, plain: TaskInfo, machine: HardwareEntry, entries: list[PolicyEntry]
 ) -> dict[Trial, Job]:
     """Those of one task on one machine."""
-    task, where, jobs = plain.name, settings.where, {}
+    where, jobs = settings.where, {}
     environment = laid_over(settings.environment, machine.arguments)
     info = plain
     if machine.arguments and entries:
@@ -145,8 +157,9 @@ def _jobs(
     place = task if settings.hardware is None else f"{task}, {machine.name}"
     for entry in entries:
         with InField(f"{where}.policies ({entry.name} on {place})"):
-            policy = make_policy(entry.content, info, seeds[0])
-        jobs[Trial(task, machine.name, entry.name)] = Job(info, seeds, environment, entry.content, policy)
+            jobs[Trial(task, machine.name, entry.name)] = Job(
+                task, info, seeds, environment, entry.content, None
+            ).made()
     return jobs
 
 
@@ -170,8 +183,7 @@ def effects_jobs(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
             info = known.info(asked.task, own, field)
             content = contents[column.policy]
             with InField(field):
-                policy = make_policy(content, info, seeds[0])
-            jobs[case, column.name] = Job(info, seeds, own, content, policy)
+                jobs[case, column.name] = Job(asked.task, info, seeds, own, content, None).made()
     return jobs
 
 
@@ -194,10 +206,49 @@ class Known:
 def told(task: str, environment: dict[str, Any], field: str) -> TaskInfo:
     """What is public of an environment with these arguments; errors begin with the field that they come from."""
     with InField(field):
-        env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **environment)
-    info = TaskInfo.of(env, task)
+        env = worlds_of(task, 1, **environment)
+    info = TaskInfo.of(env)
     env.close()
     return info
+
+
+Judge = Callable[..., Any]
+"""``judge(job, key, *more, quiet)`` plays a job and returns what is kept of it; a module's own function, so that another
+process finds it."""
+
+
+def run_jobs(
+    submit: Submit,
+    jobs: Mapping[tuple[str, ...], Job],
+    judge: Judge,
+    more: tuple[Any, ...] = (),
+    *,
+    alone: bool,
+    quiet: bool,
+) -> dict[tuple[str, ...], Any]:
+    """What ``judge`` returns of every job, by key, in the order of the jobs.
+
+    Args:
+        submit: of :func:`agents.workers.side_by_side`.
+        jobs: key -> job.
+        judge: see :data:`Judge`.
+        more: arguments of it.
+        alone: whether there is this process and no other. Else jobs whose policies are plain data go to the others.
+        quiet: no progress bars.
+    """
+    found: dict[tuple[str, ...], Any] = dict.fromkeys(jobs)
+    for key in sorted((key for key, job in jobs.items() if job.plain and not alone), key=lambda key: jobs[key].size):
+        found[key] = submit(_made_and_judged, judge, replace(jobs[key], policy=None), key, more)
+    for key, job in jobs.items():
+        if found[key] is None:
+            found[key] = judge(job, key, *more, quiet)
+    waiting = tqdm(found.items(), desc="running policies", unit="pair", disable=quiet or alone)
+    return {key: each.result() if isinstance(each, Future) else each for key, each in waiting}
+
+
+def _made_and_judged(judge: Judge, job: Job, key: tuple[str, ...], more: tuple[Any, ...]) -> Any:
+    """The same in a process of its own, where the policy is made first."""
+    return judge(job.made(), key, *more, True)
 
 
 def _filmed(gif: Gif, jobs: dict[Trial, Job]) -> Trial:

@@ -12,10 +12,9 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.evaluation import animation, cost_figure, effects_section, figures, machine, words
-from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film
+from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film, Rollout
 from agents.evaluation.pages import data_address, render
 from agents.evaluation.results import Results, Row, Trial
-from agents.evaluation.rollout import Rollout
 from agents.evaluation.statistics import Comparison
 from agents.evaluation.tables import kind_of, number, plain, quantity
 from agents.workers import side_by_side, usable
@@ -88,6 +87,7 @@ def page(results: Results, quiet: bool = False) -> str:
             cards[row.task, row.hardware].append(_card(results, row) | pictures.result())
     tasks = {
         task: {
+            "name": task,
             "info": info,
             "episodes": results.episodes(task),
             "inventory": words.inventory(info.parts),

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from agents.evaluation.cost import Cost
 from agents.evaluation.effects import Effects
 from agents.evaluation.entries import HardwareEntry, laid_over
-from agents.evaluation.rollout import Rollout
+from agents.evaluation.log import Rollout
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import Comparison, quartiles, success_interval
 from vibgym.policies.task_info import TaskInfo

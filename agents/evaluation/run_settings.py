@@ -10,7 +10,7 @@ from pydantic import Field
 from agents.evaluation.entries import HARDWARE_KEYS, HardwareEntry, PolicyEntry, hardware_entry, policy_entry
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.registration import ENVIRONMENTS
+from vibgym.policies.rollout import environment_id
 
 DEFAULT_EPISODES = 100
 DEFAULT_FIRST_SEED = 100_000
@@ -37,7 +37,7 @@ class RunSettings(Settings):
     :class:`agents.comparison.settings.ComparisonSettings` say how they are judged.
 
     Attributes:
-        tasks: names of environments without ``vibgym/`` and version.
+        tasks: ids of registered environments; those of vibgym also without ``vibgym/`` and version.
         policies: each a name ("zero"), the path of a trained policy, or a mapping of ``name`` (shown in the report),
             ``kind`` and the policy's own arguments, see :func:`vibgym.policies.make_policy`. From Python also objects that
             have ``predict``, themselves or as ``policy`` of such a mapping, beside ``action`` where they must be told which.
@@ -143,7 +143,7 @@ def checked(model: type[Run], data: Any, episodes: int | None = None, output: st
             twice = next(value for value in values if values.count(value) > 1)
             raise checks.refuse(f"{where}.{field}", twice, "each value once")
     for index, task in enumerate(settings.tasks):
-        checks.choice(f"{where}.tasks.{index}", task, tuple(ENVIRONMENTS))
+        environment_id(task, f"{where}.tasks.{index}")
     most = 100_000 if settings.seeds is None else len(settings.seeds)
     for task, count in settings.task_episodes.items():
         checks.choice(f"{where}.task_episodes", task, tuple(settings.tasks))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from agents.evaluation.rollout import Outcomes
+from vibgym.policies.rollout import Outcomes
 
 RNG_SEED = 20021
 """Of the resampling, so that a report can be repeated to the digit."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from agents.evaluation import machine
 from agents.evaluation.effects import Cell, Effects
+from agents.evaluation.log import Rollout
 from agents.evaluation.results import Results, Row, Trial
-from agents.evaluation.rollout import Rollout
 from agents.evaluation.words import facts
 from vibgym.policies.task_info import TaskInfo
 
@@ -143,7 +143,7 @@ ENDS: dict[str, tuple[tuple[str, Callable[[Row], str]], ...]] = {
     ),
     "together": (
         ("throughput", lambda row: quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s")),
-        ("collisions", lambda row: f"{row.collisions_mean:.1f}"),
+        ("collisions", lambda row: number(row.collisions_mean, 1)),
         ("efficiency", lambda row: quantity(row.path_efficiency_median, 100.0, 0, "%")),
         _FALLEN,
     ),
@@ -165,8 +165,8 @@ def quantity(value: float, factor: float, digits: int, unit: str) -> str:
 
 
 def number(value: float, digits: int) -> str:
-    """A number >= 0 in ``digits`` decimals, or one at most from 10 up."""
-    return f"{value:.{digits if value < 9.995 else min(digits, 1)}f}"
+    """A number >= 0 in ``digits`` decimals, or one at most from 10 up; a dash for what does not apply."""
+    return "–" if math.isnan(value) else f"{value:.{digits if value < 9.995 else min(digits, 1)}f}"
 
 
 def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:

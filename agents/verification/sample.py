@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from agents.evaluation import effects, tables
-from agents.evaluation.jobs import Job, effects_jobs, trials
+from agents.evaluation.jobs import Job, effects_jobs, run_jobs, trials
+from agents.evaluation.log import Log
 from agents.evaluation.results import Trial
-from agents.evaluation.rollout import outcomes, run
-from agents.evaluation.running import run_jobs
 from agents.verification.figures import COLUMNS, EFFECTS, REPORT, Episodes, Place
 from agents.verification.published import EPISODE_FILE, Published
 from agents.workers import side_by_side, usable
 from vibgym import checks
-from vibgym.policies.protocol import Policy
-from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.rollout import Ends
 
 MOST_EPISODES = 1000
 
@@ -89,7 +86,7 @@ class Played:
         return int(np.all([(one == other) | (np.isnan(one) & np.isnan(other)) for one, other in pairs], axis=0).sum())
 
 
-def play(
+def play_sample(
     published: Published,
     places: Sequence[Place],
     fresh: Sequence[int],
@@ -127,13 +124,11 @@ def _jobs(published: Published) -> dict[Place, Job]:
     return main | {Place(EFFECTS, task, *key): job for key, job in effects_jobs(settings).items()}
 
 
-def _played(
-    policy: Policy, info: TaskInfo, seeds: list[int], environment: dict[str, Any], key: tuple[str, ...], quiet: bool
-) -> Episodes:
+def _played(job: Job, key: tuple[str, ...], quiet: bool) -> Episodes:
     """The episodes of a place, as an evaluation runs and keeps them."""
     place = Place(*key)
     if place.study == EFFECTS:
-        ends = outcomes(policy, info.name, seeds, environment, place.policy, quiet)
+        ends = job.play(Ends, place.policy, quiet)
         return Episodes.of(effects.episodes_of(ends))
-    rollout = run(policy, info.name, seeds, environment, place.policy, quiet)
+    rollout = job.play(Log, place.policy, quiet)
     return Episodes.of(tables.episodes_of(Trial(*place[1:]), rollout))

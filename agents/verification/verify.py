@@ -12,7 +12,7 @@ from agents.verification.differences import differences, versions_apart
 from agents.verification.figures import FIGURES, Episodes, Figure, Place
 from agents.verification.intervals import mean_between, median_between, rate_between
 from agents.verification.published import Published
-from agents.verification.sample import Asked, play
+from agents.verification.sample import Asked, play_sample
 
 ALPHA = 0.01
 """With which probability at most any figure of all lies outside by chance; each gets the same share (Bonferroni), which holds
@@ -86,7 +86,7 @@ def verify(
     seeds, places = asked.seeds(published), asked.places(published)
     different, played = differences(published), {}
     try:
-        played = play(published, places, seeds, asked.again, processes, quiet, ray)
+        played = play_sample(published, places, seeds, asked.again, processes, quiet, ray)
     except ValueError as error:
         if not different:
             raise
