@@ -34,7 +34,7 @@ ENVIRONMENT_KEYS = (
 
 class RunSettings(Settings):
     """Policies on tasks, all on the same seeds; :class:`agents.evaluation.settings.EvaluationSettings` and
-    :class:`agents.comparison.settings.ComparisonSettings` say how they are judged.
+    :class:`agents.evaluation.comparison.contenders.ComparisonSettings` say how they are judged.
 
     Attributes:
         tasks: ids of registered environments; those of vibgym also without ``vibgym/`` and version.

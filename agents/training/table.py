@@ -15,7 +15,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.statistics import bootstrap, success_interval
+from agents.evaluation.resampling import bootstrap
+from agents.evaluation.statistics import success_interval
 from agents.training.judging import FILE as CURVE
 from agents.training.judging import usual
 from agents.training.settings import TrainSettings, load_settings

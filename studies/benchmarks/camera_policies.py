@@ -14,7 +14,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.statistics import Interval, bootstrap, compare, quartiles, success_interval
+from agents.evaluation.resampling import Interval, bootstrap
+from agents.evaluation.statistics import compare, quartiles, success_interval
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Outcomes, rollout
 from vibgym.policies.task_info import TaskInfo

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.statistics import Interval, bootstrap, exact
+from agents.evaluation.resampling import Interval, bootstrap
+from agents.evaluation.statistics import exact
 from agents.training.outlines import TRAINING, UNSEEN, scenes
 from vibgym import Part
 from vibgym.config import part_from

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation.results import Trial
+from agents.evaluation.records import Trial
 from tests.policies.helpers import FRESH, POSE_TASKS
 from vibgym import Surface, envs
 from vibgym.policies.measures import Measures, least_times

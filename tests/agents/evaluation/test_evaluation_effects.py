@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation import effects_section
-from agents.evaluation.effects import cell_of
+from agents.evaluation import tables
 from agents.evaluation.log import Log
+from agents.evaluation.report.effects import cell_of
 from tests.agents.evaluation.conftest import Pusher, Shepherd, Still
 from vibgym.policies.rollout import Ends, Outcomes, rollout
 
@@ -126,12 +126,12 @@ def test_page(table: evaluation.Effects, files: Path) -> None:
     assert "5 periods (200 ms) old" in section
     for cell in table.cells:
         assert f"{100 * cell.success_rate:.1f} %" in section
-        assert f"background:{effects_section.colour(cell.success_rate)}" in section
+        assert f"background:{tables.colour(cell.success_rate)}" in section
 
 
 def test_colour_tells_success_from_failure() -> None:
     def opacity(share: float) -> tuple[str, float]:
-        hue, _, alpha = effects_section.colour(share).removesuffix(")").rpartition(", ")
+        hue, _, alpha = tables.colour(share).removesuffix(")").rpartition(", ")
         return hue, float(alpha)
 
     assert opacity(1.0)[0] == opacity(0.6)[0] != opacity(0.4)[0] == opacity(0.0)[0]

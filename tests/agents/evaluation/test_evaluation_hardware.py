@@ -13,7 +13,7 @@ import pytest
 from agents import evaluation
 from agents.evaluation.entries import laid_over, with_sensor
 from agents.evaluation.log import Log
-from agents.evaluation.results import Trial
+from agents.evaluation.records import Trial
 from tests.agents.evaluation.conftest import Pusher, Still
 from vibgym.policies.rollout import rollout
 

@@ -18,7 +18,7 @@ from shapely import affinity
 from agents import evaluation
 from agents.evaluation import animation
 from agents.evaluation.log import SERIES, Log, Rollout
-from agents.evaluation.results import Trial
+from agents.evaluation.records import Trial
 from tests.agents.evaluation.conftest import Shepherd
 from vibgym.policies.rollout import rollout
 
