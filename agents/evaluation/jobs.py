@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from agents.evaluation.entries import HardwareEntry, PolicyEntry, laid_over, with_sensor
+from agents.evaluation.entries import Column, HardwareEntry, PolicyEntry, laid_over, with_sensor
 from agents.evaluation.records import Trial
 from agents.evaluation.run_settings import RunSettings
 from agents.evaluation.settings import EvaluationSettings
@@ -132,19 +132,48 @@ def effects_jobs(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
     asked, jobs = settings.effects, {}
     if asked is None:
         return jobs
-    contents, known = settings.named_policies(), Known()
-    seeds = settings.seed_list(asked.task, asked.episodes)
-    for case, arguments in asked.arguments().items():
-        environment = laid_over(settings.environment, arguments)
-        known.info(asked.task, environment, f"evaluation.effects.cases.{case}")
-        for column in asked.columns(list(contents)):
-            field = f"evaluation.effects.policies ({column.name} in {case})"
-            own = with_sensor(environment, column.sensor) if column.sensor else environment
-            info = known.info(asked.task, own, field)
-            content = contents[column.policy]
-            with InField(field):
-                jobs[case, column.name] = Job(asked.task, info, seeds, own, content, None).made()
+    contents = settings.named_policies()
+    cases = {case: (asked.task, arguments) for case, arguments in asked.arguments().items()}
+    columns, field = asked.columns(list(contents)), "evaluation.effects"
+    for case, column, where, job in study_jobs(settings, cases, columns, asked.episodes, field, Known()):
+        with InField(where):
+            jobs[case, column.name] = replace(job, content=contents[column.policy]).made()
     return jobs
+
+
+def study_jobs(
+    settings: RunSettings,
+    cases: Mapping[str, tuple[str, dict[str, Any]]],
+    columns: Sequence[Column],
+    most: int | None,
+    field: str,
+    known: Known,
+) -> Iterator[tuple[str, Column, str, Job]]:
+    """Every case of a study with every policy: the case, the policy, the field that errors name, and a job without a policy.
+
+    Args:
+        settings: whose environments the cases' arguments lie over.
+        cases: name -> task, and arguments of its environment.
+        columns: the policies.
+        most: episodes in each case.
+        field: of the study.
+        known: environments that were made before.
+
+    Raises:
+        ValueError: an environment that cannot be made.
+    """
+    for case, (task, arguments) in cases.items():
+        environment = laid_over(settings.environment, arguments)
+        known.info(task, environment, f"{field}.cases.{case}")
+        for column in columns:
+            where = f"{field}.policies ({column.name} in {case})"
+            own = with_sensor(environment, column.sensor)
+            yield (
+                case,
+                column,
+                where,
+                Job(task, known.info(task, own, where), settings.seed_list(task, most), own, None, None),
+            )
 
 
 class Known:

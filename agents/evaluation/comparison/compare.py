@@ -120,7 +120,7 @@ def _matrix(prepared: Prepared, matrix: PreparedMatrix, found: dict[tuple[str, .
     """The table of one matrix."""
     settings, lines = prepared.settings, []
     for line in matrix.lines:
-        name, cells = line.column.name, []
+        name, cells = line.name, []
         for case in matrix.cases:
             if (name, case.name) in matrix.refusals:
                 cells.append(refused_cell(name, case.name, matrix.refusals[name, case.name]))

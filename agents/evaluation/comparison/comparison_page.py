@@ -193,7 +193,7 @@ def _matrix(matrix: Matrix) -> dict[str, Any]:
         "task": next(iter(tasks)) if len(tasks) == 1 else "",
         "lines": [
             {
-                "name": line.column.name,
+                "name": line.name,
                 "trained_on": line.trained_on,
                 "cells": [_cell(cell, reasons) for cell in cells],
             }

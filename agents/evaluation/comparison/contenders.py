@@ -11,7 +11,7 @@ from pydantic import Field
 
 from agents.evaluation.comparison.studies import LadderSettings, MatrixSettings
 from agents.evaluation.entries import MOST_NAME, PolicyEntry, policy_entry
-from agents.evaluation.run_settings import RunSettings, checked, load
+from agents.evaluation.run_settings import RunSettings
 from vibgym import checks
 
 GROUPS = ("learned", "hybrid", "classical")
@@ -194,11 +194,5 @@ def _usual_group(content: Any) -> str:
     return "learned" if kind == "trained" or (isinstance(kind, str) and kind.endswith(".json")) else "classical"
 
 
-def settings_from(data: Any, episodes: int | None = None, output: str | None = None) -> ComparisonSettings:
-    """Checked settings from a mapping; see :func:`agents.evaluation.run_settings.checked`."""
-    return checked(ComparisonSettings, data, episodes, output)
-
-
-def load_settings(path: Path, episodes: int | None = None, output: str | None = None) -> ComparisonSettings:
-    """Checked settings from a YAML file. Errors name the file."""
-    return load(ComparisonSettings, path, episodes, output)
+settings_from = ComparisonSettings.checked
+load_settings = ComparisonSettings.load

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 from agents.evaluation.comparison.contenders import ComparisonSettings, Contender
 from agents.evaluation.comparison.curves import Curve, read_curve
-from agents.evaluation.comparison.studies import Case, Line, MatrixSettings
-from agents.evaluation.entries import laid_over, with_sensor
-from agents.evaluation.jobs import Job, Known, trials, writable
+from agents.evaluation.comparison.studies import Case, MatrixSettings
+from agents.evaluation.entries import Column
+from agents.evaluation.jobs import Job, Known, study_jobs, trials, writable
 from agents.evaluation.records import Trial
 from vibgym import checks
 from vibgym.policies.rollout import worlds_of
@@ -39,7 +39,7 @@ class PreparedMatrix:
     """
 
     name: str
-    lines: tuple[Line, ...]
+    lines: tuple[Column, ...]
     cases: tuple[Case, ...]
     jobs: dict[Tested, Job]
     refusals: dict[tuple[str, str], str]
@@ -102,27 +102,21 @@ def _matrix(settings: ComparisonSettings, asked: MatrixSettings, where: str, kno
         ValueError: a case of which there is no environment, or a policy that can act in none of them.
     """
     names = [each.name for each in settings.contenders()]
-    lines, cases = asked.lines(where, names), asked.columns(where)
+    lines, cases = asked.lines(where, names), asked.tested(where)
     jobs: dict[Tested, Job] = {}
     refusals: dict[tuple[str, str], str] = {}
-    for case in cases:
-        environment = laid_over(settings.environment, case.arguments)
-        known.info(case.task, environment, f"{where}.cases.{case.name}")
-        seeds = settings.seed_list(case.task, asked.episodes)
-        for line in lines:
-            own = with_sensor(environment, line.column.sensor)
-            info = known.info(case.task, own, f"{where}.policies ({line.column.name} in {case.name})")
-            found = _able(settings.contender_of(line.column.policy), Job(case.task, info, seeds, own, None, None))
-            if isinstance(found, str):
-                refusals[line.column.name, case.name] = found
-                continue
-            for run, job in found.items():
-                jobs[Tested(asked.name, line.column.name, case.name, run)] = job
+    places = {case.name: (case.task, case.arguments) for case in cases}
+    for case, line, _, job in study_jobs(settings, places, lines, asked.episodes, where, known):
+        found = _able(settings.contender_of(line.policy), job)
+        if isinstance(found, str):
+            refusals[line.name, case] = found
+        else:
+            jobs |= {Tested(asked.name, line.name, case, run): each for run, each in found.items()}
     for line in lines:
-        if not any(job.line == line.column.name for job in jobs):
-            reason = refusals[line.column.name, cases[0].name]
+        if not any(job.line == line.name for job in jobs):
+            reason = refusals[line.name, cases[0].name]
             allowed = f"policies that can act in one of the cases; in {cases[0].name}: {reason}"
-            raise checks.refuse(f"{where}.policies", line.column.name, allowed)
+            raise checks.refuse(f"{where}.policies", line.name, allowed)
     return PreparedMatrix(asked.name, tuple(lines), tuple(cases), jobs, refusals)
 
 

@@ -14,7 +14,8 @@ from agents.evaluation.comparison.curves import Curve
 from agents.evaluation.comparison.paired import Difference
 from agents.evaluation.comparison.profiles import Profile
 from agents.evaluation.comparison.sample import Sample
-from agents.evaluation.comparison.studies import Case, Line
+from agents.evaluation.comparison.studies import Case
+from agents.evaluation.entries import Column
 from agents.evaluation.records import Row, ends, successes
 from agents.evaluation.resampling import interval_of, iqm, iqm_of
 from agents.evaluation.statistics import quartiles
@@ -26,7 +27,7 @@ class Matrix:
     """Policies by cases."""
 
     name: str
-    lines: tuple[Line, ...]
+    lines: tuple[Column, ...]
     cases: tuple[Case, ...]
     cells: tuple[tuple[Row, ...], ...]  # of each line
 

@@ -8,19 +8,11 @@ from typing import Any
 
 from pydantic import Field
 
-from agents.evaluation.entries import Column, arguments_among, column, named, some_of
+from agents.evaluation.entries import Column, arguments_among, columns, named, some_of
 from agents.evaluation.run_settings import ENVIRONMENT_KEYS
 from vibgym import checks
 from vibgym.config import Settings
 from vibgym.policies.rollout import environment_id
-
-
-@dataclass(frozen=True)
-class Line:
-    """One row of a matrix."""
-
-    column: Column  # policy, name and settings of the sensor, as the study of effects has them
-    trained_on: str  # in words
 
 
 @dataclass(frozen=True)
@@ -51,21 +43,11 @@ class MatrixSettings(Settings):
     cases: dict[str, Any] = Field(min_length=1, max_length=40)
     episodes: int | None = Field(default=None, ge=1, le=100_000)
 
-    def lines(self, where: str, policies: Sequence[str]) -> list[Line]:
+    def lines(self, where: str, policies: Sequence[str]) -> list[Column]:
         """The rows, checked against the names of the comparison's policies."""
-        found: list[Line] = []
-        for index, entry in enumerate(self.policies):
-            field, trained_on = f"{where}.policies.{index}", ""
-            if isinstance(entry, Mapping) and "trained_on" in entry:
-                trained_on = checks.label(f"{field}.trained_on", entry["trained_on"])
-                entry = {key: value for key, value in entry.items() if key != "trained_on"}
-            line = Line(column(entry, field, policies), trained_on)
-            if any(line.column.name == other.column.name for other in found):
-                raise checks.refuse(f"{field}.name", line.column.name, "a name that no other row has")
-            found.append(line)
-        return found
+        return columns(self.policies, f"{where}.policies", policies, told=True)
 
-    def columns(self, where: str) -> list[Case]:
+    def tested(self, where: str) -> list[Case]:
         """The cases, checked."""
         found = []
         for name, content in self.cases.items():
@@ -88,7 +70,7 @@ class MatrixSettings(Settings):
         """
         environment_id(self.task, f"{where}.task")
         self.lines(where, policies)
-        self.columns(where)
+        self.tested(where)
 
 
 class LadderSettings(Settings):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict
-from typing import Any
 
 from agents.evaluation.comparison.results import Comparison
 from agents.evaluation.entries import laid_over
@@ -39,7 +38,7 @@ def json_text(found: Comparison) -> str:
         "generalisation": [
             {
                 "name": matrix.name,
-                "policies": [_line(line) for line in matrix.lines],
+                "policies": [asdict(line) for line in matrix.lines],
                 "cases": [asdict(case) for case in matrix.cases],
                 "results": [vars(cell) for cells in matrix.cells for cell in cells],
             }
@@ -48,10 +47,6 @@ def json_text(found: Comparison) -> str:
         "ladders": [asdict(each) for each in found.ladders],
     }
     return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
-
-
-def _line(line: Any) -> dict[str, Any]:
-    return {**asdict(line.column), "trained_on": line.trained_on}
 
 
 def summary_table(found: Comparison) -> str:

@@ -71,23 +71,10 @@ TABLES = (
 
 def page(results: Results, quiet: bool = False) -> str:
     """The whole page as HTML."""
-    settings, surface = results.settings, results.surface
-    goals = [task for task, info in results.tasks.items() if info.has_goal]
-    together = [task for task in results.tasks if task not in goals]
-    sections = [(task, hardware) for task in results.tasks for hardware in results.hardware_of(task)]
-    trials = list(results.rollouts)
-    # Base64 needs 4 bytes for 3.
-    share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(trials) + len(sections) + 4)) / len(trials))
-    with side_by_side(settings.processes) as submit:
-        drawn = []
-        for trial in tqdm(trials, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
-            asked = (results.tasks[trial.task], results.scenery[trial.task], settings.animations, max(share, 100_000))
-            drawn.append(submit(_pictures, results.rollouts[trial], *asked))
-        arrivals = {section: data_address(plots_of_episodes.arrivals(results, *section)) for section in sections}
-        examples = [_example(results, tasks) for tasks in (goals, together) if tasks and settings.animations]
-        cards: dict[tuple[str, str], list[dict[str, Any]]] = {section: [] for section in sections}
-        for row, pictures in zip(results.rows, drawn, strict=True):
-            cards[row.task, row.hardware].append(_card(results, row) | pictures.result())
+    settings, surface, infos = results.settings, results.surface, results.tasks
+    goals = [task for task, info in infos.items() if info.has_goal]
+    together = [task for task in infos if task not in goals]
+    sections, examples = _drawn(results, (goals, together), quiet)
     tasks = {
         task: {
             "name": task,
@@ -95,36 +82,28 @@ def page(results: Results, quiet: bool = False) -> str:
             "episodes": results.episodes(task),
             "inventory": words.inventory(info.parts),
             "asked": words.asked(info),
-            "sections": [
-                {
-                    "hardware": hardware,
-                    "episodes": results.episodes(task, hardware),
-                    "cards": cards[task, hardware],
-                    "arrivals": arrivals[task, hardware],
-                }
-                for hardware in results.hardware_of(task)
-            ],
+            "sections": sections[task],
         }
-        for task, info in results.tasks.items()
+        for task, info in infos.items()
     }
     tables = [
         {"title": title, "columns": columns, "tasks": [tasks[task] for task in names]}
         for title, columns, kind in TABLES
-        if (names := [task for task, info in results.tasks.items() if kind_of(info) == kind])
+        if (names := [task for task, info in infos.items() if kind_of(info) == kind])
     ]
     return render(
         Path(__file__).with_name("report.html.j2"),
         results=results,
         settings=settings,
         surface=surface,
-        loads=words.loads({task: (info, results.episodes(task)) for task, info in results.tasks.items()}),
+        loads=words.loads({task: (info, results.episodes(task)) for task, info in infos.items()}),
         goals=goals,
         together=together,
-        following=any(info.goal_moves for info in results.tasks.values()),
-        several=any(len(info.parts) > 1 for info in results.tasks.values()),
+        following=any(info.goal_moves for info in infos.values()),
+        several=any(len(info.parts) > 1 for info in infos.values()),
         confidence=f"{100 * settings.confidence:g} %",
         seeds=seeds_text(settings.seed_list()),
-        step_time=next(iter(results.tasks.values())).step_time,
+        step_time=next(iter(infos.values())).step_time,
         hold=HOLD_PERIODS,
         shown=plots_of_episodes.SHOWN,
         mapped=plots_of_episodes.MAPPED,
@@ -143,6 +122,29 @@ def page(results: Results, quiet: bool = False) -> str:
         cost=None if results.cost is None else cost_figure.section(results.cost),
         settings_text=json.dumps(plain(settings.as_written()), indent=2),
     )
+
+
+def _drawn(results: Results, kinds: Sequence[Sequence[str]], quiet: bool) -> tuple[dict[str, list[Any]], list[str]]:
+    """Everything that takes time to draw: sections of every task, and an example of each kind of tasks."""
+    settings, trials = results.settings, list(results.rollouts)
+    places = [(task, hardware) for task in results.tasks for hardware in results.hardware_of(task)]
+    # Base64 needs 4 bytes for 3.
+    share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(trials) + len(places) + 4)) / len(trials))
+    with side_by_side(settings.processes) as submit:
+        drawn = []
+        for trial in tqdm(trials, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
+            asked = (results.tasks[trial.task], results.scenery[trial.task], settings.animations, max(share, 100_000))
+            drawn.append(submit(_pictures, results.rollouts[trial], *asked))
+        arrivals = {place: data_address(plots_of_episodes.arrivals(results, *place)) for place in places}
+        examples = [_example(results, tasks) for tasks in kinds if tasks and settings.animations]
+        cards: dict[tuple[str, str], list[dict[str, Any]]] = {place: [] for place in places}
+        for row, pictures in zip(results.rows, drawn, strict=True):
+            cards[row.task, row.hardware].append(_card(results, row) | pictures.result())
+    sections: dict[str, list[Any]] = {task: [] for task in results.tasks}
+    for task, hardware in places:
+        shown = {"cards": cards[task, hardware], "arrivals": arrivals[task, hardware]}
+        sections[task].append({"hardware": hardware, "episodes": results.episodes(task, hardware), **shown})
+    return sections, examples
 
 
 def _kind(environment: Mapping[str, Any]) -> str:
