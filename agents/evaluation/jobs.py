@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 from tqdm import tqdm
 
 from agents.evaluation.entries import Column, HardwareEntry, PolicyEntry, laid_over, with_sensor
@@ -20,7 +21,7 @@ from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, make_policy
-from vibgym.policies.rollout import Ends, rollout, worlds_of
+from vibgym.policies.rollout import Ends, environment_id, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 
@@ -57,8 +58,13 @@ class Job:
 
     @property
     def plain(self) -> bool:
-        """Whether the policy is made from plain data, as well in another process; objects stay here, whatever they remember."""
-        return isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
+        """Whether another process can play it as well: a policy from plain data, in an environment that every process knows.
+
+        Objects stay here, whatever they remember, and so do environments that only this process may have registered.
+        """
+        known = gym.spec(environment_id(self.task)).namespace == "vibgym"
+        plain = isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
+        return known and plain
 
 
 def writable(settings: RunSettings, names: Sequence[str]) -> None:

@@ -26,7 +26,7 @@ class Quartiles(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PairedComparison:
     """Two policies on the same seeds of a task and the same hardware; differences are first minus second."""
 
     task: str
@@ -40,7 +40,7 @@ class Comparison:
     time_difference: float  # s, mean over those; nan if there are none
     time_interval: Interval | None  # None if there are fewer than two, or all differences are equal
 
-    def turned(self) -> Comparison:
+    def turned(self) -> PairedComparison:
         """The same comparison with the policies in the other order."""
         time = self.time_interval
         return replace(
@@ -102,7 +102,7 @@ def quartiles(values: np.ndarray) -> Quartiles:
 
 def compare(
     hardware: str, names: tuple[str, str], first: Outcomes, second: Outcomes, level: float, resamples: int
-) -> Comparison:
+) -> PairedComparison:
     """Compare two policies seed by seed.
 
     Raises:
@@ -114,7 +114,7 @@ def compare(
     times = (first.time_to_goal - second.time_to_goal)[both]
     # Times are whole steps: equal ones differ by rounding at most.
     spread = len(times) > 1 and np.ptp(times) > 1e-9
-    return Comparison(
+    return PairedComparison(
         task=first.task,
         hardware=hardware,
         first=names[0],

@@ -16,7 +16,7 @@ from agents.evaluation.comparison.results import (
     Comparison,
     Ladder,
     Matrix,
-    Step,
+    Rung,
     best_classical,
     cell_of,
     refused_cell,
@@ -141,7 +141,7 @@ def _ladders(prepared: Prepared, rows: list[Row]) -> tuple[Ladder, ...]:
             curves = prepared.curves[ladder.task, name].values()
             run = prepared.settings.contender_of(name).runs()[0].name
             steps.append(
-                Step(
+                Rung(
                     policy=name,
                     action=prepared.jobs[Trial(ladder.task, hardware, run)].policy.action,
                     steps=tuple(int(curve.steps[-1]) for curve in curves),

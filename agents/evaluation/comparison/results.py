@@ -33,7 +33,7 @@ class Matrix:
 
 
 @dataclass(frozen=True)
-class Step:
+class Rung:
     """One row of a ladder."""
 
     policy: str
@@ -51,7 +51,7 @@ class Ladder:
     name: str
     task: str
     hardware: str
-    steps: tuple[Step, ...]
+    steps: tuple[Rung, ...]
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from agents.evaluation.report.effects import Effects, cell_of
 from agents.evaluation.report.prepare import FILES, Evaluation
 from agents.evaluation.report.results import Results, row_of
 from agents.evaluation.report.texts_of_results import all_episodes, json_text
-from agents.evaluation.statistics import Comparison, compare
+from agents.evaluation.statistics import PairedComparison, compare
 from agents.provenance import policy_files, provenance
 from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
@@ -60,7 +60,9 @@ def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None
     )
 
 
-def _comparisons(rollouts: dict[Trial, Rollout], level: float, resamples: int, quiet: bool) -> tuple[Comparison, ...]:
+def _comparisons(
+    rollouts: dict[Trial, Rollout], level: float, resamples: int, quiet: bool
+) -> tuple[PairedComparison, ...]:
     """Each policy with each other, within a task and hardware."""
     pairs = [pair for pair in itertools.combinations(rollouts, 2) if pair[0][:2] == pair[1][:2]]
     pairs = tqdm(pairs, desc="comparing policies", unit="pair", disable=quiet)

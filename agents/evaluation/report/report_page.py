@@ -18,7 +18,7 @@ from agents.evaluation.records import Row, Trial
 from agents.evaluation.report import cost_figure, effects_section, plots_of_episodes
 from agents.evaluation.report.results import Results
 from agents.evaluation.report.texts_of_results import kind_of
-from agents.evaluation.statistics import Comparison
+from agents.evaluation.statistics import PairedComparison
 from agents.evaluation.tables import WORTH_SHOWING, number, plain, quantity, seeds_text, signed, thousands
 from agents.workers import side_by_side, usable
 from vibgym.policies.task_info import TaskInfo
@@ -224,7 +224,7 @@ def best_policy(results: Results, task: str, hardware: str) -> str:
     return min(rows, key=lambda row: (-row.successes, np.nan_to_num(row.time_to_goal_median_s, nan=np.inf))).policy
 
 
-def against_best(results: Results) -> list[Comparison]:
+def against_best(results: Results) -> list[PairedComparison]:
     """Comparisons of the best policy on every task and hardware with each other one, the best one first."""
     found = []
     for each in results.comparisons:
@@ -236,7 +236,7 @@ def against_best(results: Results) -> list[Comparison]:
     return found
 
 
-def _compared(each: Comparison) -> dict[str, Any]:
+def _compared(each: PairedComparison) -> dict[str, Any]:
     low, high = 100 * each.success_interval.low, 100 * each.success_interval.high
     time = each.time_interval
     return {

@@ -11,7 +11,7 @@ from agents.evaluation.log import Rollout
 from agents.evaluation.records import Row, Trial, spread, successes
 from agents.evaluation.report.effects import Effects
 from agents.evaluation.settings import EvaluationSettings
-from agents.evaluation.statistics import Comparison, quartiles
+from agents.evaluation.statistics import PairedComparison, quartiles
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.scene import Surface
@@ -27,7 +27,7 @@ class Results:
     policies: dict[str, str]  # name -> description
     rollouts: dict[Trial, Rollout]  # tasks, hardware and policies in the order of the settings
     rows: tuple[Row, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[PairedComparison, ...]
     provenance: dict[str, Any]
     cost: Cost | None = None
     effects: Effects | None = None

@@ -18,7 +18,7 @@ from agents.evaluation.verification.published import (
     canonical,
     written_settings,
 )
-from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, Episodes, Place, figure_rows
+from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, EpisodeTable, Place, figure_rows
 from agents.locks import one_run
 from agents.provenance import digest
 from vibgym import checks
@@ -102,7 +102,7 @@ def _results(path: Path) -> dict[str, Any]:
     return found
 
 
-def _episodes(path: Path, found: dict[str, Any]) -> dict[Place, Episodes]:
+def _episodes(path: Path, found: dict[str, Any]) -> dict[Place, EpisodeTable]:
     """All episodes by their places."""
     effects = found.get("effects", {"task": "", "episodes": []})
     rows: dict[Place, list[dict[str, Any]]] = {}
@@ -111,12 +111,12 @@ def _episodes(path: Path, found: dict[str, Any]) -> dict[Place, Episodes]:
             rows.setdefault(Place(REPORT, row["task"], row["hardware"], row["policy"]), []).append(row)
         for row in effects["episodes"]:
             rows.setdefault(Place(EFFECTS, effects["task"], row["case"], row["policy"]), []).append(row)
-        return {place: Episodes.of(those) for place, those in rows.items()}
+        return {place: EpisodeTable.of(those) for place, those in rows.items()}
     except (KeyError, TypeError, ValueError) as error:
         raise checks.refuse(f"{path}: episodes", repr(error), "the episodes of an evaluation") from None
 
 
-def _rows(place: Place, episodes: Episodes) -> list[dict[str, Any]]:
+def _rows(place: Place, episodes: EpisodeTable) -> list[dict[str, Any]]:
     """One mapping per episode, whole numbers without a decimal point."""
     columns = [episodes.columns[name].tolist() for name in COLUMNS]
     return [

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.settings import EvaluationSettings, settings_from
-from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, Episodes, Place, place_of
+from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, EpisodeTable, Place, place_of
 from agents.provenance import digest
 from vibgym import checks
 from vibgym.files import reason
@@ -40,7 +40,7 @@ class Published:
     directory: Path
     record: Mapping[str, Any]
     settings: EvaluationSettings
-    episodes: dict[Place, Episodes]
+    episodes: dict[Place, EpisodeTable]
     figures: dict[tuple[Place, str], float]
     digests: Mapping[str, str]
 
@@ -150,14 +150,14 @@ def _rows(path: Path, text: str, numbers: tuple[str, ...]) -> list[dict[str, Any
     return rows
 
 
-def _episodes(path: Path, text: str) -> dict[Place, Episodes]:
+def _episodes(path: Path, text: str) -> dict[Place, EpisodeTable]:
     by_place: dict[Place, list[dict[str, Any]]] = {}
     for row in _rows(path, text, ("seed", *COLUMNS)):
         if not (np.isfinite(row["seed"]) and row["success"] in (0.0, 1.0) and row["fallen"] in (0.0, 1.0)):
             given = {name: row[name] for name in ("seed", "success", "fallen")}
             raise checks.refuse(f"{path}: {row['place']}", given, "a seed, and 0 or 1 for success and fallen")
         by_place.setdefault(row["place"], []).append(row)
-    return {place: Episodes.of(rows) for place, rows in by_place.items()}
+    return {place: EpisodeTable.of(rows) for place, rows in by_place.items()}
 
 
 def _figures(path: Path, text: str) -> dict[tuple[Place, str], float]:

@@ -57,21 +57,21 @@ DIGITS = 6
 
 
 @dataclass(frozen=True)
-class Episodes:
+class EpisodeTable:
     """Episodes of one policy in one place: ``columns`` (episodes,) float64 by :data:`COLUMNS`, nan where one does not apply."""
 
     seeds: tuple[int, ...]
     columns: Mapping[str, np.ndarray]
 
     @classmethod
-    def of(cls, rows: list[dict[str, Any]]) -> Episodes:
+    def of(cls, rows: list[dict[str, Any]]) -> EpisodeTable:
         """From mappings of an evaluation, one an episode, with None, nan or nothing for what does not apply."""
         columns = {name: np.array([_rounded(row.get(name)) for row in rows]) for name in COLUMNS}
         return cls(tuple(int(row["seed"]) for row in rows), columns)
 
-    def some(self, chosen: slice) -> Episodes:
+    def some(self, chosen: slice) -> EpisodeTable:
         """Some of them."""
-        return Episodes(self.seeds[chosen], {name: values[chosen] for name, values in self.columns.items()})
+        return EpisodeTable(self.seeds[chosen], {name: values[chosen] for name, values in self.columns.items()})
 
 
 def _rounded(value: Any) -> float:
@@ -95,7 +95,7 @@ class Figure:
         """Whether it is the share of the episodes in which something occurs."""
         return self.column in OCCURRENCES
 
-    def sample(self, episodes: Episodes) -> np.ndarray:
+    def sample(self, episodes: EpisodeTable) -> np.ndarray:
         """What it comes from, (n,) finite."""
         values = episodes.columns[self.column]
         return values[np.isfinite(values)]
@@ -138,7 +138,7 @@ def median_interval(sample: np.ndarray, level: float) -> Interval:
 
 
 def figure_rows(
-    episodes: Mapping[Place, Episodes], level: float | None = None, resamples: int = 9999
+    episodes: Mapping[Place, EpisodeTable], level: float | None = None, resamples: int = 9999
 ) -> list[dict[str, Any]]:
     """One mapping for every figure of every place; without a ``level``, no intervals."""
     rows = []

@@ -11,7 +11,7 @@ from agents.evaluation.jobs import Job, effects_jobs, run_jobs, trials
 from agents.evaluation.log import Log
 from agents.evaluation.records import ALL, episodes_of
 from agents.evaluation.verification.published import EPISODE_FILE, Published
-from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, Episodes, Place
+from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, EpisodeTable, Place
 from agents.workers import side_by_side, usable
 from vibgym import checks
 from vibgym.policies.rollout import Ends
@@ -76,10 +76,10 @@ class Asked:
 class Played:
     """What became of one place: published episodes played again, and fresh ones."""
 
-    again: Episodes
-    fresh: Episodes
+    again: EpisodeTable
+    fresh: EpisodeTable
 
-    def the_same(self, published: Episodes) -> int:
+    def the_same(self, published: EpisodeTable) -> int:
         """How many of the published episodes came out the same again, in every column that is kept."""
         pairs = [(self.again.columns[name], published.columns[name][: len(self.again.seeds)]) for name in COLUMNS]
         return int(np.all([(one == other) | (np.isnan(one) & np.isnan(other)) for one, other in pairs], axis=0).sum())
@@ -123,11 +123,11 @@ def _jobs(published: Published) -> dict[Place, Job]:
     return main | {Place(EFFECTS, task, *key): job for key, job in effects_jobs(settings).items()}
 
 
-def _played(job: Job, key: tuple[str, ...], quiet: bool) -> Episodes:
+def _played(job: Job, key: tuple[str, ...], quiet: bool) -> EpisodeTable:
     """The episodes of a place, as an evaluation runs and keeps them."""
     place = Place(*key)
     if place.study == EFFECTS:
         ends = job.play(Ends, place.policy, quiet)
-        return Episodes.of(episodes_of(ends))
+        return EpisodeTable.of(episodes_of(ends))
     rollout = job.play(Log, place.policy, quiet)
-    return Episodes.of(episodes_of(rollout, ALL))
+    return EpisodeTable.of(episodes_of(rollout, ALL))

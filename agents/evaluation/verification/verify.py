@@ -11,7 +11,7 @@ import numpy as np
 from agents.evaluation.verification.differences import differences, versions_apart
 from agents.evaluation.verification.intervals import mean_between, median_between, rate_between
 from agents.evaluation.verification.published import Published
-from agents.evaluation.verification.published_figures import FIGURES, Episodes, Figure, Place
+from agents.evaluation.verification.published_figures import FIGURES, EpisodeTable, Figure, Place
 from agents.evaluation.verification.sample import Asked, play_sample
 
 ALPHA = 0.01
@@ -97,7 +97,7 @@ def verify(
 
 
 def check(
-    published: Mapping[Place, Episodes], fresh: Mapping[Place, Episodes], alpha: float = ALPHA
+    published: Mapping[Place, EpisodeTable], fresh: Mapping[Place, EpisodeTable], alpha: float = ALPHA
 ) -> tuple[tuple[Checked, ...], float]:
     """Every figure of the fresh episodes with its interval, and the share of ``alpha`` that each of them has.
 
