@@ -47,6 +47,12 @@ class Job:
         return replace(self, policy=make_policy(self.content, self.info, self.seeds[0]))
 
     @property
+    def acting(self) -> Policy:
+        """Its policy, once that is made."""
+        assert self.policy is not None
+        return self.policy
+
+    @property
     def size(self) -> tuple[bool, int]:
         """Jobs in the order of this are done soon.
 

@@ -154,8 +154,9 @@ def interval_of(
         statistic: of the values of one run.
         weighted: the same of a table whose cells count several times.
     """
+    runs, episodes = table.shape
     if np.ptp(table) < 1e-9:
         return None
-    if len(table) == 1:
+    if runs == 1:
         return bootstrap(table[0], level, resamples, statistic)
-    return percentiles(drawn(weighted(table), *table.shape, resamples), level, len(table))
+    return percentiles(drawn(weighted(table), runs, episodes, resamples), level, runs)

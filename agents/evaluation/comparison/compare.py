@@ -143,7 +143,7 @@ def _ladders(prepared: Prepared, rows: list[Row]) -> tuple[Ladder, ...]:
             steps.append(
                 Rung(
                     policy=name,
-                    action=prepared.jobs[Trial(ladder.task, hardware, run)].policy.action,
+                    action=prepared.jobs[Trial(ladder.task, hardware, run)].acting.action,
                     steps=tuple(int(curve.steps[-1]) for curve in curves),
                     seconds=tuple(float(curve.seconds[-1]) for curve in curves),
                     row=those[0],

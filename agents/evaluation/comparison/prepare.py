@@ -63,6 +63,8 @@ def prepare(settings: ComparisonSettings) -> Prepared:
         ValueError: a bad environment setting, an unknown or unfitting policy, a learning curve that is missing or none, or a
             place that cannot be written to.
     """
+    import agents.evaluation.comparison.comparison_page  # noqa: F401 - a package that pages need is missed before anything runs
+
     tasks, _, jobs = trials(settings)
     contenders = settings.contenders()
     curves = {}
@@ -126,8 +128,7 @@ def _able(contender: Contender, empty: Job) -> dict[str, Job] | str:
     try:
         for entry in contender.runs():
             job = replace(empty, content=entry.content).made()
-            assert job.policy is not None
-            spoken = {"action": job.policy.action, "observation": job.policy.observation}
+            spoken = {"action": job.acting.action, "observation": job.acting.observation}
             worlds_of(job.task, 1, **{**job.environment, **spoken}).close()
             found[entry.name] = job
     except ValueError as error:

@@ -45,6 +45,8 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
     Raises:
         ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
     """
+    import agents.evaluation.report.report_page  # noqa: F401 - a package that pages need is missed before anything runs
+
     tasks, scenery, jobs = trials(settings)
     study = effects_jobs(settings)
     film = None if gif is None else (_filmed(gif, jobs), gif.path)
