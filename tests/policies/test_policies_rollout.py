@@ -26,8 +26,8 @@ class Counting:
     ) -> Any:
         count = np.zeros(len(observation)) if state is None else state.copy()
         count[episode_start] = 0.0
-        action = np.zeros((len(observation), 6), dtype=np.float32)
-        action[:, 0], action[:, 1] = np.cos(0.1 * count), np.sin(0.1 * count)
+        action = np.zeros((len(observation), 6, 6), dtype=np.float32)  # of six parts
+        action[..., 0], action[..., 1] = np.cos(0.1 * count)[:, None], np.sin(0.1 * count)[:, None]
         return action, count + 1.0
 
 
