@@ -122,7 +122,7 @@ def evaluate(arguments: argparse.Namespace) -> int:
 
 def publish(arguments: argparse.Namespace) -> int:
     """Keep what an evaluation has found."""
-    from agents import verification
+    from agents.evaluation import verification
     from vibgym.files import WriteError
 
     try:
@@ -137,7 +137,7 @@ def publish(arguments: argparse.Namespace) -> int:
 
 def verify(arguments: argparse.Namespace) -> int:
     """Play a sample of published results and say whether each figure comes out again."""
-    from agents import verification
+    from agents.evaluation import verification
     from vibgym import checks, files
 
     asked = verification.Asked(
@@ -162,7 +162,8 @@ def verify(arguments: argparse.Namespace) -> int:
 
 def compare(arguments: argparse.Namespace) -> int:
     """Run a comparison, write its files and print the summary."""
-    from agents import comparison, locks, workers
+    from agents import locks, workers
+    from agents.evaluation import comparison
     from vibgym import files
 
     held = contextlib.ExitStack()

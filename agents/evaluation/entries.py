@@ -43,11 +43,12 @@ class HardwareEntry:
 
 @dataclass(frozen=True)
 class Column:
-    """One policy of the study of effects."""
+    """One policy of a study."""
 
     name: str  # in the table
     policy: str  # name of the evaluation's policy
     sensor: dict[str, Any]  # settings that it has of its own in every case
+    trained_on: str = ""  # in words, where the study tells it
 
 
 def policy_entry(policy: Any, field: str, tasks: Sequence[str], hardware: Sequence[str]) -> PolicyEntry:
@@ -106,22 +107,34 @@ def effect_arguments(name: str, content: Any) -> dict[str, Any]:
     return arguments_among(field, content, HARDWARE_KEYS)
 
 
-def column(entry: Any, field: str, policies: Sequence[str]) -> Column:
-    """A policy of the study of effects: the name of one, or a mapping with ``policy``, ``name`` and ``sensor``.
+def columns(entries: Sequence[Any], where: str, policies: Sequence[str], told: bool = False) -> list[Column]:
+    """The policies of a study, each with a name of its own; see :func:`_column`.
 
     Raises:
-        ValueError: names the field.
+        ValueError: names the field, which begins with ``where``.
     """
+    found: list[Column] = []
+    for index, entry in enumerate(entries):
+        each = _column(entry, f"{where}.{index}", policies, told)
+        if any(each.name == other.name for other in found):
+            raise checks.refuse(f"{where}.{index}.name", each.name, "a name that no other policy of the table has")
+        found.append(each)
+    return found
+
+
+def _column(entry: Any, field: str, policies: Sequence[str], told: bool) -> Column:
+    """The name of a policy, or a mapping with ``policy``, ``name``, ``sensor`` and, where it is ``told``, ``trained_on``."""
     if not isinstance(entry, Mapping):
         return Column(checks.choice(field, entry, tuple(policies)), entry, {})
     for key in entry:
-        checks.choice(field, key, ("policy", "name", "sensor"))
+        checks.choice(field, key, ("policy", "name", "sensor", *(["trained_on"] if told else [])))
     policy = checks.choice(f"{field}.policy", entry.get("policy"), tuple(policies))
     name = checks.label(f"{field}.name", entry.get("name", policy), most=MOST_NAME)
     sensor = entry.get("sensor", {})
     if not isinstance(sensor, Mapping):
         raise checks.refuse(f"{field}.sensor", sensor, "a mapping of settings of the sensor")
-    return Column(name, policy, dict(sensor))
+    trained_on = checks.label(f"{field}.trained_on", entry["trained_on"]) if "trained_on" in entry else ""
+    return Column(name, policy, dict(sensor), trained_on)
 
 
 def laid_over(environment: Mapping[str, Any], arguments: Mapping[str, Any]) -> dict[str, Any]:

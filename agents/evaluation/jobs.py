@@ -1,50 +1,56 @@
-"""From settings to jobs: everything that can fail for bad input is built before anything runs."""
+"""From settings to jobs, built before anything runs, so that bad input fails first; and from jobs to what is kept of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+from tqdm import tqdm
 
-import vibgym  # noqa: F401 - registers the environments
-from agents.evaluation.entries import HardwareEntry, PolicyEntry, laid_over, with_sensor
-from agents.evaluation.results import Trial
+from agents.evaluation.entries import Column, HardwareEntry, PolicyEntry, laid_over, with_sensor
+from agents.evaluation.records import Trial
 from agents.evaluation.run_settings import RunSettings
 from agents.evaluation.settings import EvaluationSettings
+from agents.workers import Submit
 from vibgym import checks
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.rollout import Ends, environment_id, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
-
-FILES = ("results.csv", "episodes.csv", "results.json", "report.html")
-"""Of an evaluation, beside a film that is asked for."""
-
-
-@dataclass(frozen=True)
-class Gif:
-    """Wish for a film of one policy on one task as a GIF file, on the first hardware that it runs on if none is named."""
-
-    task: str
-    policy: str
-    path: Path
-    hardware: str | None = None
 
 
 @dataclass(frozen=True)
 class Job:
     """One policy's episodes on one task, in environments with some arguments."""
 
+    task: str  # as the settings call it
     info: TaskInfo
     seeds: list[int]
     environment: dict[str, Any]  # keyword arguments other than action and observation
     content: Any  # from which another process makes the policy, see make_policy
-    policy: Policy
+    policy: Policy | None  # None on the way to another process
+
+    def play(self, keep: type[Ends], name: str, quiet: bool) -> Any:
+        """:func:`vibgym.policies.rollout` of the policy, which the progress bar calls ``name``."""
+        with tqdm(total=len(self.seeds), desc=f"{self.task:>9} {name:<12}", unit="ep", disable=quiet) as bar:
+            return rollout(self.policy, self.task, seeds=self.seeds, keep=keep, progress=bar.update, **self.environment)
+
+    def made(self) -> Job:
+        """With its policy."""
+        return replace(self, policy=make_policy(self.content, self.info, self.seeds[0]))
+
+    @property
+    def acting(self) -> Policy:
+        """Its policy, once that is made."""
+        assert self.policy is not None
+        return self.policy
 
     @property
     def size(self) -> tuple[bool, int]:
@@ -58,35 +64,13 @@ class Job:
 
     @property
     def plain(self) -> bool:
-        """Whether the policy is made from plain data, as well in another process; objects stay here, whatever they remember."""
-        return isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
+        """Whether another process can play it as well: a policy from plain data, in an environment that every process knows.
 
-
-@dataclass(frozen=True)
-class Evaluation:
-    """A checked evaluation: environments and policies exist, the output directory can be written to."""
-
-    settings: EvaluationSettings
-    tasks: dict[str, TaskInfo]
-    scenery: dict[str, Scenery]  # what pictures of each task show
-    jobs: dict[Trial, Job]
-    study: dict[tuple[str, str], Job]  # (case, policy) of the study of effects, case after case
-    film: tuple[Trial, Path] | None  # that is asked for as a file
-
-
-def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
-    """Build all that can fail for bad input, before anything runs.
-
-    Raises:
-        ValueError: a bad environment setting, an unknown or unfitting policy, or a place that cannot be written to.
-    """
-    tasks, scenery, jobs = trials(settings)
-    study = effects_jobs(settings)
-    film = None if gif is None else (_filmed(gif, jobs), gif.path)
-    writable(settings, FILES)
-    if gif is not None and gif.path.resolve() in [(Path(settings.output) / name).resolve() for name in FILES]:
-        raise checks.refuse("--gif PATH", str(gif.path), "a name that no other file of the report has")
-    return Evaluation(settings, tasks, scenery, jobs, study, film)
+        Objects stay here, whatever they remember, and so do environments that only this process may have registered.
+        """
+        known = gym.spec(environment_id(self.task)).namespace == "vibgym"
+        plain = isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
+        return known and plain
 
 
 def writable(settings: RunSettings, names: Sequence[str]) -> None:
@@ -114,12 +98,12 @@ def trials(settings: RunSettings) -> tuple[dict[str, TaskInfo], dict[str, Scener
     jobs: dict[Trial, Job] = {}
     for task in settings.tasks:
         with InField(f"{where}.environment"):
-            env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings.environment)
-        tasks[task], scenery[task] = TaskInfo.of(env, task), scenery_of(env.unwrapped)  # type: ignore[arg-type]
+            env = worlds_of(task, 1, **settings.environment)
+        tasks[task], scenery[task] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
         serving = [each for each in entries if each.tasks is not None or serves(each.content, tasks[task])]
         for machine in machines:
-            jobs |= _jobs(settings, tasks[task], machine, [each for each in serving if machine.runs(each, task)])
+            jobs |= _jobs(settings, task, tasks[task], machine, [each for each in serving if machine.runs(each, task)])
         if not any(trial.task == task for trial in jobs):
             raise checks.refuse(f"{where}.policies", [entry.name for entry in entries], f"one that serves {task}")
     for entry in entries:
@@ -133,10 +117,10 @@ def trials(settings: RunSettings) -> tuple[dict[str, TaskInfo], dict[str, Scener
 
 
 def _jobs(
-    settings: RunSettings, plain: TaskInfo, machine: HardwareEntry, entries: list[PolicyEntry]
+    settings: RunSettings, task: str, plain: TaskInfo, machine: HardwareEntry, entries: list[PolicyEntry]
 ) -> dict[Trial, Job]:
     """Those of one task on one machine."""
-    task, where, jobs = plain.name, settings.where, {}
+    where, jobs = settings.where, {}
     environment = laid_over(settings.environment, machine.arguments)
     info = plain
     if machine.arguments and entries:
@@ -145,8 +129,9 @@ def _jobs(
     place = task if settings.hardware is None else f"{task}, {machine.name}"
     for entry in entries:
         with InField(f"{where}.policies ({entry.name} on {place})"):
-            policy = make_policy(entry.content, info, seeds[0])
-        jobs[Trial(task, machine.name, entry.name)] = Job(info, seeds, environment, entry.content, policy)
+            jobs[Trial(task, machine.name, entry.name)] = Job(
+                task, info, seeds, environment, entry.content, None
+            ).made()
     return jobs
 
 
@@ -159,20 +144,48 @@ def effects_jobs(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
     asked, jobs = settings.effects, {}
     if asked is None:
         return jobs
-    contents, known = settings.named_policies(), Known()
-    seeds = settings.seed_list(asked.task, asked.episodes)
-    for case, arguments in asked.arguments().items():
-        environment = laid_over(settings.environment, arguments)
-        known.info(asked.task, environment, f"evaluation.effects.cases.{case}")
-        for column in asked.columns(list(contents)):
-            field = f"evaluation.effects.policies ({column.name} in {case})"
-            own = with_sensor(environment, column.sensor) if column.sensor else environment
-            info = known.info(asked.task, own, field)
-            content = contents[column.policy]
-            with InField(field):
-                policy = make_policy(content, info, seeds[0])
-            jobs[case, column.name] = Job(info, seeds, own, content, policy)
+    contents = settings.named_policies()
+    cases = {case: (asked.task, arguments) for case, arguments in asked.arguments().items()}
+    columns, field = asked.columns(list(contents)), "evaluation.effects"
+    for case, column, where, job in study_jobs(settings, cases, columns, asked.episodes, field, Known()):
+        with InField(where):
+            jobs[case, column.name] = replace(job, content=contents[column.policy]).made()
     return jobs
+
+
+def study_jobs(
+    settings: RunSettings,
+    cases: Mapping[str, tuple[str, dict[str, Any]]],
+    columns: Sequence[Column],
+    most: int | None,
+    field: str,
+    known: Known,
+) -> Iterator[tuple[str, Column, str, Job]]:
+    """Every case of a study with every policy: the case, the policy, the field that errors name, and a job without a policy.
+
+    Args:
+        settings: whose environments the cases' arguments lie over.
+        cases: name -> task, and arguments of its environment.
+        columns: the policies.
+        most: episodes in each case.
+        field: of the study.
+        known: environments that were made before.
+
+    Raises:
+        ValueError: an environment that cannot be made.
+    """
+    for case, (task, arguments) in cases.items():
+        environment = laid_over(settings.environment, arguments)
+        known.info(task, environment, f"{field}.cases.{case}")
+        for column in columns:
+            where = f"{field}.policies ({column.name} in {case})"
+            own = with_sensor(environment, column.sensor)
+            yield (
+                case,
+                column,
+                where,
+                Job(task, known.info(task, own, where), settings.seed_list(task, most), own, None, None),
+            )
 
 
 class Known:
@@ -194,22 +207,49 @@ class Known:
 def told(task: str, environment: dict[str, Any], field: str) -> TaskInfo:
     """What is public of an environment with these arguments; errors begin with the field that they come from."""
     with InField(field):
-        env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **environment)
-    info = TaskInfo.of(env, task)
+        env = worlds_of(task, 1, **environment)
+    info = TaskInfo.of(env)
     env.close()
     return info
 
 
-def _filmed(gif: Gif, jobs: dict[Trial, Job]) -> Trial:
-    """The trial whose film is asked for, checked."""
-    checks.choice("--gif TASK", gif.task, tuple({trial.task: None for trial in jobs}))
-    some = [trial for trial in jobs if trial.task == gif.task]
-    if gif.hardware is not None:
-        checks.choice("--gif-hardware", gif.hardware, tuple({trial.hardware: None for trial in some}))
-        some = [trial for trial in some if trial.hardware == gif.hardware]
-    checks.choice("--gif POLICY", gif.policy, tuple({trial.policy: None for trial in some}))
-    output_files([gif.path], "--gif PATH")
-    return next(trial for trial in some if trial.policy == gif.policy)
+Judge = Callable[..., Any]
+"""``judge(job, key, *more, quiet)`` plays a job and returns what is kept of it; a module's own function, so that another
+process finds it."""
+
+
+def run_jobs(
+    submit: Submit,
+    jobs: Mapping[tuple[str, ...], Job],
+    judge: Judge,
+    more: tuple[Any, ...] = (),
+    *,
+    alone: bool,
+    quiet: bool,
+) -> dict[tuple[str, ...], Any]:
+    """What ``judge`` returns of every job, by key, in the order of the jobs.
+
+    Args:
+        submit: of :func:`agents.workers.side_by_side`.
+        jobs: key -> job.
+        judge: see :data:`Judge`.
+        more: arguments of it.
+        alone: whether there is this process and no other. Else jobs whose policies are plain data go to the others.
+        quiet: no progress bars.
+    """
+    found: dict[tuple[str, ...], Any] = dict.fromkeys(jobs)
+    for key in sorted((key for key, job in jobs.items() if job.plain and not alone), key=lambda key: jobs[key].size):
+        found[key] = submit(_made_and_judged, judge, replace(jobs[key], policy=None), key, more)
+    for key, job in jobs.items():
+        if found[key] is None:
+            found[key] = judge(job, key, *more, quiet)
+    waiting = tqdm(found.items(), desc="running policies", unit="pair", disable=quiet or alone)
+    return {key: each.result() if isinstance(each, Future) else each for key, each in waiting}
+
+
+def _made_and_judged(judge: Judge, job: Job, key: tuple[str, ...], more: tuple[Any, ...]) -> Any:
+    """The same in a process of its own, where the policy is made first."""
+    return judge(job.made(), key, *more, True)
 
 
 def serves(content: Any, info: TaskInfo) -> bool:

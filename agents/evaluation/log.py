@@ -1,18 +1,23 @@
-"""What is written down of every world while a rollout goes on."""
+"""Everything that is kept of a policy's episodes for the report: outcomes, paths, and a film of one of them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from agents.evaluation.bound import least_times
-from agents.evaluation.touches import Touches
+from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface, Truth
+from vibgym.policies.measures import Measured, Measures
+from vibgym.policies.rollout import Step, Timing
 
 WATCHED_AMONG = 30
 """The world that is filmed is one of the first so many, which are also those of the trajectory plot."""
+
+LEAST_WAY = 0.010
+"""m: over shorter ways an efficiency says nothing."""
 
 TURN_WEIGHT = 0.1  # m/rad: a turn of 1 rad counts as far as 100 mm when the farthest goal is chosen
 
@@ -35,6 +40,60 @@ class Film:
     success: bool
 
 
+@dataclass(frozen=True)
+class Rollout(Measured):
+    """Records of one policy on one task. Arrays are (episodes,) unless said otherwise, in the order of the seeds."""
+
+    path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
+    straight: np.ndarray  # m, shortest way of all parts together, see below
+    poses: np.ndarray  # (episodes, most steps + 1, parts, 3) float32; nan after the end, and of absent parts
+    goals: np.ndarray  # (episodes, parts, 3); zeros for tasks without goal poses
+    series: (
+        np.ndarray
+    )  # (SERIES, episodes, most steps + 1) float32; nan after the end, and where a task does not say it
+    timing: Timing
+    film: Film
+
+    @property
+    def path_length(self) -> np.ndarray:
+        """Path travelled, of all parts together, m."""
+        return self.path_lengths.sum(axis=1)
+
+    @property
+    def path_efficiency(self) -> np.ndarray:
+        """Shortest way over path travelled, of successes; nan where there was hardly any way to go.
+
+        The shortest way is the straight line from the start to the goal, in Sort to the nearest point of the part's zone. In
+        Singulate, where parts have no goals of their own, it is the one from the start to where the part ended.
+        """
+        path = self.path_length
+        sensible = self.success & (self.straight > LEAST_WAY) & (path > 0.0)
+        return np.where(sensible, self.straight / np.maximum(path, 1e-12), np.nan)
+
+    def over_time(self, name: str) -> np.ndarray | None:
+        """One of :data:`SERIES`, (episodes, most steps + 1); None where the task does not say it."""
+        values = self.series[SERIES.index(name)]
+        return values if np.isfinite(values).any() else None
+
+    @property
+    def parts_done(self) -> np.ndarray:
+        """Parts done at the end; nan where they are not counted."""
+        done = self.series[SERIES.index("parts_done")]
+        return done[np.arange(len(self.steps)), self.steps].astype(np.float64)
+
+    @property
+    def throughput(self) -> np.ndarray:
+        """Parts done at the end over the episode's simulated time, 1/s; nan where they are not counted."""
+        return self.parts_done / (self.steps * self.step_time)
+
+    @property
+    def clearance(self) -> np.ndarray:
+        """Smallest distance between parts on the whole way, start included, m; nan without a second part."""
+        clearances = self.series[SERIES.index("clearance")]
+        least = np.where(np.isnan(clearances), np.inf, clearances).min(axis=1)
+        return np.where(np.isfinite(least), least, np.nan).astype(np.float64)
+
+
 def farthest_goal(env: SharedInterface, touching: np.ndarray) -> int:
     """World among the first ones whose parts have farthest to go: worth watching, and the same for every policy.
 
@@ -54,83 +113,23 @@ def _leads_somewhere(env: SharedInterface) -> bool:
     return env.task.has_goal or env.task.zones is not None
 
 
-class Ends:
-    """How the worlds' first episodes end, and what they were rewarded with.
-
-    Args:
-        env: a vector environment whose episodes have just begun.
-        info: what its reset said.
-        limit: steps of the longest episode.
-
-    Attributes:
-        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Outcomes`.
-    """
-
-    def __init__(self, env: SharedInterface, info: dict[str, Any], limit: int) -> None:
-        self.env, worlds = env, len(env.truth.present)
-        self.fields: dict[str, np.ndarray] = {
-            "steps": np.zeros(worlds, dtype=np.int64),
-            **{key: np.zeros(worlds, dtype=bool) for key in ("success", "fallen", "diverged")},
-            **{key: np.zeros(worlds) for key in ("returns", "position_error")},
-            **{key: np.full(worlds, np.nan) for key in ("heading_error", "path_error")},
-        }
-
-    def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
-        """Write down what the worlds ``alive`` (bool) are like after ``step``: nothing on the way."""
-
-    def end(self, step: int, ended: np.ndarray, info: dict[str, Any]) -> None:
-        """Write down how the worlds ``ended`` (bool) have ended."""
-        fields = self.fields
-        fields["steps"][ended] = step
-        fields["success"][ended] = info["is_success"][ended]
-        for key in ("fallen", "diverged", "position_error", "heading_error", "path_error"):
-            if key in info:
-                fields[key][ended] = info[key][ended]
-
-
-class Measures(Ends):
-    """The same, beside the least time that each episode needs and the collisions on its way; arguments as of :class:`Ends`.
-
-    Attributes:
-        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Measured`.
-    """
-
-    def __init__(self, env: SharedInterface, info: dict[str, Any], limit: int) -> None:
-        super().__init__(env, info, limit)
-        worlds = len(env.truth.present)
-        self.touches = Touches(env.parts, worlds) if "touching" in info else None
-        self.fields |= {
-            "bound": least_times(env),
-            "collisions": np.full(worlds, np.nan if self.touches is None else 0.0),
-        }
-        self._count(np.ones(worlds, dtype=bool), info)
-        self.fields["collisions"] *= 0.0  # pairs in touch at the start do not count
-
-    def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
-        """Write down what the worlds ``alive`` (bool) are like after ``step``."""
-        super().write(step, alive, info)
-        self._count(alive, info)
-
-    def _count(self, alive: np.ndarray, info: dict[str, Any]) -> None:
-        if self.touches is not None:
-            self.fields["collisions"] += self.touches.new(self.env.truth, alive & (info["touching"] > 0))
-
-
 class Log(Measures):
-    """What is written down of every world while a rollout goes on; all is of the worlds' first episodes.
+    """Keeps all that the report shows of the episodes, each of which has a world of its own.
 
     Args:
-        env, info, limit: see :class:`Ends`.
+        env, info, seeds: see :class:`vibgym.policies.rollout.Ends`.
 
     Attributes:
-        fields: arrays (worlds, ...), named as in :class:`agents.evaluation.rollout.Rollout`.
+        fields: arrays (episodes, ...), named as in :class:`Rollout`.
         watched: the world that is filmed.
     """
 
-    def __init__(self, env: SharedInterface, info: dict[str, Any], limit: int) -> None:
-        super().__init__(env, info, limit)
+    def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
+        super().__init__(env, info, seeds)
         self.start = truth = env.truth
         worlds, parts = truth.present.shape
+        limit = env.max_episode_steps
+        assert limit is not None  # else nobody could play
         self.several = truth.present.sum(axis=1) > 1
         way = np.where(truth.present[..., None], truth.error, 0.0)
         self.fields |= {
@@ -146,22 +145,27 @@ class Log(Measures):
         self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, str]] = []
         self._keep(0, np.ones(worlds, dtype=bool), info)
 
-    def write(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
-        """Write down what the worlds ``alive`` (bool) are like after ``step``."""
-        super().write(step, alive, info)
-        self._keep(step, alive, info)
+    def add(self, step: Step) -> None:
+        """What a step has brought."""
+        super().add(step)
+        now = int(step.age[step.playing][0])  # all that play have begun together
+        self._keep(now, step.playing, step.info)
+        if step.ended.any() and not _leads_somewhere(self.env):
+            poses, present = self.fields["poses"][step.ended], self.start.present[step.ended]
+            way = np.where(present[..., None], poses[:, now] - poses[:, 0], 0.0)
+            self.fields["straight"][step.ended] = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)
 
-    def _keep(self, step: int, alive: np.ndarray, info: dict[str, Any]) -> None:
+    def _keep(self, step: int, playing: np.ndarray, info: dict[str, Any]) -> None:
         fields, truth = self.fields, self.env.truth
-        there = self.start.present & alive[:, None]
+        there = self.start.present & playing[:, None]
         fields["poses"][:, step][there] = truth.pose[there]
         fields["path_lengths"][there] += np.hypot(*(truth.pose[..., :2] - self.last)[there].T)
         self.last = truth.pose[..., :2]
         for name, values in zip(SERIES, fields["series"], strict=True):
             if name in info:
-                which = alive & self.several if name == "clearance" else alive
+                which = playing & self.several if name == "clearance" else playing
                 values[which, step] = info[name][which]
-        if alive[self.watched]:
+        if playing[self.watched]:
             self.frames.append(self._frame(truth, step))
 
     def _frame(self, truth: Truth, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
@@ -174,20 +178,16 @@ class Log(Measures):
             f"{step * self.env.step_time:.2f} s   {said}",
         )
 
-    def end(self, step: int, ended: np.ndarray, info: dict[str, Any]) -> None:
-        """Write down how the worlds ``ended`` (bool) have ended."""
-        super().end(step, ended, info)
-        fields = self.fields
-        if not _leads_somewhere(self.env):
-            way = np.where(self.start.present[..., None], fields["poses"][:, step] - fields["poses"][:, 0], 0.0)[ended]
-            fields["straight"][ended] = np.hypot(way[..., 0], way[..., 1]).sum(axis=1)
+    def result(self, task: str, timing: Timing) -> Rollout:
+        """All of it, when all episodes have ended."""
+        return Rollout(task, self.seeds, self.env.step_time, timing=timing, film=self._film(), **self.fields)
 
-    def film(self, seed: int) -> Film:
+    def _film(self) -> Film:
         """The watched world's."""
         poses, goals, phasors, captions = zip(*self.frames, strict=True)
         world, fields = self.watched, self.fields
         return Film(
-            seed,
+            self.seeds[world],
             np.array(poses),
             self.start.present[world],
             np.array(phasors),

@@ -137,6 +137,25 @@ UNITS = {
 BELOW = {"hard": "does not move at all", "soft": "moves less than told", "cubic": "moves much less than told"}
 
 
+def _plainly(short: str, sentence: str, size: Callable[[Any, Surface], str]) -> Said:
+    """Words for a setting by its size, which stands for ``{}`` in both of them; none where there is no size to it."""
+
+    def words(value: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
+        nothing = value is None or (isinstance(value, int | float) and value == 0)
+        text = "" if nothing else size(value, surface)
+        return Words(short.format(text), sentence.format(text)) if text else None
+
+    return words
+
+
+def _percent(share: float, surface: Surface) -> str:
+    return f"{100.0 * share:.3g} %"
+
+
+def _late(periods: int, surface: Surface) -> str:
+    return f"{periods} period{'' if periods == 1 else 's'} ({1e3 * periods * surface.period:g} ms)"
+
+
 def _dead_zone(width: float, values: Mapping[str, Any], surface: Surface) -> Words | None:
     if not width:
         return None
@@ -146,20 +165,6 @@ def _dead_zone(width: float, values: Mapping[str, Any], surface: Surface) -> Wor
         f"An element that is told to move up and down by less than {1e3 * width:g} mm {BELOW[form]}; "
         f"the most that it can do is {most:.2g} mm.",
     )
-
-
-def _limit(limit: float | None, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if limit is None:
-        return None
-    text = f"{1e3 * limit:.3g} mm"
-    return Words(f"at most {text}", f"No element moves by more than {text}.")
-
-
-def _latency(periods: int, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if not periods:
-        return None
-    late = _late(periods, surface)
-    return Words(f"latency of {late}", f"A command takes effect {late} late.")
 
 
 def _spread(gain: float, values: Mapping[str, Any], surface: Surface) -> Words | None:
@@ -176,18 +181,6 @@ def _spread(gain: float, values: Mapping[str, Any], surface: Surface) -> Words |
     )
 
 
-def _bandwidth(hertz: float | None, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if hertz is None:
-        return None
-    return Words(f"lag ({hertz:g} Hz)", f"Elements follow commands with a lag (first order, {hertz:g} Hz).")
-
-
-def _resolution(step: float, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if not step:
-        return None
-    return Words(f"steps of {1e6 * step:g} µm", f"Elements can only do multiples of {1e6 * step:g} µm.")
-
-
 def _faulty(short: str, long: str) -> Said:
     def words(value: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
         if isinstance(value, Sequence):
@@ -199,24 +192,15 @@ def _faulty(short: str, long: str) -> Said:
     return words
 
 
-def _noise(sigma: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    off = _size("sensor.noise", sigma, surface)
-    if not off:
-        return None
-    return Words(f"noise of {off}", f"Measured poses are off by {off} (standard deviation, anew in every measurement).")
+def _off(name: str) -> Callable[[Any, Surface], str]:
+    """How far off measurements are, as the setting ``name`` of a sensor says it."""
 
+    def size(value: Any, surface: Surface) -> str:
+        position, heading = deviations(name, value, surface.width + surface.depth).tolist()
+        found = [f"{1e3 * position:.3g} mm"] if position else []
+        return " and ".join([*found, *([f"{math.degrees(heading):.3g}°"] if heading else [])])
 
-def _bias(bias: Any, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    off = _size("sensor.bias", bias, surface)
-    if not off:
-        return None
-    return Words(f"bias of {off}", f"All measurements of an episode share an error of {off} (standard deviation).")
-
-
-def _size(name: str, value: Any, surface: Surface) -> str:
-    position, heading = deviations(name, value, surface.width + surface.depth).tolist()
-    found = [f"{1e3 * position:.3g} mm"] if position else []
-    return " and ".join([*found, *([f"{math.degrees(heading):.3g}°"] if heading else [])])
+    return size
 
 
 def _camera(statistical: bool, values: Mapping[str, Any], surface: Surface) -> Words:
@@ -259,26 +243,6 @@ def _other_camera(name: str, said: str, factor: float = 1.0, unit: str = "") -> 
     return words
 
 
-def _delay(periods: int, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if not periods:
-        return None
-    late = _late(periods, surface)
-    return Words(f"measured {late} late", f"A measurement is {late} old when it arrives.")
-
-
-def _dropout(share: float, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if not share:
-        return None
-    text = f"{100.0 * share:.3g} %"
-    return Words(f"{text} of measurements missing", f"{text} of the measurements are missing.")
-
-
-def _rate(hertz: float | None, values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if hertz is None:
-        return None
-    return Words(f"{hertz:g} measurements a second", f"There are {hertz:g} measurements in a second.")
-
-
 ESTIMATORS = {
     "model": Words(
         "model estimator",
@@ -300,19 +264,20 @@ def _estimator(kind: Any, values: Mapping[str, Any], surface: Surface) -> Words 
     return ESTIMATORS.get(name, own)
 
 
-def _late(periods: int, surface: Surface) -> str:
-    return f"{periods} period{'' if periods == 1 else 's'} ({1e3 * periods * surface.period:g} ms)"
-
-
-def _tell(names: Sequence[str], values: Mapping[str, Any], surface: Surface) -> Words | None:
-    if not names:
-        return None
-    return Words(f"tells {joined(names)}", f"Observations also tell {joined(names)} of what is measured.")
-
-
 EVERY: dict[str, dict[str, Said]] = {
-    "actuators": {"latency": _latency},
-    "sensor": {"delay": _delay, "rate": _rate, "estimator": _estimator, "tell": _tell},
+    "actuators": {"latency": _plainly("latency of {}", "A command takes effect {} late.", _late)},
+    "sensor": {
+        "delay": _plainly("measured {} late", "A measurement is {} old when it arrives.", _late),
+        "rate": _plainly(
+            "{} measurements a second", "There are {} measurements in a second.", lambda hertz, _: f"{hertz:g}"
+        ),
+        "estimator": _estimator,
+        "tell": _plainly(
+            "tells {}",
+            "Observations also tell {} of what is measured.",
+            lambda names, _: joined(names) if names else "",
+        ),
+    },
 }
 """Setting -> what it means, of actuators and sensors of every kind."""
 
@@ -320,15 +285,31 @@ WORDS: dict[Any, dict[str, Said]] = {
     IdealActuators: {},
     PrototypeActuators: {
         "dead_zone": _dead_zone,
-        "limit": _limit,
+        "limit": _plainly("at most {}", "No element moves by more than {}.", lambda most, _: f"{1e3 * most:.3g} mm"),
         "gain_spread": _spread,
-        "bandwidth": _bandwidth,
-        "resolution": _resolution,
+        "bandwidth": _plainly(
+            "lag ({})", "Elements follow commands with a lag (first order, {}).", lambda hertz, _: f"{hertz:g} Hz"
+        ),
+        "resolution": _plainly(
+            "steps of {}", "Elements can only do multiples of {}.", lambda step, _: f"{1e6 * step:g} µm"
+        ),
         "dead": _faulty("dead", "can never move"),
         "stuck": _faulty("stuck", "can only move in a way of their own"),
     },
     IdealSensor: {},
-    PoseSensor: {"noise": _noise, "bias": _bias, "dropout": _dropout},
+    PoseSensor: {
+        "noise": _plainly(
+            "noise of {}",
+            "Measured poses are off by {} (standard deviation, anew in every measurement).",
+            _off("sensor.noise"),
+        ),
+        "bias": _plainly(
+            "bias of {}",
+            "All measurements of an episode share an error of {} (standard deviation).",
+            _off("sensor.bias"),
+        ),
+        "dropout": _plainly("{} of measurements missing", "{} of the measurements are missing.", _percent),
+    },
     CameraSensor: {
         "statistical": _camera,
         "lines": _lines,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Self
 
 from pydantic import Field
 
 from agents.evaluation.entries import HARDWARE_KEYS, HardwareEntry, PolicyEntry, hardware_entry, policy_entry
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.registration import ENVIRONMENTS
+from vibgym.policies.rollout import environment_id
 
 DEFAULT_EPISODES = 100
 DEFAULT_FIRST_SEED = 100_000
@@ -34,10 +34,10 @@ ENVIRONMENT_KEYS = (
 
 class RunSettings(Settings):
     """Policies on tasks, all on the same seeds; :class:`agents.evaluation.settings.EvaluationSettings` and
-    :class:`agents.comparison.settings.ComparisonSettings` say how they are judged.
+    :class:`agents.evaluation.comparison.contenders.ComparisonSettings` say how they are judged.
 
     Attributes:
-        tasks: names of environments without ``vibgym/`` and version.
+        tasks: ids of registered environments; those of vibgym also without ``vibgym/`` and version.
         policies: each a name ("zero"), the path of a trained policy, or a mapping of ``name`` (shown in the report),
             ``kind`` and the policy's own arguments, see :func:`vibgym.policies.make_policy`. From Python also objects that
             have ``predict``, themselves or as ``policy`` of such a mapping, beside ``action`` where they must be told which.
@@ -116,57 +116,53 @@ class RunSettings(Settings):
             ValueError: the first fault, in one line.
         """
 
+    @classmethod
+    def checked(cls, data: Any, episodes: int | None = None, output: str | None = None) -> Self:
+        """Checked settings from a mapping.
 
-Run = TypeVar("Run", bound=RunSettings)
+        Args:
+            data: the mapping, with the attributes as keys.
+            episodes: another number of episodes, for all tasks; of explicit seeds, the first ones.
+            output: another output directory.
 
+        Raises:
+            ValueError: the first fault, in one line.
+        """
+        where = cls.where
+        settings = parse(cls, data, where)
+        for field in ("episodes", "first_seed"):
+            if settings.seeds is not None and getattr(settings, field) is not None:
+                raise checks.refuse(f"{where}.{field}", getattr(settings, field), "nothing beside explicit 'seeds'")
+        for field in ("tasks", "seeds"):
+            values = getattr(settings, field) or []
+            if len(set(values)) != len(values):
+                twice = next(value for value in values if values.count(value) > 1)
+                raise checks.refuse(f"{where}.{field}", twice, "each value once")
+        for index, task in enumerate(settings.tasks):
+            environment_id(task, f"{where}.tasks.{index}")
+        most = 100_000 if settings.seeds is None else len(settings.seeds)
+        for task, count in settings.task_episodes.items():
+            checks.choice(f"{where}.task_episodes", task, tuple(settings.tasks))
+            checks.count(f"{where}.task_episodes.{task}", count, most=most)
+        for index, seed in enumerate(settings.seeds or []):
+            checks.count(f"{where}.seeds.{index}", seed, least=0, most=2**63 - 1)
+        for key in settings.environment:
+            checks.choice(f"{where}.environment", key, ENVIRONMENT_KEYS)
+        settings.machines()
+        settings.entries()
+        settings.check()
+        changes: dict[str, Any] = {} if output is None else {"output": output}
+        if episodes is not None:
+            checks.count("--episodes", episodes, most=most)
+            changes["task_episodes"] = {}
+            changes |= {"episodes": episodes} if settings.seeds is None else {"seeds": settings.seeds[:episodes]}
+        return settings.model_copy(update=changes)
 
-def checked(model: type[Run], data: Any, episodes: int | None = None, output: str | None = None) -> Run:
-    """Checked settings from a mapping.
-
-    Args:
-        model: of the settings.
-        data: the mapping, with the attributes of ``model`` as keys.
-        episodes: another number of episodes, for all tasks; of explicit seeds, the first ones.
-        output: another output directory.
-
-    Raises:
-        ValueError: the first fault, in one line.
-    """
-    where = model.where
-    settings = parse(model, data, where)
-    for field in ("episodes", "first_seed"):
-        if settings.seeds is not None and getattr(settings, field) is not None:
-            raise checks.refuse(f"{where}.{field}", getattr(settings, field), "nothing beside explicit 'seeds'")
-    for field in ("tasks", "seeds"):
-        values = getattr(settings, field) or []
-        if len(set(values)) != len(values):
-            twice = next(value for value in values if values.count(value) > 1)
-            raise checks.refuse(f"{where}.{field}", twice, "each value once")
-    for index, task in enumerate(settings.tasks):
-        checks.choice(f"{where}.tasks.{index}", task, tuple(ENVIRONMENTS))
-    most = 100_000 if settings.seeds is None else len(settings.seeds)
-    for task, count in settings.task_episodes.items():
-        checks.choice(f"{where}.task_episodes", task, tuple(settings.tasks))
-        checks.count(f"{where}.task_episodes.{task}", count, most=most)
-    for index, seed in enumerate(settings.seeds or []):
-        checks.count(f"{where}.seeds.{index}", seed, least=0, most=2**63 - 1)
-    for key in settings.environment:
-        checks.choice(f"{where}.environment", key, ENVIRONMENT_KEYS)
-    settings.machines()
-    settings.entries()
-    settings.check()
-    changes: dict[str, Any] = {} if output is None else {"output": output}
-    if episodes is not None:
-        checks.count("--episodes", episodes, most=most)
-        changes["task_episodes"] = {}
-        changes |= {"episodes": episodes} if settings.seeds is None else {"seeds": settings.seeds[:episodes]}
-    return settings.model_copy(update=changes)
-
-
-def load(model: type[Run], path: Path, episodes: int | None = None, output: str | None = None) -> Run:
-    """Checked settings from a YAML file; see :func:`checked`. Errors name the file."""
-    data = load_yaml(path)
-    try:
-        return checked(model, data, episodes, output)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    @classmethod
+    def load(cls, path: Path, episodes: int | None = None, output: str | None = None) -> Self:
+        """Checked settings from a YAML file; see :meth:`checked`. Errors name the file."""
+        data = load_yaml(path)
+        try:
+            return cls.checked(data, episodes, output)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
-from agents.evaluation.entries import Column, column, effect_arguments
-from agents.evaluation.run_settings import RunSettings, checked, load
+from agents.evaluation.entries import Column, columns, effect_arguments
+from agents.evaluation.run_settings import RunSettings
 from vibgym import checks
 from vibgym.config import Settings
 
@@ -32,14 +31,7 @@ class EffectsSettings(Settings):
 
     def columns(self, policies: Sequence[str]) -> list[Column]:
         """The policies of the table, checked against the names of the evaluation's."""
-        found: list[Column] = []
-        for index, entry in enumerate(self.policies):
-            field = f"evaluation.effects.policies.{index}"
-            each = column(entry, field, policies)
-            if any(each.name == other.name for other in found):
-                raise checks.refuse(f"{field}.name", each.name, "a name that no other policy of the table has")
-            found.append(each)
-        return found
+        return columns(self.policies, "evaluation.effects.policies", policies)
 
     def arguments(self) -> dict[str, dict[str, Any]]:
         """Name of a case -> arguments of the environment, checked."""
@@ -77,11 +69,5 @@ class EvaluationSettings(RunSettings):
             self.effects.arguments()
 
 
-def settings_from(data: Any, episodes: int | None = None, output: str | None = None) -> EvaluationSettings:
-    """Checked settings from a mapping; see :func:`agents.evaluation.run_settings.checked`."""
-    return checked(EvaluationSettings, data, episodes, output)
-
-
-def load_settings(path: Path, episodes: int | None = None, output: str | None = None) -> EvaluationSettings:
-    """Checked settings from a YAML file. Errors name the file."""
-    return load(EvaluationSettings, path, episodes, output)
+settings_from = EvaluationSettings.checked
+load_settings = EvaluationSettings.load

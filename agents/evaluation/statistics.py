@@ -7,34 +7,17 @@ rates then get the exact (Clopper-Pearson) interval of a binomial proportion, ot
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from agents.evaluation.rollout import Outcomes
-
-RNG_SEED = 20021
-"""Of the resampling, so that a report can be repeated to the digit."""
+from agents.evaluation.resampling import Interval, bootstrap, drawn, mean_of, percentiles
+from vibgym.policies.rollout import Outcomes
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A confidence interval and how it was found: "BCa bootstrap", "percentile bootstrap" or "Clopper-Pearson"."""
-
-    low: float
-    high: float
-    method: str
-
-    def negative(self) -> Interval:
-        """The interval of the negative quantity."""
-        return Interval(-self.high, -self.low, self.method)
-
-
-@dataclass(frozen=True)
-class Quartiles:
+class Quartiles(NamedTuple):
     """25, 50 and 75 % of a sample; nan of an empty one."""
 
     lower: float
@@ -43,7 +26,7 @@ class Quartiles:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PairedComparison:
     """Two policies on the same seeds of a task and the same hardware; differences are first minus second."""
 
     task: str
@@ -57,7 +40,7 @@ class Comparison:
     time_difference: float  # s, mean over those; nan if there are none
     time_interval: Interval | None  # None if there are fewer than two, or all differences are equal
 
-    def turned(self) -> Comparison:
+    def turned(self) -> PairedComparison:
         """The same comparison with the policies in the other order."""
         time = self.time_interval
         return replace(
@@ -71,27 +54,6 @@ class Comparison:
         )
 
 
-def bootstrap(values: np.ndarray, level: float, resamples: int, statistic: Callable[..., Any] = np.mean) -> Interval:
-    """Interval of the mean of ``values`` (n,), or another ``statistic`` of them; they must not all be equal.
-
-    The corrected method has no answer for some very uneven samples; the plain percentiles are then used, and named.
-    """
-    for method in ("BCa", "percentile"):
-        result = stats.bootstrap(
-            (values,),
-            statistic,
-            confidence_level=level,
-            n_resamples=resamples,
-            batch=1000,
-            method=method,
-            rng=np.random.default_rng(RNG_SEED),
-        )
-        low, high = (float(each) for each in result.confidence_interval)
-        if np.isfinite([low, high]).all():
-            return Interval(low, high, f"{method} bootstrap")
-    raise ArithmeticError(f"the bootstrap of {len(values)} values has no finite interval")
-
-
 def exact(successes: int, episodes: int, level: float) -> Interval:
     """Clopper-Pearson interval of a proportion."""
     found = stats.binomtest(successes, episodes).proportion_ci(level, method="exact")
@@ -99,10 +61,18 @@ def exact(successes: int, episodes: int, level: float) -> Interval:
 
 
 def success_interval(success: np.ndarray, level: float, resamples: int) -> Interval:
-    """Interval of a success rate from ``success`` (n,) bool, n >= 1."""
-    if success.all() or not success.any():
-        return exact(int(success.sum()), len(success), level)
-    return bootstrap(success.astype(np.float64), level, resamples)
+    """Interval of a success rate from ``success``, bool, (episodes,) or (runs, episodes).
+
+    Where all runs do alike in all episodes it is the exact one of as many episodes as one run has: runs on the same episodes
+    are no more of them.
+    """
+    table = np.atleast_2d(success)
+    runs, episodes = table.shape
+    if table.all() or not table.any():
+        return exact(int(table[0].sum()), episodes, level)
+    if runs == 1:
+        return bootstrap(table[0].astype(np.float64), level, resamples)
+    return percentiles(drawn(mean_of(table), runs, episodes, resamples), level, runs)
 
 
 def difference_interval(first: np.ndarray, second: np.ndarray, level: float, resamples: int) -> Interval:
@@ -132,7 +102,7 @@ def quartiles(values: np.ndarray) -> Quartiles:
 
 def compare(
     hardware: str, names: tuple[str, str], first: Outcomes, second: Outcomes, level: float, resamples: int
-) -> Comparison:
+) -> PairedComparison:
     """Compare two policies seed by seed.
 
     Raises:
@@ -144,7 +114,7 @@ def compare(
     times = (first.time_to_goal - second.time_to_goal)[both]
     # Times are whole steps: equal ones differ by rounding at most.
     spread = len(times) > 1 and np.ptp(times) > 1e-9
-    return Comparison(
+    return PairedComparison(
         task=first.task,
         hardware=hardware,
         first=names[0],

@@ -55,7 +55,7 @@ def asked(task: TaskInfo) -> str:
         asked.append("all parts in their zones")
     if task.apart is not None:
         asked.append(f"all parts more than {1e3 * task.apart:.1f} mm apart")
-    return joined(asked)
+    return joined(asked) or "what its documentation says"
 
 
 def facts(task: TaskInfo, episodes: int) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -13,6 +13,7 @@ from agents.recording.tracks import Tracks
 from vibgym import checks
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import Episodes, worlds_of
 from vibgym.policies.task_info import TaskInfo
 
 
@@ -55,12 +56,7 @@ class Recorder:
         first.close()
         checks.choice("environment.action", action or self.policy.action, (self.policy.action,))
         self.kwargs = {**given, "action": self.policy.action, "observation": settings.observation}
-        self.env: Any = gym.make_vec(
-            settings.environment_name,
-            num_envs=min(settings.worlds, settings.episodes),
-            autoreset_mode="Disabled",
-            **self.kwargs,
-        )
+        self.env: Any = worlds_of(settings.environment_name, min(settings.worlds, settings.episodes), **self.kwargs)
         self.policy = make_policy(settings.policy, TaskInfo.of(self.env), settings.first_seed)
 
     def episodes(self) -> Iterator[Episode]:
@@ -68,56 +64,66 @@ class Recorder:
 
         A world whose episode has ended begins the next one, until all have begun.
         """
-        env, worlds, policy = self.env, self.env.num_envs, self.policy
-        low, high = env.single_action_space.low, env.single_action_space.high
-        total, first, deviation = self.settings.episodes, self.settings.first_seed, self.settings.noise
-        number = np.arange(worlds)  # of the episode that a world plays; those past the last are played for nothing
-        begun, given, waiting = worlds, 0, dict[int, Episode]()
-        observation, info = env.reset(seed=first)
-        noises = [np.random.default_rng([first + k, 1]) for k in range(worlds)]
-        drawn = _drawn(info)
-        tracks, age, everyone = Tracks(worlds), np.zeros(worlds, dtype=np.int64), np.arange(worlds)
-        tracks.begin(everyone, observation)
-        start, state = np.ones(worlds, dtype=bool), None
-        kept = policy.observation == self.settings.observation
-        while given < total:
-            reads = observation if kept else env.unwrapped.observed(policy.observation)
-            action, state = policy.predict(reads, state, start, deterministic=True)
-            if deviation > 0.0:
-                action = action + deviation * np.stack([each.standard_normal(action.shape[1]) for each in noises])
-            action = np.clip(action, low, high).astype(np.float32)
-            observation, reward, terminated, truncated, info = env.step(action)
-            tracks.add(age, observation, action, reward)
-            age += 1
-            start = terminated | truncated
-            ended = np.flatnonzero(start)
-            for world in ended[number[ended] < total].tolist():
-                rows, actions, rewards = tracks.cut(world, int(age[world]))
-                waiting[int(number[world])] = Episode(
-                    first + int(number[world]),
-                    rows,
-                    actions,
-                    rewards,
-                    bool(terminated[world]),
-                    bool(truncated[world]),
-                    bool(info["is_success"][world]),
+        settings, env, given, waiting = self.settings, self.env, 0, dict[int, Episode]()
+        seeds = range(settings.first_seed, settings.first_seed + settings.episodes)
+        tracks, drawn = Tracks(env.num_envs), dict[str, np.ndarray]()
+        actor, number = Actor(self.policy, env, settings.observation, settings.noise), np.full(env.num_envs, -1)
+
+        def began(fresh: np.ndarray, observation: Any, info: dict[str, Any]) -> None:
+            worlds = np.flatnonzero(fresh)
+            number[worlds] = number.max() + 1 + np.arange(len(worlds))
+            actor.begin({int(world): seeds[number[world]] for world in worlds})
+            for name, value in _drawn(info).items():
+                drawn.setdefault(name, value)[worlds] = value[worlds]
+            tracks.begin(worlds, observation)
+
+        for step in Episodes(actor, env, seeds, began):
+            tracks.add(step.age - 1, step.observation, step.action, step.reward)
+            for world in np.flatnonzero(step.ended).tolist():
+                episode = int(step.episode[world])
+                waiting[episode] = Episode(
+                    seeds[episode],
+                    *tracks.cut(world, int(step.age[world])),
+                    bool(step.terminated[world]),
+                    bool(step.truncated[world]),
+                    bool(step.info["is_success"][world]),
                     {name: np.copy(value[world]) for name, value in drawn.items()},
                 )
             while given in waiting:
                 yield waiting.pop(given)
                 given += 1
-            if len(ended) and given < total:
-                number[ended] = begun + np.arange(len(ended))
-                begun += len(ended)
-                seeds: list[int | None] = [None] * worlds
-                for world in ended.tolist():
-                    seed = seeds[world] = first + int(number[world])
-                    noises[world] = np.random.default_rng([seed, 1])
-                observation, info = env.reset(seed=seeds, options={"reset_mask": start})
-                for name, value in _drawn(info).items():
-                    drawn[name][ended] = value[ended]
-                tracks.begin(ended, observation)
-                age[ended] = 0
+
+
+class Actor:
+    """The policy as it is recorded: it reads its own observation, whichever is kept, and its actions get noise.
+
+    Args:
+        policy, env: who acts where.
+        kept: name of the observation that the environment gives.
+        noise: standard deviation of what is added to every number of an action.
+    """
+
+    def __init__(self, policy: Policy, env: Any, kept: str, noise: float) -> None:
+        self.policy, self.env, self.noise = policy, env, noise
+        self.action, self.observation = policy.action, kept
+        self._noises: list[np.random.Generator] = [np.random.default_rng(0)] * env.num_envs
+
+    def begin(self, seeds: Mapping[int, int]) -> None:
+        """Episodes with these seeds begin, by world: the noise of each follows from its own."""
+        for world, seed in seeds.items():
+            self._noises[world] = np.random.default_rng([seed, 1])
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """See :class:`vibgym.policies.protocol.Policy`."""
+        if self.policy.observation != self.observation:
+            observation = self.env.unwrapped.observed(self.policy.observation)
+        action, state = self.policy.predict(observation, state, episode_start, deterministic)
+        if self.noise > 0.0:
+            action = action + self.noise * np.stack([each.standard_normal(action.shape[1]) for each in self._noises])
+        space = self.env.single_action_space
+        return np.clip(action, space.low, space.high).astype(np.float32), state
 
 
 def _drawn(info: dict[str, Any]) -> dict[str, np.ndarray]:

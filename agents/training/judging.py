@@ -15,6 +15,7 @@ from vibgym import checks
 from vibgym.files import write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import environment_id, run
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 
@@ -34,7 +35,7 @@ class Judge:
         rows: of the curve so far.
 
     Raises:
-        ValueError: an environment that is not one of vibgym's.
+        ValueError: an environment that is not one of vibgym's, or has no step limit.
     """
 
     def __init__(self, settings: TrainSettings, directory: Path) -> None:
@@ -43,9 +44,10 @@ class Judge:
         self.residual = settings.residual
         self._envs: list[tuple[Any, int]] = []
         self.rows: list[dict[Any, Any]] = []
-        if not settings.environment_name.startswith("vibgym/"):
-            raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
-        self.name = settings.environment_name
+        self.name = environment_id(settings.environment_name, "judging")
+        spec = gym.spec(self.name)
+        if spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None:
+            raise checks.refuse("judging", settings.task, "environments with a step limit: episodes must end")
         scenes = settings.all_scenes
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
@@ -144,19 +146,5 @@ def play(policy: Policy, env: Any, first_seed: int) -> tuple[np.ndarray, np.ndar
     Returns:
         Each (worlds,): success, bool; steps that the episode took; sum of its rewards.
     """
-    observation, _ = env.reset(seed=first_seed)
-    playing, start = np.ones(env.num_envs, dtype=bool), np.ones(env.num_envs, dtype=bool)
-    success, steps, returns = np.zeros_like(playing), np.zeros(env.num_envs, dtype=np.int64), np.zeros(env.num_envs)
-    state: Any = None
-    while True:
-        action, state = policy.predict(observation, state, start, deterministic=True)
-        observation, reward, terminated, truncated, info = env.step(action)
-        start = terminated | truncated
-        steps += playing
-        returns += np.where(playing, reward, 0.0)
-        success |= playing & info["is_success"]
-        playing &= ~start
-        if not playing.any():
-            return success, steps, returns
-        if start.any():  # the worlds that have ended play on, and nobody looks
-            observation, _ = env.reset(options={"reset_mask": start})
+    found = run(policy, env, range(first_seed, first_seed + env.num_envs), env.spec.name)
+    return found.success, found.steps, found.returns

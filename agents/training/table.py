@@ -15,15 +15,17 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.rollout import run
-from agents.evaluation.statistics import bootstrap, success_interval
+from agents.evaluation.resampling import bootstrap
+from agents.evaluation.statistics import success_interval
 from agents.training.judging import FILE as CURVE
 from agents.training.judging import usual
 from agents.training.settings import TrainSettings, load_settings
 from agents.training.train import POLICY
 from vibgym import checks
 from vibgym.files import csv_text, write_together
+from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
@@ -151,7 +153,6 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     path = directory / POLICY
     record = load_set(path, KIND, VERSION)[1]
     training, kind = record["training"], RESIDUAL if RESIDUAL in record else "trained"
-    task = settings.environment_name.removeprefix("vibgym/").removesuffix("-v0")
     hidden = ("action", "observation", "autoreset_mode")
     success, times, over, collisions, fallen = [], [], [], [], []
     scenes = [{**usual(settings.environment), **scene} for scene in settings.all_scenes]
@@ -159,7 +160,9 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         own = {key: value for key, value in scene.items() if key not in hidden}
         env = gym.make_vec(settings.environment_name, num_envs=1, action=record["action"], **own)
         policy = make_policy({"kind": kind, "path": str(path)}, TaskInfo.of(env))
-        found = run(policy, task, [FIRST_SEED + int(k) for k in share], own, quiet=True)
+        found = rollout(
+            policy, settings.environment_name, seeds=[FIRST_SEED + int(k) for k in share], keep=Measures, **own
+        )
         success.append(found.success)
         times.append(found.time_to_goal)
         over.append(found.time_over_bound)

@@ -14,9 +14,10 @@ import gymnasium as gym
 import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.evaluation.rollout import run
 from vibgym import checks
+from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 
 FIRST, BATCH = 8_000_000, 500
@@ -36,10 +37,10 @@ def measure(task: str, hardware: str, content: str, episodes: int) -> int:
     multiples, over = [], []
     for first in range(0, episodes, BATCH):
         seeds = range(FIRST + first, FIRST + min(first + BATCH, episodes))
-        rollout = run(policy, task, seeds, settings, quiet=True)
-        success = rollout.success
-        multiples.append(rollout.time_over_bound[success])
-        over.append(np.rint((rollout.time_to_goal - rollout.bound)[success] / rollout.step_time))
+        found = rollout(policy, task, seeds=seeds, keep=Measures, **settings)
+        success = found.success
+        multiples.append(found.time_over_bound[success])
+        over.append(np.rint((found.time_to_goal - found.bound)[success] / found.step_time))
     multiple, steps = np.concatenate(multiples), np.concatenate(over)
     beaten = int((steps < 0).sum())
     name = content if content.isidentifier() else "learned"

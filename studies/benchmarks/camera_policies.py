@@ -14,9 +14,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.rollout import Outcomes, outcomes
-from agents.evaluation.statistics import Interval, bootstrap, compare, quartiles, success_interval
+from agents.evaluation.resampling import Interval, bootstrap
+from agents.evaluation.statistics import compare, quartiles, success_interval
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import Outcomes, rollout
 from vibgym.policies.task_info import TaskInfo
 
 LEVEL, RESAMPLES = 0.95, 9999
@@ -42,7 +43,7 @@ def played(task: str, policy: Any, sensor: dict[str, Any], seeds: list[int]) -> 
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **environment)
     made = make_policy(policy, TaskInfo.of(env, task), seeds[0])
     env.close()
-    return outcomes(made, task, seeds, environment, quiet=True)
+    return rollout(made, task, seeds=seeds, **environment)
 
 
 def row(name: str, found: Outcomes) -> str:

@@ -13,9 +13,10 @@ import gymnasium as gym
 import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.evaluation.rollout import run
 from agents.evaluation.statistics import success_interval
+from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, VERSION
@@ -39,7 +40,9 @@ def main() -> None:
             scene = {"surface": {"rows": rows, "columns": columns}}
             env = gym.make_vec("vibgym/Align-v0", num_envs=1, action=action, **scene)
             policy = make_policy(str(path), TaskInfo.of(env))
-            played = run(policy, "Align", list(range(FIRST_SEED, FIRST_SEED + asked.episodes)), scene, quiet=True)
+            played = rollout(
+                policy, "Align", seeds=range(FIRST_SEED, FIRST_SEED + asked.episodes), keep=Measures, **scene
+            )
             interval = success_interval(played.success, 0.95, 2000)
             print(
                 f"{path.stem:<24}{rows:3d} x {columns:<3d}{100 * played.success.mean():6.1f} % of {asked.episodes} "

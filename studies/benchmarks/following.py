@@ -12,11 +12,11 @@ import argparse
 import json
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 
 import vibgym
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import Episodes, worlds_of
 from vibgym.policies.task_info import TaskInfo
 
 CIRCLE = {"shape": "circle", "centre_mm": [416, 104], "radius_mm": 60}
@@ -52,29 +52,13 @@ class Followed(NamedTuple):
 
 def follow(policy: Any, paths: list[dict[str, Any]], worlds: int, **environment: Any) -> Followed:
     """An episode of ``policy`` in each of ``worlds`` worlds whose parts have these paths."""
-    env: Any = gym.make_vec(
-        "vibgym/Follow-v0",
-        num_envs=worlds,
-        action="phasor",
-        paths=paths,
-        parts=["aluminium_block"] * len(paths),
-        autoreset_mode=gym.vector.AutoresetMode.DISABLED,
-        **environment,
-    )
-    actor = make_policy(policy, TaskInfo.of(env, "Follow"))
-    seen, _ = env.reset(seed=0)
-    alive, start, state = np.ones(worlds, dtype=bool), np.ones(worlds, dtype=bool), None
+    arguments = {"paths": paths, "parts": ["aluminium_block"] * len(paths), **environment}
+    env: Any = worlds_of("Follow", worlds, action="phasor", **arguments)
     errors, gaps = [], []
-    while alive.any():
-        action, state = actor.predict(seen, state, start)
-        seen, _, terminated, truncated, _ = env.step(action)
+    for step in Episodes(make_policy(policy, TaskInfo.of(env)), env, range(worlds)):
         truth = env.unwrapped.truth
-        errors.append(np.where(alive[:, None, None], truth.error, np.nan))
-        gaps.append(np.where(alive, truth.gap.min(axis=1), np.nan))
-        start = terminated | truncated
-        alive &= ~start
-        if start.any() and alive.any():
-            seen, _ = env.reset(options={"reset_mask": start})
+        errors.append(np.where(step.playing[:, None, None], truth.error, np.nan))
+        gaps.append(np.where(step.playing, truth.gap.min(axis=1), np.nan))
     env.close()
     return Followed(np.array(errors), np.array(gaps))
 

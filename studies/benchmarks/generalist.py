@@ -17,12 +17,13 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.rollout import outcomes
-from agents.evaluation.statistics import Interval, bootstrap, exact
+from agents.evaluation.resampling import Interval, bootstrap
+from agents.evaluation.statistics import exact
 from agents.training.outlines import TRAINING, UNSEEN, scenes
 from vibgym import Part
 from vibgym.config import part_from
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.outlines import is_convex
 
@@ -69,7 +70,7 @@ def play(policy: Any, drawn: Sequence[dict[str, Any]], episodes: int, case: dict
         acting = make_policy(policy, TaskInfo.of(env))
         env.close()
         first = FIRST_SEED + number * episodes
-        found.append(outcomes(acting, TASK, range(first, first + episodes), environment, quiet=True))
+        found.append(rollout(acting, TASK, seeds=range(first, first + episodes), **environment))
         parts.append(part_from(scene["parts"][0]))
     return Played(
         parts,

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluation.bound import least_times
 from vibgym.envs import VibgymVectorEnv
+from vibgym.policies.measures import least_times
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks import TASKS

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.evaluation.rollout import outcomes
 from agents.training.imitation import Imitation
 from agents.training.on_policy import acting, experts, make_env, make_model
 from agents.training.settings import ImitationSettings, PPOSettings, TrainSettings
+from vibgym.policies.rollout import rollout
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "none": {},
@@ -50,7 +50,7 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
     with torch.no_grad():
         mean, _ = model.policy.actor(torch.from_numpy(fresh.rows))
     error = float(np.sqrt(((mean.numpy() - fresh.action) ** 2).mean()))
-    found = outcomes(acting(model, settings), "Align", range(700_000, 700_100), {}, quiet=True)
+    found = rollout(acting(model, settings), "Align", seeds=range(700_000, 700_100))
     return (
         error,
         float(found.success.mean()),

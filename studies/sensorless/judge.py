@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from studies.sensorless.errors import COARSE, FINE, errors_of
 from studies.sensorless.play import draw_trials, play
 from studies.sensorless.settings import SensorlessSettings
 from vibgym import Part, Surface
+from vibgym.policies.rollout import run, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.schedule import Schedule, SchedulePolicy
 
@@ -63,23 +62,8 @@ def episodes(
     Starts are the environment's, from seeds ``first`` on; the goal is the schedule's.
     """
     arguments: dict[str, Any] = {"parts": [part], "actuators": hardware, "randomize": {"friction": list(friction)}}
-    env: Any = gym.make_vec(
-        "vibgym/Align-v0", num_envs=worlds, action=SchedulePolicy.action, observation=SchedulePolicy.observation,
-        autoreset_mode=AutoresetMode.DISABLED, **arguments,
-    )  # fmt: skip
+    env = worlds_of("Align", worlds, action=SchedulePolicy.action, observation=SchedulePolicy.observation, **arguments)
     policy = SchedulePolicy(TaskInfo.of(env), schedule)
-    observation, _ = env.reset(seed=first, options={"goal": schedule.goal})
-    alive, success, steps = np.ones(worlds, bool), np.zeros(worlds, bool), np.zeros(worlds)
-    state, start = None, alive.copy()
-    while alive.any():
-        action, state = policy.predict(observation, state, start)
-        observation, _, terminated, truncated, info = env.step(action)
-        start = terminated | truncated
-        steps += alive
-        success |= alive & info["is_success"]
-        alive &= ~start
-        if start.any() and alive.any():
-            observation, _ = env.reset(options={"reset_mask": start})
-    time = float(np.median(steps[success])) * policy.info.step_time if success.any() else float("nan")
+    found = run(policy, env, range(first, first + worlds), "Align", options={"goal": schedule.goal})
     env.close()
-    return success, time
+    return found.success, float(np.median(found.time_to_goal[found.success])) if found.success.any() else float("nan")

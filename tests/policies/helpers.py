@@ -5,9 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tests.envs.helpers import batch, single
+from tests.envs.helpers import single
 from vibgym import Surface
 from vibgym.config import part_from
+from vibgym.policies.measures import Measures
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 
 POSE_TASKS = ("Transport", "Align", "Rotate")
@@ -34,19 +36,6 @@ class Outcome(NamedTuple):
 
 def episodes(policy: Any, name: str, worlds: int = 100, first: int = FRESH, **settings: Any) -> Outcome:
     """Run a policy in as many worlds, an episode in each."""
-    env = batch(name, worlds, action=policy.action, observation=policy.observation, **settings)
-    seen, info = env.reset(seed=first)
-    alive, succeeded, steps = np.ones(worlds, bool), np.zeros(worlds, bool), np.zeros(worlds)
-    none = np.zeros(worlds, dtype=int)
-    touching, collisions, state, start = info.get("touching", none), 0, None, alive.copy()
-    while alive.any():
-        action, state = policy.predict(seen, state, start)
-        seen, _, terminated, truncated, info = env.step(action)
-        start = terminated | truncated
-        collisions += np.maximum(info.get("touching", none) - touching, 0)[alive].sum()
-        touching = info.get("touching", none)
-        steps += alive
-        succeeded |= alive & info["is_success"]
-        alive &= ~start
-    time = env.unwrapped.step_time * steps[succeeded].mean() if succeeded.any() else math.nan
-    return Outcome(int(succeeded.sum()), float(time), float(collisions / worlds))
+    found = rollout(policy, name, seeds=range(first, first + worlds), keep=Measures, **settings)
+    time = found.time_to_goal[found.success].mean() if found.success.any() else math.nan
+    return Outcome(int(found.success.sum()), float(time), float(np.nan_to_num(found.collisions).mean()))

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation.bound import least_times
-from agents.evaluation.results import Trial
-from agents.evaluation.rollout import run
+from agents.evaluation.records import Trial
 from tests.policies.helpers import FRESH, POSE_TASKS
 from vibgym import Surface, envs
+from vibgym.policies.measures import Measures, least_times
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 
 PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
@@ -29,9 +29,9 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
 def test_no_policy_beats_the_bound(task: str, content: str, settings: dict) -> None:
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.format(task.lower()), TaskInfo.of(env, task))
-    rollout = run(policy, task, range(FRESH + 5000, FRESH + 5040), settings, quiet=True)
-    assert rollout.success.mean() > 0.95
-    multiple = rollout.time_over_bound[rollout.success]
+    found = rollout(policy, task, seeds=range(FRESH + 5000, FRESH + 5040), keep=Measures, **settings)
+    assert found.success.mean() > 0.95
+    multiple = found.time_over_bound[found.success]
     assert (multiple > 1.0 - 1e-9).all()
     assert np.median(multiple) < {"Transport": 1.1, "Align": 1.15, "Rotate": 1.5}[task]  # else it would say little
 

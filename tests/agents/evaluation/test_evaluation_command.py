@@ -240,11 +240,11 @@ def test_a_second_evaluation_in_a_directory_is_refused(tmp_path: Path, capsys: p
 def test_a_full_disk_leaves_the_old_report_and_its_film(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from agents.evaluation import report
+    from agents.evaluation.report import report_page
 
     path, film = save(tmp_path, {"policies": [{"name": "=still", "kind": "zero"}]}), tmp_path / "film" / "hero.gif"
     arguments = ["evaluate", str(path), "--episodes", "2", "--gif", "Rotate", "=still", str(film), "--quiet"]
-    monkeypatch.setattr(report, "page", lambda *_: "first")  # drawing takes most of the time
+    monkeypatch.setattr(report_page, "page", lambda *_: "first")  # drawing takes most of the time
     assert command.main(arguments) == 0
     before = {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()}
     assert len(before) == 5
@@ -266,7 +266,7 @@ def test_a_full_disk_leaves_the_old_report_and_its_film(
         monkeypatch.setattr(os, "fsync", full)
         return "second"
 
-    monkeypatch.setattr(report, "page", late)
+    monkeypatch.setattr(report_page, "page", late)
     assert command.main(arguments) == 1
     caught = capsys.readouterr()
     assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from agents.evaluation import cost, cost_figure
+from agents.evaluation import cost
+from agents.evaluation.report import cost_figure
 from vibgym import Surface
 from vibgym.config import part_from
 from vibgym.scene.hulls import gaps_between

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation import effects_section
-from agents.evaluation.effects import cell_of
-from agents.evaluation.rollout import Outcomes, outcomes, run
+from agents.evaluation import tables
+from agents.evaluation.log import Log
+from agents.evaluation.report.effects import cell_of
 from tests.agents.evaluation.conftest import Pusher, Shepherd, Still
+from vibgym.policies.rollout import Ends, Outcomes, rollout
 
 OFF = {"kind": "prototype", "dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
 CASES: dict[str, dict[str, Any]] = {
@@ -64,10 +65,10 @@ def test_cells_are_those_of_rollouts(table: evaluation.Effects) -> None:
     assert list(cells) == [(case, policy) for case in CASES for policy in ("pusher", "late <eyes>", "still <&>")]
     for case, arguments in CASES.items():
         for policy, own in (("pusher", {}), ("late <eyes>", {"sensor": SENSOR})):
-            rollout = run(Pusher(), "Transport", list(range(300, 306)), {**arguments, **own}, quiet=True)
-            assert repr(cells[case, policy]) == repr(cell_of(case, policy, rollout, 0.95, 100))  # nan is not nan
-            assert cells[case, policy].successes == rollout.success.sum()
-            assert cells[case, policy].position_error_median_m == np.median(rollout.position_error)
+            alone = rollout(Pusher(), "Transport", seeds=range(300, 306), **{**arguments, **own})
+            assert repr(cells[case, policy]) == repr(cell_of(case, policy, alone, 0.95, 100))  # nan is not nan
+            assert cells[case, policy].successes == alone.success.sum()
+            assert cells[case, policy].position_error_median_m == np.median(alone.position_error)
     plain, late = cells["none", "pusher"], cells["none", "late <eyes>"]
     assert plain.successes >= 3 and cells["all dead", "pusher"].successes == 0  # else this has shown little
     assert late.position_error_median_m != plain.position_error_median_m
@@ -76,7 +77,7 @@ def test_cells_are_those_of_rollouts(table: evaluation.Effects) -> None:
 @pytest.mark.parametrize("task", ["Transport", "Singulate"])
 def test_outcomes_are_those_of_a_rollout(task: str) -> None:
     policy = Pusher() if task == "Transport" else Shepherd()
-    whole, ends = (each(policy, task, [5, 6, 7], {}, quiet=True) for each in (run, outcomes))
+    whole, ends = (rollout(policy, task, seeds=[5, 6, 7], keep=keep) for keep in (Log, Ends))
     for name in Outcomes.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(whole, name), getattr(ends, name))
     assert len(set(ends.steps.tolist())) > 1
@@ -125,12 +126,12 @@ def test_page(table: evaluation.Effects, files: Path) -> None:
     assert "5 periods (200 ms) old" in section
     for cell in table.cells:
         assert f"{100 * cell.success_rate:.1f} %" in section
-        assert f"background:{effects_section.colour(cell.success_rate)}" in section
+        assert f"background:{tables.colour(cell.success_rate)}" in section
 
 
 def test_colour_tells_success_from_failure() -> None:
     def opacity(share: float) -> tuple[str, float]:
-        hue, _, alpha = effects_section.colour(share).removesuffix(")").rpartition(", ")
+        hue, _, alpha = tables.colour(share).removesuffix(")").rpartition(", ")
         return hue, float(alpha)
 
     assert opacity(1.0)[0] == opacity(0.6)[0] != opacity(0.4)[0] == opacity(0.0)[0]

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation import animation, rollout
+from agents.evaluation import animation
+from agents.evaluation.log import Log
 from tests.envs.helpers import single
 from vibgym.envs.viewer import scenery_of
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 
 PATHS = [{"shape": "polyline", "points_mm": [[100, 80], [100, 110]]}]
@@ -19,7 +21,7 @@ def test_films_show_where_the_goal_is_at_each_instant():
     pytest.importorskip("pygame")
     env = single("Follow", paths=PATHS)
     policy = make_policy("zero", TaskInfo.of(env))
-    run = rollout.run(policy, "Follow", [1, 2], {"paths": PATHS}, quiet=True)
+    run = rollout(policy, "Follow", seeds=[1, 2], keep=Log, paths=PATHS)
     film = run.film
     assert film.goals.shape == (501, 1, 3) and not run.success.any() and (run.steps == 500).all()
     assert film.goals[0, 0, :2] == pytest.approx([0.1, 0.08]) and film.goals[-1, 0, :2] == pytest.approx([0.1, 0.11])

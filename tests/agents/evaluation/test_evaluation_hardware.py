@@ -12,9 +12,10 @@ import pytest
 
 from agents import evaluation
 from agents.evaluation.entries import laid_over, with_sensor
-from agents.evaluation.results import Trial
-from agents.evaluation.rollout import run
+from agents.evaluation.log import Log
+from agents.evaluation.records import Trial
 from tests.agents.evaluation.conftest import Pusher, Still
+from vibgym.policies.rollout import rollout
 
 BROKEN = {"kind": "prototype", "dead": 1.0, "latency": 0}
 LATE = {"kind": "prototype", "dead_zone": 0.0, "gain_spread": 0.0, "phase_spread": 0.0, "latency": 3}
@@ -81,7 +82,7 @@ def test_a_machine_whose_elements_are_all_dead_does_what_no_command_does(machine
 
 
 def test_same_numbers_as_on_that_hardware_alone(machines: evaluation.Results) -> None:
-    alone = run(Pusher(), "Align", list(range(300, 306)), {"actuators": LATE}, quiet=True)
+    alone = rollout(Pusher(), "Align", seeds=range(300, 306), keep=Log, actuators=LATE)
     together = machines.rollouts[Trial("Align", "late", "pusher")]
     np.testing.assert_array_equal(alone.poses, together.poses)
     np.testing.assert_array_equal(alone.returns, together.returns)

@@ -19,9 +19,10 @@ from matplotlib.text import Text
 from PIL import Image
 
 from agents import evaluation
-from agents.evaluation import animation, figures, report
+from agents.evaluation import animation
 from agents.evaluation.figures import new_figure
-from agents.evaluation.results import Trial
+from agents.evaluation.records import Trial
+from agents.evaluation.report import plots_of_episodes, report_page
 from vibgym.files import write_atomically
 
 
@@ -73,8 +74,8 @@ def test_page_says_what_was_found(found: evaluation.Results, written: Path) -> N
 
 def test_bold_differences_are_those_that_are_clear(found: evaluation.Results, written: Path) -> None:
     text = (written / "report.html").read_text(encoding="utf-8")
-    intervals = [each.success_interval for each in report.against_best(found)]
-    intervals += [each.time_interval for each in report.against_best(found) if each.time_interval is not None]
+    intervals = [each.success_interval for each in report_page.against_best(found)]
+    intervals += [each.time_interval for each in report_page.against_best(found) if each.time_interval is not None]
     clear = [each.low > 0.0 or each.high < 0.0 for each in intervals]
     assert text.count('<td class="clear">') == sum(clear) and not all(clear)
 
@@ -90,10 +91,12 @@ def test_a_name_is_drawn_as_it_is_written(
     }
     policies = {name if each == "pusher" else each: text for each, text in found.policies.items()}
     drawn: list[Figure] = []
-    monkeypatch.setattr(figures, "new_figure", lambda *size: drawn.append(new_figure(*size)) or drawn[-1])
+    monkeypatch.setattr(plots_of_episodes, "new_figure", lambda *size: drawn.append(new_figure(*size)) or drawn[-1])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # matplotlib's font does not have every character
-        figures.arrivals(dataclasses.replace(found, rollouts=rollouts, policies=policies), "Transport", "ideal")
+        plots_of_episodes.arrivals(
+            dataclasses.replace(found, rollouts=rollouts, policies=policies), "Transport", "ideal"
+        )
     (legend,) = drawn[0].legends
     texts = [text.get_text().rpartition(" (")[0] for text in legend.get_texts()]
     assert texts == ["still <&>", name, "counting"]

@@ -11,7 +11,7 @@ import pytest
 
 from agents import evaluation
 from agents.evaluation.log import WATCHED_AMONG, farthest_goal
-from agents.evaluation.results import Trial
+from agents.evaluation.records import Trial
 
 
 def alone(policy: Any, task: str, seed: int) -> dict[str, Any]:

@@ -17,10 +17,10 @@ from shapely import affinity
 
 from agents import evaluation
 from agents.evaluation import animation
-from agents.evaluation.log import SERIES
-from agents.evaluation.results import Trial
-from agents.evaluation.rollout import Rollout, run
+from agents.evaluation.log import SERIES, Log, Rollout
+from agents.evaluation.records import Trial
 from tests.agents.evaluation.conftest import Shepherd
+from vibgym.policies.rollout import rollout
 
 PAIRS = [Trial(task, "ideal", policy) for policy in ("shepherd", "lazy shepherd") for task in ("Sort", "Singulate")]
 
@@ -144,14 +144,14 @@ def test_some_succeed_and_some_do_not(several: evaluation.Results) -> None:
 
 
 def test_absent_parts_leave_no_trace() -> None:
-    rollout = run(Shepherd(), "Sort", list(range(12)), {"randomize": {"parts": [1, 3]}}, quiet=True)
-    present = np.isfinite(rollout.poses[:, 0, :, 0])
+    found = rollout(Shepherd(), "Sort", seeds=range(12), keep=Log, randomize={"parts": [1, 3]})
+    present = np.isfinite(found.poses[:, 0, :, 0])
     counts = present.sum(axis=1)
     assert set(counts.tolist()) == {1, 2, 3}
-    assert (np.isfinite(rollout.poses[..., 0]).any(axis=1) == present).all()
-    assert (rollout.path_lengths[~present] == 0.0).all() and (rollout.parts_done <= counts).all()
-    assert (np.isnan(rollout.clearance) == (counts == 1)).all() and (rollout.collisions[counts == 1] == 0).all()
-    assert (rollout.parts_done[rollout.success] == counts[rollout.success]).all()
+    assert (np.isfinite(found.poses[..., 0]).any(axis=1) == present).all()
+    assert (found.path_lengths[~present] == 0.0).all() and (found.parts_done <= counts).all()
+    assert (np.isnan(found.clearance) == (counts == 1)).all() and (found.collisions[counts == 1] == 0).all()
+    assert (found.parts_done[found.success] == counts[found.success]).all()
 
 
 def test_panels_show_what_a_task_has(several: evaluation.Results) -> None:
@@ -165,9 +165,9 @@ def test_panels_show_what_a_task_has(several: evaluation.Results) -> None:
         == said["Singulate", "ideal", "shepherd"]
         == ["position_error", "clearance", "parts_done"]
     )
-    for rollout in several.rollouts.values():
-        last = over_time(rollout, "position_error")[np.arange(len(rollout.steps)), rollout.steps]
-        np.testing.assert_array_equal(last, rollout.position_error.astype(np.float32))
+    for each in several.rollouts.values():
+        last = over_time(each, "position_error")[np.arange(len(each.steps)), each.steps]
+        np.testing.assert_array_equal(last, each.position_error.astype(np.float32))
 
 
 def test_columns(several: evaluation.Results, written_several: Path) -> None:

@@ -7,8 +7,9 @@ import pytest
 from scipy import stats
 
 from agents import evaluation
-from agents.evaluation.results import Trial
-from agents.evaluation.statistics import bootstrap, compare, difference_interval, quartiles, success_interval
+from agents.evaluation.records import Trial
+from agents.evaluation.resampling import bootstrap
+from agents.evaluation.statistics import compare, difference_interval, quartiles, success_interval
 
 LEVEL, RESAMPLES = 0.95, 9999
 

@@ -96,12 +96,15 @@ def test_episodes_are_dealt_out_to_scenes(tmp_path):
     ]  # fmt: skip
 
 
-def test_tasks_of_others_are_not_judged(tmp_path, monkeypatch):
+def test_own_tasks_are_judged_where_episodes_end(tmp_path, monkeypatch):
     import gymnasium as gym
 
     entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
     spec = gym.envs.registration.EnvSpec("mine/Align-v0", kwargs={"task": "Align"}, **entry)
     monkeypatch.setitem(gym.registry, "mine/Align-v0", spec)
-    with pytest.raises(ValueError, match="^judging: got 'mine/Align-v0'; allowed: nothing"):
+    with pytest.raises(ValueError, match="^judging: got 'mine/Align-v0'; allowed: environments with a step limit"):
         judge_in(tmp_path, task="mine/Align-v0")
     assert not list(tmp_path.iterdir())
+    spec.max_episode_steps = 30
+    judge = judge_in(tmp_path, task="mine/Align-v0")
+    assert judge.judge(Still(), 10, 1.0, "ppo")["success"] == 0.0 and judge.path.exists()

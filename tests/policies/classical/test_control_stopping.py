@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-from agents.evaluation.rollout import run
 from tests.policies.helpers import ALUMINIUM, DISC, FRESH, STEEL, SURFACE, info_of
 from vibgym import Part, Simulator
 from vibgym.allocation import Allocator
@@ -14,7 +13,9 @@ from vibgym.physics.core.drive import cartesian_drive
 from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.pose_law import PoseLaw, allowed_turn
 from vibgym.policies.classical.stopping import INSIDE, Landing, StoppingCurve, fastest_spin, time_left, turning_push
+from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 
 STEP = SURFACE.period
 LONG = Part.rectangle(0.080, 0.020, friction=0.58)
@@ -226,10 +227,10 @@ def test_tolerances_are_used_where_headings_count_and_goals_stay():
 def test_turning_takes_hardly_more_than_the_bound():
     """The whole chain on ideal hardware, at most a step more than the least in the median; no more than two in nearly all."""
     policy = make_policy({"kind": "local_field", "law": "pose"}, info_of("Rotate"))
-    rollout = run(policy, "Rotate", range(FRESH, FRESH + 80), {}, quiet=True)
-    steps = np.rint((rollout.time_to_goal - rollout.bound) / rollout.step_time)
-    assert rollout.success.all() and steps.min() >= 0.0
-    assert np.median(rollout.time_over_bound) <= 1.06 and (steps <= 2.0).mean() >= 0.9
+    found = rollout(policy, "Rotate", seeds=range(FRESH, FRESH + 80), keep=Measures)
+    steps = np.rint((found.time_to_goal - found.bound) / found.step_time)
+    assert found.success.all() and steps.min() >= 0.0
+    assert np.median(found.time_over_bound) <= 1.06 and (steps <= 2.0).mean() >= 0.9
 
 
 def test_law_brakes_turns_as_elements_can():

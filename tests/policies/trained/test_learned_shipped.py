@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from agents.evaluation.rollout import outcomes
 from agents.training.judging import usual
 from agents.training.settings import TrainSettings, agents_in, load_settings
 from agents.training.table import shipped_name
 from tests.policies.helpers import DISC, FRESH, episodes, info_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.catalogue import SHIPPED
 from vibgym.policies.trained.trained import RESIDUAL
@@ -82,7 +82,7 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
         policy = shipped(name, info)
         count = (SINGLE if len(info.parts) == 1 else CROWD) // len(each)
         seeds = range(FRESH + 1000 * number, FRESH + 1000 * number + count)
-        success += outcomes(policy, task, seeds, scene, quiet=True).success.tolist()
+        success += rollout(policy, task, seeds=seeds, **scene).success.tolist()
     least = binom.ppf(RARE, len(success), float(row["success_low"]))
     most = binom.ppf(1.0 - RARE, len(success), float(row["success_high"]))
     assert least <= sum(success) <= most, (sum(success), least, most)

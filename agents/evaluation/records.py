@@ -1,0 +1,94 @@
+"""What is kept of episodes: a line for each, and a row of statistics of some."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.evaluation.resampling import Interval
+from agents.evaluation.statistics import quartiles, success_interval
+from vibgym.policies.rollout import Outcomes
+
+
+class Trial(NamedTuple):
+    """What is run and judged in one piece."""
+
+    task: str
+    hardware: str
+    policy: str
+
+
+class Row(SimpleNamespace):
+    """Statistics of some episodes by name, in the order of a file's columns: a row of a table, or a cell of a study."""
+
+
+def successes(success: np.ndarray, level: float, resamples: int) -> dict[str, Any]:
+    """The columns on success, which is (episodes,) or (runs, episodes) bool: counts, rate and its interval."""
+    interval = success_interval(success, level, resamples)
+    return {
+        "episodes": success.shape[-1],
+        "successes": int(success.sum()),
+        "success_rate": float(success.mean()),
+        **ends("success", interval),
+        "success_interval_method": interval.method,
+    }
+
+
+def ends(name: str, interval: Interval | None, unit: str = "") -> dict[str, float]:
+    """The columns on an interval's ends; nan without one."""
+    low, high = (math.nan, math.nan) if interval is None else (interval.low, interval.high)
+    return {f"{name}_low{unit}": low, f"{name}_high{unit}": high}
+
+
+def spread(name: str, values: np.ndarray, unit: str = "") -> dict[str, float]:
+    """The columns on quartiles of the finite values."""
+    found = quartiles(values)
+    return {f"{name}_{which}{unit}": value for which, value in zip(("q25", "median", "q75"), found, strict=True)}
+
+
+ENDS = {
+    "seed": "seeds",
+    "success": "success",
+    "steps": "steps",
+    "time_to_goal_s": "time_to_goal",
+    "position_error_m": "position_error",
+    "heading_error_rad": "heading_error",
+    "fallen": "fallen",
+}
+"""Column -> what it holds of episodes of which the ends are kept."""
+
+ALL = {
+    "seed": "seeds",
+    "success": "success",
+    "steps": "steps",
+    "time_to_goal_s": "time_to_goal",
+    "bound_s": "bound",
+    "time_over_bound": "time_over_bound",
+    "position_error_m": "position_error",
+    "heading_error_rad": "heading_error",
+    "path_error_m": "path_error",
+    "fallen": "fallen",
+    "diverged": "diverged",
+    "return": "returns",
+    "path_length_m": "path_length",
+    "path_efficiency": "path_efficiency",
+    "parts_done": "parts_done",
+    "throughput_parts_per_s": "throughput",
+    "collisions": "collisions",
+    "clearance_m": "clearance",
+}
+"""The same of episodes of which all is kept: the columns of episodes.csv."""
+
+COUNTS = ("parts_done", "collisions")
+
+
+def episodes_of(found: Outcomes, columns: dict[str, str] = ENDS, **head: Any) -> list[dict[str, Any]]:
+    """One mapping per episode, each with ``head`` first."""
+    values = {name: np.asarray(getattr(found, what)).tolist() for name, what in columns.items()}
+    for name in COUNTS:
+        if name in values:
+            values[name] = [int(value) if math.isfinite(value) else value for value in values[name]]
+    return [{**head, **dict(zip(values, each, strict=True))} for each in zip(*values.values(), strict=True)]

@@ -1,0 +1,279 @@
+"""The report's page: one HTML file that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from agents.evaluation import animation, machine, words
+from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film, Rollout
+from agents.evaluation.pages import data_address, render
+from agents.evaluation.records import Row, Trial
+from agents.evaluation.report import cost_figure, effects_section, plots_of_episodes
+from agents.evaluation.report.results import Results
+from agents.evaluation.report.texts_of_results import kind_of
+from agents.evaluation.statistics import PairedComparison
+from agents.evaluation.tables import WORTH_SHOWING, number, plain, quantity, seeds_text, signed, thousands
+from agents.workers import side_by_side, usable
+from vibgym.policies.task_info import TaskInfo
+from vibgym.rendering import Scenery
+from vibgym.tasks.base import HOLD_PERIODS
+
+MOST_BYTES = 14_000_000
+"""Of the page; films share what is left of it."""
+
+FIGURE_BYTES = 140_000
+"""Of one plot in base64, generously: kept free when films get their shares."""
+
+DEGREES = 180.0 / math.pi
+
+GOAL_COLUMNS = (
+    ("Time to goal", "time", "times"),
+    ("Time / bound", "multiple", "multiples"),
+    ("Position error", "position", "positions"),
+    ("Heading error", "heading", "headings"),
+    ("Fallen", "fallen", ""),
+    ("Steps per second", "rate", ""),
+)
+"""Of the table of tasks in which every part has a goal pose: heading, and what cells show large and small."""
+
+PATH_COLUMNS = (
+    ("Time to goal", "time", "times"),
+    ("Path error (rms)", "path", "paths"),
+    ("Heading error", "heading", "headings"),
+    ("Fallen", "fallen", ""),
+    ("Steps per second", "rate", ""),
+)
+"""Of the table of tasks whose goals move."""
+
+TOGETHER_COLUMNS = (
+    ("Time to goal", "time", "times"),
+    ("Throughput", "throughput", "throughputs"),
+    ("Parts done", "done", "all"),
+    ("Collisions", "collisions", "clearance"),
+    ("Path efficiency", "efficiency", ""),
+    ("Position error", "position", "positions"),
+    ("Fallen", "fallen", ""),
+)
+"""Of the table of tasks whose parts are done together."""
+
+TABLES = (
+    ("", GOAL_COLUMNS, "goals"), ("Paths", PATH_COLUMNS, "paths"), ("Several parts", TOGETHER_COLUMNS, "together"),
+)  # fmt: skip
+"""Title, columns, and kind of tasks, see :func:`.texts_of_results.kind_of`."""
+
+
+def page(results: Results, quiet: bool = False) -> str:
+    """The whole page as HTML."""
+    settings, surface, infos = results.settings, results.surface, results.tasks
+    goals = [task for task, info in infos.items() if info.has_goal]
+    together = [task for task in infos if task not in goals]
+    sections, examples = _drawn(results, (goals, together), quiet)
+    tasks = {
+        task: {
+            "name": task,
+            "info": info,
+            "episodes": results.episodes(task),
+            "inventory": words.inventory(info.parts),
+            "asked": words.asked(info),
+            "sections": sections[task],
+        }
+        for task, info in infos.items()
+    }
+    tables = [
+        {"title": title, "columns": columns, "tasks": [tasks[task] for task in names]}
+        for title, columns, kind in TABLES
+        if (names := [task for task, info in infos.items() if kind_of(info) == kind])
+    ]
+    return render(
+        Path(__file__).with_name("report.html.j2"),
+        results=results,
+        settings=settings,
+        surface=surface,
+        loads=words.loads({task: (info, results.episodes(task)) for task, info in infos.items()}),
+        goals=goals,
+        together=together,
+        following=any(info.goal_moves for info in infos.values()),
+        several=any(len(info.parts) > 1 for info in infos.values()),
+        confidence=f"{100 * settings.confidence:g} %",
+        seeds=seeds_text(settings.seed_list()),
+        step_time=next(iter(infos.values())).step_time,
+        hold=HOLD_PERIODS,
+        shown=plots_of_episodes.SHOWN,
+        mapped=plots_of_episodes.MAPPED,
+        watched_among=WATCHED_AMONG,
+        turn_weight=1e3 * TURN_WEIGHT,
+        threads=results.provenance["machine"]["cores"] // usable(settings.processes),
+        tasks=list(tasks.values()),
+        tables=tables,
+        hardware=results.hardware,
+        machines=machine.cards({name: results.arguments_of(name) for name in results.hardware}, surface),
+        prototype=any(_kind(results.arguments_of(name)) == "prototype" for name in results.hardware),
+        effects=None if results.effects is None else effects_section.section(results),
+        comparisons=[_compared(each) for each in against_best(results)],
+        examples=examples,
+        colours={name: plots_of_episodes.policy_colour(results, name) for name in results.policies},
+        cost=None if results.cost is None else cost_figure.section(results.cost),
+        settings_text=json.dumps(plain(settings.as_written()), indent=2),
+    )
+
+
+def _drawn(results: Results, kinds: Sequence[Sequence[str]], quiet: bool) -> tuple[dict[str, list[Any]], list[str]]:
+    """Everything that takes time to draw: sections of every task, and an example of each kind of tasks."""
+    settings, trials = results.settings, list(results.rollouts)
+    places = [(task, hardware) for task in results.tasks for hardware in results.hardware_of(task)]
+    # Base64 needs 4 bytes for 3.
+    share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(trials) + len(places) + 4)) / len(trials))
+    with side_by_side(settings.processes) as submit:
+        drawn = []
+        for trial in tqdm(trials, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
+            asked = (results.tasks[trial.task], results.scenery[trial.task], settings.animations, max(share, 100_000))
+            drawn.append(submit(_pictures, results.rollouts[trial], *asked))
+        arrivals = {place: data_address(plots_of_episodes.arrivals(results, *place)) for place in places}
+        examples = [_example(results, tasks) for tasks in kinds if tasks and settings.animations]
+        cards: dict[tuple[str, str], list[dict[str, Any]]] = {place: [] for place in places}
+        for row, pictures in zip(results.rows, drawn, strict=True):
+            cards[row.task, row.hardware].append(_card(results, row) | pictures.result())
+    sections: dict[str, list[Any]] = {task: [] for task in results.tasks}
+    for task, hardware in places:
+        shown = {"cards": cards[task, hardware], "arrivals": arrivals[task, hardware]}
+        sections[task].append({"hardware": hardware, "episodes": results.episodes(task, hardware), **shown})
+    return sections, examples
+
+
+def _kind(environment: Mapping[str, Any]) -> str:
+    """Of the actuators."""
+    actuators = environment.get("actuators", "ideal")
+    return actuators["kind"] if isinstance(actuators, Mapping) else actuators
+
+
+def _card(results: Results, row: Row) -> dict[str, Any]:
+    """What the table's row and the card of one policy on one task say."""
+    trial = Trial(row.task, row.hardware, row.policy)
+    film, info = results.rollouts[trial].film, results.tasks[row.task]
+    return {
+        "row": row,
+        "success": f"{100 * row.success_rate:.1f}",
+        "interval": f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f}",
+        "time": quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
+        "times": _range(row.time_to_goal_q25_s, row.time_to_goal_q75_s, 1.0),
+        "multiple": quantity(row.time_over_bound_median, 1.0, 2, ""),
+        "multiples": _range(row.time_over_bound_q25, row.time_over_bound_q75, 1.0),
+        "position": quantity(row.position_error_median_m, 1e3, 2, "mm"),
+        "positions": _range(row.position_error_q25_m, row.position_error_q75_m, 1e3),
+        "heading": quantity(row.heading_error_median_rad, DEGREES, 2, "°"),
+        "headings": _range(row.heading_error_q25_rad, row.heading_error_q75_rad, DEGREES),
+        "path": quantity(row.path_error_median_m, 1e3, 2, "mm"),
+        "paths": _range(row.path_error_q25_m, row.path_error_q75_m, 1e3),
+        "fallen": str(row.fallen),
+        "efficiency": quantity(row.path_efficiency_median, 100.0, 0, "%"),
+        "rate": thousands(row.steps_per_second),
+        "rates": f"policy {thousands(row.policy_steps_per_second)}, "
+        f"environment {thousands(row.environment_steps_per_second)}",
+        "throughput": quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s"),
+        "throughputs": _range(row.throughput_q25_parts_per_s, row.throughput_q75_parts_per_s, 1.0),
+        "collisions": number(row.collisions_mean, 1),
+        "clearance": _millimetres(row.clearance_median_m),
+        "done": number(row.parts_done_mean, 2),
+        "all": f"of {len(info.parts)}",
+        "seed": film.seed,
+        "outcome": _outcome(film, info),
+    }
+
+
+def _pictures(rollout: Rollout, info: TaskInfo, scenery: Scenery, animated: bool, share: int) -> dict[str, Any]:
+    """The plot of one policy on one task, and its film of at most ``share`` bytes, as addresses of data."""
+    found: dict[str, Any] = {"plot": data_address(plots_of_episodes.trajectories(rollout, info, scenery)), "film": None}
+    if animated:
+        frames, interval = animation.frames_of(rollout.film, scenery, rollout.step_time)
+        found["film"] = data_address(animation.webp(frames, interval, share), "webp")
+        found["still"] = data_address(animation.png(frames[-1]))
+        found["size"] = (frames[0].shape[1], frames[0].shape[0])
+    return found
+
+
+def _outcome(film: Film, info: TaskInfo) -> str:
+    if info.has_goal:
+        verb = ("reaches", "does not reach") if len(info.parts) == 1 else ("reach", "do not all reach")
+        part, goal = ("part", "goal") if len(info.parts) == 1 else ("parts", "goals")
+        return f"the {part} {verb[0] if film.success else verb[1]} the {goal}"
+    parts = int(film.present.sum())
+    return f"all {parts} parts are done" if film.success else f"{film.done:.0f} of {parts} parts are done at the end"
+
+
+def _millimetres(value: float) -> str:
+    """With its sign: negative is an overlap."""
+    return "–" if not math.isfinite(value) else f"{signed(1e3 * value, 2).removeprefix('+')} mm"
+
+
+def _range(low: float, high: float, factor: float) -> str:
+    """ "1.20 – 3.40", or nothing where there is nothing to show."""
+    text = number(factor * high, 2)
+    return f"{number(factor * low, 2)} – {text}" if math.isfinite(high) and float(text) > 0.0 else ""
+
+
+def best_policy(results: Results, task: str, hardware: str) -> str:
+    """The policy with the most successes on a task and hardware; of equal ones the fastest to the goal."""
+    rows = [row for row in results.rows if (row.task, row.hardware) == (task, hardware)]
+    return min(rows, key=lambda row: (-row.successes, np.nan_to_num(row.time_to_goal_median_s, nan=np.inf))).policy
+
+
+def against_best(results: Results) -> list[PairedComparison]:
+    """Comparisons of the best policy on every task and hardware with each other one, the best one first."""
+    found = []
+    for each in results.comparisons:
+        best = best_policy(results, each.task, each.hardware)
+        if best == each.first:
+            found.append(each)
+        elif best == each.second:
+            found.append(each.turned())
+    return found
+
+
+def _compared(each: PairedComparison) -> dict[str, Any]:
+    low, high = 100 * each.success_interval.low, 100 * each.success_interval.high
+    time = each.time_interval
+    return {
+        "task": each.task,
+        "hardware": each.hardware,
+        "first": each.first,
+        "second": each.second,
+        "success": signed(100 * each.success_difference, 1),
+        "success_interval": f"{signed(low, 1)} to {signed(high, 1)}",
+        "success_clear": low > 0.0 or high < 0.0,
+        "both": each.both,
+        "time": f"{signed(each.time_difference, 2)} s" if each.both else "–",
+        "time_interval": "" if time is None else f"{signed(time.low, 2)} to {signed(time.high, 2)}",
+        "time_clear": time is not None and (time.low > 0.0 or time.high < 0.0),
+    }
+
+
+def _example(results: Results, tasks: Sequence[str]) -> str:
+    """A large picture for the reading aid: of the policies that ever work, the film with the most varied field."""
+    best = {
+        Trial(task, hardware, best_policy(results, task, hardware))
+        for task in tasks
+        for hardware in results.hardware_of(task)
+    }
+    frames: dict[Trial, int] = {}
+    variety: dict[Trial, tuple[bool, float]] = {}
+    for row in results.rows:
+        trial = Trial(row.task, row.hardware, row.policy)
+        if row.task in tasks and (row.success_rate >= WORTH_SHOWING or trial in best):
+            film, radius = results.rollouts[trial].film, results.tasks[row.task].parts[0].radius
+            # Half way there: the lines behind the parts show, and the goals are still free, if the task moves them at all.
+            way = (film.poses - film.poses[0])[..., :2]
+            travelled = np.hypot(way[..., 0], way[..., 1])[:, film.present].sum(axis=1)
+            frames[trial] = frame = int((travelled >= 0.5 * travelled.max()).argmax())
+            moved = bool(travelled[frame] > radius)
+            variety[trial] = (moved, float(film.phasors[frame].var(axis=(0, 1)).sum()))
+    chosen = max(variety, key=lambda trial: variety[trial])
+    film, scenery = results.rollouts[chosen].film, results.scenery[chosen.task]
+    shown = animation.picture(film, scenery, frames[chosen], animation.painter_for(scenery, 1064))
+    return data_address(animation.png(shown))

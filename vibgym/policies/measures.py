@@ -1,0 +1,128 @@
+"""What an episode is measured by: the least time that it needs, and collisions on its way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from vibgym.bounds import TimeBound
+from vibgym.envs import VibgymVectorEnv
+from vibgym.envs.shared import SharedInterface, Truth
+from vibgym.policies.rollout import Ends, Outcomes, Step, Timing
+from vibgym.scene import Part
+from vibgym.scene.hulls import gaps_between
+from vibgym.tasks import PoseTask
+from vibgym.tasks.episode import TOUCHING
+
+
+@dataclass(frozen=True)
+class Measured(Outcomes):
+    """How episodes ended, with what each is measured by."""
+
+    bound: np.ndarray  # s, least time to goal from this start, hold included; nan where none is known
+    collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
+
+    @property
+    def time_over_bound(self) -> np.ndarray:
+        """Time to goal as a multiple of the least one; nan without success, and where no bound is known."""
+        return self.time_to_goal / self.bound
+
+
+class Measures(Ends):
+    """Keeps the ends, the least time that each episode needs, and the collisions on its way; one world an episode.
+
+    Args:
+        env, info, seeds: as of :class:`vibgym.policies.rollout.Ends`.
+
+    Attributes:
+        fields: arrays (episodes, ...), named as in :class:`Measured`.
+    """
+
+    def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
+        super().__init__(env, info, seeds)
+        self.touches = Touches(env.parts, len(seeds)) if "touching" in info else None
+        self.fields |= {
+            "bound": least_times(env),
+            "collisions": np.full(len(seeds), np.nan if self.touches is None else 0.0),
+        }
+        if self.touches is not None:
+            self.touches.new(env.truth, info["touching"] > 0)  # pairs in touch at the start do not count
+
+    def add(self, step: Step) -> None:
+        """What a step has brought."""
+        super().add(step)
+        if self.touches is not None:
+            some = step.playing & (step.info["touching"] > 0)
+            self.fields["collisions"] += self.touches.new(self.env.truth, some)
+
+    def result(self, task: str, timing: Timing) -> Measured:
+        """All of it, when all episodes have ended."""
+        return Measured(task, self.seeds, self.env.step_time, **self.fields)
+
+
+class Touches:
+    """Pairs that come into touch, seen once a step.
+
+    A pair is in touch where the parts' outlines are closer than 0.1 mm at the end of a step; it counts whenever it is now and
+    was not a step ago. What touches and parts again within a step is not seen. Pairs in touch at the start do not count.
+
+    Args:
+        parts: of every world.
+        worlds: number of worlds.
+    """
+
+    def __init__(self, parts: Sequence[Part], worlds: int) -> None:
+        self.parts = parts
+        self.one, self.other = np.triu_indices(len(parts), 1)
+        self.touching = np.zeros((worlds, len(self.one)), dtype=bool)
+
+    def new(self, truth: Truth, some: np.ndarray) -> np.ndarray:
+        """(worlds,) pairs in touch now that were not when last asked.
+
+        Args:
+            truth: the state now.
+            some: (worlds,) bool, where pairs are in touch at all; none are elsewhere.
+        """
+        worlds = np.flatnonzero(some & np.isfinite(truth.pose).all(axis=(1, 2)))
+        touching = np.zeros_like(self.touching)
+        if len(worlds):
+            gaps = gaps_between(self.parts, truth.pose[worlds])
+            there = truth.present[worlds] & ~truth.fallen[worlds]
+            touching[worlds] = gaps[:, self.one, self.other] < TOUCHING
+            touching[worlds] &= there[:, self.one] & there[:, self.other]
+        found = (touching & ~self.touching).sum(axis=1)
+        self.touching = touching
+        return found
+
+
+def least_times(env: SharedInterface) -> np.ndarray:
+    """Least time to goal (worlds,) of the episodes that have just begun, s; see :class:`vibgym.bounds.TimeBound`.
+
+    Args:
+        env: with all worlds at the start of an episode.
+
+    Returns:
+        nan where no bound is known: for several parts and tasks without a goal pose, models other than the planar one, parts
+        that may stick, and where friction or the table's incline are not what part and table say.
+    """
+    core, truth = env.core, env.truth
+    state = core.simulator.state
+    known = isinstance(env.task, PoseTask) and len(env.parts) == 1 and core.simulator.model == "planar"
+    if not known or not env.surface.slides_permanently(env.parts[0].static_friction) or env.parts[0].friction == 0.0:
+        return np.full(len(truth.pose), np.nan)
+    bound = TimeBound(
+        env.surface,
+        env.parts[0],
+        position_tolerance=env.task.position_tolerance,
+        heading_tolerance=env.task.heading_tolerance,
+        heading_period=env.task.heading_period(env.parts[0]),
+        hold=env.task.hold,
+        periods_per_step=env.periods_per_step,
+        amplitude=core.actuators.most_amplitude,
+        latency=core.actuators.least_latency,
+    )
+    usual = (state.friction[:, 0] == 1.0) & (state.incline == 0.0).all(axis=1)
+    return np.where(usual, bound.seconds(truth.pose[:, 0], truth.goal[:, 0]), np.nan)

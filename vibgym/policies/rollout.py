@@ -1,0 +1,327 @@
+"""Episodes of a policy: one loop plays them, whoever looks on.
+
+:func:`rollout` plays an episode for every seed and says how each has ended. Under it is :class:`Episodes`, the loop itself, for
+those who look on step by step: judges, recorders, films.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.envs.registration import load_env_creator
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from vibgym import checks
+from vibgym.envs import VibgymVectorEnv
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+
+OWN_ARGUMENTS = ("num_envs", "autoreset_mode")
+"""Of an environment, which follow from the seeds."""
+
+
+@dataclass
+class Timing:
+    """Wall times of a rollout, s, as long as all worlds are at work. The first step is left out: it may compile kernels."""
+
+    world_steps: int = 0  # steps of all worlds together
+    policy: float = 0.0  # in predict()
+    environment: float = 0.0  # in step()
+
+    @property
+    def total(self) -> float:
+        """Of both together."""
+        return self.policy + self.environment
+
+    def rates(self) -> tuple[float, float, float]:
+        """Steps of worlds per second: all in all, of the policy alone, of the environment alone; nan without a step."""
+        all_in_all, policy, environment = (
+            self.world_steps / each if each > 0.0 else float("nan")
+            for each in (self.total, self.policy, self.environment)
+        )
+        return all_in_all, policy, environment
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What has come of one step of all worlds. Arrays are (worlds, ...)."""
+
+    episode: np.ndarray  # int64, which of the seeds the world's episode belongs to
+    age: np.ndarray  # int64, steps of this episode, this one included
+    playing: np.ndarray  # bool; all seeds are taken where it is False, and nobody looks
+    ended: np.ndarray  # bool, where an episode that counts has ended
+    action: np.ndarray  # that was done
+    observation: Any  # after the step, as are all below
+    reward: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+    info: dict[str, Any]
+
+
+class Episodes:
+    """Plays an episode for every seed; iterating gives a :class:`Step` after the other, until all have ended.
+
+    A world whose episode has ended takes the next seed. Where none is left it begins another episode with its first part alone,
+    which costs little. Actions are deterministic.
+
+    Args:
+        policy: acts in all worlds.
+        env: a batch of vibgym's that is not reset by itself (``autoreset_mode="Disabled"``), with the action and the
+            observation of the policy, of at most as many worlds as there are seeds.
+        seeds: of the episodes' resets.
+        began: called with (worlds,) bool, observation and info where episodes that count have begun.
+        options: of every reset of an episode that counts.
+
+    Attributes:
+        timing: what the steps have taken so far.
+    """
+
+    def __init__(
+        self,
+        policy: Policy,
+        env: Any,
+        seeds: Iterable[int],
+        began: Callable[[np.ndarray, Any, dict[str, Any]], None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> None:
+        self.policy, self.env, self.seeds = policy, env, list(seeds)
+        self.timing = Timing()
+        self._began, self._options = began, options or {}
+        self._episode, self._age = np.arange(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
+        self._taken = env.num_envs
+        self._idle: dict[str, Any] = {"parts": [0]} if len(env.unwrapped.parts) > 1 else {}
+        everyone = np.ones(env.num_envs, dtype=bool)
+        self._observation, info = env.reset(seed=self.seeds[: env.num_envs], options=options)
+        if began is not None:
+            began(everyone, self._observation, info)
+
+    def __iter__(self) -> Iterator[Step]:
+        env, state, start = self.env, None, np.ones(self.env.num_envs, dtype=bool)
+        playing, first = self._episode < len(self.seeds), True
+        while playing.any():
+            before = time.perf_counter()
+            action, state = self.policy.predict(self._observation, state, start, deterministic=True)
+            between = time.perf_counter()
+            observation, reward, terminated, truncated, info = env.step(action)
+            if playing.all() and not first:
+                self.timing.world_steps += len(playing)
+                self.timing.policy += between - before
+                self.timing.environment += time.perf_counter() - between
+            first, start = False, terminated | truncated
+            self._observation = observation
+            self._age += 1
+            yield Step(
+                self._episode.copy(), self._age.copy(), playing, playing & start, action, observation, reward,
+                terminated, truncated, info,
+            )  # fmt: skip
+            if start.any():
+                self._renew(start)
+            playing = self._episode < len(self.seeds)
+
+    def _renew(self, over: np.ndarray) -> None:
+        """Other episodes begin in the worlds ``over``, as long as there is anything to play."""
+        worlds = np.flatnonzero(over)
+        self._age[worlds] = 0
+        self._episode[worlds] = self._taken + np.arange(len(worlds))
+        self._taken += len(worlds)
+        playing = self._episode < len(self.seeds)
+        fresh, idle = over & playing, over & ~playing
+        if fresh.any():
+            seeds = [self.seeds[k] if new else None for k, new in zip(self._episode.tolist(), fresh, strict=True)]
+            self._observation, info = self.env.reset(seed=seeds, options={**self._options, "reset_mask": fresh})
+            if self._began is not None:
+                self._began(fresh, self._observation, info)
+        if idle.any() and playing.any():
+            self._observation, _ = self.env.reset(options={"reset_mask": idle, **self._idle})
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """How one policy's episodes on one task ended. Arrays are (episodes,), in the order of the seeds."""
+
+    task: str
+    seeds: tuple[int, ...]
+    step_time: float  # s that one step lasts in the simulated world
+    steps: np.ndarray  # int64, until success, fall, divergence or the step limit
+    success: np.ndarray  # bool
+    fallen: np.ndarray  # bool
+    diverged: np.ndarray  # bool
+    returns: np.ndarray  # sum of rewards
+    position_error: np.ndarray  # m, at the end
+    heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
+    path_error: np.ndarray  # m, rms distance from a goal that moves, of the part that was worst; nan where goals stay
+
+    @property
+    def time_to_goal(self) -> np.ndarray:
+        """Simulated time until success was established, its hold included, s; nan without success."""
+        return np.where(self.success, self.steps * self.step_time, np.nan)
+
+
+class Ends:
+    """Keeps how episodes end, and what they were rewarded with.
+
+    Args:
+        env: a vector environment whose episodes have just begun.
+        info: what its reset said.
+        seeds: of all episodes.
+
+    Attributes:
+        fields: arrays (episodes, ...), named as in :class:`Outcomes`.
+    """
+
+    def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
+        self.env, self.seeds, count = env, tuple(seeds), len(seeds)
+        self.fields: dict[str, np.ndarray] = {
+            "steps": np.zeros(count, dtype=np.int64),
+            **{key: np.zeros(count, dtype=bool) for key in ("success", "fallen", "diverged")},
+            **{key: np.zeros(count) for key in ("returns", "position_error")},
+            **{key: np.full(count, np.nan) for key in ("heading_error", "path_error")},
+        }
+
+    def add(self, step: Step) -> None:
+        """What a step has brought."""
+        fields, info = self.fields, step.info
+        fields["returns"][step.episode[step.playing]] += step.reward[step.playing]
+        if step.ended.any():
+            which = step.episode[step.ended]
+            fields["steps"][which] = step.age[step.ended]
+            fields["success"][which] = info["is_success"][step.ended]
+            for key in ("fallen", "diverged", "position_error", "heading_error", "path_error"):
+                if key in info:
+                    fields[key][which] = info[key][step.ended]
+
+    def result(self, task: str, timing: Timing) -> Outcomes:
+        """All of it, when all episodes have ended."""
+        return Outcomes(task, self.seeds, self.env.step_time, **self.fields)
+
+
+def rollout(
+    policy: Any,
+    task: str,
+    /,
+    *,
+    seeds: Iterable[int],
+    keep: Callable[..., Any] = Ends,
+    progress: Callable[[int], Any] | None = None,
+    **environment: Any,
+) -> Any:
+    """Play an episode for every seed, all of them in one batch of worlds.
+
+    The policy gets observations and nothing else; its actions are deterministic.
+
+    Args:
+        policy: anything that :func:`vibgym.policies.make_policy` takes.
+        task: the id of a registered environment, such as ``"vibgym/Sort-v0"`` or one of your own; ``"Sort"`` means the first.
+        seeds: of the episodes' resets, whole numbers.
+        keep: what is kept: ``keep(env, info, seeds)`` is told every :class:`Step` and gives the result, as :class:`Ends` does;
+            :class:`vibgym.policies.measures.Measures` also has time bounds and collisions.
+        progress: called with a number of episodes whenever so many more have ended.
+        **environment: keyword arguments of the environment, as ``gym.make`` takes them.
+
+    Returns:
+        :class:`Outcomes`, or what ``keep`` gives; arrays in the order of the seeds.
+
+    Raises:
+        ValueError: no such environment, one that is not of vibgym or has no step limit, a policy that does not serve it, or a
+            bad seed or setting.
+    """
+    name, numbers = environment_id(task), list(seeds)
+    if not numbers:
+        raise checks.refuse("seeds", numbers, "one seed at least")
+    for each in numbers:
+        checks.count("seeds", each, least=0, most=2**63 - 1)
+    for key in OWN_ARGUMENTS:
+        if key in environment:
+            raise checks.refuse(key, environment[key], "nothing: there is a world for every seed")
+    acting, spoken = _acting(policy, name, environment, numbers[0])
+    env = worlds_of(name, len(numbers), **{**environment, **spoken})
+    try:
+        return run(acting, env, numbers, task, keep=keep, progress=progress)
+    finally:
+        env.close()
+
+
+def run(
+    policy: Policy,
+    env: Any,
+    seeds: Sequence[int],
+    task: str,
+    *,
+    keep: Callable[..., Any] = Ends,
+    progress: Callable[[int], Any] | None = None,
+    options: dict[str, Any] | None = None,
+) -> Any:
+    """What ``keep`` makes of an episode for every seed; see :func:`rollout`.
+
+    Args:
+        policy, env, options: see :class:`Episodes`.
+        seeds: one for every world.
+        task: what the result calls the environment.
+        keep, progress: see :func:`rollout`.
+    """
+    kept: list[Any] = []
+    episodes = Episodes(policy, env, seeds, lambda _, __, info: kept.append(keep(env.unwrapped, info, seeds)), options)
+    for step in episodes:
+        kept[0].add(step)
+        if progress is not None and step.ended.any():
+            progress(int(step.ended.sum()))
+    return kept[0].result(task, episodes.timing)
+
+
+def _acting(policy: Any, name: str, environment: dict[str, Any], seed: int) -> tuple[Policy, dict[str, str]]:
+    """The policy itself, and the action and observation that its environment has."""
+    wanted = {key: environment[key] for key in ("action", "observation") if key in environment}
+    if not all(hasattr(policy, each) for each in ("predict", "action", "observation")):
+        if hasattr(policy, "predict") and not hasattr(policy, "action") and "action" in wanted:
+            policy = {"policy": policy, "action": wanted["action"]}
+        env: Any = gym.make_vec(name, num_envs=1, **environment)
+        policy = make_policy(policy, TaskInfo.of(env), seed)
+        env.close()
+    spoken = {"action": policy.action, "observation": policy.observation}
+    for key, value in wanted.items():
+        checks.choice(key, value, (spoken[key],))
+    return policy, spoken
+
+
+def environment_id(task: Any, field: str = "task") -> str:
+    """The id under which Gymnasium knows an environment of vibgym: what is given, or ``vibgym/Sort-v0`` for ``Sort``.
+
+    Args:
+        task: an id, or a short name.
+        field: of the settings that it comes from, for errors.
+
+    Raises:
+        ValueError: there is none, or it is none of vibgym's.
+    """
+    name = task if task in gym.registry else f"vibgym/{task}-v0"
+    if not isinstance(task, str) or name not in gym.registry:
+        own = [repr(spec.name) for spec in gym.registry.values() if spec.namespace == "vibgym"]
+        raise checks.refuse(field, task, f"{', '.join(own)}, or the id of another registered environment")
+    entry = gym.registry[name].vector_entry_point
+    made = load_env_creator(entry) if isinstance(entry, str) else entry
+    if made is None or (isinstance(made, type) and not issubclass(made, VibgymVectorEnv)):
+        raise checks.refuse(field, task, "environments with 'vibgym.envs:VibgymVectorEnv' as vector_entry_point")
+    return name
+
+
+def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:
+    """A batch of worlds in which :class:`Episodes` can play.
+
+    Args:
+        task: see :func:`environment_id`.
+        count: number of worlds.
+        **arguments: of the environment.
+
+    Raises:
+        ValueError: a bad setting, or an environment without a limit of steps.
+    """
+    env = gym.make_vec(environment_id(task), num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+    if env.unwrapped.max_episode_steps is None:  # type: ignore[attr-defined]
+        raise checks.refuse("task", task, "environments with a step limit: episodes must end")
+    return env
