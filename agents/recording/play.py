@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 
-from agents.recording.settings import RecordSettings
+from agents import environments
+from agents.recording.record_settings import RecordSettings
 from agents.recording.tracks import Tracks
 from vibgym import checks
 from vibgym.policies.protocol import Policy
@@ -50,13 +50,13 @@ class Recorder:
                 raise checks.refuse(f"environment.{name}", settings.environment[name], "nothing")
         given = dict(settings.environment)
         action = given.pop("action", None)
-        first: Any = gym.make_vec(settings.environment_name, num_envs=1, **given)
+        first: Any = environments.make_batch(settings.task, num_envs=1, **given)
         self.policy: Policy = make_policy(settings.policy, TaskInfo.of(first), settings.first_seed)
         first.close()
         checks.choice("environment.action", action or self.policy.action, (self.policy.action,))
         self.kwargs = {**given, "action": self.policy.action, "observation": settings.observation}
-        self.env: Any = gym.make_vec(
-            settings.environment_name,
+        self.env: Any = environments.make_batch(
+            settings.task,
             num_envs=min(settings.worlds, settings.episodes),
             autoreset_mode="Disabled",
             **self.kwargs,

@@ -7,11 +7,10 @@ import io
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from agents.training.settings import TrainSettings
-from vibgym import checks
+from agents import environments
+from agents.training.train_settings import TrainSettings
 from vibgym.files import write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
@@ -32,9 +31,6 @@ class Judge:
 
     Attributes:
         rows: of the curve so far.
-
-    Raises:
-        ValueError: an environment that is not one of vibgym's.
     """
 
     def __init__(self, settings: TrainSettings, directory: Path) -> None:
@@ -43,9 +39,7 @@ class Judge:
         self.residual = settings.residual
         self._envs: list[tuple[Any, int]] = []
         self.rows: list[dict[Any, Any]] = []
-        if not settings.environment_name.startswith("vibgym/"):
-            raise checks.refuse("judging", settings.task, "nothing: only environments of vibgym are judged")
-        self.name = settings.environment_name
+        self.task = settings.task
         scenes = settings.all_scenes
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
@@ -82,7 +76,7 @@ class Judge:
         if not self._envs:
             for arguments, first in self._scenes:
                 observation = policy.observation if self.residual is None else ResidualPolicy.observation
-                env = gym.make_vec(self.name, **{**arguments, "observation": observation})
+                env = environments.make_batch(self.task, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
         found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
         success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))

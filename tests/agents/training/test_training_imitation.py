@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training.imitation import Imitation
+from agents.training.imitation import Imitation, ImitationSettings
 from agents.training.parts_policy import PartsPolicy
-from agents.training.settings import ImitationSettings
 from tests.envs.helpers import batch
 from tests.policies.trained.helpers import coding_for
 from vibgym.policies.task_info import TaskInfo
