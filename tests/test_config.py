@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.training.settings import TrainSettings, load_settings
+from agents.training.train_settings import TrainSettings
+from agents.training.training_file import load_settings
 from vibgym import Part, Surface
 from vibgym.config import SurfaceSettings, load_yaml, parse, part_from, surface_from, to_si
 
@@ -274,8 +275,8 @@ GOOD = "task: Rotate\nsteps: 1000\n"
 def test_training_settings(tmp_path):
     settings = load_settings(written(tmp_path, GOOD + "ppo: {gamma: 0.9, net: [8]}\nenvironment: {action: field}\n"))
     assert isinstance(settings, TrainSettings)
-    assert (settings.task, settings.steps, settings.ppo.gamma, settings.ppo.net) == ("Rotate", 1000, 0.9, [8])
-    assert settings.environment == {"action": "field"} and settings.ppo.n_steps == 32
+    assert (settings.task, settings.steps, settings.own.gamma, settings.own.net) == ("Rotate", 1000, 0.9, [8])
+    assert settings.environment == {"action": "field"} and settings.own.n_steps == 32
 
 
 @pytest.mark.parametrize("text, field", [

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 
-from agents.recording.settings import RecordSettings
+from agents import environments
+from agents.recording.record_settings import RecordSettings
 from agents.recording.tracks import Tracks
 from vibgym import checks
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.rollout import Episodes, worlds_of
+from vibgym.policies.rollout import Episodes
 from vibgym.policies.task_info import TaskInfo
 
 
@@ -51,12 +51,17 @@ class Recorder:
                 raise checks.refuse(f"environment.{name}", settings.environment[name], "nothing")
         given = dict(settings.environment)
         action = given.pop("action", None)
-        first: Any = gym.make_vec(settings.environment_name, num_envs=1, **given)
+        first: Any = environments.make_batch(settings.task, num_envs=1, **given)
         self.policy: Policy = make_policy(settings.policy, TaskInfo.of(first), settings.first_seed)
         first.close()
         checks.choice("environment.action", action or self.policy.action, (self.policy.action,))
         self.kwargs = {**given, "action": self.policy.action, "observation": settings.observation}
-        self.env: Any = worlds_of(settings.environment_name, min(settings.worlds, settings.episodes), **self.kwargs)
+        self.env: Any = environments.make_batch(
+            settings.task,
+            num_envs=min(settings.worlds, settings.episodes),
+            autoreset_mode="Disabled",
+            **self.kwargs,
+        )
         self.policy = make_policy(settings.policy, TaskInfo.of(self.env), settings.first_seed)
 
     def episodes(self) -> Iterator[Episode]:

@@ -19,10 +19,10 @@ from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
 import vibgym
-from agents import locks
+from agents import environments, locks
 from agents.recording import storage
 from agents.recording.play import Recorder
-from agents.recording.settings import RecordSettings
+from agents.recording.record_settings import RecordSettings
 from vibgym import checks
 from vibgym.files import WriteError, reason
 from vibgym.policies.task_info import TaskInfo
@@ -76,8 +76,10 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
 def _write(recorder: Recorder, quiet: bool) -> int:
     """Play, and write a data set to where Minari keeps them now; returns its steps."""
     settings, env = recorder.settings, recorder.env
-    spec = copy.deepcopy(gym.spec(settings.environment_name))
-    spec.kwargs.update(recorder.kwargs)
+    name = environments.environment_id(settings.task)
+    spec = copy.deepcopy(gym.registry.get(name))
+    if spec is not None:  # of a task alone there is none
+        spec.kwargs.update(recorder.kwargs)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
         made = minari.create_dataset_from_buffers(
@@ -87,7 +89,7 @@ def _write(recorder: Recorder, quiet: bool) -> int:
             action_space=env.single_action_space,
             observation_space=env.single_observation_space,
             algorithm_name=_named(settings.policy),
-            description=f"{settings.episodes} episodes of {_named(settings.policy)} on {settings.environment_name}.",
+            description=f"{settings.episodes} episodes of {_named(settings.policy)} on {name}.",
             code_permalink=None,
             requirements=[f"vibgym=={vibgym.__version__}"],
             jpeg_encoding=False,

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.training.settings import MOST_STEPS, TrainSettings
+from agents.failures import Diverged
+from agents.training.hyperparameters import MOST_STEPS
+from agents.training.train_settings import TrainSettings
 from agents.training.trees import put_together, taken_apart
 from vibgym import checks
 from vibgym.policies.trained.storage import as_float32, load_set, save_set
@@ -24,14 +26,6 @@ STATE = "state.json"
 
 FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
 """Settings that may change between the sittings of a run."""
-
-
-class Diverged(RuntimeError):
-    """A model has numbers that are not finite; nothing has been written."""
-
-
-class TrainingError(RuntimeError):
-    """A training that ended before its time, for no fault of the program's."""
 
 
 def check_finite(model: Any) -> None:

@@ -12,17 +12,36 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from pydantic import Field
 
+from agents.training.hyperparameters import Rate
 from agents.training.parts_policy import PartsPolicy
-from agents.training.settings import ImitationSettings
 from vibgym import checks
+from vibgym.adapters.sb3 import VecEnv
+from vibgym.config import Settings
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding, Seen
 from vibgym.policies.trained.pictures import PictureCoding
 
 MOST_FOUND = 4e9
 """Bytes of demonstrations."""
+
+
+class ImitationSettings(Settings):
+    """What an expert teaches beforehand, see :class:`Imitation`."""
+
+    expert: Any  # a policy that speaks the environment's action
+    rounds: int = Field(4, ge=1, le=1000)
+    steps: int = Field(100, ge=1, le=1_000_000)  # of each world, in a round
+    epochs: int = Field(4, ge=1, le=10_000)  # after each round, over all that has been found
+    batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
+    learning_rate: Rate = 1e-3
+    noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of what disturbs those who act
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are not weighed by it any more
+    own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
 
 
 class Demonstrations(NamedTuple):
@@ -31,6 +50,29 @@ class Demonstrations(NamedTuple):
     rows: np.ndarray
     mask: np.ndarray
     action: np.ndarray
+
+
+def experts(lessons: ImitationSettings, action: str, seed: int, env: VecEnv) -> list[tuple[Policy, VibgymVectorEnv]]:
+    """Whom a run imitates in each of its scenes.
+
+    Args:
+        lessons: who the expert is.
+        action: what it has to speak, the run's.
+        seed: of experts that draw random numbers.
+        env: of the run.
+
+    Raises:
+        ValueError: an expert that does not serve the task, or does not speak its actions.
+    """
+    found = []
+    for wrapped in env.envs:
+        scene = wrapped.unwrapped  # its rewards do not count here
+        expert = make_policy(lessons.expert, TaskInfo.of(scene), seed)
+        if expert.action != action or expert.observation != "state":
+            got = f"one that speaks {expert.action!r} and reads {expert.observation!r}"
+            raise checks.refuse("imitation.expert", got, f"one that speaks {action!r} and reads 'state'")
+        found.append((expert, scene))
+    return found
 
 
 class Demonstrator:

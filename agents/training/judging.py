@@ -10,12 +10,13 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.training.settings import TrainSettings
+from agents import environments
+from agents.training.train_settings import TrainSettings
 from vibgym import checks
 from vibgym.files import write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
-from vibgym.policies.rollout import environment_id, run
+from vibgym.policies.rollout import run
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 
@@ -35,7 +36,7 @@ class Judge:
         rows: of the curve so far.
 
     Raises:
-        ValueError: an environment that is not one of vibgym's, or has no step limit.
+        ValueError: an environment that is not registered, or has no step limit.
     """
 
     def __init__(self, settings: TrainSettings, directory: Path) -> None:
@@ -44,10 +45,11 @@ class Judge:
         self.residual = settings.residual
         self._envs: list[tuple[Any, int]] = []
         self.rows: list[dict[Any, Any]] = []
-        self.name = environment_id(settings.environment_name, "judging")
-        spec = gym.spec(self.name)
-        if spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None:
-            raise checks.refuse("judging", settings.task, "environments with a step limit: episodes must end")
+        self.task = settings.task
+        spec = gym.registry.get(environments.environment_id(self.task))
+        if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
+            allowed = "registered environments with a step limit: episodes must end"
+            raise checks.refuse("judging", settings.task, allowed)
         scenes = settings.all_scenes
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
         self._scenes = [
@@ -84,7 +86,7 @@ class Judge:
         if not self._envs:
             for arguments, first in self._scenes:
                 observation = policy.observation if self.residual is None else ResidualPolicy.observation
-                env = gym.make_vec(self.name, **{**arguments, "observation": observation})
+                env = environments.make_batch(self.task, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
         found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
         success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from agents.training.settings import load_settings
 from agents.training.train import train
+from agents.training.training_file import load_settings
 from agents.workers import side_by_side
 from vibgym import checks
 

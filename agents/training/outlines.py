@@ -11,8 +11,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from vibgym import Part, checks
+from vibgym.config import Settings
 from vibgym.scene.outlines import convex_hull
 
 LEAST_SIZE, MOST_SIZE = 0.005, 0.2
@@ -115,6 +117,16 @@ FAMILIES: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
 TRAINING = (DISC, "rectangle", "regular", "convex", "wavy", "ell", "tee")
 UNSEEN = ("you", "star", "cross")
 """Families to train on, and those kept for tests."""
+
+
+class OutlineSettings(Settings):
+    """Scenes of one part each, of random outline, size and friction, see :func:`scenes`."""
+
+    count: int = Field(48, ge=1, le=10_000)
+    seed: int = Field(0, ge=0, lt=2**63)
+    families: list[str] = list(TRAINING)
+    size: list[float] = Field([0.020, 0.080], min_length=2, max_length=2)  # m, of the largest dimension
+    friction: list[float] = Field([0.3, 0.9], min_length=2, max_length=2)
 
 
 def scenes(

@@ -12,6 +12,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
+from agents.training.hyperparameters import NetworkSettings
 from agents.training.networks.elements import ElementsActor
 from agents.training.networks.parts import PartsActor, PartsCritic
 from agents.training.networks.pixels import PixelsActor, PixelsCritic
@@ -40,17 +41,14 @@ class WholeObservation(BaseFeaturesExtractor):
 
 
 class PartsPolicy(ActorCriticPolicy):
-    """Actor and critic over observations by parts; for :class:`agents.training.ppo.PartsPPO`, and for SB3's own PPO.
+    """Actor and critic over observations by parts; for :class:`agents.training.ppo.learner.PartsPPO`, and for SB3's own PPO.
 
     For the latter a world is one sample: log-probabilities add up over its parts, and its value is their mean.
 
     Args:
         observation_space, action_space, lr_schedule: as SB3 hands them on.
         coding: of the environment.
-        actor: among :data:`NETWORKS`.
-        net, critic_net: widths of the hidden layers.
-        activation: of these.
-        attention: size of the encodings of other parts.
+        network: which one of :data:`NETWORKS`, its widths, activation, and size of the encodings of other parts.
         log_std: of the exploration at the start.
         noise_floor: see :class:`agents.training.networks.parts.PartsActor`, which alone takes one; None: none.
     """
@@ -62,21 +60,18 @@ class PartsPolicy(ActorCriticPolicy):
         lr_schedule: Any,
         *,
         coding: Coding | PictureCoding,
-        actor: str,
-        net: list[int],
-        critic_net: list[int],
-        activation: str,
-        attention: int,
+        network: NetworkSettings,
         log_std: float,
         noise_floor: float | None = None,
         **more: Any,
     ) -> None:
         self.coding = coding
-        of_actor, of_critic = NETWORKS[actor]
+        of_actor, of_critic = NETWORKS[network.network]
+        rest = network.activation, network.attention
         floor = {} if noise_floor is None else {"floor": noise_floor}
         self._make = lambda: (
-            of_actor(coding.shape, net, activation, attention, log_std, **floor),
-            of_critic(coding.shape, critic_net, activation, attention),
+            of_actor(coding.shape, list(network.net), *rest, log_std, **floor),
+            of_critic(coding.shape, list(network.critic_net), *rest),
         )
         super().__init__(
             observation_space, action_space, lr_schedule, features_extractor_class=WholeObservation, **more

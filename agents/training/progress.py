@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,14 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from agents.training import checkpoint
+from agents.training.algorithm import Algorithm
 from agents.training.judging import Judge
-from agents.training.settings import TrainSettings
+from agents.training.train_settings import TrainSettings
 from vibgym.policies.trained.storage import load_set, save_set
 
 BEST = "best.json"
 
-Judged = Callable[[dict[str, Any]], None]
+Listener = Callable[[dict[str, Any]], None]
 """Told of a row of the learning curve."""
 
 
@@ -27,27 +27,27 @@ class Progress(BaseCallback):
     """Progress bar, learning curve and checkpoints, each between two updates.
 
     Args:
-        algorithm: one of :data:`agents.training.train.ALGORITHMS`.
+        algorithm: of the run.
         settings, directory: of the run.
         seconds_before: trained before this sitting.
         quiet: no bar.
         judge: of the learning curve; None: there is none.
-        judged: told of its rows.
+        listener: told of its rows.
     """
 
     def __init__(
         self,
-        algorithm: ModuleType,
+        algorithm: Algorithm,
         settings: TrainSettings,
         directory: Path,
         seconds_before: float = 0.0,
         quiet: bool = True,
         judge: Judge | None = None,
-        judged: Judged | None = None,
+        listener: Listener | None = None,
     ) -> None:
         super().__init__()
         self.algorithm, self.settings, self.directory, self.judge = algorithm, settings, directory, judge
-        self.judged = judged
+        self.listener = listener
         self.seconds_before, self.began = seconds_before, time.perf_counter()
         self.bar: Any = tqdm(total=settings.steps, unit="step", unit_scale=True, disable=quiet)
         self.saved_at = 0  # steps of the checkpoint on disk
@@ -72,7 +72,7 @@ class Progress(BaseCallback):
             length = float(np.mean([each["l"] for each in episodes]))
             self.bar.set_postfix_str(f"success {100 * success:.1f} %, {length:.0f} steps an episode", refresh=False)
         if self.judge is not None and self.judge.due(self.num_timesteps):
-            self.play(self.algorithm.PHASE)
+            self.play(self.algorithm.phase)
         if self.num_timesteps - self.saved_at >= self.settings.checkpoint_steps:
             self.save()
 
@@ -80,14 +80,12 @@ class Progress(BaseCallback):
         """Add a row to the learning curve, and keep the actor where it does better than ever before."""
         if self.judge is None:
             return
-        row = self.judge.judge(
-            self.algorithm.acting(self.model, self.settings), self.model.num_timesteps, self.seconds, phase
-        )
+        row = self.judge.judge(self.algorithm.acting(self.model), self.model.num_timesteps, self.seconds, phase)
         if self.judge.is_best(row):
             record = {"steps": row["steps"], "success": row["success"], "time_to_goal": row["time_to_goal"]}
             save_set(self.directory / BEST, checkpoint.KIND, self.algorithm.actor(self.model), record)
-        if self.judged is not None:
-            self.judged(row)
+        if self.listener is not None:
+            self.listener(row)
 
     def take_best(self) -> int:
         """Take the actor to where it did best on the episodes of the learning curve; returns the steps made until then."""

@@ -10,13 +10,32 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
 
 from agents.training.trees import as_was
 from vibgym import checks
+from vibgym.config import Settings
 from vibgym.envs.actions import Wrench
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.residual import SCALE, Base
+from vibgym.policies.trained.residual import SCALE, Base, base_named
+
+
+class ResidualSettings(Settings):
+    """What the network corrects, see :class:`ResidualEnv`."""
+
+    base: dict[str, Any]  # a policy that speaks "wrench", which need not be said, and reads "state"
+    scale: float = Field(0.5, gt=0, le=2)  # of the network's action, before it is added to the base's
+
+    @field_validator("base")
+    @classmethod
+    def _named(cls, base: dict[str, Any]) -> dict[str, Any]:
+        try:
+            return base_named(base)
+        except ValueError:
+            allowed = "a mapping with 'kind', the name of a policy that is itself no correction"
+            raise PydanticCustomError("base", allowed) from None  # type: ignore[arg-type]
 
 
 class ResidualEnv(VectorWrapper):

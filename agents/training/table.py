@@ -10,17 +10,18 @@ import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 
+from agents import environments
 from agents.evaluation.resampling import bootstrap
 from agents.evaluation.statistics import success_interval
 from agents.training.judging import FILE as CURVE
 from agents.training.judging import usual
-from agents.training.settings import TrainSettings, load_settings
 from agents.training.train import POLICY
+from agents.training.train_settings import TrainSettings
+from agents.training.training_file import load_settings
 from vibgym import checks
 from vibgym.files import csv_text, write_together
 from vibgym.policies.measures import Measures
@@ -36,14 +37,24 @@ FIRST_SEED = 200_000
 LEVEL, RESAMPLES = 0.95, 2000
 
 
+TABLE = "agents.csv"
+
+
+class Places(NamedTuple):
+    """Where a table goes."""
+
+    output: Path
+    """Directory of ``agents.csv``, in which rows of other agents stay; ``curves/`` and ``policies/`` stand beside it."""
+
+    page: Path | None = None
+    """Where the whole table goes in Markdown; None: nowhere."""
+
+    ship: Path | None = None
+    """Directory for the best seeds' policies, ``align.json``, ``align-prototype.json`` and so on; None: none."""
+
+
 def tabulate(
-    config: Path,
-    names: Sequence[str],
-    seeds: Sequence[int],
-    episodes: int,
-    output: Path,
-    ship: Path | None,
-    markdown: Path | None = None,
+    config: Path, names: Sequence[str], seeds: Sequence[int], episodes: int, into: Places
 ) -> list[dict[str, Any]]:
     """Play all seeds of the agents named, write a table, and ship the best seed of each.
 
@@ -56,21 +67,19 @@ def tabulate(
         names: of agents in it.
         seeds: of trainings; those of an agent that are not there are an error.
         episodes: of each policy.
-        output: CSV file; rows of other agents in it stay.
-        markdown: where the whole table goes as a page; None: nowhere.
-        ship: directory for the best seeds' policies, ``align.json``, ``align-prototype.json`` and so on; None: none.
+        into: where all goes.
 
     Raises:
         ValueError: a policy that is not there or does not load; nothing is written.
     """
     rows: list[dict[str, Any]] = []
     best: dict[str, Path] = {}
-    kept_at = output.parent
+    output = into.output / TABLE
     for name in names:
         own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
         first = min(own, key=lambda row: (-row["judged_success"], row["judged_time_s"], row["seed"]))
         for row in own:
-            row["shipped"] = ship is not None and row is first
+            row["shipped"] = into.ship is not None and row is first
         best[name] = Path(first["path"])
         rows += own
     kept = [row for row in _read(output) if row["agent"] not in names]
@@ -79,18 +88,18 @@ def tabulate(
         run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
         path = Path(row.pop("path"))
         if (path.parent / CURVE).exists():
-            files[kept_at / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
-        _ship(path, kept_at / "policies" / f"{run}.json")
+            files[into.output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
+        _ship(path, into.output / "policies" / f"{run}.json")
     every = sorted([*kept, *rows], key=lambda row: (row["agent"], int(row["seed"])))
     files[output] = csv_text(every)
-    if markdown is not None:
-        files[markdown] = page(every)
+    if into.page is not None:
+        files[into.page] = page(every)
     for path in files:
         path.parent.mkdir(parents=True, exist_ok=True)
     write_together(files)
-    if ship is not None:
+    if into.ship is not None:
         for name, path in best.items():
-            _ship(path, ship / f"{shipped_name(name)}.json")
+            _ship(path, into.ship / f"{shipped_name(name)}.json")
     return rows
 
 
@@ -158,11 +167,10 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     scenes = [{**usual(settings.environment), **scene} for scene in settings.all_scenes]
     for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
         own = {key: value for key, value in scene.items() if key not in hidden}
-        env = gym.make_vec(settings.environment_name, num_envs=1, action=record["action"], **own)
+        env = environments.make_batch(settings.task, num_envs=1, action=record["action"], **own)
         policy = make_policy({"kind": kind, "path": str(path)}, TaskInfo.of(env))
-        found = rollout(
-            policy, settings.environment_name, seeds=[FIRST_SEED + int(k) for k in share], keep=Measures, **own
-        )
+        seeds = [FIRST_SEED + int(k) for k in share]
+        found = rollout(policy, settings.environment_name, seeds=seeds, keep=Measures, **own)
         success.append(found.success)
         times.append(found.time_to_goal)
         over.append(found.time_over_bound)

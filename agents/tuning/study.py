@@ -14,8 +14,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from tqdm import tqdm
 
 import vibgym
-from agents.tuning.settings import Tuning
 from agents.tuning.trial import Tried, run_trial
+from agents.tuning.tuning_settings import Tuning
 from agents.workers import Submit
 from vibgym import checks
 from vibgym.files import WriteError, write_atomically

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import optuna
 from optuna.trial import TrialState
 
-from agents.training.checkpoint import TrainingError
-from agents.training.train import train
-from agents.tuning.settings import Tuning
+from agents.failures import TrainingError
+from agents.training.train import Training
+from agents.tuning.tuning_settings import Tuning
 from vibgym.files import write_atomically
 
 RESULT = "result.json"
@@ -52,7 +52,7 @@ def run_trial(
     reach it counts with its limit. The best point of the learning curve counts, as it does where agents are shipped.
 
     Args:
-        path, agent: as :class:`agents.tuning.settings.Tuning` takes them.
+        path, agent: as :class:`agents.tuning.tuning_settings.Tuning` takes them.
         number: of the trial.
         values: of what is tuned.
         before: trials that this one is measured against.
@@ -74,7 +74,7 @@ def run_trial(
             best.append(float("inf"))
             first = not reports
 
-            def judged(row: dict[str, Any], first: bool = first) -> None:
+            def listener(row: dict[str, Any], first: bool = first) -> None:
                 score = float(row["mean_time"])
                 best[-1] = min(best[-1], score)
                 if first:  # of the first seed: later ones are for what has come so far
@@ -83,8 +83,8 @@ def run_trial(
                     if tuning.settings.prune and asked.should_prune():
                         raise Pruned
 
-            changes = tuning.changes(values)
-            train(path, directory / f"seed-{seed}", True, None, agent, seed, changes=changes, judged=judged)
+            with Training(tuning.of_trial(values, seed), directory / f"seed-{seed}", quiet=True) as training:
+                training.run(listener=listener)
     except Pruned:
         state = "pruned"
     except TrainingError:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from agents import locks
-from agents.tuning.page import write
-from agents.tuning.settings import Tuning
 from agents.tuning.study import best, run_study
 from agents.tuning.trial import Tried
+from agents.tuning.tuning_page import write
+from agents.tuning.tuning_settings import Tuning
 from agents.workers import side_by_side
 from vibgym import checks
 from vibgym.files import output_directory
@@ -26,7 +26,7 @@ def tune(
     """Tune as the file says, from where an earlier sitting was ended if there was one.
 
     Args:
-        config, agent: see :class:`agents.tuning.settings.Tuning`.
+        config, agent: see :class:`agents.tuning.tuning_settings.Tuning`.
         trials: in all, instead of the file's.
         output: directory of the study, instead of ``runs/tuning/<agent>``.
         quiet: no progress bar.

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from agents.imports import take_part, taking_part
 from agents.workers.kernels import compiled
 from agents.workers.local import LIBRARIES, Submit, usable
 from vibgym import checks
@@ -29,6 +30,13 @@ ANSWERS_WITHIN = 5.0
 
 EVERY = 1.0
 """Seconds between two looks at the cluster."""
+
+
+TOKEN = (
+    "set RAY_AUTH_MODE=token, and RAY_AUTH_TOKEN to what 'ray get-auth-token' says where the cluster was started, or "
+    "RAY_AUTH_TOKEN_PATH to a file with it"
+)
+"""How the token of a cluster is handed on."""
 
 
 class NodesLost(ConnectionError):
@@ -53,10 +61,11 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
         lost_after: seconds without a processor after which :class:`NodesLost` is raised by what is still waited for.
 
     Raises:
-        NoCluster: none answers there.
+        NoCluster: none answers there, or it refuses the token.
         ModuleNotFoundError: Ray is not installed.
     """
     import ray
+    from ray.exceptions import AuthenticationError
 
     _check_answers(address)
     here = {"PYTHONPATH": os.pathsep.join([os.getcwd(), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)}
@@ -76,6 +85,9 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
             )
         else:
             ray.init(address=address, runtime_env=environment, **quiet)
+    except AuthenticationError as error:
+        said = str(error).strip().partition(". ")[0]
+        raise _none(address, f"a cluster that takes our token: {said}; {TOKEN}") from None
     except (ConnectionError, ValueError, OSError, RuntimeError) as error:
         said = str(error).strip().partition("\n")[0]
         allowed = f"'local', 'auto' where a cluster runs here, or the host:port of one ({said})"
@@ -83,10 +95,10 @@ def on_ray(address: str, processes: int, lost_after: float = LOST_AFTER) -> Iter
     watch = Watch(lost_after)
     try:
         work = ray.remote(num_cpus=1, max_retries=TRIES - 1)(_in_directory)
-        directory = str(Path.cwd())
+        directory, modules = str(Path.cwd()), taking_part()
 
         def submit(function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-            return watch.over(work.remote(directory, function, arguments).future())
+            return watch.over(work.remote(directory, modules, function, arguments).future())
 
         yield submit
     finally:
@@ -116,9 +128,12 @@ def _none(address: str, allowed: str) -> NoCluster:
     return NoCluster(str(checks.refuse("--ray", address, allowed)))
 
 
-def _in_directory(directory: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-    """Paths in settings are relative to the directory of the command."""
+def _in_directory(
+    directory: str, modules: tuple[str, ...], function: Callable[..., Any], arguments: tuple[Any, ...]
+) -> Any:
+    """Paths in settings are relative to the directory of the command, and a user's own modules take part as they do there."""
     os.chdir(directory)
+    take_part(modules)
     compiled()
     return function(*arguments)
 

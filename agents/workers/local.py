@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
+from agents.imports import take_part, taking_part
 from vibgym.simulation.threads import available_threads
 
 Found = TypeVar("Found")
@@ -68,7 +69,9 @@ class Pools:
 
     def _started(self) -> ProcessPoolExecutor:
         share = dict.fromkeys(LIBRARIES, str(available_threads() // self.processes))
-        return ProcessPoolExecutor(self.processes, env=share, initializer=_settle, initargs=(self.processes,))
+        return ProcessPoolExecutor(
+            self.processes, env=share, initializer=_settle, initargs=(self.processes, taking_part())
+        )
 
     def submit(self, function: Callable[..., Found], *arguments: Any) -> Future[Found]:
         """See :func:`side_by_side`."""
@@ -132,8 +135,11 @@ def _held_back() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _settle(processes: int) -> None:
-    """The beginning of a process: its share of the processors, and an end, quiet when the user interrupts, with its parent."""
+def _settle(processes: int, modules: tuple[str, ...] = ()) -> None:
+    """The beginning of a process: its share of the processors, and an end, quiet when the user interrupts, with its parent.
+
+    ``modules``: a user's own, which take part here as they do there.
+    """
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
@@ -141,6 +147,7 @@ def _settle(processes: int) -> None:
     if hasattr(os, "sched_setaffinity"):
         number = int(current_process().name.rpartition("-")[2])  # loky counts its processes
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[number % processes :: processes])
+    take_part(modules)
 
 
 def _end_with(parent: int) -> None:

@@ -1,31 +1,16 @@
-"""Command line: ``python -m studies.accuracy CONFIG`` measures error against cost and writes a report.
-
-Exit codes: 0 done, 2 bad input (one line that names file, field and allowed values), 130 interrupted, 1 anything else.
-"""
+"""Command line: ``python -m studies.accuracy CONFIG`` measures error against cost and writes a report."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
+from agents import command_line
+from agents.command_line import Command
 from vibgym import interrupts
 
 interrupts.start_command()
-
-
-def parser() -> argparse.ArgumentParser:
-    """The command line's grammar."""
-    result = argparse.ArgumentParser(
-        prog="python -m studies.accuracy",
-        description="Error against cost of the models, on shipped scenes or your own.",
-    )
-    result.add_argument("config", type=Path, metavar="CONFIG", help="YAML file, see configs/accuracy/")
-    result.add_argument("--output", metavar="DIR", help="directory for what is written, instead of the file's")
-    result.add_argument("--quiet", action="store_true", help="no progress")
-    return result
 
 
 def progress(text: str) -> None:
@@ -36,45 +21,37 @@ def progress(text: str) -> None:
         print(text, file=sys.stderr, flush=True)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
-    arguments = parser().parse_args(argv)
-    return interrupts.run(lambda: measure(arguments))
+def accuracy_arguments(parser: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    command_line.config(parser, "YAML file, see configs/accuracy/")
 
 
-def measure(arguments: argparse.Namespace) -> int:
+def accuracy(arguments: argparse.Namespace) -> None:
     """Measure what the file asks for and write the report."""
-    try:
-        # All of it now: what is missing should not show after minutes of measuring.
-        from agents import locks
-        from studies.accuracy import page, report, settings, tables
-        from vibgym import files
-    except ImportError as error:
-        print(f"{error}; the report needs more packages: pip install 'vibgym[accuracy]'", file=sys.stderr)
-        return 1
-    held = contextlib.ExitStack()  # the directory is this run's until its files are written
-    try:
-        asked = settings.load_settings(arguments.config, arguments.output)
-        try:
-            prepared = report.prepare(asked)
-            held.enter_context(locks.one_run(prepared.output))
-        except ValueError as error:
-            raise ValueError(f"{arguments.config}: {error}") from None
-    except ValueError as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return 2
-    try:
-        with held:
-            found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
-            path = page.write(found, prepared.output)
-    except files.WriteError as error:
-        print(error, file=sys.stderr)
-        return 1
+    # All of it now: what is missing should not show after minutes of measuring.
+    from agents import locks
+    from studies.accuracy import page, report, settings, tables
+
+    asked = settings.load_settings(arguments.config, None if arguments.output is None else str(arguments.output))
+    with command_line.named(arguments.config):
+        prepared = report.prepare(asked)
+        held = command_line.entered(locks.one_run(prepared.output))
+    with held:  # the directory is this run's until its files are written
+        found = report.run(prepared, (lambda text: None) if arguments.quiet else progress)
+        path = page.write(found, prepared.output)
     if not arguments.quiet and sys.stderr.isatty():
         print("\r\x1b[2K", end="", file=sys.stderr)
     print(tables.summary(found))
     print(f"\nreport: {path}")
-    return 0
+
+
+COMMAND = Command(accuracy_arguments, accuracy, "directory for what is written, instead of the file's")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    description = "Error against cost of the models, on shipped scenes or your own."
+    return command_line.run("python -m studies.accuracy", description, COMMAND, argv, extra="accuracy")
 
 
 if __name__ == "__main__":

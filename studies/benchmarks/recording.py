@@ -18,7 +18,7 @@ import minari
 
 from agents.recording.play import Recorder
 from agents.recording.record import kept_in, record
-from agents.recording.settings import load_settings
+from agents.recording.record_settings import load_settings
 from agents.recording.storage import FILE, write
 
 CONFIG = Path("configs/recordings/align.yaml")

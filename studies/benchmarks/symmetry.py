@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.training.imitation import Imitation
-from agents.training.on_policy import acting, experts, make_env, make_model
-from agents.training.settings import ImitationSettings, PPOSettings, TrainSettings
+from agents.training.imitation import Imitation, ImitationSettings, experts
+from agents.training.ppo.algorithm import PPO
+from agents.training.ppo.hyperparameters import PPOSettings
+from agents.training.train_settings import TrainSettings
 from vibgym.policies.rollout import rollout
 
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -36,12 +37,13 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
         steps=1,
         seed=seed,
         imitation=ImitationSettings(expert=EXPERT, rounds=1, steps=steps, epochs=100, noise=0.1, batch_size=512),
-        ppo=PPOSettings(activation="relu", remembers=True, **variant),
+        own=PPOSettings(activation="relu", remembers=True, **variant),
     )
     assert settings.imitation is not None
-    env = make_env(settings)
-    model = make_model(settings, env)
-    lessons = Imitation(model.policy, experts(settings, env), settings.imitation, seed)
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
+    teachers = experts(settings.imitation, settings.action, settings.seed, env)
+    lessons = Imitation(model.policy, teachers, settings.imitation, seed)
     for _ in lessons.rounds():
         pass
     scene = lessons.scenes[0]
@@ -50,7 +52,7 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
     with torch.no_grad():
         mean, _ = model.policy.actor(torch.from_numpy(fresh.rows))
     error = float(np.sqrt(((mean.numpy() - fresh.action) ** 2).mean()))
-    found = rollout(acting(model, settings), "Align", seeds=range(700_000, 700_100))
+    found = rollout(PPO(settings).acting(model), "Align", seeds=range(700_000, 700_100))
     return (
         error,
         float(found.success.mean()),

@@ -19,8 +19,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import configure
 
 import vibgym  # noqa: F401 - registers the environments
-from agents.training.on_policy import make_env, make_model
-from agents.training.settings import PPOSettings, TrainSettings
+from agents.training.ppo import algorithm
+from agents.training.ppo.hyperparameters import PPOSettings
+from agents.training.train_settings import TrainSettings
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.simulation.threads import available_threads
 
@@ -34,9 +35,10 @@ ITERATIONS = 4
 def ours(task: str, action: str, worlds: int, network: str = "parts", **ppo: Any) -> Callable[[], float]:
     """A training of ours, under way: steps a second, each time it is called."""
     settings = TrainSettings(
-        task=task, environment={"action": action}, worlds=worlds, steps=1, ppo=PPOSettings(network=network, **ppo)
+        task=task, environment={"action": action}, worlds=worlds, steps=1, own=PPOSettings(network=network, **ppo)
     )
-    return _measured(make_model(settings, make_env(settings)))
+    made = algorithm.PPO(settings)
+    return _measured(made.make_model(made.make_env()))
 
 
 def plain(task: str, action: str, worlds: int) -> Callable[[], float]:

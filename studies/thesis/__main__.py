@@ -3,40 +3,34 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from agents import command_line
+from agents.command_line import Command
 from vibgym import interrupts
 
 interrupts.start_command()
 
 
+def thesis_arguments(parser: argparse.ArgumentParser) -> None:
+    """What it takes."""
+    command_line.some(parser, "--figure")
+
+
+def thesis(arguments: argparse.Namespace) -> None:
+    """Draw, and write the page."""
+    from studies.thesis.page import write
+
+    print(f"page: {write(arguments.output or Path('runs/replicate'), arguments.figure)}")
+
+
+COMMAND = Command(thesis_arguments, thesis, "directory of the page, instead of runs/replicate")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.thesis", description="Draw the thesis's figures beside ours."
-    )
-    parser.add_argument("--output", type=Path, metavar="DIR", default=Path("runs/replicate"), help="of the page")
-    parser.add_argument("--figure", action="append", metavar="NAME", help="only this one; may be given several times")
-    arguments = parser.parse_args(argv)
-    return interrupts.run(lambda: _run(arguments))
-
-
-def _run(arguments: argparse.Namespace) -> int:
-    from studies.thesis.page import write
-    from vibgym.files import WriteError
-
-    try:
-        page = write(arguments.output, arguments.figure)
-    except ValueError as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return 2
-    except WriteError as error:
-        print(" ".join(str(error).split()), file=sys.stderr)
-        return 1
-    print(f"page: {page}")
-    return 0
+    return command_line.run("python -m studies.thesis", "Draw the thesis's figures beside ours.", COMMAND, argv)
 
 
 if __name__ == "__main__":

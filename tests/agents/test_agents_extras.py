@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from agents import __main__ as command
+from agents.command_line import EXTRAS
+from agents.recording import commands
 
 ROOT = Path(__file__).parents[2]
 
@@ -18,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 ])  # fmt: skip
 def test_a_package_that_is_missing_is_named_with_its_extra(monkeypatch, capsys, package, extra, arguments):
     for name in [each for each in sys.modules if each.partition(".")[0] in (package, "agents")]:
-        if name.startswith(("agents.recording", "agents.tuning", "agents.workers.cluster", package)):
+        if name.startswith(("agents.recording.record", "agents.tuning", "agents.workers.cluster", package)):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.chdir(ROOT)
@@ -31,7 +33,7 @@ def test_what_is_not_ours_to_install_is_an_error(monkeypatch):
     def broken(arguments):
         raise ModuleNotFoundError("No module named 'nonsense'", name="nonsense")
 
-    monkeypatch.setattr(command, "record", broken)
+    monkeypatch.setitem(commands.COMMANDS, "record", commands.COMMANDS["record"]._replace(run=broken))
     with pytest.raises(ModuleNotFoundError, match="nonsense"):
         command.main(["record", "configs/recordings/align.yaml"])
 
@@ -39,6 +41,6 @@ def test_what_is_not_ours_to_install_is_an_error(monkeypatch):
 def test_extras_are_those_of_the_project():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     names = {"h5py": "minari[hdf5]"}  # which brings it
-    for package, extra in command.EXTRAS.items():
+    for package, extra in EXTRAS.items():
         name = names.get(package, package.replace("_", "-"))
         assert any(each.startswith(name) for each in extras[extra]), package

@@ -18,8 +18,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import evaluation
-from agents.training.on_policy import make_env
-from agents.training.settings import load_settings
+from agents.training.ppo.algorithm import PPO
+from agents.training.training_file import load_settings
 from studies.accuracy import report
 from studies.accuracy import settings as accuracy_settings
 from tests.fuzz.campaign import count, fuzz
@@ -43,7 +43,7 @@ def train(path: Path, output: Path) -> None:
     settings = load_settings(path)
     if settings.worlds <= 1000:
         try:
-            make_env(settings).close()
+            PPO(settings).make_env().close()
         except ValueError as error:
             raise ValueError(f"{path}: environment: {error}") from None
 

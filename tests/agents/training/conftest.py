@@ -5,7 +5,7 @@ import shutil
 import pytest
 
 from agents.recording.record import record
-from agents.recording.settings import RecordSettings
+from agents.recording.record_settings import RecordSettings
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,8 @@ import pytest
 
 from agents import __main__ as command
 from agents.training import checkpoint
-from agents.training.settings import load_settings
 from agents.training.train import train
+from agents.training.training_file import load_settings
 from tests.policies.helpers import info_of
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from agents.training.judging import COLUMNS, Judge, play
-from agents.training.settings import TrainSettings
+from agents.training.training_file import settings_from
 from tests.envs.helpers import batch
 
 SETTINGS = {
@@ -31,7 +31,7 @@ class Still:
 
 
 def judge_in(folder, **changes):
-    return Judge(TrainSettings(**{**SETTINGS, **changes}), folder)
+    return Judge(settings_from({**SETTINGS, **changes}), folder)
 
 
 def rows_of(folder):

@@ -10,13 +10,15 @@ import torch
 import yaml
 
 from agents.recording.record import SCENE, record
-from agents.recording.settings import RecordSettings
-from agents.training import off_policy, offline, on_policy
-from agents.training.offline_learner import OfflineLearner
+from agents.recording.record_settings import RecordSettings
+from agents.training.offline.algorithm import Offline
+from agents.training.offline.hyperparameters import OfflineSettings
+from agents.training.offline.learner import OfflineLearner
+from agents.training.offline.transitions import Transitions, read
 from agents.training.parts_policy import PartsPolicy
-from agents.training.settings import OfflineSettings, TrainSettings
-from agents.training.train import train
-from agents.training.transitions import Transitions, read
+from agents.training.sac.algorithm import SAC
+from agents.training.train import Training, train
+from agents.training.training_file import load_settings, settings_from
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import load_trained
@@ -31,13 +33,18 @@ NETWORK = {"turned": True, "remembers": True, "blind": ["position"], "activation
 def settings_of(directory, **changes):
     own = {"dataset": DATA, "directory": str(directory), "batch_size": 256, **NETWORK, **changes.pop("offline", {})}
     given = {"task": "Align", "environment": {"action": "wrench"}, "algorithm": "offline", "steps": 200, "offline": own}
-    return TrainSettings.model_validate({**given, **changes})
+    return settings_from({**given, **changes})
+
+
+def trained(config, directory, changes):
+    with Training(load_settings(config, changes=changes), directory, quiet=True) as training:
+        return training.run()
 
 
 def transitions(settings):
-    env = offline.make_env(settings)
-    coding = on_policy.coding_of(settings, env.env)
-    return read(settings.offline, env.env, on_policy.action_of(settings), coding), coding
+    env = Offline(settings).make_env()
+    coding = Offline(settings).coding(env.env)
+    return read(settings.own, env.env, settings.action, coding), coding
 
 
 def test_transitions_are_what_an_acting_network_would_have_seen(recorded):
@@ -66,7 +73,7 @@ def test_as_many_transitions_as_steps(recorded, monkeypatch):
     whole, _ = transitions(settings_of(recorded))
     assert whole.facts["episodes"] == 200 and len(whole.at) == whole.facts["steps"] == len(whole.reward)
     assert len(whole.rows) == len(whole.at) + 200 and whole.ended.sum() == 200
-    monkeypatch.setattr("agents.training.transitions.AT_ONCE", 30)
+    monkeypatch.setattr("agents.training.offline.transitions.AT_ONCE", 30)
     some, _ = transitions(settings_of(recorded))
     for name in Transitions._fields:
         mine, theirs = getattr(whole, name), getattr(some, name)
@@ -85,7 +92,7 @@ def test_several_parts(tmp_path):
     assert data.rows.shape[1] == data.action.shape[1] == len(coding.parts) == 6 and 2 <= data.mask[0].sum() <= 4
     config.write_text(yaml.safe_dump({**given.model_dump(exclude_none=True), "steps": 3}))
     for method in ("cloning", "iql"):
-        policy = train(config, tmp_path / method, quiet=True, changes={"offline.method": method})
+        policy = trained(config, tmp_path / method, {"offline.method": method})
         assert load_set(policy, "vibgym-policy", 2)[1]["training"]["data"]["episodes"] == 3
 
 
@@ -111,7 +118,7 @@ class Bandit:
             recorded,
             offline={"method": "iql", "batch_size": 128, "net": [16], "critic_net": [16], "floor": 10.0, **RATES},
         )
-        self.env = offline.make_env(self.settings)
+        self.env = Offline(self.settings).make_env()
         data, self.coding = transitions(self.settings)
         good = torch.arange(samples) % 2 == 0
         action = torch.where(good[:, None, None], 0.5, -0.5) * torch.ones(1, 1, 3)
@@ -121,11 +128,15 @@ class Bandit:
         )
 
     def learned(self, updates=1200, **changes):
-        own = OfflineSettings.model_validate({**self.settings.offline.model_dump(), **changes})
+        own = OfflineSettings.model_validate({**self.settings.own.model_dump(), **changes})
         torch.manual_seed(0)
-        networks = on_policy.networks(self.settings.model_copy(update={"offline": own}), self.coding)
         policy = PartsPolicy(
-            self.env.observation_space, self.env.action_space, lambda _: 1e-3, **networks, log_std=-3.0
+            self.env.observation_space,
+            self.env.action_space,
+            lambda _: 1e-3,
+            coding=self.coding,
+            network=own,
+            log_std=-3.0,
         )
         learner = OfflineLearner(policy, self.env, self.data, own, updates)
         for step in range(updates):
@@ -160,7 +171,7 @@ def test_networks_that_do_not_fit_are_refused_by_their_name(recorded):
     ):
         settings = settings_of(recorded, **changes)
         with pytest.raises(ValueError, match=f"^offline.network: got {named}"):
-            offline.make_model(settings, offline.make_env(settings))
+            Offline(settings).make_model(Offline(settings).make_env())
 
 
 def test_a_data_set_that_is_not_there_is_refused(recorded):
@@ -220,12 +231,14 @@ def test_a_run_goes_on_with_its_own_data_alone(tmp_path, copied):
         train(config, tmp_path / "run", quiet=True)
 
 
-@pytest.mark.parametrize("module, algorithm", [(offline, "offline"), (off_policy, "sac")])
-def test_what_goes_before_ppo_alone_is_refused(recorded, module, algorithm):
-    lessons = {"expert": {"kind": "pose", "action": "wrench"}}
-    observation = {"action": "wrench"} if algorithm == "offline" else {"action": "wrench", "observation": "goal"}
-    settings = settings_of(recorded, imitation=lessons, algorithm=algorithm, environment=observation)
-    with pytest.raises(ValueError, match=f"^imitation: got .*none with 'algorithm: {algorithm}'"):
-        module.make_env(settings)
-    with pytest.raises(ValueError, match="^offline: got None"):
-        offline.make_env(settings.model_copy(update={"offline": None}))
+@pytest.mark.parametrize("algorithm, own", [(Offline, {"dataset": DATA}), (SAC, {})])
+def test_what_goes_before_ppo_alone_is_refused(algorithm, own):
+    lessons, name = {"expert": {"kind": "pose", "action": "wrench"}}, algorithm.phase
+    settings = settings_from({"task": "Align", "steps": 9, "imitation": lessons, "algorithm": name, name: own})
+    with pytest.raises(ValueError, match=f"^imitation: got .*none with 'algorithm: {name}'"):
+        algorithm(settings).make_env()
+
+
+def test_a_data_set_must_be_named():
+    with pytest.raises(ValueError, match="^training: offline.dataset: got 'nothing'"):
+        settings_from({"task": "Align", "steps": 9, "algorithm": "offline"})

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from agents.training import outlines
-from agents.training.imitation import Imitation
-from agents.training.on_policy import experts, make_env, make_model
-from agents.training.settings import TrainSettings, load_settings
+from agents.training.imitation import Imitation, experts
+from agents.training.ppo.algorithm import PPO
+from agents.training.training_file import load_settings, settings_from
 from vibgym.config import part_from
 from vibgym.scene.outlines import is_convex
 
@@ -78,7 +78,7 @@ def write(tmp_path, **settings):
 
 def test_a_run_deals_its_worlds_out_to_drawn_parts(tmp_path):
     settings = load_settings(write(tmp_path, worlds=7, outlines={"count": 3, "seed": 2, "size_mm": [30, 40]}))
-    env = make_env(settings)
+    env = PPO(settings).make_env()
     assert [each.num_envs for each in env.envs] == [3, 2, 2]
     expected = parts(3, 2, size=(0.03, 0.04))
     assert all(each.parts[0].same_as(part) for each, part in zip(env.envs, expected, strict=True))
@@ -99,10 +99,8 @@ def test_bad_settings_are_refused(tmp_path, settings, named):
 
 
 def test_scenes_are_given_or_drawn():
-    assert TrainSettings(task="Align", steps=1).all_scenes == [{}]
-    both = TrainSettings.model_validate(
-        {"task": "Align", "steps": 1, "scenes": [{"walls": ["left"]}], "outlines": {"count": 2}}
-    )
+    assert settings_from({"task": "Align", "steps": 1}).all_scenes == [{}]
+    both = settings_from({"task": "Align", "steps": 1, "scenes": [{"walls": ["left"]}], "outlines": {"count": 2}})
     with pytest.raises(ValueError, match="outlines"):
         _ = both.all_scenes
 
@@ -119,9 +117,10 @@ def test_the_critic_learns_alone_after_the_lessons(tmp_path):
     lessons = {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 3}
     path = write(tmp_path, worlds=4, outlines={"count": 2}, imitation=lessons, ppo={"critic_steps": 50})
     settings = load_settings(path)
-    env = make_env(settings)
-    model = make_model(settings, env)
-    taught = Imitation(model.policy, experts(settings, env), settings.imitation, seed=0)
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
+    lessons = settings.imitation
+    taught = Imitation(model.policy, experts(lessons, settings.action, 0, env), lessons, seed=0)
     list(taught.rounds())
     assert model.critic_steps == taught.steps + 50
     env.close()

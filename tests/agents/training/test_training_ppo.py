@@ -7,11 +7,12 @@ import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import VectorRewardWrapper
 
-from agents.training import on_policy
 from agents.training.parts_policy import PartsPolicy, trained_tensors
-from agents.training.ppo import PartsPPO
-from agents.training.rollout import PartsBuffer
-from agents.training.settings import TrainSettings
+from agents.training.ppo.algorithm import PPO
+from agents.training.ppo.hyperparameters import PPOSettings
+from agents.training.ppo.learner import PartsPPO
+from agents.training.ppo.rollout_buffer import PartsBuffer
+from agents.training.training_file import settings_from
 from tests.envs.helpers import batch
 from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
@@ -43,7 +44,7 @@ def model():
 
 
 def untrained(env, **settings):
-    policy = {"actor": "parts", "net": [8], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -0.5}
+    policy = {"network": PPOSettings(net=[8], critic_net=[8], attention=4), "log_std": -0.5}
     policy["coding"] = coding_for(TaskInfo.of(env), "field")
     made = {"n_steps": STEPS, "batch_size": 24, "n_epochs": 2, "gamma": GAMMA, "gae_lambda": LAMBDA, "seed": 1}
     return PartsPPO(PartsPolicy, VecEnv(env), policy_kwargs=policy, device="cpu", **{**made, **settings})
@@ -242,14 +243,14 @@ def test_wrappers_of_a_registered_environment_take_part(monkeypatch):
         monkeypatch.setitem(gym.registry, name, EnvSpec(name, **entry))
     ppo = {"n_steps": 4, "batch_size": 8, "n_epochs": 1, "net": [8], "critic_net": [8]}
     made = {"task": "mine/Shifted-v0", "algorithm": "ppo", "worlds": 2, "steps": 8, "judging": None, "ppo": ppo}
-    settings = TrainSettings.model_validate({**made, "environment": {"action": "field"}})
-    env = on_policy.make_env(settings)
-    model = on_policy.make_model(settings, env)
+    settings = settings_from({**made, "environment": {"action": "field"}})
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
     model.learn(8)
     assert not env.credits_parts and (abs(model.rollout_buffer.reward - 7.0) < 1.0).all()
     assert isinstance(env.env, VibgymVectorEnv) and model.policy.coding.parts == env.env.parts
     with pytest.raises(ValueError, match="^task: got 'mine/Pole-v0'; allowed: .*VibgymVectorEnv, wrapped or not"):
-        on_policy.make_env(settings.model_copy(update={"task": "mine/Pole-v0"}))
+        PPO(settings.model_copy(update={"task": "mine/Pole-v0"})).make_env()
 
 
 class Thrifty(Align):
@@ -274,11 +275,11 @@ def test_a_reward_of_ones_own_is_learned_from(monkeypatch):
             "action": "field",
             **({} if weight is None else {"task_settings": {"weights": {"energy": weight}}}),
         }
-        settings = TrainSettings.model_validate({**made, "task": task, "environment": environment})
-        env = on_policy.make_env(settings)
-        model = on_policy.make_model(settings, env)
+        settings = settings_from({**made, "task": task, "environment": environment})
+        env = PPO(settings).make_env()
+        model = PPO(settings).make_model(env)
         model.learn(settings.steps)
-        learned.append(on_policy.actor(model))
+        learned.append(PPO(settings).actor(model))
         env.close()
     align, free, costly = learned
     assert all((align[name] == free[name]).all() for name in align)
@@ -336,7 +337,7 @@ def test_a_rollout_remembers_what_parts_were_told(turned, monkeypatch):
         "Transport", WORLDS, action="wrench", observation="parts", max_episode_steps=4, autoreset_mode="SameStep"
     )
     coding = coding_for(TaskInfo.of(env), "wrench", turned=turned, remembers=True)
-    policy = {"actor": "parts", "net": [8], "critic_net": [8], "activation": "tanh", "attention": 4, "log_std": -1.0}
+    policy = {"network": PPOSettings(net=[8], critic_net=[8], attention=4), "log_std": -1.0}
     made = {"n_steps": STEPS, "batch_size": 24, "n_epochs": 1, "learning_rate": 1e-9, "seed": 1, "device": "cpu"}
     model = PartsPPO(PartsPolicy, VecEnv(env), policy_kwargs={**policy, "coding": coding}, **made)
     torch.nn.init.normal_(model.policy.actor.mean.weight)

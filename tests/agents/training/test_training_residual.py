@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from agents.training.judging import Judge, play
-from agents.training.on_policy import acting, begin_with, make_env, make_model
-from agents.training.settings import load_settings
+from agents.training.ppo.algorithm import PPO
 from agents.training.table import tabulate
 from agents.training.train import train
+from agents.training.training_file import load_settings
 from tests.policies.helpers import info_of
 from vibgym.policies.registry import make_policy
 from vibgym.policies.trained.residual import ResidualPolicy, load_correction
@@ -99,15 +99,15 @@ def test_the_table_plays_the_hybrid(run, tmp_path):
 
 def test_no_correction_is_judged_as_the_base(config, tmp_path):
     settings = config()
-    env = make_env(settings)
-    model = make_model(settings, env)
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
     with torch.no_grad():
         model.policy.actor.mean.weight.zero_()
         model.policy.actor.mean.bias.zero_()
     tmp_path.joinpath("run").mkdir()
     judge = Judge(settings, tmp_path / "run")
     judge.begin(0)
-    row = judge.judge(acting(model, settings), 0, 0.0, "ppo")
+    row = judge.judge(PPO(settings).acting(model), 0, 0.0, "ppo")
     alone = gym.make_vec("vibgym/Align-v0", num_envs=4, action="wrench", autoreset_mode="Disabled")
     success, steps, returns = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 500_000)
     assert row["success"] == success.mean() == 1.0 and row["return_"] == round(float(np.median(returns)), 4)
@@ -123,20 +123,20 @@ def test_no_correction_is_judged_as_the_base(config, tmp_path):
 def test_each_scene_has_a_base_of_its_own(config):
     disc = "{parts: [{shape: disc, radius: 0.03, friction: 0.6}]}"
     settings = config("    worlds: 8", f"    scenes: [{{}}, {disc}]\n    worlds: 8")
-    one, other = make_env(settings).envs
+    one, other = PPO(settings).make_env().envs
     assert one.base.policy is not other.base.policy and other.base.policy.info.parts == other.parts != one.parts
 
 
 def test_a_run_begins_with_a_correction_of_the_same_base_alone(config, run):
     path = run[1] / "policy.json"
     settings = config("    worlds", f"    start: {path}\n    worlds")
-    env = make_env(settings)
-    model = make_model(settings, env)
-    begin_with(settings, model, env)
-    assert (acting(model, settings).tensors["mean.weight"] == load_set(path, KIND, VERSION)[0]["mean.weight"]).all()
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
+    PPO(settings).begin_with(model)
+    assert (PPO(settings).acting(model).tensors["mean.weight"] == load_set(path, KIND, VERSION)[0]["mean.weight"]).all()
     other = settings.model_copy(update={"residual": settings.residual.model_copy(update={"scale": 0.4})})
     with pytest.raises(ValueError, match="scale: got 0.4; allowed: 0.3"):
-        begin_with(other, model, env)
+        PPO(other).begin_with(model)
 
 
 @pytest.mark.parametrize(
@@ -158,14 +158,14 @@ def test_a_run_begins_with_a_correction_of_the_same_base_alone(config, run):
 )
 def test_bad_settings(config, old, new, message):
     with pytest.raises(ValueError, match=message):
-        make_env(config(old, new))
+        PPO(config(old, new)).make_env()
 
 
 def test_a_correction_of_sac_is_refused(config):
-    from agents.training import off_policy
+    from agents.training.sac.algorithm import SAC
 
     with pytest.raises(ValueError, match="residual.*none with 'algorithm: sac'"):
-        off_policy.make_env(config("    worlds", "    algorithm: sac\n    worlds"))
+        SAC(config("    worlds", "    algorithm: sac\n    worlds")).make_env()
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ RUNS = {
         "task": "Transport", "environment": {"action": "wrench", "observation": "image"}, "steps": 96, "worlds": 4,
         "checkpoint_steps": 32, "ppo": {**PPO, "n_steps": 4, "network": "pixels"},
     },
-    "hindsight": {
+    "what is replayed": {
         "task": "Align", "algorithm": "sac", "environment": {"action": "field", "max_episode_steps": 20}, "worlds": 4,
         "steps": 640, "checkpoint_steps": 96,
         "sac": {"buffer_size": 400, "learning_starts": 200, "batch_size": 16, "gradient_steps": 2, "net": [8, 8]},

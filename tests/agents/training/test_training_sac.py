@@ -1,22 +1,24 @@
-"""SAC with hindsight: its update against Stable-Baselines3's, its checkpoints, its run."""
+"""SAC: its update against Stable-Baselines3's, its checkpoints, its run."""
 
+import copy
 import csv
 import json
 
 import numpy as np
 import pytest
+import stable_baselines3
 import torch
 import yaml
-from gymnasium.vector import VectorRewardWrapper
-from stable_baselines3 import SAC
+from gymnasium import spaces
 
-from agents.training import checkpoint, off_policy
-from agents.training.checkpoint import Diverged
-from agents.training.settings import TrainSettings, load_settings
+from agents.failures import Diverged
+from agents.training import checkpoint
+from agents.training.sac.algorithm import SAC
+from agents.training.sac.replay import STORED, Replay, buffer_bytes
 from agents.training.train import train
+from agents.training.training_file import load_settings, settings_from
 from tests.policies.helpers import info_of
 from vibgym.policies.registry import make_policy
-from vibgym.tasks import TASKS, Align
 
 SMALL = {
     "task": "Align", "algorithm": "sac", "environment": {"action": "field", "max_episode_steps": 8}, "worlds": 4,
@@ -27,7 +29,7 @@ SMALL = {
 
 def settings_of(**changes):
     sac = {**SMALL["sac"], **changes.pop("sac", {})}
-    return TrainSettings.model_validate({**SMALL, **changes, "sac": sac})
+    return settings_from({**SMALL, **changes, "sac": sac})
 
 
 @pytest.fixture
@@ -37,8 +39,8 @@ def made():
 
     def make(steps=48, **changes):
         settings = settings_of(**changes)
-        envs.append(off_policy.make_env(settings))
-        model = off_policy.make_model(settings, envs[-1])
+        envs.append(SAC(settings).make_env())
+        model = SAC(settings).make_model(envs[-1])
         if steps:
             model.learn(steps, log_interval=None)
         return model, settings
@@ -48,31 +50,10 @@ def made():
         env.close()
 
 
-class Doubled(VectorRewardWrapper):
-    """Pays twice."""
-
-    def rewards(self, reward):
-        return 2.0 * reward
-
-
-def test_values_are_bounded_for_the_shipped_goal_reward_alone(made, monkeypatch):
-    assert made(steps=0)[0].values == (pytest.approx(-1.0 / (1.0 - settings_of().sac.gamma)), 0.0)
-    kind = type("Paying", (Align,), {"compute_reward": lambda self, *goals: 10.0 + Align.compute_reward(self, *goals)})
-    monkeypatch.setattr(TASKS, "_items", {**TASKS, "Paying": kind})
-    model, _ = made(task="Paying")
-    assert model.values is None and (model.replay_buffer.sample(50).rewards >= 9.0).all()
-    make_vec = off_policy.gym.make_vec
-    monkeypatch.setattr(off_policy.gym, "make_vec", lambda *args, **more: Doubled(make_vec(*args, **more)))
-    with pytest.raises(ValueError, match=r"^sac.hindsight: got 0.8; allowed: 0 where a wrapper changes"):
-        made()
-    model, _ = made(sac={"hindsight": 0.0})
-    assert model.values is None and set(np.unique(model.replay_buffer.sample(50).rewards)) <= {-2.0, 0.0, -100.0}
-
-
 def test_the_update_is_that_of_stable_baselines(made):
-    """With the same batch, the same noise, an actor's update for each of the critics and no limit of values: same weights."""
-    model, settings = made(steps=32, sac={"policy_delay": 1, "hindsight": 0.5})
-    other, _ = made(steps=0, sac={"policy_delay": 1})
+    """With the same batch and the same noise: same weights."""
+    model, settings = made(steps=32)
+    other, _ = made(steps=0)
     other.policy.load_state_dict(model.policy.state_dict())
     with torch.no_grad():
         other.log_ent_coef.copy_(model.log_ent_coef)
@@ -82,7 +63,6 @@ def test_the_update_is_that_of_stable_baselines(made):
         each.critic.optimizer = torch.optim.SGD(each.critic.parameters(), 1.0)
         each.ent_coef_optimizer = torch.optim.SGD([each.log_ent_coef], 1.0)
         each.lr_schedule = lambda _: 1e-2
-        each.values = (-np.inf, np.inf)
         each._logger = model.logger
     batch = model.replay_buffer.sample(64)
     model.replay_buffer.sample = other.replay_buffer.sample = lambda size, env=None: batch
@@ -95,7 +75,7 @@ def test_the_update_is_that_of_stable_baselines(made):
         patch.setattr(torch, "randn_like", lambda like: torch.full_like(like, 0.3))
         patch.setattr("torch.distributions.normal._standard_normal", constant)
         model.train(1, 64)
-        SAC.train(other, 1, 64)
+        stable_baselines3.SAC.train(other, 1, 64)
     for name, value in model.policy.state_dict().items():
         mine, theirs = ((each - before[name]).numpy() for each in (value, other.policy.state_dict()[name]))
         assert mine == pytest.approx(theirs, rel=1e-2, abs=1e-2 * float(np.abs(theirs).max())), name
@@ -106,17 +86,34 @@ def test_the_update_is_that_of_stable_baselines(made):
 def test_the_actor_in_numpy_is_the_model_s(made):
     model, settings = made()
     seen = model.get_env().reset()
-    mine, _ = off_policy.acting(model, settings).predict(seen)
+    mine, _ = SAC(settings).acting(model).predict(seen)
     assert mine == pytest.approx(model.predict(seen, deterministic=True)[0], abs=1e-5)
 
 
-def test_actor_and_coefficient_wait_for_their_turn(made):
-    model, _ = made(sac={"policy_delay": 1000})
-    fresh, _ = made(steps=0, sac={"policy_delay": 1000})
-    assert model._n_updates > 0 and model.log_ent_coef.item() == fresh.log_ent_coef.item()
-    for part, same in ((("actor",), True), (("critic",), False)):
-        one, other = (getattr(each, part[0]).state_dict() for each in (model, fresh))
-        assert all(bool((one[name] == other[name]).all()) for name in one) is same
+@pytest.mark.parametrize("steps", [0, 9, 2 * 50 + 3])
+def test_a_buffer_goes_on_from_a_state(steps):
+    """With the same memory and draws; what the step limit cuts off does not count as an end."""
+    box, worlds = spaces.Box(-1, 1, (2,)), 3
+    kept, other = (Replay(50 * worlds, box, box, "cpu", worlds, seed=seed) for seed in (0, 9))
+
+    def fill(into, count):
+        for k in range(count):
+            seen = np.array([[world, k] for world in range(worlds)], dtype=np.float32)
+            infos = [{"TimeLimit.truncated": k % 5 == 0} for _ in range(worlds)]
+            into.add(seen, seen + [0, 1], seen / 200, seen[:, 1], np.full(worlds, k % 5 == 0 or k % 7 == 0), infos)
+
+    fill(kept, steps)
+    other.set_state(copy.deepcopy(kept.get_state()))
+    for each in (kept, other):
+        fill(each, 7)
+    assert (other.pos, other.full, other.size()) == (kept.pos, kept.full, kept.size())
+    mine, theirs = kept.sample(500), other.sample(500)
+    assert all(torch.equal(*pair) for pair in zip(mine[:5], theirs[:5], strict=True))
+    place, done = mine.observations[:, 1], mine.dones[:, 0] > 0.5
+    assert torch.equal(mine.next_observations[:, 1], place + 1) and torch.equal(mine.rewards[:, 0], place)
+    assert torch.equal(done, (place % 7 == 0) & (place % 5 != 0))
+    stored = sum(getattr(kept, name).nbytes for name in STORED)
+    assert buffer_bytes(50 * worlds, worlds, box, box) == stored
 
 
 def test_what_is_not_finite_is_not_written(tmp_path, made):
@@ -126,7 +123,7 @@ def test_what_is_not_finite_is_not_written(tmp_path, made):
     with pytest.raises(Diverged, match="actor.mu.bias"):
         checkpoint.save(tmp_path, model, settings, 1.0)
     with pytest.raises(Diverged, match="mean.bias"):
-        off_policy.save_policy(tmp_path / "policy.json", model, settings, {})
+        SAC(settings).save_policy(tmp_path / "policy.json", model, {})
     assert list(tmp_path.iterdir()) == []
     with torch.no_grad():
         model.critic.qf0[0].weight[0] = np.nan
@@ -139,13 +136,13 @@ def test_buffers_that_are_too_large_and_other_observations_are_refused():
     with pytest.raises(
         ValueError, match=r"^sac.buffer_size: got 100000000; allowed: a buffer of at most 2.0e\+09 bytes"
     ):
-        off_policy.make_model(settings, off_policy.make_env(settings))
-    with pytest.raises(ValueError, match="^observation: got 'state'; allowed: 'goal'"):
-        off_policy.make_env(settings_of(environment={"observation": "state"}))
+        SAC(settings).make_model(SAC(settings).make_env())
+    with pytest.raises(ValueError, match="^observation: got 'goal'; allowed: 'state'"):
+        SAC(settings_of(environment={"observation": "goal"})).make_env()
 
 
 @pytest.mark.parametrize("field, value", [
-    ("gamma", 1.0), ("batch_size", 0), ("hindsight", 1.5), ("policy_delay", 0), ("net", []), ("noise_steps", 0.5), ("tau", 2),
+    ("gamma", 1.0), ("batch_size", 0), ("gradient_steps", 0), ("net", []), ("ent_coef", 0.0), ("tau", 2),
 ])  # fmt: skip
 def test_bad_settings_are_refused_by_name(tmp_path, field, value):
     path = tmp_path / "bad.yaml"
@@ -160,10 +157,10 @@ def test_a_run_writes_curve_checkpoint_and_policy_and_goes_on(tmp_path):
     path = train(config, output, quiet=True)
     record = json.loads(path.read_text())
     assert (
-        record["network"] == "goal" and record["training"]["steps"] == 96 and "SAC" in record["training"]["algorithm"]
+        record["network"] == "state" and record["training"]["steps"] == 96 and "SAC" in record["training"]["algorithm"]
     )
     policy = make_policy(str(path), info_of())
-    assert policy.observation == "goal" and policy.action == "field"
+    assert policy.observation == "state" and policy.action == "field"
 
     def curve():
         with (output / "curve.csv").open(newline="") as file:

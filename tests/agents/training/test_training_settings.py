@@ -5,7 +5,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-from agents.training.settings import agents_in, load_settings
+from agents.training.training_file import agents_in, load_settings
 
 MANY = """
 defaults:
@@ -40,8 +40,8 @@ def test_agents_have_their_own_settings_on_top_of_the_defaults(many):
     assert (own.task, own.worlds, own.steps, own.seed) == ("Align", 16, 2000, 4)
     assert plain.environment == {"action": "wrench"}
     assert own.environment == {"action": "patch", "actuators": "prototype"}  # whole, unlike the algorithm's settings
-    assert (plain.ppo.learning_rate, plain.ppo.net) == (0.002, [32])
-    assert (own.ppo.learning_rate, own.ppo.net) == (0.002, [64, 64])
+    assert (plain.own.learning_rate, plain.own.net) == (0.002, [32])
+    assert (own.own.learning_rate, own.own.net) == (0.002, [64, 64])
     assert plain.imitation is None and (own.imitation.expert, own.imitation.rounds) == ("pose", 2)
     assert load_settings(many, "SortTwelve/ideal").task == "SortTwelve"
 
@@ -90,7 +90,7 @@ def test_agents_that_a_file_has_not_are_refused(many, agent, named):
     ("  worlds: 16", "  worlds: 0", "Align/prototype.worlds: got 0"), ("  worlds: 16", "  word: 1", "Align/prototype.word"),
     ("net: [64, 64]", "net: [0]", "Align/prototype: ppo.net"), ("rounds: 2", "rounds: 0", "imitation.rounds: got 0"),
     ("rounds: 2", "rounds: 2, own_share: 1.5", "imitation.own_share"), ("rounds: 2", "teacher: 2", "imitation.teacher"),
-    ("expert: pose, ", "", "imitation.expert"), ("ppo: {net: [64, 64]}", "ppo: 3", "Align/prototype.ppo: got 3"),
+    ("expert: pose, ", "", "imitation.expert"), ("ppo: {net: [64, 64]}", "ppo: 3", "Align/prototype: ppo: got 3"),
 ])  # fmt: skip
 def test_faults_are_one_line_with_file_and_agent(many, old, new, named):
     assert old in MANY

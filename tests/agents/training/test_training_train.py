@@ -20,11 +20,11 @@ from stable_baselines3 import PPO
 
 from agents import __main__ as command
 from agents import locks
-from agents.training import checkpoint, on_policy
-from agents.training.on_policy import make_env, make_model
+from agents.training import checkpoint
+from agents.training.ppo import algorithm
 from agents.training.progress import Progress
-from agents.training.settings import load_settings
 from agents.training.train import train
+from agents.training.training_file import load_settings
 from tests.envs.helpers import single
 from tests.policies.helpers import info_of
 from vibgym.envs import VibgymEnv
@@ -105,12 +105,12 @@ def test_the_policy_on_disk_predicts_what_the_model_does(tmp_path, activation):
     path = tmp_path / "tiny.yaml"
     path.write_text(TEXT.replace("net:", f"activation: {activation}, net:"))
     settings = load_settings(path)
-    env = make_env(settings)
-    model = make_model(settings, env)
+    env = algorithm.PPO(settings).make_env()
+    model = algorithm.PPO(settings).make_model(env)
     with torch.no_grad():  # an untrained one acts near zero: make it act, into the bounds, too
         for parameter in model.policy.parameters():
             parameter.add_(0.4 * torch.randn_like(parameter))
-    on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
+    algorithm.PPO(settings).save_policy(tmp_path / "policy.json", model, {})
     policy = load_trained(tmp_path / "policy.json", info_of("Rotate"))
     rows = np.random.default_rng(0).uniform(-1, 1, (200, *env.observation_space["parts"].shape)).astype(np.float32)
     seen = {"parts": rows, "mask": np.ones((200, 1), dtype=np.int8)}
@@ -141,7 +141,7 @@ def test_an_interruption_says_what_the_checkpoint_holds(config, tmp_path, monkey
     with pytest.raises(KeyboardInterrupt, match="nothing is saved"):
         train(config, run, quiet=True)
     settings = load_settings(config)
-    model = make_model(settings, make_env(settings))
+    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     model.num_timesteps = 1024
     checkpoint.save(run, model, settings, 1.0)
     with pytest.raises(KeyboardInterrupt, match="1024 steps are saved in .*goes on from there"):
@@ -190,10 +190,10 @@ def test_a_restored_model_goes_on_exactly_as_the_saved_one(config, tmp_path):
         model.policy.optimizer.step()
         return [parameter.detach().clone() for parameter in model.policy.parameters()]
 
-    model = make_model(settings, make_env(settings))
+    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     update(model), update(model)
     checkpoint.save(tmp_path, model, settings, 12.5)
-    other = make_model(settings, make_env(settings))
+    other = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     assert checkpoint.restore(tmp_path, other, settings) == 12.5
     for a, b in zip(update(model), update(other), strict=True):
         assert torch.equal(a, b)
@@ -258,7 +258,7 @@ def test_a_checkpoint_of_other_settings_is_refused(trained, tmp_path, old, new, 
 
 def test_a_damaged_checkpoint_is_refused_by_name(config, tmp_path):
     settings = load_settings(config)
-    model = make_model(settings, make_env(settings))
+    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     checkpoint.save(tmp_path / "run", model, settings, 1.0)
     (tensors,) = (tmp_path / "run").glob("*.safetensors")
     data = bytearray(tensors.read_bytes())
@@ -285,7 +285,7 @@ def test_a_checkpoint_of_another_network_is_refused(trained, tmp_path, name, cha
         tensors[name] = change(value)
     kept = {key: record[key] for key in ("settings", "steps", "seconds")}
     save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept, checkpoint.VERSION)
-    model = make_model(settings, make_env(settings))
+    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     before = [parameter.clone() for parameter in model.policy.parameters()]
     with pytest.raises(ValueError, match="checkpoint.json.*another network"):
         checkpoint.restore(tmp_path, model, settings)
@@ -398,13 +398,13 @@ def test_a_diverged_training_keeps_the_last_good_files(tmp_path, capsys):
 @pytest.mark.parametrize("where", ["actor.log_std", "actor.mean", "critic.value", "adam"])
 def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
     settings = load_settings(config)
-    env = make_env(settings)
-    model = make_model(settings, env)
+    env = algorithm.PPO(settings).make_env()
+    model = algorithm.PPO(settings).make_model(env)
     for parameter in model.policy.parameters():
         parameter.grad = torch.ones_like(parameter)
     model.policy.optimizer.step()
     checkpoint.save(tmp_path, model, settings, 1.0)
-    on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
+    algorithm.PPO(settings).save_policy(tmp_path / "policy.json", model, {})
     before = files_in(tmp_path)
     with torch.no_grad():
         if where == "adam":
@@ -415,7 +415,7 @@ def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
         checkpoint.save(tmp_path, model, settings, 2.0)
     if where.startswith("actor"):
         with pytest.raises(checkpoint.Diverged):
-            on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
+            algorithm.PPO(settings).save_policy(tmp_path / "policy.json", model, {})
     assert files_in(tmp_path) == before
 
 
@@ -438,7 +438,7 @@ def test_a_checkpoint_that_is_not_finite_is_refused(trained, tmp_path, name, num
     tensors[name].flat[-1] = number
     kept = {key: record[key] for key in ("settings", "steps", "seconds")}
     save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept, checkpoint.VERSION)
-    model = make_model(settings, make_env(settings))
+    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     before = copy.deepcopy(model.policy.state_dict())
     with pytest.raises(
         ValueError, match=f"checkpoint.json: tensors: got 'NaN or infinity in {name}'; allowed: .*float32"
@@ -520,15 +520,15 @@ def test_a_full_disk_ends_training_in_one_line(config, tmp_path, monkeypatch, ca
 
 def test_policies_that_two_runs_write_beside_each_other_wait_for_each_other(config, tmp_path, monkeypatch):
     config.write_text(TEXT.replace("steps: 8192", "steps: 1024"))
-    save, held = on_policy.save_policy, []
+    save, held = algorithm.PPO.save_policy, []
 
-    def watched(path, *arguments):
+    def watched(self, path, *arguments):
         with pytest.raises(ValueError, match=f"process {os.getpid()}"), locks.one_run(path.parent, file=".p.json.lock"):
             pass
         held.append(path)
-        save(path, *arguments)
+        save(self, path, *arguments)
 
-    monkeypatch.setattr(on_policy, "save_policy", watched)
+    monkeypatch.setattr(algorithm.PPO, "save_policy", watched)
     path = train(config, tmp_path / "run", quiet=True, policy=tmp_path / "policies" / "p.json")
     assert held == [path] and sorted(each.suffix for each in path.parent.iterdir()) == [".json", ".safetensors"]
 
@@ -542,6 +542,6 @@ def test_two_runs_of_one_file_are_the_same(config, tmp_path):
 
 def test_models_are_plain_ppo(config):
     settings = load_settings(config)
-    model = make_model(settings, make_env(settings))
+    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     assert isinstance(model, PPO) and model.n_envs == 32 and model.n_steps == 32 and model.gamma == 0.98
     assert model.action_space.shape == (32,)

@@ -16,10 +16,10 @@ from agents import __main__ as command
 from agents import locks
 from agents.tuning import page
 from agents.tuning import study as studies
-from agents.tuning.settings import Tuning
 from agents.tuning.study import STUDY, best, proposed
 from agents.tuning.trial import Tried
 from agents.tuning.tune import tune
+from agents.tuning.tuning_settings import Tuning
 from vibgym.files import write_together
 
 SETTINGS = {

@@ -116,6 +116,21 @@ def test_unreachable_clusters_are_refused(address: str) -> None:
     assert time.monotonic() - began < 30.0
 
 
+@pytest.mark.parametrize("said", [
+    "Token authentication is enabled but no authentication token was found",
+    "Token authentication is enabled but the authentication token is invalid or incorrect.",
+])  # fmt: skip
+def test_a_cluster_that_refuses_the_token_says_how_to_hand_it_on(monkeypatch: pytest.MonkeyPatch, said: str) -> None:
+    def refuses(*arguments: Any, **more: Any) -> None:
+        raise ray.exceptions.AuthenticationError(said)
+
+    monkeypatch.setattr(ray, "init", refuses)
+    with pytest.raises(ValueError, match="^--ray: got 'auto'; allowed: a cluster that takes our token: Token") as error:
+        with on_ray("auto", 2):
+            pass
+    assert "RAY_AUTH_TOKEN to what 'ray get-auth-token' says" in str(error.value) and "\n" not in str(error.value)
+
+
 @pytest.mark.parametrize("arguments", [
     ["evaluate", "configs/evaluations/quick.yaml"], ["compare", "configs/comparisons/quick.yaml"], ["verify"],
     ["tune", "configs/tuning/align.yaml"], ["train", "configs/agents/ppo.yaml", "--agent", "Align/ideal", "--seeds", "0", "1"],

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training import on_policy
-from agents.training.imitation import Imitation
+from agents.training.imitation import Imitation, experts
 from agents.training.networks.pixels import MAPS, PixelsActor
-from agents.training.on_policy import experts, make_env, make_model
 from agents.training.parts_policy import trained_tensors
-from agents.training.settings import load_settings
+from agents.training.ppo.algorithm import PPO
 from agents.training.train import train
+from agents.training.training_file import load_settings
 from tests.envs.helpers import batch, single
 from tests.policies.helpers import SURFACE, info_of
 from vibgym.config import part_from
@@ -181,10 +180,10 @@ def test_torch_and_numpy_see_the_same(coding):
 
 def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, monkeypatch):
     settings = load_settings(config)
-    env = make_env(settings)
-    model = make_model(settings, env)
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
     torch.nn.init.normal_(model.policy.actor.mean.weight)
-    on_policy.save_policy(tmp_path / "policy.json", model, settings, {})
+    PPO(settings).save_policy(tmp_path / "policy.json", model, {})
     policy = load_trained(tmp_path / "policy.json", info_of("Transport", surface={"rows": 6, "columns": 8}))
     assert policy.observation == "image" and policy.action == "wrench"
     start, mine, theirs, alone, changed = np.ones(16, bool), None, None, None, 0.0
@@ -203,10 +202,11 @@ def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, mo
 def test_an_expert_teaches_it(config):
     config.write_text(TEXT.replace("epochs: 2,", "epochs: 20, learning_rate: 0.01,"))
     settings = load_settings(config)
-    env = make_env(settings)
-    model = make_model(settings, env)
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
     assert settings.imitation is not None
-    lessons = Imitation(model.policy, experts(settings, env), settings.imitation, seed=3)
+    teachers = experts(settings.imitation, settings.action, settings.seed, env)
+    lessons = Imitation(model.policy, teachers, settings.imitation, seed=3)
     losses = list(lessons.rounds())
     rows, _, wanted = lessons._found
     assert lessons.steps == len(rows) == 2 * 16 * 16
@@ -225,8 +225,8 @@ def test_ppo_trains_it_too(config):
     config.write_text("".join(line for line in TEXT.splitlines(True) if not line.startswith("imitation")))
     settings = load_settings(config)
     assert settings.imitation is None  # during lessons, and their share of the steps, the actor would rest
-    env = make_env(settings)
-    model = make_model(settings, env)
+    env = PPO(settings).make_env()
+    model = PPO(settings).make_model(env)
     before = {name: value.clone() for name, value in model.policy.state_dict().items()}
     model.learn(4 * 2 * 16)
     assert model.rollout_buffer.rows.dtype == np.uint8

@@ -10,8 +10,9 @@ import pytest
 from scipy.stats import binom
 
 from agents.training.judging import usual
-from agents.training.settings import TrainSettings, agents_in, load_settings
 from agents.training.table import shipped_name
+from agents.training.train_settings import TrainSettings
+from agents.training.training_file import agents_in, load_settings
 from tests.policies.helpers import DISC, FRESH, episodes, info_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy

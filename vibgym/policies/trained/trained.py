@@ -11,10 +11,10 @@ import numpy as np
 from vibgym import Surface, checks
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import BY_PART, CODES, Coding
-from vibgym.policies.trained.goal_policy import NETWORK as GOAL
-from vibgym.policies.trained.goal_policy import GoalPolicy, goal_policy
 from vibgym.policies.trained.networks.acting import ACTING, ACTIVATIONS
 from vibgym.policies.trained.pictures import PictureCoding
+from vibgym.policies.trained.state_policy import NETWORK as STATE
+from vibgym.policies.trained.state_policy import StatePolicy, state_policy
 from vibgym.policies.trained.storage import as_float32, load_set
 
 KIND = "vibgym-policy"
@@ -76,7 +76,7 @@ def described(surface: Surface) -> dict[str, Any]:
     return {name: getattr(surface, name) for name in ("rows", "columns", "element_size", "frequency")}
 
 
-def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
+def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | StatePolicy:
     """Load a policy file and check that it fits.
 
     Raises:
@@ -92,7 +92,7 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | GoalPolicy:
 
 def network_of(
     name: str, tensors: dict[str, np.ndarray], record: dict[str, Any], info: TaskInfo
-) -> TrainedPolicy | GoalPolicy:
+) -> TrainedPolicy | StatePolicy:
     """The network of a policy file.
 
     Args:
@@ -110,8 +110,8 @@ def network_of(
         theirs = record.get(what)
         if theirs not in (ANY, mine) or isinstance(theirs, bool):  # True would be 1 part
             raise checks.refuse(f"{name}: {what}", theirs, f"{mine!r}, as this scene has it")
-    if record.get("network") == GOAL:
-        return goal_policy(name, tensors, record, info)
+    if record.get("network") == STATE:
+        return state_policy(name, tensors, record, info)
     tensors = as_float32(name, tensors)
     action = checks.choice(f"{name}: action", record.get("action"), (*BY_PART, *CODES))
     network = checks.choice(f"{name}: network", record.get("network"), tuple(ACTING))

@@ -76,7 +76,7 @@ def test_what_is_shipped_comes_out_again(capsys: pytest.CaptureFixture[str]) -> 
 
 
 def test_published_and_verified(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, text, errors = verified(capsys, "out", "--output", "all.csv")
+    code, text, errors = verified(capsys, "out", "--output", "all")
     assert code == 0 and errors == ""
     assert "6 of 6 published episodes came out the same when played again" in text
     assert "outside: " not in text and "different: " not in text and "version: " not in text
@@ -196,7 +196,7 @@ BAD: dict[str, tuple[Any, list[str], list[str]]] = {
     "another task": (None, ["out", "--task", "Sort"], ["--task", "Sort", "'Align'"]),
     "another policy": (None, ["out", "--policy", "pid"], ["--policy", "pid", "'learned'"]),
     "no process": (None, ["out", "--processes", "0"], ["--processes", "0"]),
-    "a place that is none": (None, ["out", "--output", "out"], ["--output", "'out'", "a file"]),
+    "a place that is none": (None, ["out", "--output", "mine.yaml"], ["--output", "'mine.yaml'"]),
 }
 
 

@@ -17,9 +17,9 @@ from optuna.visualization import matplotlib as plots
 from agents.evaluation.figures import png
 from agents.evaluation.pages import data_address, render
 from agents.provenance import provenance
-from agents.tuning.settings import Tuning
 from agents.tuning.study import NAME, STUDY, best
 from agents.tuning.trial import Tried
+from agents.tuning.tuning_settings import Tuning
 from vibgym.files import csv_text, write_together
 
 BEST_SHOWN = 10

@@ -9,7 +9,8 @@ import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from pydantic import Field
 
-from agents.training.settings import JudgingSettings, TrainSettings, load_settings, load_tuning
+from agents.training.train_settings import JudgingSettings, TrainSettings
+from agents.training.training_file import load_settings, load_tuning
 from vibgym import checks
 from vibgym.config import Settings, parse
 

@@ -17,8 +17,8 @@ from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
 from agents.training.checkpoint import check_finite
 from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
+from agents.training.ppo.rollout_buffer import PartsBuffer
 from agents.training.resumable import Resumable
-from agents.training.rollout import PartsBuffer
 from vibgym.policies.trained.coding import Seen
 
 PACE, LEAST_PACE, FAR = 1.5, 0.01, 4.0

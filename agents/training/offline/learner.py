@@ -18,12 +18,12 @@ from torch import nn
 from agents.training.checkpoint import check_finite
 from agents.training.imitation import relative_error
 from agents.training.networks.parts import PartsCritic
+from agents.training.offline.hyperparameters import OfflineSettings
 from agents.training.parts_policy import PartsPolicy
-from agents.training.settings import OfflineSettings
 from vibgym.policies.trained.coding import Coding
 
 if TYPE_CHECKING:
-    from agents.training.transitions import Transitions  # Minari is an extra
+    from agents.training.offline.transitions import Transitions  # Minari is an extra
 
 BLOCK = 100
 """Updates between two looks at the callback, as rollouts are of other algorithms."""

@@ -15,7 +15,7 @@ from minari.storage.datasets_root_dir import get_dataset_path
 import vibgym
 from agents.recording.record import SCENE, kept_in, scene_of
 from agents.recording.storage import FILE
-from agents.training.settings import OfflineSettings
+from agents.training.offline.hyperparameters import OfflineSettings
 from vibgym import checks
 from vibgym.policies.trained.coding import BY_PART, Coding
 

@@ -1,0 +1,1 @@
+"""Learning from a data set alone: cloning and implicit Q-learning."""

@@ -1,0 +1,1 @@
+"""PPO with parts as samples."""

@@ -1,0 +1,1 @@
+"""SAC on the flat state."""

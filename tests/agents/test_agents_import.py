@@ -1,0 +1,97 @@
+"""``--import``: what a user brings takes part, in the command and in its workers; what cannot be imported is one line."""
+
+import json
+import sys
+
+import pytest
+
+from agents import __main__ as command
+from agents import imports
+from agents.workers import side_by_side
+
+PACKAGE = """
+import gymnasium as gym
+
+from vibgym.tasks import TASKS
+from vibgym.tasks.transport import Transport
+
+
+class Park(Transport):
+    \"\"\"Bring a part to a place, which need not be exact.\"\"\"
+
+    name = "{name}"
+
+    def __init__(self, *arguments, **settings):
+        super().__init__(*arguments, **settings)
+        self.position_tolerance = 0.02
+
+
+TASKS.register("{name}", Park)
+gym.register(
+    id="mine/{name}-v0", entry_point="vibgym.envs:VibgymEnv", vector_entry_point="vibgym.envs:VibgymVectorEnv",
+    max_episode_steps=20, kwargs={{"task": "{name}", "max_episode_periods": 20}},
+)
+"""
+
+TRAINING = """
+mine/{name}-v0:
+  plain:
+    environment: {{action: field}}
+    worlds: 4
+    steps: 64
+    ppo: {{n_steps: 8, batch_size: 16, n_epochs: 1, net: [8], critic_net: [8]}}
+    judging: {{episodes: 3, every: 32}}
+"""
+
+
+@pytest.fixture
+def brought(tmp_path, monkeypatch):
+    """Directory with a package of a name that no other test has imported."""
+    name = f"Park{abs(hash(tmp_path)) % 10**8}"
+    (tmp_path / f"brought_{name.lower()}").mkdir()
+    (tmp_path / f"brought_{name.lower()}" / "__init__.py").write_text(PACKAGE.format(name=name))
+    (tmp_path / "mine.yaml").write_text(TRAINING.format(name=name))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", list(sys.path))
+    monkeypatch.setattr(imports, "_imported", [])
+    return name, f"brought_{name.lower()}"
+
+
+def test_a_package_of_one_s_own_is_trained_on_and_judged(brought, tmp_path):
+    name, package = brought
+    arguments = ["train", "mine.yaml", "--agent", f"{name}/plain", "--output", "run", "--quiet", "--import", package]
+    assert command.main(arguments) == 0
+    record = json.loads((tmp_path / "run" / "policy.json").read_text())
+    assert record["training"]["settings"]["task"] == f"mine/{name}-v0" and imports.taking_part() == (package,)
+    assert (tmp_path / "run" / "curve.csv").read_text().count("\n") == 3
+
+
+def knows(name):
+    from vibgym.tasks import TASKS
+
+    return name in TASKS
+
+
+def test_workers_take_it_over(brought, monkeypatch):
+    name, package = brought
+    imports.take_part([package])
+    monkeypatch.setattr("agents.workers.local.available_threads", lambda: 2)
+    with side_by_side(2) as submit:
+        assert submit(knows, name).result(300)
+
+
+TAKEN = "import vibgym\nvibgym.tasks.TASKS.register('Align', object)"
+
+
+@pytest.mark.parametrize("text, said", [
+    (None, "ModuleNotFoundError: No module named 'spoilt_"), ("1 / 0", "ZeroDivisionError: division by zero"),
+    (TAKEN, "ValueError: task name: got 'Align'; allowed: one that is not taken"), ("x = (", "SyntaxError"),
+])  # fmt: skip
+def test_what_cannot_be_imported_is_one_line(tmp_path, monkeypatch, capsys, text, said):
+    name = f"spoilt_{abs(hash(tmp_path)) % 10**8}"
+    if text is not None:
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    assert command.main(["train", "none.yaml", "--import", name]) == 2
+    line = capsys.readouterr().err
+    assert line.startswith(f"--import: got '{name}'; allowed: a module") and said in line and line.count("\n") == 1
