@@ -12,6 +12,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.camera import CameraSensor
+from vibgym.sensing.effects import EFFECTS, Effect
 from vibgym.sensing.estimation import ESTIMATORS, Plant, estimator_from
 from vibgym.sensing.ideal import IdealSensor
 from vibgym.sensing.measurement import Measurement, Reading
@@ -36,7 +37,7 @@ def sensing_from(
     latency: int,
     walls: Sequence[str],
 ) -> Sensing:
-    """A sensing stage from a sensor's name, or a mapping with ``kind``, the sensor's settings, ``estimator`` and ``tell``.
+    """A sensing stage from a sensor's name, or a mapping: ``kind``, the sensor's settings, effects, ``estimator``, ``tell``.
 
     Args:
         plant: nominal actuators without latency, for estimators with a model.
@@ -49,14 +50,16 @@ def sensing_from(
     kind, settings = checks.named("sensor", value, tuple(SENSORS))
     settings = to_si(settings, "sensor")
     chosen = settings.pop("estimator", "none")
-    tell = _told(settings.pop("tell", ()))
-    sensor = checks.made("sensor", SENSORS[kind], (surface, parts, worlds, periods), settings, ("estimator", "tell"))
+    tell = _reported(settings.pop("tell", ()))
+    cls = SENSORS[kind]
+    effects = tuple(EFFECTS) if "effects" in checks.keywords(cls) else ()
+    sensor = checks.made("sensor", cls, (surface, parts, worlds, periods), settings, (*effects, "estimator", "tell"))
     if sensor.exact and chosen == "none":
         return ExactSensing(sensor, tell)
     return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), tell)
 
 
-def _told(value: Any) -> tuple[str, ...]:
+def _reported(value: Any) -> tuple[str, ...]:
     """What a state observation shall tell of the measurement besides."""
     if not isinstance(value, list | tuple) or any(
         not isinstance(each, str) or each not in TOLD or value.count(each) > 1 for each in value
@@ -66,9 +69,11 @@ def _told(value: Any) -> tuple[str, ...]:
 
 
 __all__ = [
+    "EFFECTS",
     "ESTIMATORS",
     "SENSORS",
     "TOLD",
+    "Effect",
     "Estimator",
     "Measurement",
     "PoseSensor",
