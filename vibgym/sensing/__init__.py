@@ -50,13 +50,21 @@ def sensing_from(
     kind, settings = checks.named("sensor", value, tuple(SENSORS))
     settings = to_si(settings, "sensor")
     chosen = settings.pop("estimator", "none")
-    tell = _reported(settings.pop("tell", ()))
+    reported = _reported(settings.pop("tell", ()))
+    sensor = sensor_from({"kind": kind, **settings}, surface, parts, worlds, periods, ("estimator", "tell"))
+    if sensor.exact and chosen == "none":
+        return ExactSensing(sensor, reported)
+    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), reported)
+
+
+def sensor_from(
+    value: Any, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, more: tuple[str, ...] = ()
+) -> Sensor:
+    """A sensor by itself from its name, or a mapping with ``kind``, its settings and effects; ``more``: known besides."""
+    kind, settings = checks.named("sensor", value, tuple(SENSORS))
     cls = SENSORS[kind]
     effects = tuple(EFFECTS) if "effects" in checks.keywords(cls) else ()
-    sensor = checks.made("sensor", cls, (surface, parts, worlds, periods), settings, (*effects, "estimator", "tell"))
-    if sensor.exact and chosen == "none":
-        return ExactSensing(sensor, tell)
-    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), tell)
+    return checks.made("sensor", cls, (surface, parts, worlds, periods), to_si(settings, "sensor"), (*effects, *more))
 
 
 def _reported(value: Any) -> tuple[str, ...]:
@@ -81,4 +89,5 @@ __all__ = [
     "Sensing",
     "Sensor",
     "sensing_from",
+    "sensor_from",
 ]

@@ -2,9 +2,9 @@
 
 A sensor's mapping names them beside its own settings (``{"kind": "camera", "dropout": 0.1}``), or in ``effects`` where the
 sensor has a setting of that name itself (``{"kind": "camera", "effects": {"noise": 1e-4}}``: the camera's own ``noise`` is that
-of its pixels). Effects of your own act in the order in which they were registered, whatever the order in the mapping; then bias,
-noise and dropout. Last of all, velocities are made of what is left: they are differences, the pose less the one read before over
-the time between them. Delay and rate are timing, and belong to :class:`vibgym.sensing.Sensor` itself.
+of its pixels). Effects of your own act in the order in which they were registered, whatever the order in the mapping; then
+bias, noise and dropout. Last of all, velocities are made of what is left: they are differences, the pose less the one read
+before over the time between them. Delay and rate are timing, and belong to :class:`vibgym.sensing.Sensor` itself.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Callable, Mapping
+from enum import IntEnum
 from typing import Any, Protocol
 
 import numpy as np
@@ -198,7 +199,13 @@ class Effects:
         return {"effects_key": self._sensor.key, "last": self._last, "elapsed": self._elapsed, **own}
 
 
-_NOISE, _DROPOUT, _SHIFT, _TURN = range(4)  # streams: what a number is drawn for
+class Stream(IntEnum):
+    """Third word of a counter: what a random number is drawn for."""
+
+    NOISE = 0
+    DROPOUT = 1
+    SHIFT = 2
+    TURN = 3
 
 
 @borrowing
@@ -213,9 +220,9 @@ def draw_normals(worlds, key, looks, stream, drawn):
 def draw_offsets(worlds, key, bias, offset):
     """Errors of whole episodes: a shift of the image, and a turn of each part's axis, into ``offset`` (worlds, parts, 3)."""
     for w in worlds:
-        dx, dy, _, _ = normals(key[w], 0, 0, _SHIFT, 0)
+        dx, dy, _, _ = normals(key[w], 0, 0, Stream.SHIFT, 0)
         for p in range(offset.shape[1]):
-            turn, _, _, _ = normals(key[w], 0, p, _TURN, 0)
+            turn, _, _, _ = normals(key[w], 0, p, Stream.TURN, 0)
             offset[w, p, 0], offset[w, p, 1], offset[w, p, 2] = bias[0] * dx, bias[0] * dy, bias[1] * turn
 
 
@@ -240,14 +247,14 @@ def read_poses(worlds, key, looks, noise, offset, dropout, step, last, elapsed, 
             elapsed[w, p] += 1
             lost = not reading.seen[w, p]
             if dropout > 0.0 and not first:
-                chance, _, _, _ = uniforms(key[w], looks[w], p, _DROPOUT, 0)
+                chance, _, _, _ = uniforms(key[w], looks[w], p, Stream.DROPOUT, 0)
                 lost = lost or chance < dropout
             if lost:
                 reading.seen[w, p] = False
                 for k in range(3):
                     reading.pose[w, p, k], reading.mean_velocity[w, p, k] = last[w, p, k], 0.0
                 continue
-            ex, ey, et, _ = normals(key[w], looks[w], p, _NOISE, 0)
+            ex, ey, et, _ = normals(key[w], looks[w], p, Stream.NOISE, 0)
             error = noise[0] * ex, noise[0] * ey, noise[1] * et
             for k in range(3):
                 pose = reading.pose[w, p, k] + (offset[w, p, k] + error[k])

@@ -16,7 +16,7 @@ from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.camera.fitting import ErrorModel, fit_errors
 from vibgym.sensing.camera.image import whole_image
-from vibgym.sensing.camera.look import Seen, look_at, new_seen, new_track
+from vibgym.sensing.camera.look import Mishap, Seen, look_at, new_seen, new_track
 from vibgym.sensing.camera.setup import Settings, Setup
 from vibgym.sensing.camera.statistical import Statistics, guess, normal_levels
 from vibgym.sensing.measurement import Reading
@@ -95,7 +95,7 @@ class CameraSensor(Sensor):
         return np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[kind]
 
     def facts(self) -> dict[str, np.ndarray]:
-        return {name: self.track.count[:, k] for k, name in enumerate(("swaps", "merges", "losses"))}
+        return {each.name.lower(): self.track.count[:, each] for each in Mishap}
 
     def keep_pictures(self) -> None:
         """Keep, from the next start of an episode on, what :meth:`image` needs; it belongs to snapshots."""
