@@ -228,9 +228,9 @@ def keywords(make: Any) -> dict[str, Any]:
         if isinstance(each, type) and "__init__" not in vars(each):
             continue
         parameters = inspect.signature(each).parameters.values()
-        names = {one.name: one.default for one in parameters if one.kind is one.KEYWORD_ONLY} | names
-        if "SETTINGS" in vars(each):
-            names = {one.name: one.default for one in dataclasses.fields(each.SETTINGS)} | names
+        own = [one for one in parameters if one.kind is one.KEYWORD_ONLY]
+        for one in (*own, *(dataclasses.fields(each.SETTINGS) if "SETTINGS" in vars(each) else ())):
+            names.setdefault(one.name, one.default)
         if not any(one.kind is one.VAR_KEYWORD for one in parameters):
             break
     return names
