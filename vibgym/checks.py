@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import math
 import numbers
@@ -202,40 +203,34 @@ def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[
 
 
 def made(
-    argument: str, cls: Any, given: tuple[Any, ...], settings: Mapping[str, Any], more: tuple[str, ...] = ()
+    argument: str, make: Any, given: tuple[Any, ...], settings: Mapping[str, Any], more: tuple[str, ...] = ()
 ) -> Any:
-    """``cls(*given, **settings)``, where settings that it does not have are refused by name; ``more``: that others take."""
-    return _with_settings(argument, cls, given, settings, keywords(cls), more)
+    """``make(*given, **settings)``, where settings that are not among its keyword arguments are refused by name.
 
-
-def called(argument: str, function: Any, given: tuple[Any, ...], settings: Mapping[str, Any]) -> Any:
-    """``function(*given, **settings)``, where settings that are not among its keyword arguments are refused by name."""
-    parameters = inspect.signature(function).parameters.values()
-    known = tuple(each.name for each in parameters if each.kind is each.KEYWORD_ONLY)
-    return _with_settings(argument, function, given, settings, known)
-
-
-def _with_settings(
-    argument: str,
-    make: Any,
-    given: Any,
-    settings: Mapping[str, Any],
-    known: tuple[str, ...],
-    more: tuple[str, ...] = (),
-) -> Any:
+    Args:
+        make: a class, or a function.
+        more: names that are allowed besides.
+    """
+    known = tuple(dict.fromkeys((*keywords(make), *more)))
     for name in settings:
         if name not in known:
-            raise refuse(argument, f"the setting {name!r}", ", ".join((*known, *more)) or "no settings")
+            raise refuse(argument, f"the setting {name!r}", ", ".join(known) or "no settings")
     return make(*given, **settings)
 
 
-def keywords(cls: Any) -> tuple[str, ...]:
-    """Names of a class's keyword arguments, with those of its bases where it hands on what it does not know."""
-    names: dict[str, None] = {}
-    for each in cls.__mro__:
-        if "__init__" in vars(each):
-            parameters = inspect.signature(each).parameters.values()
-            names |= {one.name: None for one in parameters if one.kind is one.KEYWORD_ONLY}
-            if not any(one.kind is one.VAR_KEYWORD for one in parameters):
-                break
-    return tuple(names)
+def keywords(make: Any) -> dict[str, Any]:
+    """Keyword arguments of a class or function with their defaults, with those of bases to which it hands on the others.
+
+    A class that has many of them keeps them in a record of their own: ``SETTINGS``, a dataclass.
+    """
+    names: dict[str, Any] = {}
+    for each in getattr(make, "__mro__", (make,)):
+        if isinstance(each, type) and "__init__" not in vars(each):
+            continue
+        parameters = inspect.signature(each).parameters.values()
+        own = [one for one in parameters if one.kind is one.KEYWORD_ONLY]
+        for one in (*own, *(dataclasses.fields(each.SETTINGS) if "SETTINGS" in vars(each) else ())):
+            names.setdefault(one.name, one.default)
+        if not any(one.kind is one.VAR_KEYWORD for one in parameters):
+            break
+    return names

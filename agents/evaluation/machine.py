@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -10,15 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.evaluation.words import joined
+from vibgym import checks
 from vibgym.actuators import ACTUATORS
 from vibgym.actuators.ideal import IdealActuators
 from vibgym.actuators.prototype import PrototypeActuators
 from vibgym.config import to_si
 from vibgym.scene import Surface
-from vibgym.sensing import SENSORS
+from vibgym.sensing import EFFECTS, SENSORS
 from vibgym.sensing.camera import CameraSensor, Settings
+from vibgym.sensing.effects import deviations
 from vibgym.sensing.ideal import IdealSensor
-from vibgym.sensing.pose import PoseSensor, deviations
+from vibgym.sensing.pose import PoseSensor
 
 IDEAL = (
     "Every element does exactly what it is told, at once.",
@@ -85,26 +86,18 @@ def _words(environment: Mapping[str, Any], surface: Surface) -> tuple[list[Words
 def _of_kind(given: Any, what: str, kinds: Mapping[str, Any], surface: Surface) -> list[Words]:
     kind, own = (given["kind"], to_si(given, what)) if isinstance(given, Mapping) else (given, {})
     own = {name: value for name, value in own.items() if name != "kind"}
-    values = {**defaults(kinds[kind]), **own}
-    known = {**WORDS.get(kinds[kind], {}), **EVERY[what]}
+    usual, effects = checks.keywords(kinds[kind]), to_si(own.pop("effects", {}), "effects")
+    values = {**usual, **own}
+    flat = {name: words for name, words in EFFECT_WORDS.items() if what == "sensor" and name not in usual}
+    known = {**WORDS.get(kinds[kind], {}), **flat, **EVERY[what]}
     found = [words(values[name], values, surface) for name, words in known.items() if name in values]
+    effects |= {name: value for name, value in own.items() if name in EFFECTS and name not in {**known, **usual}}
+    found += [EFFECT_WORDS.get(name, _effect(name))(value, effects, surface) for name, value in effects.items()]
     if kinds[kind] not in WORDS:
         foreign = ", ".join(f"{name} {value}" for name, value in own.items() if name not in known)
         verb, of = "is" if what == "sensor" else "are", f"{kind} ({foreign})" if foreign else kind
         found.insert(0, Words(of, f"The {what} {verb} of kind {of}."))
     return [each for each in found if each is not None]
-
-
-def defaults(cls: Any) -> dict[str, Any]:
-    """Settings of a class with their defaults, with those of its bases where it hands on what it does not know."""
-    found: dict[str, Any] = {}
-    for each in cls.__mro__:
-        if "__init__" in vars(each):
-            parameters = inspect.signature(each).parameters.values()
-            found = {**{one.name: one.default for one in parameters if one.kind is one.KEYWORD_ONLY}, **found}
-            if not any(one.kind is one.VAR_KEYWORD for one in parameters):
-                break
-    return found
 
 
 def _range(name: str, value: Any) -> str:
@@ -203,6 +196,11 @@ def _off(name: str) -> Callable[[Any, Surface], str]:
     return size
 
 
+def _effect(name: str) -> Said:
+    """Words for an effect of a user's own."""
+    return lambda value, values, surface: Words(f"{name} {value}", f"Measurements have the effect {name} ({value}).")
+
+
 def _camera(statistical: bool, values: Mapping[str, Any], surface: Surface) -> Words:
     if statistical:
         return Words("statistics of a camera", "Measured poses are off as those of a camera are; no images are made.")
@@ -281,6 +279,19 @@ EVERY: dict[str, dict[str, Said]] = {
 }
 """Setting -> what it means, of actuators and sensors of every kind."""
 
+EFFECT_WORDS: dict[str, Said] = {
+    "noise": _plainly(
+        "noise of {}",
+        "Measured poses are off by {} (standard deviation, anew in every measurement).",
+        _off("sensor.noise"),
+    ),
+    "bias": _plainly(
+        "bias of {}", "All measurements of an episode share an error of {} (standard deviation).", _off("sensor.bias")
+    ),
+    "dropout": _plainly("{} of measurements missing", "{} of the measurements are missing.", _percent),
+}
+"""The same, of the effects that every sensor has where it has no setting of that name itself."""
+
 WORDS: dict[Any, dict[str, Said]] = {
     IdealActuators: {},
     PrototypeActuators: {
@@ -297,19 +308,7 @@ WORDS: dict[Any, dict[str, Said]] = {
         "stuck": _faulty("stuck", "can only move in a way of their own"),
     },
     IdealSensor: {},
-    PoseSensor: {
-        "noise": _plainly(
-            "noise of {}",
-            "Measured poses are off by {} (standard deviation, anew in every measurement).",
-            _off("sensor.noise"),
-        ),
-        "bias": _plainly(
-            "bias of {}",
-            "All measurements of an episode share an error of {} (standard deviation).",
-            _off("sensor.bias"),
-        ),
-        "dropout": _plainly("{} of measurements missing", "{} of the measurements are missing.", _percent),
-    },
+    PoseSensor: {"noise": EFFECT_WORDS["noise"]},
     CameraSensor: {
         "statistical": _camera,
         "lines": _lines,

@@ -170,7 +170,7 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         env = environments.make_batch(settings.task, num_envs=1, action=record["action"], **own)
         policy = make_policy({"kind": kind, "path": str(path)}, TaskInfo.of(env))
         seeds = [FIRST_SEED + int(k) for k in share]
-        found = rollout(policy, settings.environment_name, seeds=seeds, keep=Measures, **own)
+        found = rollout(policy, environments.environment_id(settings.task), seeds=seeds, keep=Measures, **own)
         success.append(found.success)
         times.append(found.time_to_goal)
         over.append(found.time_over_bound)

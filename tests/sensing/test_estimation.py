@@ -79,8 +79,8 @@ def test_the_filter_is_the_textbook_s(delay, latency):
     for k in range(1, 60):
         missed = k % 7 == 3
         reading.pose[0, 0, 0], reading.seen[0, 0] = way[k], not missed
-        own.follow(None)
-        own.update(reading)
+        own.predict(None)
+        own.correct(reading)
         x, p = f @ x, f @ p @ f.T + q
         if not missed:
             gain = p[:, 0] / (p[0, 0] + 1e-8)
@@ -110,8 +110,8 @@ def test_variances_stay_positive_whatever_is_read():
         for k in range(200):
             reading.pose[...] = random.uniform(0, 10.0 if k % 3 else 1e-3, (4, 1, 3))
             reading.seen[...] = random.random((4, 1)) < (0.1 if k % 100 > 50 else 0.8)
-            own.follow(None)
-            own.update(reading)
+            own.predict(None)
+            own.correct(reading)
             variances = own._filter.record.covariance[..., [0, 3, 5]]
             assert (variances >= 0.0).all() and np.isfinite(own.measurement.pose).all(), k
 

@@ -133,10 +133,10 @@ def test_what_a_sensor_remembers_is_part_of_the_snapshot():
 
 
 @pytest.mark.parametrize("sensor, message", [
-    ({"kind": "shifted", "colour": 1}, r"^sensor: got \"the setting 'colour'\"; allowed: most, delay, rate, estimator"),
+    ({"kind": "shifted", "colour": 1}, r"^sensor: got .*; allowed: most, delay, rate, effects, noise, bias, dropout, est"),
     ({"kind": "shifted", "delay": -1}, r"^sensor\.delay: got -1; allowed: "),
     ({"kind": "shifted", "delay": 0.5}, r"^sensor\.delay: got 0\.5; allowed: "),
-    ({"kind": "ideal", "delay": 1}, r"^sensor: got .*delay.*; allowed: estimator"),
+    ({"kind": "ideal", "colour": 1}, r"^sensor: got .*'colour'\"; allowed: delay, rate, effects, noise, bias, dropout"),
     ({"kind": "nose"}, r"^sensor\['kind'\]: got 'nose'; allowed: 'ideal', 'pose', 'camera', 'shifted'"),
     ({"delay": 1}, r"^sensor: got .*; allowed: a mapping with 'kind'"),
     ("nose", r"^sensor: got 'nose'; allowed: 'ideal', 'pose', 'camera', 'shifted'"),

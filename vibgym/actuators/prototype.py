@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -38,14 +39,11 @@ MOST_LATENCY = 1000
 MOST_SPREAD = 0.5
 
 
-class PrototypeActuators(ActuatorStage):
-    """Elements with a dead zone, a limit, latency, spread, and faults.
-
-    A commanded amplitude is rounded to the resolution and limited; the dead zone takes what is small; the element's own gain
-    and phase error follow; what still exceeds the surface's largest amplitude is cut.
+@dataclass(frozen=True)
+class PrototypeSettings:
+    """Settings of the prototype's actuators.
 
     Args:
-        surface, worlds, periods: see :class:`vibgym.actuators.stage.ActuatorStage`.
         dead_zone: m, amplitude below which commands are not, or not wholly, realised.
         dead_zone_form: of smaller amplitudes ``a``: ``"hard"``: nothing, ``"soft"``: a^2 / dead_zone, ``"cubic"``:
             a^3 / dead_zone^2.
@@ -58,67 +56,69 @@ class PrototypeActuators(ActuatorStage):
         dead: elements that never move: the share of them, drawn at random, or a list of [row, column].
         stuck: elements that keep an amplitude and phase of their own: the share, or a list of [row, column, amplitude, phase].
         seed: of one machine, the same in all worlds and episodes; None: every episode has one of its own.
+    """
+
+    dead_zone: float = 1e-4
+    dead_zone_form: str = "hard"
+    limit: float | None = None
+    latency: int = 1
+    gain_spread: float = 0.05
+    phase_spread: float = math.radians(5.0)
+    bandwidth: float | None = None
+    resolution: float = 0.0
+    dead: float | Sequence[Sequence[int]] = 0.0
+    stuck: float | Sequence[Sequence[float]] = 0.0
+    seed: int | None = None
+
+
+class PrototypeActuators(ActuatorStage):
+    """Elements with a dead zone, a limit, latency, spread, and faults.
+
+    A commanded amplitude is rounded to the resolution and limited; the dead zone takes what is small; the element's own gain
+    and phase error follow; what still exceeds the surface's largest amplitude is cut.
+
+    Args:
+        surface, worlds, periods: see :class:`vibgym.actuators.stage.ActuatorStage`.
+        **settings: of :class:`PrototypeSettings`.
 
     Raises:
         ValueError: a bad setting.
     """
 
-    VARIED = (
-        "dead_zone",
-        "limit",
-        "latency",
-        "gain_spread",
-        "phase_spread",
-        "bandwidth",
-        "resolution",
-        "dead",
-        "stuck",
-    )
+    VARIED = tuple(each.name for each in fields(PrototypeSettings) if each.name not in ("dead_zone_form", "seed"))
 
-    def __init__(
-        self,
-        surface: Surface,
-        worlds: int,
-        periods: int,
-        *,
-        dead_zone: float = 1e-4,
-        dead_zone_form: str = "hard",
-        limit: float | None = None,
-        latency: int = 1,
-        gain_spread: float = 0.05,
-        phase_spread: float = math.radians(5.0),
-        bandwidth: float | None = None,
-        resolution: float = 0.0,
-        dead: float | Sequence[Sequence[int]] = 0.0,
-        stuck: float | Sequence[Sequence[float]] = 0.0,
-        seed: int | None = None,
-    ) -> None:
+    SETTINGS = PrototypeSettings
+
+    def __init__(self, surface: Surface, worlds: int, periods: int, **settings: Any) -> None:
         super().__init__(surface, worlds, periods)
         assert surface.max_amplitude is not None
+        given = PrototypeSettings(**settings)
         self.most = most = surface.max_amplitude
-        self.form = checks.choice("actuators.dead_zone_form", dead_zone_form, FORMS)
-        self.latency = checks.count("actuators.latency", latency, least=0, most=MOST_LATENCY)
-        limit = most if limit is None else checks.number("actuators.limit", limit, above=0.0, most=most)
-        fixed_dead, fixed_stuck = _places("dead", dead, surface, 2), _places("stuck", stuck, surface, 4)
-        if set(fixed_dead[:, :2].astype(int) @ [10**6, 1]) & set(fixed_stuck[:, :2].astype(int) @ [10**6, 1]):
-            raise checks.refuse("actuators.stuck", stuck, "elements that are not dead as well")
-        self._faults = (fixed_dead, fixed_stuck)
+        self.form = checks.choice("actuators.dead_zone_form", given.dead_zone_form, FORMS)
+        self.latency = checks.count("actuators.latency", given.latency, least=0, most=MOST_LATENCY)
+        self._faults = dead, stuck = _places("dead", given.dead, surface, 2), _places("stuck", given.stuck, surface, 4)
+        if {*map(tuple, dead[:, :2])} & {*map(tuple, stuck[:, :2])}:
+            raise checks.refuse("actuators.stuck", given.stuck, "elements that are not dead as well")
+
+        def number(name: str, value: Any, **bounds: float) -> float:
+            return checks.number(f"actuators.{name}", value, **bounds)
+
         self._numbers = {
-            "dead_zone": checks.number("actuators.dead_zone", dead_zone, least=0.0, most=most),
-            "limit": limit,
+            "dead_zone": number("dead_zone", given.dead_zone, least=0.0, most=most),
+            "limit": most if given.limit is None else number("limit", given.limit, above=0.0, most=most),
             "latency": float(self.latency),
-            "gain_spread": checks.number("actuators.gain_spread", gain_spread, least=0.0, most=MOST_SPREAD),
-            "phase_spread": checks.number("actuators.phase_spread", phase_spread, least=0.0, most=math.pi),
+            "gain_spread": number("gain_spread", given.gain_spread, least=0.0, most=MOST_SPREAD),
+            "phase_spread": number("phase_spread", given.phase_spread, least=0.0, most=math.pi),
             "bandwidth": math.inf
-            if bandwidth is None
-            else checks.number("actuators.bandwidth", bandwidth, above=0.0, most=1e6),
-            "resolution": checks.number("actuators.resolution", resolution, least=0.0, most=most),
-            "dead": 0.0 if len(fixed_dead) else checks.number("actuators.dead", _share(dead), least=0.0, most=1.0),
-            "stuck": 0.0 if len(fixed_stuck) else checks.number("actuators.stuck", _share(stuck), least=0.0, most=1.0),
+            if given.bandwidth is None
+            else number("bandwidth", given.bandwidth, above=0.0, most=1e6),
+            "resolution": number("resolution", given.resolution, least=0.0, most=most),
+            "dead": 0.0 if len(dead) else number("dead", _share(given.dead), least=0.0, most=1.0),
+            "stuck": 0.0 if len(stuck) else number("stuck", _share(given.stuck), least=0.0, most=1.0),
         }
-        _check_dead_zone("actuators.dead_zone", self._numbers["dead_zone"], limit)
+        _check_dead_zone("actuators.dead_zone", self._numbers["dead_zone"], self._numbers["limit"])
         _check_shares("actuators.stuck", self._numbers["stuck"], self._numbers["dead"])
-        self.seed = None if seed is None else checks.count("actuators.seed", seed, least=0, most=2**63 - 1)
+        self.seed = None if given.seed is None else checks.count("actuators.seed", given.seed, least=0, most=2**63 - 1)
         self._ranges: dict[str, tuple[float, float]] = {}
         self._own = {name: np.full(worlds, value) for name, value in self._numbers.items()}
         self._make()
@@ -253,12 +253,9 @@ class PrototypeActuators(ActuatorStage):
         draw_elements(self._hardware.address, worlds, keys, spread, faulty)
         for fault in self._faults:
             for row, column, *motion in fault.tolist():
-                c, s = (
-                    (scale * motion[0] * math.cos(motion[1]), scale * motion[0] * math.sin(motion[1]))
-                    if motion
-                    else (0, 0)
-                )
-                record.element[worlds, int(row), int(column)] = [0.0, 0.0, c, s]
+                amplitude, phase = motion or (0.0, 0.0)
+                own_motion = [scale * amplitude * math.cos(phase), scale * amplitude * math.sin(phase)]
+                record.element[worlds, int(row), int(column)] = [0.0, 0.0, *own_motion]
         if self._lagging:
             rate = 2.0 * math.pi * own["bandwidth"][worlds] * self.surface.period
             self._keep[worlds, 0], self._keep[worlds, 1] = np.exp(-rate), -np.expm1(-rate) / rate

@@ -254,7 +254,7 @@ class Core:
     def step(self, action: np.ndarray) -> None:
         """Advance every world by one step under a checked action, score it, and measure."""
         command = self.action.command(action, self.sensing.measurement)
-        self.sensing.follow(command)
+        self.sensing.predict(command)
         if self._own_reward is not None:
             self._own_reward.begin_step()
         elapsed, instant, state = 0, self.sensing.instant, self.simulator.state
@@ -269,7 +269,7 @@ class Core:
                 if elapsed + periods == instant:
                     self.sensing.look(state)
             elapsed += periods
-        self.sensing.update()
+        self.sensing.correct()
         self.scoring.score()
         self._look()
         if self._own_reward is not None:

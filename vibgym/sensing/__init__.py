@@ -12,6 +12,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.camera import CameraSensor
+from vibgym.sensing.effects import EFFECTS, Effect
 from vibgym.sensing.estimation import ESTIMATORS, Plant, estimator_from
 from vibgym.sensing.ideal import IdealSensor
 from vibgym.sensing.measurement import Measurement, Reading
@@ -36,7 +37,7 @@ def sensing_from(
     latency: int,
     walls: Sequence[str],
 ) -> Sensing:
-    """A sensing stage from a sensor's name, or a mapping with ``kind``, the sensor's settings, ``estimator`` and ``tell``.
+    """A sensing stage from a sensor's name, or a mapping: ``kind``, the sensor's settings, effects, ``estimator``, ``tell``.
 
     Args:
         plant: nominal actuators without latency, for estimators with a model.
@@ -49,14 +50,24 @@ def sensing_from(
     kind, settings = checks.named("sensor", value, tuple(SENSORS))
     settings = to_si(settings, "sensor")
     chosen = settings.pop("estimator", "none")
-    tell = _told(settings.pop("tell", ()))
-    sensor = checks.made("sensor", SENSORS[kind], (surface, parts, worlds, periods), settings, ("estimator", "tell"))
+    reported = _reported(settings.pop("tell", ()))
+    sensor = sensor_from({"kind": kind, **settings}, surface, parts, worlds, periods, ("estimator", "tell"))
     if sensor.exact and chosen == "none":
-        return ExactSensing(sensor, tell)
-    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), tell)
+        return ExactSensing(sensor, reported)
+    return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), reported)
 
 
-def _told(value: Any) -> tuple[str, ...]:
+def sensor_from(
+    value: Any, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, more: tuple[str, ...] = ()
+) -> Sensor:
+    """A sensor by itself from its name, or a mapping with ``kind``, its settings and effects; ``more``: known besides."""
+    kind, settings = checks.named("sensor", value, tuple(SENSORS))
+    cls = SENSORS[kind]
+    effects = tuple(EFFECTS) if "effects" in checks.keywords(cls) else ()
+    return checks.made("sensor", cls, (surface, parts, worlds, periods), to_si(settings, "sensor"), (*effects, *more))
+
+
+def _reported(value: Any) -> tuple[str, ...]:
     """What a state observation shall tell of the measurement besides."""
     if not isinstance(value, list | tuple) or any(
         not isinstance(each, str) or each not in TOLD or value.count(each) > 1 for each in value
@@ -66,9 +77,11 @@ def _told(value: Any) -> tuple[str, ...]:
 
 
 __all__ = [
+    "EFFECTS",
     "ESTIMATORS",
     "SENSORS",
     "TOLD",
+    "Effect",
     "Estimator",
     "Measurement",
     "PoseSensor",
@@ -76,4 +89,5 @@ __all__ = [
     "Sensing",
     "Sensor",
     "sensing_from",
+    "sensor_from",
 ]

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from vibgym.physics.core.records import State
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.measurement import Reading
 
 
 class IdealSensor(Sensor):
-    """Knows true poses and mean velocities without delay; nothing is copied unless an estimator wants to know it."""
+    """Knows true poses and mean velocities, without delay unless it is asked for; nothing is copied unless somebody wants to.
 
-    exact = True
+    With effects its velocities are differences of what it reads, as those of :class:`vibgym.sensing.PoseSensor` are.
+    """
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], worlds: int, periods: int) -> None:
-        super().__init__(surface, parts, worlds, periods)
+    @property
+    def exact(self) -> bool:
+        return self.delay == 0 and self.every == 1 and not self._effects
 
     def measure(self, state: State, reading: Reading) -> None:
         for read, true in zip(reading, (state.pose, state.mean_velocity, state.fallen), strict=False):

@@ -27,11 +27,11 @@ class Estimator(Protocol):
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         """Start afresh in ``worlds`` (index array) from what was read of them at the start."""
 
-    def follow(self, command: Drive) -> None:
-        """Take note of a step's command, before it acts."""
+    def predict(self, command: Drive) -> None:
+        """Carry the estimate on by a step under its command, before it acts."""
 
-    def update(self, reading: Reading) -> None:
-        """Take in the reading that has come due at the step's end."""
+    def correct(self, reading: Reading) -> None:
+        """Correct the estimate by the reading that has come due at the step's end."""
 
     def live(self) -> dict[str, np.ndarray]:
         """All live arrays of a snapshot."""
@@ -54,7 +54,7 @@ class Sensing:
 
     def __init__(self, sensor: Sensor, estimator: Estimator, tell: tuple[str, ...] = ()) -> None:
         self.sensor, self.estimator, self.tell = sensor, estimator, tell
-        self.instant, self.draws = sensor.instant, sensor.draws
+        self.instant, self.draws = sensor.instant, sensor.all_draws
         self.lead = getattr(estimator, "lead", 0)
 
     @property
@@ -76,17 +76,17 @@ class Sensing:
         self.sensor.reset(worlds, state, uniform)
         self.estimator.reset(worlds, self.sensor.due)
 
-    def follow(self, command: Drive) -> None:
-        """Take note of a step's command, before it acts."""
-        self.estimator.follow(command)
+    def predict(self, command: Drive) -> None:
+        """Carry the estimate on by a step under its command, before it acts."""
+        self.estimator.predict(command)
 
     def look(self, state: State) -> None:
         """Take in the true state of this instant."""
         self.sensor.look(state)
 
-    def update(self) -> None:
+    def correct(self) -> None:
         """Bring the measurement up to date at a step's end."""
-        self.estimator.update(self.sensor.due)
+        self.estimator.correct(self.sensor.due)
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit."""
@@ -133,13 +133,13 @@ class ExactSensing(Sensing):
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
         self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none)
 
-    def follow(self, command: Drive) -> None:
+    def predict(self, command: Drive) -> None:
         """Nothing to do."""
 
     def look(self, state: State) -> None:
         """Nothing to do: the state is live."""
 
-    def update(self) -> None:
+    def correct(self) -> None:
         """Nothing to do."""
 
     def _live(self) -> dict[str, np.ndarray]:

@@ -10,10 +10,10 @@ from tests.envs.helpers import batch, single
 from tests.policies.helpers import POSE_TASKS, SURFACE, episodes, info_of
 from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.plant import TOP_SLIP
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
+from vibgym.scene.sliding import TOP_SLIP
 
 
 def steering(name="Sort", periods=1, **arguments):

@@ -9,11 +9,12 @@ import pytest
 from tests.envs.helpers import batch
 from tests.policies.helpers import SURFACE, episodes, info_of
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.plant import plant_of, top_slip
+from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.settling import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling, keep_on
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
+from vibgym.scene.sliding import top_slip
 
 HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 

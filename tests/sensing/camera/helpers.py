@@ -29,7 +29,7 @@ def camera(parts, pose, periods=1, **settings):
     state = state_of(pose)
     worlds = len(state.pose)
     sensor = CameraSensor(SURFACE, parts, worlds, periods, **settings)
-    uniform = np.random.default_rng(5).random((worlds, sensor.draws))
+    uniform = np.random.default_rng(5).random((worlds, sensor.all_draws))
     sensor.keep_pictures()
     sensor.reset(np.arange(worlds), state, uniform)
     return sensor

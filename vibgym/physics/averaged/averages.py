@@ -53,6 +53,12 @@ class Averages(NamedTuple):
     wobble: np.ndarray  # (2, nodes, angles, 12)
 
 
+@borrowing
+def friction_rate(friction, gravity, speed):
+    """1/s, ``c = mu g / (2 a_h w)`` at which friction brakes a part that is slow beside the table (thesis eq. 5.60)."""
+    return 0.5 * friction * gravity / speed
+
+
 def new_scratch() -> Scratch:
     """Room for one thread."""
     return Scratch(np.zeros((2, 4)), np.zeros(27), np.zeros((6, 3)))

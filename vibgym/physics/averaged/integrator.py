@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import reference
-from vibgym.physics.averaged.averages import slip_margin, wobble
+from vibgym.physics.averaged.averages import friction_rate, slip_margin, wobble
 from vibgym.physics.averaged.contact import (
     AveragedScheme,
     AveragedWorkspace,
@@ -85,7 +85,7 @@ def span_of(scene, length, is_last, vx, vy):
     table, steps = scene.table, scene.scheme.steps
     h = length * table.period / steps
     # The faster a part is than the table, the less its friction depends on its speed.
-    damping = 0.5 * scene.body.friction * table.gravity / table.speed
+    damping = friction_rate(scene.body.friction, table.gravity, table.speed)
     rate = damping * min(1.0, table.speed * table.speed / max(vx * vx + vy * vy, 1e-300))
     phi1, phi2, phi3 = exponential(rate * h)
     last, part = -1, 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,14 @@ from vibgym.sensing.camera.tracking import FAR, NO_PAIR, assign, nearest_heading
 
 X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
 """Columns of :class:`Seen`'s ``measure``."""
+
+
+class Mishap(IntEnum):
+    """What a look gets wrong: columns of :class:`Track`'s ``count``."""
+
+    SWAPS = 0  # parts taken for others
+    MERGES = 1  # parts that run into one another
+    LOSSES = 2
 
 
 COASTING = 2
@@ -72,7 +81,7 @@ class Track(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3) when it was last seen
     velocity: np.ndarray  # (worlds, parts, 3) then, m/s, m/s, rad/s
     missed: np.ndarray  # (worlds, parts) int64 looks since then
-    count: np.ndarray  # (worlds, 3) int64 parts taken for others, merged and lost at the last look
+    count: np.ndarray  # (worlds, 3) int64 mishaps at the last look
 
 
 def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen:
@@ -264,7 +273,7 @@ def look_at(
                 track.missed[w, p] += 1
                 if shown[w, p]:
                     merged = _is_merged(known, p, shown[w], seen)
-                    track.count[w, 1 if merged else 2] += 1
+                    track.count[w, Mishap.MERGES if merged else Mishap.LOSSES] += 1
                 for axis in range(3):
                     read_pose[w, p, axis], read_velocity[w, p, axis] = track.pose[w, p, axis], 0.0
                 continue
@@ -283,5 +292,5 @@ def look_at(
                 track.velocity[w, p, axis] = read_velocity[w, p, axis]
             track.missed[w, p] = 0
             if _swapped(pose[w], x, y, p, shown[w]):
-                track.count[w, 0] += 1
+                track.count[w, Mishap.SWAPS] += 1
         wipe(seen.boxes, rig.background, seen.canvas)

@@ -32,9 +32,8 @@ class Found(NamedTuple):
     first: np.ndarray  # (most objects + 1,) int64 of each object's runs
     moment: np.ndarray  # (most objects, 6) float64: M00, M10, M01, M20, M11, M02 of columns and lines
     box: np.ndarray  # (most objects, 4) int64: first line, line after the last, first column, column after the last
-    clipped: (
-        np.ndarray
-    )  # (most objects,) bool: reaches the border of the area of interest, where a part is seen in part
+    # (most objects,) bool: reaches the border of the area of interest, where a part is seen in part
+    clipped: np.ndarray
     label: np.ndarray  # (lines, columns) int16: 1 + object, 0 elsewhere; cleared by :func:`clear`
 
 

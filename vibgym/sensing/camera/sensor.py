@@ -16,7 +16,7 @@ from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.camera.fitting import ErrorModel, fit_errors
 from vibgym.sensing.camera.image import whole_image
-from vibgym.sensing.camera.look import Seen, look_at, new_seen, new_track
+from vibgym.sensing.camera.look import Mishap, Seen, look_at, new_seen, new_track
 from vibgym.sensing.camera.setup import Settings, Setup
 from vibgym.sensing.camera.statistical import Statistics, guess, normal_levels
 from vibgym.sensing.measurement import Reading
@@ -43,22 +43,10 @@ class CameraSensor(Sensor):
 
     Args:
         surface, parts, worlds, periods: see :class:`Sensor`.
-        edge: ``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels, as the thesis did.
-        lines: ``"half"`` of the chip's lines make an image, two and two together (as in the thesis), ``"all"`` at once, or
-            ``"interlaced"``: even lines at the instant, odd ones half an oscillation before.
-        noise: grey levels, standard deviation, of each pixel at each look.
-        blur: px, standard deviation of the lens's point spread.
-        distortion: displacement of the image's corner outwards, over its distance from the centre.
-        light: share of the light that is missing in the image's corners; it falls off with the square of the distance.
-        threshold: grey level below which a pixel belongs to a part. Full light makes the surface 200, and parts 40.
-        height: of the lens above the surface, m.  position: of the lens over the surface, m; None: its middle.
-        tilt: turns away from looking straight down about the surface's x and y axes, rad.
-        lens: focal length, m.  chip: width of the chip, m.  pixels: its columns and lines.
-        border: m, width of the light frame around the surface; beyond it nothing is looked at.
-        tetragons: of the calibration, along x and y.  mark: length of its square marks, m.
         statistical: no images, but their errors: a fixed function of the pose and white noise, with what :func:`fit_errors`
             finds in a sample of images for these parts and settings.
-        **base: ``delay``, ``rate``.
+        **settings: of the camera, see :class:`vibgym.sensing.camera.setup.Settings`; ``delay``, ``rate`` and effects. Its own
+            ``noise`` is that of the pixels: noise of poses, if it shall have any besides, goes under ``effects``.
 
     Attributes:
         setup: optics, calibration and what else follows from the settings.
@@ -67,6 +55,7 @@ class CameraSensor(Sensor):
         ValueError: a bad setting; a camera that does not see the whole surface; parts that it cannot see.
     """
 
+    SETTINGS = Settings
     draws = KEY_DRAWS
 
     def __init__(
@@ -77,29 +66,13 @@ class CameraSensor(Sensor):
         periods: int,
         *,
         statistical: bool = False,
-        height: Any = Settings.height,
-        position: Any = Settings.position,
-        tilt: Any = Settings.tilt,
-        lens: Any = Settings.lens,
-        chip: Any = Settings.chip,
-        pixels: Any = Settings.pixels,
-        distortion: Any = Settings.distortion,
-        lines: Any = Settings.lines,
-        edge: Any = Settings.edge,
-        blur: Any = Settings.blur,
-        noise: Any = Settings.noise,
-        light: Any = Settings.light,
-        threshold: Any = Settings.threshold,
-        border: Any = Settings.border,
-        tetragons: Any = Settings.tetragons,
-        mark: Any = Settings.mark,
-        **base: Any,
+        **settings: Any,
     ) -> None:
-        super().__init__(surface, parts, worlds, periods, **base)
-        given = locals()
-        settings = Settings(**{field.name: given[field.name] for field in fields(Settings)})
+        own = {each.name for each in fields(Settings)} & set(settings)
+        chosen = Settings(**{name: settings.pop(name) for name in own})
+        super().__init__(surface, parts, worlds, periods, **settings)
         self.statistical = checks.flag("sensor.statistical", statistical)
-        self.setup = Setup(surface, self.parts, settings, self.every * periods * surface.period)
+        self.setup = Setup(surface, self.parts, chosen, self.every * periods * surface.period)
         self._model: ErrorModel | None = None
         count = len(self.parts)
         self.track = new_track(worlds, count)
@@ -122,7 +95,7 @@ class CameraSensor(Sensor):
         return np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[kind]
 
     def facts(self) -> dict[str, np.ndarray]:
-        return {name: self.track.count[:, k] for k, name in enumerate(("swaps", "merges", "losses"))}
+        return {each.name.lower(): self.track.count[:, each] for each in Mishap}
 
     def keep_pictures(self) -> None:
         """Keep, from the next start of an episode on, what :meth:`image` needs; it belongs to snapshots."""

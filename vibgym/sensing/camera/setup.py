@@ -33,7 +33,23 @@ REACH = 0.005
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of the camera; see :class:`vibgym.sensing.camera.sensor.CameraSensor`."""
+    """Settings of the camera.
+
+    Args:
+        edge: ``"grey"`` uses the grey levels along the edges, ``"threshold"`` counts whole pixels, as the thesis did.
+        lines: ``"half"`` of the chip's lines make an image, two and two together (as in the thesis), ``"all"`` at once, or
+            ``"interlaced"``: even lines at the instant, odd ones half an oscillation before.
+        noise: grey levels, standard deviation, of each pixel at each look.
+        blur: px, standard deviation of the lens's point spread.
+        distortion: displacement of the image's corner outwards, over its distance from the centre.
+        light: share of the light that is missing in the image's corners; it falls off with the square of the distance.
+        threshold: grey level below which a pixel belongs to a part. Full light makes the surface 200, and parts 40.
+        height: of the lens above the surface, m.  position: of the lens over the surface, m; None: its middle.
+        tilt: turns away from looking straight down about the surface's x and y axes, rad.
+        lens: focal length, m.  chip: width of the chip, m.  pixels: its columns and lines.
+        border: m, width of the light frame around the surface; beyond it nothing is looked at.
+        tetragons: of the calibration, along x and y.  mark: length of its square marks, m.
+    """
 
     height: Any = 0.772
     position: Any = None

@@ -18,7 +18,7 @@ from vibgym._numba.jit import borrowing, jit
 from vibgym.physics.core.noise import philox
 from vibgym.sensing.camera.fitting import ErrorModel
 from vibgym.sensing.camera.image import Shapes
-from vibgym.sensing.camera.look import Track
+from vibgym.sensing.camera.look import Mishap, Track
 from vibgym.sensing.camera.shapes import Traits
 
 WHITE = 1
@@ -216,7 +216,7 @@ def guess(
     """
     shapes, model, traits, quantiles = known.shapes, known.model, known.traits, known.quantiles
     for w in worlds:
-        track.count[w, 0], track.count[w, 1], track.count[w, 2] = 0, 0, 0
+        track.count[w] = 0
         for p in range(pose.shape[1]):
             kind = shapes.kind[p]
             x, y, heading = pose[w, p, 0], pose[w, p, 1], pose[w, p, 2]
@@ -224,10 +224,10 @@ def guess(
             if seen:
                 outline = shapes.outline[shapes.first[kind] : shapes.first[kind + 1]]
                 if _clipped(pose[w, p], outline, traits.radius[kind], shapes.height[kind], known.frame, known.foot):
-                    track.count[w, 2] += 1
+                    track.count[w, Mishap.LOSSES] += 1
                     seen = False
                 elif pose.shape[1] > 1 and _merged(pose[w], gone[w], p, shapes, traits.radius, known.pixel):
-                    track.count[w, 1] += 1
+                    track.count[w, Mishap.MERGES] += 1
                     seen = False
             read_seen[w, p] = seen
             if not seen:

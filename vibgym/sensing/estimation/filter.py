@@ -5,9 +5,9 @@ know is where the parts will be when its command takes effect. The predictor is 
 latency`` periods after the one that the reading of this step tells of. So every command is simulated once, whatever the lead.
 
 What the reading differs from what was predicted for its instant corrects that prediction, and, carried on by the linear
-motion of a part near rest, everything predicted since:
+motion of a part near rest (:mod:`vibgym.scene.sliding`), everything predicted since:
 
-    p' = v,   v' = -c v + d,   d' = 0          c = mu g / (2 a_h w)
+    p' = v,   v' = -c v + d,   d' = 0
 
 ``p`` stands for x, y or heading, each by itself, ``d`` for an acceleration that the model does not know (an inclined table, a
 wrong friction coefficient). The process noise of ``v'`` is a floor, and a share of the acceleration that acts: parked parts
@@ -17,7 +17,10 @@ average their readings, driven ones trust them.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +28,9 @@ from vibgym import checks
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
+from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
-from vibgym.sensing.estimation.predictors import Predictor, damping_of
+from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, Plant, Predictor
 from vibgym.sensing.measurement import Reading, new_measurement
 
 LEAST_SIGMA = 1e-7
@@ -41,7 +45,16 @@ MEMORY, TREND = 0.8, 1.0
 estimate is taken for wrong: three times what white noise comes to, ``sqrt((1 - m) / (1 + m))``. Elements that work against each
 other move a part by their spread, of which neither the model nor the acceleration that acts tells anything."""
 
-PP, PV, PD, VV, VD, DD = range(6)  # of a covariance of p, v, d
+
+class Triangle(IntEnum):
+    """Places of a covariance (6,) of p, v and d: its upper triangle, row by row."""
+
+    PP = 0
+    PV = 1
+    PD = 2
+    VV = 3
+    VD = 4
+    DD = 5
 
 
 class Filter(NamedTuple):
@@ -52,9 +65,8 @@ class Filter(NamedTuple):
     mean_velocity: np.ndarray  # (worlds, parts, 3) likewise, over the last period
     fallen: np.ndarray  # (worlds, parts) bool, likewise
     diverged: np.ndarray  # (worlds,) bool, likewise
-    kept: (
-        np.ndarray
-    )  # (steps, worlds, parts, 3) poses predicted for the instants of readings to come, the next one first
+    # (steps, worlds, parts, 3) poses predicted for the instants of readings to come, the next one first
+    kept: np.ndarray
     before: np.ndarray  # (worlds, parts, 3) mean velocity of the predictor a step ago
     activity: np.ndarray  # (steps, worlds, parts) m/s^2, acceleration that acted in the steps of ``kept``
     disturbance: np.ndarray  # (worlds, parts, 3) d
@@ -81,28 +93,21 @@ filter_at = FILTER.at
 
 
 @borrowing
-def motion(damping, time):
-    """Ways that a unit of velocity and one of acceleration make in a time, and the velocity that is left of the first."""
-    left = math.exp(-damping * time)
-    way = (1.0 - left) / damping if damping * time > 1e-9 else time
-    fall = (time - way) / damping if damping * time > 1e-4 else 0.5 * time * time
-    return way, fall, left
-
-
-@borrowing
 def spread(covariance, way, fall, left, noise, drift, result):
     """Carry a covariance on into ``result``, which may be the same: ``F P F' + G G' noise``, and the drift of ``d``."""
-    pp, pv, pd = covariance[PP], covariance[PV], covariance[PD]
-    vv, vd, dd = covariance[VV], covariance[VD], covariance[DD]
-    result[PP] = pp + 2.0 * way * pv + 2.0 * fall * pd + way * way * vv + 2.0 * way * fall * vd + fall * fall * dd
-    result[PV] = left * pv + way * pd + way * (left * vv + way * vd) + fall * (left * vd + way * dd)
-    result[PD] = pd + way * vd + fall * dd
-    result[VV] = left * left * vv + 2.0 * left * way * vd + way * way * dd
-    result[VD] = left * vd + way * dd
-    result[DD] = dd + drift
-    result[PP] = max(result[PP] + fall * fall * noise, 0.0)
-    result[PV] += fall * way * noise
-    result[VV] += way * way * noise
+    pp, pv, pd = covariance[Triangle.PP], covariance[Triangle.PV], covariance[Triangle.PD]
+    vv, vd, dd = covariance[Triangle.VV], covariance[Triangle.VD], covariance[Triangle.DD]
+    result[Triangle.PP] = (
+        pp + 2.0 * way * pv + 2.0 * fall * pd + way * way * vv + 2.0 * way * fall * vd + fall * fall * dd
+    )
+    result[Triangle.PV] = left * pv + way * pd + way * (left * vv + way * vd) + fall * (left * vd + way * dd)
+    result[Triangle.PD] = pd + way * vd + fall * dd
+    result[Triangle.VV] = left * left * vv + 2.0 * left * way * vd + way * way * dd
+    result[Triangle.VD] = left * vd + way * dd
+    result[Triangle.DD] = dd + drift
+    result[Triangle.PP] = max(result[Triangle.PP] + fall * fall * noise, 0.0)
+    result[Triangle.PV] += fall * way * noise
+    result[Triangle.VV] += way * way * noise
 
 
 @borrowing
@@ -113,39 +118,41 @@ def noise_of(all_of, step, w, p):
 
 
 @borrowing
-def observe(covariance, innovation, variance):
+def kalman_update(covariance, innovation, variance):
     """Take a reading in; returns the corrections of p, v and d."""
-    total = covariance[PP] + variance
+    total = covariance[Triangle.PP] + variance
     if innovation * innovation > SURPRISE * SURPRISE * total:
         # The model was wrong by more than it thought: believe the reading, and be open about the velocity.
-        covariance[PP] += innovation * innovation
-        covariance[VV] += innovation * innovation * 100.0
-        total = covariance[PP] + variance
-    kp, kv, kd = covariance[PP] / total, covariance[PV] / total, covariance[PD] / total
+        covariance[Triangle.PP] += innovation * innovation
+        covariance[Triangle.VV] += innovation * innovation * 100.0
+        total = covariance[Triangle.PP] + variance
+    kp, kv, kd = covariance[Triangle.PP] / total, covariance[Triangle.PV] / total, covariance[Triangle.PD] / total
     left = variance / total  # of the position's: 1 - kp, but never below zero, whatever is rounded
-    covariance[VV] = max(covariance[VV] - kv * covariance[PV], 0.0)
-    covariance[VD] = covariance[VD] - kv * covariance[PD]
-    covariance[DD] = max(covariance[DD] - kd * covariance[PD], 0.0)
-    covariance[PP], covariance[PV], covariance[PD] = left * covariance[PP], left * covariance[PV], left * covariance[PD]
+    covariance[Triangle.VV] = max(covariance[Triangle.VV] - kv * covariance[Triangle.PV], 0.0)
+    covariance[Triangle.VD] = covariance[Triangle.VD] - kv * covariance[Triangle.PD]
+    covariance[Triangle.DD] = max(covariance[Triangle.DD] - kd * covariance[Triangle.PD], 0.0)
+    covariance[Triangle.PP] = left * covariance[Triangle.PP]
+    covariance[Triangle.PV] = left * covariance[Triangle.PV]
+    covariance[Triangle.PD] = left * covariance[Triangle.PD]
     return kp * innovation, kv * innovation, kd * innovation
 
 
 @borrowing
-def doubt(all_of, w, p, k, innovation):
+def inflate_covariance(all_of, w, p, k, innovation):
     """Where readings have differed to the same side for a while, be open about the place, and the velocity that led there."""
     covariance = all_of.covariance[w, p, k]
-    total = covariance[PP] + all_of.variance[p, k]
+    total = covariance[Triangle.PP] + all_of.variance[p, k]
     trend = MEMORY * all_of.trend[w, p, k] + (1.0 - MEMORY) * innovation / math.sqrt(total)
     if abs(trend) > TREND:
         wrong = trend * trend * total
-        covariance[PP] += wrong
-        covariance[VV] += all_of.damping[p] * all_of.damping[p] * wrong
+        covariance[Triangle.PP] += wrong
+        covariance[Triangle.VV] += all_of.damping[p] * all_of.damping[p] * wrong
         trend = 0.0
     all_of.trend[w, p, k] = trend
 
 
 @borrowing
-def note_activity(address):
+def update_activity(address):
     """After the predictor's step: the acceleration that acted in it, by friction and by elements, from the mean velocities."""
     all_of = filter_at(address)
     before, now = all_of.before, all_of.mean_velocity
@@ -176,7 +183,7 @@ def carry_disturbance(all_of, w, p):
 
 
 @borrowing
-def replace_part(all_of, w, p, pose):
+def reset_track(all_of, w, p, pose):
     """Put a part of the predictor down where it was read, at rest."""
     for k in range(3):
         all_of.pose[w, p, k], all_of.velocity[w, p, k], all_of.mean_velocity[w, p, k] = pose[k], 0.0, 0.0
@@ -195,9 +202,9 @@ def start_covariance(all_of, w, p, k):
     covariance = all_of.covariance[w, p, k]
     for each in range(6):
         covariance[each] = 0.0
-    covariance[PP] = all_of.variance[p, k]
-    covariance[VV] = (START_SPEED / scale) ** 2
-    covariance[DD] = (all_of.unknown / scale) ** 2
+    covariance[Triangle.PP] = all_of.variance[p, k]
+    covariance[Triangle.VV] = (START_SPEED / scale) ** 2
+    covariance[Triangle.DD] = (all_of.unknown / scale) ** 2
 
 
 @borrowing
@@ -219,7 +226,7 @@ def begin_filter(worlds, pose, gone, address):
 
 
 @borrowing
-def filter_readings(reading, delay, periods, address):
+def correct_all(reading, delay, periods, address):
     """Take in readings of all worlds: correct what was predicted for their instant, and all that was predicted since."""
     all_of = filter_at(address)
     scratch, steps, step = all_of.scratch, all_of.kept.shape[0], all_of.step
@@ -231,7 +238,7 @@ def filter_readings(reading, delay, periods, address):
                 all_of.age[w, p], all_of.gone[w, p] = delay, gone
             lost = all_of.fallen[w, p] or all_of.diverged[w]
             if seen and lost and not gone:
-                replace_part(all_of, w, p, reading.pose[w, p])
+                reset_track(all_of, w, p, reading.pose[w, p])
                 lost = False
             if not lost:
                 carry_disturbance(all_of, w, p)
@@ -246,8 +253,8 @@ def filter_readings(reading, delay, periods, address):
                     spread(covariance, way, fall, left, noise_of(all_of, 0, w, p) / (scale * scale), drift, covariance)
                 if seen and not gone and not lost:
                     innovation = reading.pose[w, p, k] - all_of.kept[0, w, p, k]
-                    doubt(all_of, w, p, k, innovation)
-                    dp, dv, dd = observe(covariance, innovation, all_of.variance[p, k])
+                    inflate_covariance(all_of, w, p, k, innovation)
+                    dp, dv, dd = kalman_update(covariance, innovation, all_of.variance[p, k])
                     all_of.disturbance[w, p, k] += dd
                     for later in range(1, steps):
                         a, b, _ = motion(all_of.damping[p], later * step)
@@ -263,9 +270,52 @@ def filter_readings(reading, delay, periods, address):
                     spread(scratch, way, fall, left, noise, 0.0, scratch)
                 noise = noise_of(all_of, steps - 1, w, p) / (scale * scale)
                 spread(scratch, rest_way, rest_fall, rest_left, noise, 0.0, scratch)
-                all_of.sigma[w, p, k] = math.sqrt(max(scratch[PP], 0.0))
+                all_of.sigma[w, p, k] = math.sqrt(max(scratch[Triangle.PP], 0.0))
         if all_of.diverged[w]:
             all_of.diverged[w] = False
+
+
+@dataclass(frozen=True)
+class KalmanSettings:
+    """What the filter thinks of its predictor and of the readings.
+
+    Args:
+        acceleration: m/s^2, standard deviation of the acceleration that the predictor does not know, at rest.
+        unknown: m/s^2, likewise, of an acceleration that stays for the episode.
+        drift: m/s^2 per square root of a second, at which that may change.
+        sigma: what readings' standard deviations are multiplied by.
+    """
+
+    acceleration: float = 1.5
+    unknown: float = 1.0
+    drift: float = 0.02
+    sigma: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("acceleration", "sigma"):
+            checks.number(f"sensor.estimator.{name}", getattr(self, name), above=0.0, most=1e3)
+        for name in ("unknown", "drift"):
+            checks.number(f"sensor.estimator.{name}", getattr(self, name), least=0.0, most=1e3)
+
+
+@dataclass(frozen=True)
+class ModelSettings(KalmanSettings):
+    """The same with a model of the machine.
+
+    Args:
+        model: of the simulator.
+        model_error: standard deviation of the acceleration that the model does not know, as a share of that which acts.
+    """
+
+    acceleration: float = 0.001
+    unknown: float = 0.01
+    drift: float = 0.005
+    model: str = "planar"
+    model_error: float = 0.06
+
+    def __post_init__(self) -> None:
+        checks.number("sensor.estimator.model_error", self.model_error, least=0.0, most=10.0)
+        super().__post_init__()
 
 
 class FilterEstimator:
@@ -277,11 +327,8 @@ class FilterEstimator:
         sensor: whose readings come.
         predictor: carries the estimate on.
         latency: periods between a command and its effect.
-        floor: m/s^2, standard deviation of the acceleration that the predictor does not know, at rest.
-        model_error: likewise, as a share of the acceleration that acts.
-        unknown: m/s^2, likewise, of an acceleration that stays for the episode.
-        drift: m/s^2 per square root of a second, at which that may change.
-        sigma: what readings' standard deviations are multiplied by.
+        settings: what to think of both.
+        model_error: see :class:`ModelSettings`.
 
     Attributes:
         measurement: the predictor's state, live.
@@ -289,20 +336,8 @@ class FilterEstimator:
     """
 
     def __init__(
-        self,
-        sensor: Sensor,
-        predictor: Predictor,
-        latency: int,
-        *,
-        floor: float,
-        model_error: float,
-        unknown: float,
-        drift: float,
-        sigma: float = 1.0,
+        self, sensor: Sensor, predictor: Predictor, latency: int, settings: KalmanSettings, model_error: float = 0.0
     ) -> None:
-        unknown = checks.number("sensor.estimator.unknown", unknown, least=0.0, most=1e3)
-        drift = checks.number("sensor.estimator.drift", drift, least=0.0, most=1e3)
-        sigma = checks.number("sensor.estimator.sigma", sigma, above=0.0, most=1e3)
         worlds, parts, periods = sensor.worlds, len(sensor.parts), sensor.periods
         lead = sensor.delay + latency
         self._sensor, self._predictor, self.lead = sensor, predictor, latency
@@ -329,16 +364,16 @@ class FilterEstimator:
                 sigma=measured.sigma,
                 gone=measured.gone,
                 scratch=np.zeros(6),
-                damping=damping_of(sensor),
+                damping=drag_of(sensor.surface, sensor.parts),
                 arm=np.sqrt([part.gyration for part in sensor.parts]),
-                variance=(sigma * np.maximum(sensor.sigma, LEAST_SIGMA)) ** 2,
+                variance=(settings.sigma * np.maximum(sensor.all_sigma, LEAST_SIGMA)) ** 2,
                 idle=np.array([sensor.surface.idle_velocity(part.friction) for part in sensor.parts]),
                 step=periods * period,
                 lead=lead * period,
-                floor=floor,
+                floor=settings.acceleration,
                 model_error=model_error,
-                unknown=unknown,
-                drift=drift,
+                unknown=settings.unknown,
+                drift=settings.drift,
             ),
         )
 
@@ -350,17 +385,40 @@ class FilterEstimator:
         if len(worlds):
             begin_filter(worlds, reading.pose, reading.gone, self._filter.address)
 
-    def follow(self, command: Drive) -> None:
+    def predict(self, command: Drive) -> None:
         record = self._filter.record
         if len(record.kept) > 1:
             record.kept[:-1] = record.kept[1:]
             record.activity[:-1] = record.activity[1:]
         self._predictor.run(command, self._instant, record.kept[-1])
-        note_activity(self._filter.address)
+        update_activity(self._filter.address)
 
-    def update(self, reading: Reading) -> None:
-        filter_readings(reading, self._sensor.delay, self._sensor.periods, self._filter.address)
+    def correct(self, reading: Reading) -> None:
+        correct_all(reading, self._sensor.delay, self._sensor.periods, self._filter.address)
 
     def live(self) -> dict[str, np.ndarray]:
         own = ("kept", "before", "activity", "disturbance", "covariance", "trend", "age", "sigma", "gone")
         return {**{name: getattr(self._filter.record, name) for name in own}, **self._predictor.live()}
+
+
+class KalmanEstimator(FilterEstimator):
+    """A Kalman filter for parts that know of friction and of nothing else that acts; settings: :class:`KalmanSettings`."""
+
+    SETTINGS = KalmanSettings
+
+    def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
+        super().__init__(sensor, FreePredictor(sensor), latency, KalmanSettings(**settings))
+
+
+class ModelEstimator(FilterEstimator):
+    """The simulator as a model of the machine, corrected by a Kalman filter; settings: :class:`ModelSettings`."""
+
+    SETTINGS = ModelSettings
+
+    def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
+        given = ModelSettings(**settings)
+        try:
+            predictor = ModelPredictor(sensor, plant, walls, given.model)
+        except ValueError as error:  # the environment has refused all that may be wrong but this model
+            raise ValueError(f"sensor.estimator.{error}") from None
+        super().__init__(sensor, predictor, latency, given, given.model_error)

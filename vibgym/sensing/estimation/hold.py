@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from vibgym.physics.core.drive import Drive
 from vibgym.sensing.base import Sensor
+from vibgym.sensing.estimation.predictors import Plant
 from vibgym.sensing.measurement import Reading, new_measurement
 
 
@@ -14,10 +17,10 @@ class Hold:
 
     lead = 0
 
-    def __init__(self, sensor: Sensor) -> None:
+    def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str]) -> None:
         self._sensor = sensor
         self.measurement = new_measurement(sensor.worlds, len(sensor.parts))
-        self.measurement.sigma[...] = sensor.sigma
+        self.measurement.sigma[...] = sensor.all_sigma
 
     def prepare(self, command: Drive) -> None:
         """Nothing to do."""
@@ -27,10 +30,10 @@ class Hold:
             kept[worlds] = read[worlds]
         self.measurement.age[worlds] = 0
 
-    def follow(self, command: Drive) -> None:
+    def predict(self, command: Drive) -> None:
         """Nothing to do."""
 
-    def update(self, reading: Reading) -> None:
+    def correct(self, reading: Reading) -> None:
         pose, mean_velocity, gone, age, _ = self.measurement
         seen = reading.seen
         if seen.all():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
@@ -11,6 +10,7 @@ import numpy as np
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State, new_state
+from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor
 from vibgym.simulation.simulator import Simulator
 
@@ -98,14 +98,13 @@ class ModelPredictor:
 
 
 @borrowing
-def glide(state, damping, time):
-    """Parts that friction alone slows down: ``v' = -c v``."""
+def glide(state, drag, time):
+    """Parts that friction alone slows down: see :mod:`vibgym.scene.sliding`."""
     for w in range(state.pose.shape[0]):
         for p in range(state.pose.shape[1]):
             if state.fallen[w, p]:
                 continue
-            left = math.exp(-damping[p] * time)
-            way = (1.0 - left) / damping[p] if damping[p] > 0.0 else time
+            way, _, left = motion(drag[p], time)
             for k in range(3):
                 state.pose[w, p, k] += way * state.mean_velocity[w, p, k]
                 state.mean_velocity[w, p, k] *= left
@@ -116,7 +115,7 @@ class FreePredictor:
 
     def __init__(self, sensor: Sensor) -> None:
         self.state = new_state(sensor.worlds, len(sensor.parts))
-        self._damping = damping_of(sensor)
+        self._drag = drag_of(sensor.surface, sensor.parts)
         self._period, self._periods = sensor.surface.period, sensor.periods
 
     def prepare(self, command: Drive) -> None:
@@ -126,16 +125,10 @@ class FreePredictor:
         self.state.pose[worlds], self.state.mean_velocity[worlds], self.state.fallen[worlds] = pose, 0.0, fallen
 
     def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
-        glide(self.state, self._damping, instant * self._period)
+        glide(self.state, self._drag, instant * self._period)
         kept[...] = self.state.pose
         if instant < self._periods:
-            glide(self.state, self._damping, (self._periods - instant) * self._period)
+            glide(self.state, self._drag, (self._periods - instant) * self._period)
 
     def live(self) -> dict[str, np.ndarray]:
         return {"pose": self.state.pose, "mean_velocity": self.state.mean_velocity, "fallen": self.state.fallen}
-
-
-def damping_of(sensor: Sensor) -> np.ndarray:
-    """(parts,) 1/s, rate ``mu g / (2 a_h w)`` at which friction slows a part near rest (thesis eq. 5.60 at small speed)."""
-    friction = np.array([part.friction for part in sensor.parts])
-    return 0.5 * friction * sensor.surface.gravity / max(sensor.surface.table_speed, 1e-3)

@@ -1,0 +1,226 @@
+"""Effects: the same stages for every sensor, one of the user's own too; statistics, snapshots, batch and single."""
+
+import copy
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same
+from vibgym import Part, Surface, checks
+from vibgym.physics.core.records import new_state
+from vibgym.sensing import EFFECTS, SENSORS, Effect, Sensor, sensor_from
+
+SURFACE, PARTS = Surface(), (Part.disc(0.02, friction=0.5), Part.rectangle(0.05, 0.035, friction=0.5))
+PLACES = np.array([[0.3, 0.1, 0.4], [0.5, 0.1, 0.7]])
+
+
+class Plain(Sensor):
+    """Knows poses and has nothing of its own; what it is unsure of is half a millimetre."""
+
+    def measure(self, state, reading):
+        reading.pose[...] = state.pose
+        reading.gone[...] = state.fallen
+
+    @property
+    def sigma(self):
+        return np.full((len(self.parts), 3), 3e-4)
+
+
+class Drift(Effect):
+    """Positions that wander off at a speed of the episode's own, along x."""
+
+    draws = 1
+
+    def __init__(self, sensor, where, value):
+        super().__init__(sensor, where)
+        self.speed = checks.number(where, value, least=0.0)  # m/s
+        self.velocity = np.zeros((sensor.worlds, 1))
+
+    def begin(self, worlds, uniform):
+        self.velocity[worlds] = self.speed * uniform
+
+    def apply(self, reading):
+        reading.pose[..., 0] += self.velocity * self.sensor.looks[:, None] * self.sensor.step
+
+    def own_state(self):
+        return {"velocity": self.velocity}
+
+
+class Jitter(Effect):
+    """Noise of a user's own."""
+
+    def __init__(self, sensor, where, value):
+        super().__init__(sensor, where)
+        self.value = value
+
+    @property
+    def sigma(self):
+        return np.full(3, self.value)
+
+    def apply(self, reading):
+        reading.pose[...] += self.value * self.normals()
+
+
+@pytest.fixture(autouse=True)
+def named(monkeypatch):
+    monkeypatch.setattr(SENSORS, "_items", {**SENSORS._items, "plain": Plain})
+    monkeypatch.setattr(EFFECTS, "_items", {**EFFECTS._items, "drift": Drift, "jitter": Jitter})
+
+
+KINDS = {
+    "ideal": {"kind": "ideal"},
+    "pose": {"kind": "pose", "noise": 0.0},
+    "camera": {"kind": "camera"},
+    "statistical": {"kind": "camera", "statistical": True},
+    "own": {"kind": "plain"},
+}
+MANY = [kind for kind in KINDS if kind != "camera"]
+"""All but the one that makes images: cheap enough for statistics of many looks."""
+
+
+def read(kind, effects, worlds=200, looks=40, **timing):
+    """Readings of parts at rest: poses and ``seen`` of every look, and those without effects."""
+    shown = []
+    for more in (effects, {}):
+        own = {"effects": more} if KINDS[kind]["kind"] == "camera" else more  # which has a noise of its own
+        settings = {**KINDS[kind], **timing, **own}
+        sensor = sensor_from(settings, SURFACE, PARTS, worlds, 1)
+        state, uniform = new_state(worlds, 2), np.random.default_rng(1).random((worlds, sensor.all_draws))
+        state.pose[:] = PLACES
+        if KINDS[kind]["kind"] == "camera":  # its own key, the same with effects and without
+            uniform[:, :2] = np.random.default_rng(2).random((worlds, 2))
+        sensor.reset(np.arange(worlds), state, uniform)
+        found = [(sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy())]
+        for _ in range(looks):
+            sensor.look(state)
+            found.append((sensor.due.pose.copy(), sensor.due.seen.copy(), sensor.due.mean_velocity.copy()))
+        shown.append([np.array(each) for each in zip(*found, strict=True)])
+    return shown
+
+
+@pytest.mark.parametrize("kind", MANY)
+def test_noise_is_normal_on_every_sensor(kind):
+    (pose, seen, velocity), (plain, _, _) = read(kind, {"noise": [2e-4, 0.01]})
+    scaled = (pose - plain) / [2e-4, 2e-4, 0.01]
+    n = scaled[..., 0].size
+    assert seen.all()
+    assert np.abs(scaled.mean(axis=(0, 1, 2))).max() < 4 / math.sqrt(n)
+    assert np.abs(scaled.std(axis=(0, 1, 2)) - 1.0).max() < 4 / math.sqrt(2 * n)
+    assert velocity[1:] == pytest.approx(np.diff(pose, axis=0) / SURFACE.period, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", MANY)
+def test_bias_stays_on_every_sensor(kind):
+    (pose, _, _), (plain, _, _) = read(kind, {"bias": [1e-3, 0.02]}, worlds=400, looks=3)
+    error = pose - plain
+    assert error[1:] == pytest.approx(np.broadcast_to(error[:1], error[1:].shape), abs=1e-12)
+    assert error[0, :, 0, :2] == pytest.approx(error[0, :, 1, :2], abs=1e-12)  # one shift of all parts
+    assert abs(error[0, :, 0, :2].std() / 1e-3 - 1.0) < 4 / math.sqrt(2 * 800)
+    assert abs(error[0, ..., 2].std() / 0.02 - 1.0) < 4 / math.sqrt(2 * 800)
+
+
+@pytest.mark.parametrize("kind", MANY)
+def test_dropout_misses_a_share_on_every_sensor(kind):
+    (pose, seen, _), _ = read(kind, {"dropout": 0.3})
+    assert seen[0].all()
+    assert abs((~seen[1:]).mean() - 0.3) < 4 * math.sqrt(0.21 / seen[1:].size)
+    held = ~seen[1:]
+    assert (pose[1:][held] == pose[:-1][held]).all()
+
+
+@pytest.mark.parametrize("kind", MANY)
+def test_delay_and_rate_on_every_sensor(kind):
+    (_, seen, _), _ = read(kind, {}, worlds=3, looks=6, delay=2, rate=12.5)
+    # Looks 0, 2, 4 are due two steps later; what is due before is the start's, shown again.
+    assert seen[:, 0, 0].tolist() == [True, False, False, False, True, False, True]
+
+
+def test_the_camera_s_images_have_them_too():
+    (pose, seen, _), (plain, _, _) = read("camera", {"noise": [1e-3, 0.0], "dropout": 0.2}, worlds=8, looks=20)
+    error = (pose - plain)[..., :2][seen]
+    assert abs(error.std() / 1e-3 - 1.0) < 4 / math.sqrt(2 * error.size)
+    assert abs((~seen[1:]).mean() - 0.2) < 4 * math.sqrt(0.16 / seen[1:].size)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_user_s_effect_is_on_every_sensor(kind):
+    worlds = 2 if kind == "camera" else 50
+    (pose, _, _), (plain, _, _) = read(kind, {"drift": 0.01}, worlds=worlds, looks=5)
+    way = (pose - plain)[..., 0]
+    speed = way[-1, :, 0] / (5 * SURFACE.period)
+    assert (speed >= 0.0).all() and speed.max() <= 0.01 and (speed > 0.0).all()
+    expected = np.arange(6)[:, None, None] * SURFACE.period * speed[:, None]
+    assert way == pytest.approx(np.broadcast_to(expected, way.shape), abs=1e-12)
+
+
+def test_an_effect_s_own_random_numbers_are_new_at_each_look_and_normal():
+    (pose, _, _), (plain, _, _) = read("own", {"jitter": 1e-3, "noise": 1e-3})
+    scaled = (pose - plain)[..., :2] / (math.sqrt(2.0) * 1e-3)  # nothing in common with the noise
+    assert abs(scaled.std() - 1.0) < 4 / math.sqrt(2 * scaled.size)
+    assert abs((scaled[1:] * scaled[:-1]).mean()) < 4 / math.sqrt(scaled.size)
+
+
+def test_an_ideal_sensor_with_an_effect_is_the_pose_sensor_with_that_effect():
+    settings = {"bias": 1e-4, "dropout": 0.1}
+    settings["noise"] = [1e-4, 1e-3]
+    assert_same(read("ideal", settings)[0], read("pose", settings)[0])
+
+
+def test_estimators_see_the_sigma_of_sensor_and_effects():
+    sensor = sensor_from({"kind": "plain", "noise": [4e-4, 0.0], "bias": 1.0}, SURFACE, PARTS, 1, 1)
+    assert sensor.all_sigma == pytest.approx(np.tile([5e-4, 5e-4, 3e-4], (2, 1)))
+    sensor = sensor_from({"kind": "ideal", "noise": [4e-4, 0.1], "jitter": 3e-4}, SURFACE, PARTS, 1, 1)
+    assert sensor.all_sigma[:, 0] == pytest.approx(5e-4)
+    env = gym.make("vibgym/Align-v0", sensor={"kind": "plain", "noise": 4e-4}).unwrapped
+    env.reset(seed=0)
+    assert env.core.sensing.measurement.sigma[0, 0] == pytest.approx([5e-4, 5e-4, 3e-4])
+
+
+ALL = {"bias": 1e-4, "dropout": 0.2, "drift": 0.01, "jitter": 1e-4, "noise": 1e-4}
+
+
+@pytest.mark.parametrize("estimator", ["none", "kalman"])
+@pytest.mark.parametrize("kind", ["own", "statistical", "ideal"])
+def test_alone_in_a_batch_and_restored_bit_for_bit(kind, estimator):
+    sensor = {**KINDS[kind], "effects": ALL, "delay": 2, "estimator": estimator, "tell": ["sigma", "age"]}
+    settings = {"sensor": sensor, "action": "field"}
+    many = gym.make_vec("vibgym/Align-v0", num_envs=3, autoreset_mode="SameStep", max_episode_steps=6, **settings)
+    random = np.random.default_rng(5)
+    actions = random.uniform(-1, 1, (14, *many.action_space.shape)).astype(np.float32)
+    seen, states = [many.reset(seed=7)[0]], []
+    for action in actions:
+        states.append(copy.deepcopy(many.unwrapped.get_state()))
+        seen.append(many.step(action)[0])
+    for begin in (3, 9):
+        many.unwrapped.set_state(states[begin])
+        assert_same([many.step(action)[0] for action in actions[begin:]], seen[begin + 1 :])
+    one = gym.make("vibgym/Align-v0", max_episode_steps=6, **settings)
+    alone = [one.reset(seed=7 + 2)[0]]
+    for action in actions:
+        observation, _, terminated, truncated, _ = one.step(action[2])
+        alone.append(one.reset()[0] if terminated or truncated else observation)
+    assert_same(alone, [each[2] for each in seen])
+
+
+KNOWN = "noise, bias, dropout, drift, jitter"
+
+
+@pytest.mark.parametrize("settings, message", [
+    ({"kind": "camera", "effects": {"fog": 1}}, rf"sensor\.effects: got \"the effect 'fog'\"; allowed: {KNOWN}"),
+    ({"kind": "plain", "fog": 1}, rf"sensor: got \"the setting 'fog'\"; allowed: delay, rate, effects, {KNOWN}"),
+    ({"kind": "plain", "effects": 3}, rf"sensor\.effects: got 3; allowed: a mapping with keys among {KNOWN}"),
+    ({"kind": "plain", "bias": 1e-4, "effects": {"bias": 1e-4}}, r"sensor\.effects: got \"the effect 'bias'\"; allowed: it"),
+    ({"kind": "camera", "effects": {"noise": -1}}, r"sensor\.effects\.noise \(position\): got -1"),
+    ({"kind": "camera", "dropout": 2}, r"sensor\.dropout: got 2; allowed: a finite number >= 0 and <= 1"),
+    ({"kind": "plain", "drift": "fast"}, r"sensor\.drift: got 'fast'; allowed: a finite number >= 0"),
+])  # fmt: skip
+def test_bad_effects_are_refused(settings, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        gym.make("vibgym/Align-v0", sensor=settings)
+
+
+def test_names_that_exist_are_refused():
+    with pytest.raises(ValueError, match="^effect name: got 'noise'; allowed: one that is not taken"):
+        EFFECTS.register("noise", Drift)

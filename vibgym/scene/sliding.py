@@ -1,0 +1,80 @@
+"""The one local model of a part that slides on the surface, which laws, filters and planners share.
+
+Near rest friction brakes a part at a constant rate, positions and heading alike, so that with a push that would accelerate it
+by ``u`` each of them follows, by itself,
+
+    p' = v,   v' = -c v + u        c = mu g / (2 a_h w)
+
+(first-order averages over a period, thesis eqs. 5.60 and 5.61 at small speed). Faster parts are braked more and pushed less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing
+from vibgym.physics.averaged.averages import friction_rate
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+
+LEAST_SPEED = 1e-3
+"""m/s, taken for the table's where that is slower."""
+
+TOP_SLIP = 0.71
+"""Speed of a part on elements at full amplitude, over the table's: 0.30 m/s on the prototype."""
+
+DRAG_GROWTH = 0.8
+"""Near the top speed friction brakes more and pushes less than near rest: ``1 + 0.8 s^2`` fits the first-order averages' ratio
+within 4 %, ``s`` being the speed over the table's."""
+
+
+class Sliding(NamedTuple):
+    """The parts near rest."""
+
+    strength: float  # largest amplitude of the elements over the surface's
+    push: np.ndarray  # (parts,) m/s^2, of all elements at that amplitude
+    turn_push: np.ndarray  # (parts,) rad/s^2, the same over the radius of gyration
+    drag: np.ndarray  # (parts,) 1/s, c
+    top_speed: float  # m/s
+
+
+def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -> Sliding:
+    """Of parts on a surface whose elements go up to a share ``strength`` of its largest amplitude."""
+    push = strength * 0.5 * np.array([part.friction for part in parts]) * surface.full_scale
+    return Sliding(
+        strength=strength,
+        push=push,
+        turn_push=push / np.sqrt([part.gyration for part in parts]),
+        drag=drag_of(surface, parts),
+        top_speed=top_slip(strength) * surface.table_speed,
+    )
+
+
+def drag_of(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
+    """(parts,) 1/s, the rates ``c`` at which friction brakes parts near rest."""
+    friction = np.array([part.friction for part in parts])
+    return friction_rate.py_func(friction, surface.gravity, max(surface.table_speed, LEAST_SPEED))
+
+
+def top_slip(strength: float) -> float:
+    """Speed of a part over the table's on elements at a share of full amplitude: where friction takes what they give."""
+    if strength == 1.0:
+        return TOP_SLIP
+    given = strength * TOP_SLIP * (1.0 + DRAG_GROWTH * TOP_SLIP**2)
+    slip = given
+    for _ in range(20):  # Newton's method; the left side is convex, so it converges from above
+        slip -= (slip * (1.0 + DRAG_GROWTH * slip**2) - given) / (1.0 + 3.0 * DRAG_GROWTH * slip**2)
+    return slip
+
+
+@borrowing
+def motion(drag, time):
+    """Solution of the model after a time: ``p + way v + fall u`` and ``left v + way u``; returns ``way, fall, left``."""
+    left = math.exp(-drag * time)
+    way = (1.0 - left) / drag if drag * time > 1e-9 else time
+    fall = (time - way) / drag if drag * time > 1e-4 else 0.5 * time * time
+    return way, fall, left
