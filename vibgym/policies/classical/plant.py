@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym.allocation.allocator import strongest
-from vibgym.envs.layout import LEAST_SPEED
+from vibgym.envs.features import LEAST_SPEED
 from vibgym.policies.task_info import TaskInfo
 
 TOP_SLIP = 0.71
