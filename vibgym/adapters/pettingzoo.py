@@ -30,8 +30,8 @@ def parallel_env(
     Args:
         name: such as ``"Sort"``, for ``vibgym/Sort-v0``.
         max_episode_steps: instead of the environment's own limit.
-        render_mode, **options: as for :class:`vibgym.envs.VibgymEnv`, but ``observation``. ``action`` is one that has a share for
-            every part: ``"wrench"`` (default), ``"patch"``, ``"field"``.
+        render_mode, **options: as for :class:`vibgym.envs.VibgymEnv`, but ``observation``. ``action`` is one that has a
+            share for every part: ``"wrench"`` (default), ``"patch"``, ``"field"``.
 
     Raises:
         ValueError: there is no such environment, or a bad setting.

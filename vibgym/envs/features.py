@@ -31,34 +31,17 @@ CODINGS = ("linear", "tanh", "place", "cell", "direction", "flag")
 """How a quantity becomes a number, see :class:`Feature`."""
 
 
-def table_speed(surface: Surface) -> float:
-    """m/s, of the table, and not nothing."""
-    return max(surface.table_speed, LEAST_SPEED)
-
-
-def twice_table_speed(surface: Surface) -> float:
-    """m/s, of two parts in opposite directions."""
-    return 2.0 * table_speed(surface)
-
-
-def longer_side(surface: Surface) -> float:
-    """m, of the surface."""
-    return max(surface.width, surface.depth)
-
-
-def half_sides(surface: Surface) -> tuple[float, float]:
-    """m, of the surface, x and y."""
-    return 0.5 * surface.width, 0.5 * surface.depth
-
-
-def half_element(surface: Surface) -> float:
-    """m, of an element's side."""
-    return 0.5 * surface.element_size
-
-
-def diagonal(surface: Surface) -> float:
-    """m, of an element: parts farther apart than that share none."""
-    return math.sqrt(2.0) * surface.element_size
+def scales_of(surface: Surface) -> dict[str, float | tuple[float, ...]]:
+    """What of a surface may be a feature's scale, m and m/s, by name."""
+    speed = max(surface.table_speed, LEAST_SPEED)
+    return {
+        "table speed": speed,
+        "twice the table speed": 2.0 * speed,
+        "longer side": max(surface.width, surface.depth),
+        "half the sides": (0.5 * surface.width, 0.5 * surface.depth),
+        "half an element": 0.5 * surface.element_size,
+        "diagonal of an element": math.sqrt(2.0) * surface.element_size,
+    }
 
 
 class Feature(NamedTuple):
@@ -70,8 +53,8 @@ class Feature(NamedTuple):
         width: how many numbers it has.
         meaning: in words.
         unit: of a number 1, in words.
-        scale: the quantity, in SI units, that a number 1 stands for, one for all numbers or one for each, or what says it of a
-            surface; for tanh its argument's.
+        scale: the quantity, in SI units, that a number 1 stands for, one for all numbers or one for each, or the name
+            of one in :func:`scales_of`; for tanh its argument's.
         coding: how a quantity becomes a number: ``"linear"`` (over the scale, limited to the range), ``"tanh"`` (of the
             quantity over the scale), ``"place"`` (from the least to the largest place), ``"cell"`` (likewise, within an
             element), ``"direction"`` or ``"flag"`` (as they are).
@@ -83,24 +66,20 @@ class Feature(NamedTuple):
     width: int
     meaning: str
     unit: str
-    scale: float | tuple[float, ...] | Callable[[Surface], float | tuple[float, float]]
+    scale: float | tuple[float, ...] | str
     coding: str
     forms: tuple[str, ...] = ("state", "parts")
 
     def scales(self, surface: Surface) -> tuple[float, ...]:
         """(width,) the scale of each number."""
-        scale = self.scale(surface) if callable(self.scale) else self.scale
+        scale = scales_of(surface)[self.scale] if isinstance(self.scale, str) else self.scale
         return scale if isinstance(scale, tuple) else (scale,) * self.width
 
 
 STATE, PARTS = ("state",), ("parts",)
 SPEED_UNIT = "table speed a_h w (at least 1 mm/s)"
-PLACE = (
-    "centre on the surface, x and y; -1 and 1 are the borders",
-    "half the width, half the depth",
-    half_sides,
-    "place",
-)
+PLACE = ("centre on the surface, x and y; -1 and 1 are the borders", "half the width, half the depth", "half the sides",
+         "place")  # fmt: skip
 AHEAD = "goal 1, 2, 3 and 4 periods ahead minus present"
 
 TABLE = (
@@ -115,11 +94,11 @@ TABLE = (
     Feature("extent", "extent", 1, "square root of the area", "0.2 m", 0.2, "linear", PARTS),
     Feature("position", "position", 2, *PLACE, PARTS),
     Feature("element", "position", 2, "centre within its element, x and y; -1 and 1 are the element's edges",
-            "half an element", half_element, "cell"),
+            "half an element", "half an element", "cell"),
     Feature("heading", "heading", 2, "cos and sin of (symmetry x heading); 1, 0 for a disc", "1", 1.0, "direction"),
     Feature("position", "position", 2, *PLACE, STATE),
     Feature("way", "way", 2, "goal (or nearest point of its zone) minus centre, x and y; 0 without",
-            "longer side of the surface", longer_side, "linear", STATE),
+            "longer side of the surface", "longer side", "linear", STATE),
     Feature("way_far", "way", 2, "tanh of (goal, or nearest point of its zone, minus centre) in 250 mm, x and y; 0 without",
             "1", FAR, "tanh", PARTS),
     Feature("way_coarse", "way", 2, "tanh of the same in 50 mm", "1", COARSE, "tanh"),
@@ -129,7 +108,7 @@ TABLE = (
     Feature("turn_coarse", "turn", 1, "tanh of the same in 0.5 rad", "1", COARSE_TURN, "tanh"),
     Feature("turn_fine", "turn", 1, "tanh of the same in 0.05 rad", "1", FINE_TURN, "tanh"),
     Feature("turn_finest", "turn", 1, "tanh of the same in 0.005 rad", "1", FINEST_TURN, "tanh", PARTS),
-    Feature("velocity", "velocity", 2, "mean velocity over the last period, x and y", SPEED_UNIT, table_speed, "linear"),
+    Feature("velocity", "velocity", 2, "mean velocity over the last period, x and y", SPEED_UNIT, "table speed", "linear"),
     Feature("spin", "spin", 1, "mean angular velocity over the last period", "10 rad/s", SPIN, "linear", STATE),
     Feature("spin", "spin", 1, "mean angular velocity over the last period", "25 rad/s", ROW_SPIN, "linear", PARTS),
     Feature("borders", "borders", 4, "tanh of the centre's distance to the left, right, bottom, top border in 50 mm",
@@ -137,14 +116,14 @@ TABLE = (
     Feature("zone", "zone", 4, "tanh of the same to the borders of its zone, in the same order; positive on the side where the "
             "zone is", "1", COARSE, "tanh", PARTS),
     Feature("gap", "gap", 1, "tanh of (distance to the nearest other part / (sqrt(2) x element size)); 1 without others",
-            "1", diagonal, "tanh", STATE),
+            "1", "diagonal of an element", "tanh", STATE),
     Feature("neighbour", "neighbour", 2, "unit vector from its centre to that part's, x and y; 0, 0 without others",
             "1", 1.0, "direction", STATE),
-    Feature("goal_velocity", "goal_velocity", 2, "velocity of the goal, x and y", SPEED_UNIT, table_speed, "linear"),
+    Feature("goal_velocity", "goal_velocity", 2, "velocity of the goal, x and y", SPEED_UNIT, "table speed", "linear"),
     Feature("goal_spin", "goal_spin", 1, "angular velocity of the goal", "10 rad/s", SPIN, "linear", STATE),
     Feature("goal_spin", "goal_spin", 1, "angular velocity of the goal", "25 rad/s", ROW_SPIN, "linear", PARTS),
     Feature("way_ahead", "way_ahead", 2 * PREVIEW, f"{AHEAD} centre, x and y of each",
-            "longer side of the surface", longer_side, "linear", STATE),
+            "longer side of the surface", "longer side", "linear", STATE),
     Feature("way_ahead", "way_ahead", 2 * PREVIEW, f"{AHEAD} centre, x and y of each", "250 mm", FAR, "linear", PARTS),
     Feature("turn_ahead", "turn_ahead", PREVIEW, f"{AHEAD} heading, on from that of turn", "full turn", TURN, "linear"),
     Feature("age", "age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", AGE_SCALE, "tanh"),
@@ -163,9 +142,10 @@ NEIGHBOUR = (
     Feature("there", "there", 1, "1: there is such a part; all its other numbers are 0 where there is none", "1", 1.0, "flag"),
     Feature("apart", "apart", 2, "tanh of (its centre minus own) in 50 mm, x and y", "1", COARSE, "tanh"),
     Feature("apart_far", "apart", 2, "tanh of the same in 250 mm", "1", FAR, "tanh"),
-    Feature("gap", "gap", 1, "tanh of (distance between the outlines / (sqrt(2) x element size))", "1", diagonal, "tanh"),
-    Feature("velocity", "velocity", 2, "its mean velocity minus own, x and y", f"twice the {SPEED_UNIT}", twice_table_speed,
-            "linear"),
+    Feature("gap", "gap", 1, "tanh of (distance between the outlines / (sqrt(2) x element size))",
+            "1", "diagonal of an element", "tanh"),
+    Feature("velocity", "velocity", 2, "its mean velocity minus own, x and y", f"twice the {SPEED_UNIT}",
+            "twice the table speed", "linear"),
     Feature("heading", "heading", 2, "cos and sin of (its symmetry x its heading)", "1", 1.0, "direction"),
     Feature("same_kind", "same_kind", 1, "1: it is of the same kind", "1", 1.0, "flag"),
     Feature("way", "way", 2, "tanh of its own way to its goal or zone in 50 mm, x and y", "1", COARSE, "tanh"),
