@@ -82,7 +82,7 @@ def test_it_says_why_elements_rest():
     _, _, _, _, info = many.step(np.ones((2, 6, 3), dtype=np.float32))
     there = many.unwrapped.truth.present
     assert (info["commanded"]["unserved"] == np.where(there, SERVED, GONE)).all() and not there.all()
-    assert len(REASONS) == 4
+    assert len(REASONS) == LEFT_OUT + 1
 
 
 def test_parts_that_can_stick_are_refused():
