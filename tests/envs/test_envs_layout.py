@@ -7,8 +7,8 @@ import pytest
 
 from tests.envs.helpers import batch, single
 from vibgym.envs import VibgymEnv
-from vibgym.envs.layout import FEATURES, Layout
-from vibgym.envs.row_layout import NEIGHBOUR, OWN
+from vibgym.envs.features import FEATURES, NEIGHBOUR, OWN
+from vibgym.envs.layout import Layout
 
 CASES = [
     ("Rotate", {}), ("Align", {}), ("Transport", {}), ("Sort", {"slots": 8}), ("Singulate", {"randomize": {"parts": [2, 6]}}),

@@ -11,7 +11,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from stable_baselines3.common.env_checker import check_env as check_sb3_env
 
 from tests.envs.helpers import assert_same, batch, single
-from vibgym.envs.row_layout import NEIGHBOUR, NEIGHBOURS, OWN, RowLayout
+from vibgym.envs.features import NEIGHBOUR, NEIGHBOURS, OWN
+from vibgym.envs.layout import RowLayout
 from vibgym.physics.collision.hulls import all_gaps
 
 DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "disc"}

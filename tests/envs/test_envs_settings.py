@@ -1,9 +1,12 @@
 """Registration, saved specifications, keyword arguments good and bad, rendering."""
 
+import dataclasses
 import json
+import re
 import subprocess
 import sys
 import warnings
+from typing import get_type_hints
 
 import gymnasium as gym
 import numpy as np
@@ -12,8 +15,11 @@ from gymnasium.envs.registration import EnvSpec
 
 import vibgym
 from tests.envs.helpers import TASKS, assert_same, batch, put, single
-from vibgym.envs import VibgymEnv, VibgymVectorEnv
+from vibgym.envs import Options, VibgymEnv, VibgymVectorEnv
+from vibgym.envs.options import Keywords
 from vibgym.registration import register_environments
+from vibgym.tasks import TASKS as TASKS_OF_ALL
+from vibgym.tasks import ArrangedTask
 
 FULL = {
     "surface": {
@@ -205,6 +211,43 @@ def test_unknown_keywords_are_refused():
     for make in (VibgymEnv, VibgymVectorEnv):
         with pytest.raises(ValueError, match=r"colour.*allowed: surface, parts"):
             make("Align", colour="red")
+
+
+def test_the_record_of_options():
+    """Its names and types stand a second time for type checkers; it refuses what no environment has."""
+    typed = get_type_hints(Options)
+    assert typed.pop("task") is str and typed == get_type_hints(Keywords)
+    assert tuple(typed) == Options.names()
+    assert Options.from_mapping("environment", {"task": "Sort", "slots": 8}) == Options("Sort", slots=8)
+    for mapping, got in (
+        ("Sort", "'Sort'"),
+        ({"slots": 8}, "{'slots': 8}"),
+        ({"task": "Sort", "colour": 1, 3: 4}, "['3', 'colour']"),
+    ):
+        with pytest.raises(ValueError, match=f"^environment: got {re.escape(got)}; allowed: .*surface, parts.*, word$"):
+            Options.from_mapping("environment", mapping, ("word",))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Options("Sort").slots = 3
+    assert "max_episode_periods" not in json.loads(single("Align").unwrapped.core.identity)
+
+
+class Two(ArrangedTask):
+    """Every part has a goal pose, and no PoseTask's reward."""
+
+    FACTS = ("is_success", "fallen", "diverged")
+    has_goal = True
+
+
+def test_tasks_without_a_goal_observation_say_why_and_what_they_have(monkeypatch):
+    monkeypatch.setitem(TASKS_OF_ALL._items, "Two", Two)
+    for task in ("Two", "Sort", "Follow"):
+        for make in (VibgymEnv, VibgymVectorEnv):
+            with pytest.raises(
+                ValueError, match="^observation: got 'goal'; allowed: 'state', 'parts', .*'image'.*one part"
+            ):
+                make(task, observation="goal")
+        for each in ("state", "parts", "image"):
+            VibgymEnv(task, observation=each)
 
 
 # -- rendering ---------------------------------------------------------------------------------------------------------

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch, single
-from vibgym.envs.actions import BESIDE, GONE, REASONS, SERVED
+from vibgym.envs import ACTIONS, Wrench
+from vibgym.envs.actions import BESIDE, GONE, LEFT_OUT, REASONS, SERVED
 from vibgym.scene.parts import shipped_part
 
 PART = shipped_part("aluminium_block")
@@ -81,7 +82,7 @@ def test_it_says_why_elements_rest():
     _, _, _, _, info = many.step(np.ones((2, 6, 3), dtype=np.float32))
     there = many.unwrapped.truth.present
     assert (info["commanded"]["unserved"] == np.where(there, SERVED, GONE)).all() and not there.all()
-    assert len(REASONS) == 4
+    assert len(REASONS) == LEFT_OUT + 1
 
 
 def test_parts_that_can_stick_are_refused():
@@ -111,3 +112,24 @@ def test_numbers_mean_what_the_documentation_says():
     push = 0.5 * PART.friction * 9.81
     assert scale(env)[0] == pytest.approx([push, push, push / math.sqrt(PART.gyration)])
     assert env.unwrapped.action_shape == (1, 3)
+
+
+class Spared(Wrench):
+    """Leaves the second part alone."""
+
+    def left_out(self, measurement):
+        return np.broadcast_to([False, True], measurement.gone.shape)
+
+
+def test_a_subclass_leaves_parts_alone(monkeypatch):
+    monkeypatch.setitem(ACTIONS._items, "spared", Spared)
+    pose, moved = [[0.2, 0.1, 0.0], [0.6, 0.1, 0.0]], {}
+    for action in ("wrench", "spared"):
+        env = single("Singulate", action=action, parts=["aluminium_block"] * 2)
+        env.reset(seed=1, options={"pose": pose})
+        for _ in range(5):
+            *_, info = env.step(np.full((2, 3), 0.3, dtype=np.float32))
+        moved[action] = env.unwrapped.truth.pose[0] - pose
+        assert info["commanded"]["unserved"].tolist() == [SERVED, LEFT_OUT if action == "spared" else SERVED]
+    assert (moved["spared"][0] == moved["wrench"][0]).all() and abs(moved["wrench"][1, 0]) > 5e-3
+    assert abs(moved["spared"][1, 0]) < 5e-4 and "left out" in REASONS[LEFT_OUT]

@@ -13,7 +13,7 @@ from shapely.geometry import MultiPoint, Polygon
 from vibgym import Part
 from vibgym.config import part_from
 from vibgym.scene import outlines
-from vibgym.scene.parts import SHIPPED, STEEL_DENSITY, shipped_part
+from vibgym.scene.parts import SHIPPED, STEEL_DENSITY, kinds_of, shipped_part
 
 L_SHAPE = [[0, 0], [0.06, 0], [0.06, 0.03], [0.03, 0.03], [0.03, 0.06], [0, 0.06]]
 C_SHAPE = [[0, 0], [80, 0], [80, 20], [20, 20], [20, 60], [80, 60], [80, 80], [0, 80]]
@@ -270,3 +270,14 @@ def test_written_down_and_read_again(part):
     for field in dataclasses.fields(Part):
         assert np.array_equal(getattr(part, field.name), getattr(again, field.name)), field.name
     assert again.same_as(part) and again.to_dict() == part.to_dict()
+
+
+def test_height_makes_another_kind_for_those_who_see_it():
+    low, high = (Part.rectangle(0.05, 0.03, friction=0.5, mass=0.1, height=height) for height in (0.004, 0.040))
+    assert low.slides_as(high) and not low.same_as(high) and low.same_as(low)
+    for same, kind in ((Part.slides_as, [0, 0, 0]), (Part.same_as, [0, 1, 0])):
+        kinds, numbers = kinds_of((low, high, low), same)
+        assert numbers.tolist() == kind and len(kinds) == max(kind) + 1
+    assert kinds_of((low, high))[1].tolist() == [0, 0]
+    heavier = Part.rectangle(0.05, 0.03, friction=0.5, mass=0.2, height=0.004)
+    assert not low.slides_as(heavier) and not low.same_as(heavier)

@@ -225,8 +225,10 @@ class _Announcer(event.Listener):
         kept = "not kept" if folder is None else f"kept in {folder}"
         # A warning, so that it shows where nobody has configured logging, and where only warnings show.
         LOGGER.warning(
-            "vibgym: compiling kernels, once for this processor: the first step takes %s (%s)", options.FIRST_STEP, kept
-        )
+            "vibgym: compiling kernels that this kind of scene is the first to need: the first step takes %s (%s); "
+            "python -m vibgym warm compiles those of all kinds at once",
+            options.FIRST_STEP, kept,
+        )  # fmt: skip
 
     def on_end(self, event: Any) -> None:
         pass

@@ -6,7 +6,7 @@ Once this module is imported, ``pettingzoo.make("parallel", "vibgym/Sort-v0")`` 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -15,27 +15,32 @@ from pettingzoo import ParallelEnv, parallel_registry, register
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts
-from vibgym.envs.row_observation import PartsObservation
+from vibgym.envs.observations import PartsObservation
+from vibgym.envs.options import Keywords
+from vibgym.envs.reset_options import KEYS
 from vibgym.envs.single import VibgymEnv
-from vibgym.envs.starting import KEYS
 from vibgym.registration import ENVIRONMENTS
 
 
-def parallel_env(name: str, *, action: str = "wrench", **settings: Any) -> PartsParallelEnv:
+def parallel_env(
+    name: str, *, max_episode_steps: int | None = None, render_mode: str | None = None, **options: Unpack[Keywords]
+) -> PartsParallelEnv:
     """An environment of the package whose agents are its parts.
 
     Args:
         name: such as ``"Sort"``, for ``vibgym/Sort-v0``.
-        action: one that has a share for every part: ``"wrench"``, ``"patch"``, ``"field"``.
-        **settings: as for :class:`vibgym.envs.VibgymEnv`, and ``max_episode_steps``.
+        max_episode_steps: instead of the environment's own limit.
+        render_mode, **options: as for :class:`vibgym.envs.VibgymEnv`, but ``observation``. ``action`` is one that has a
+            share for every part: ``"wrench"`` (default), ``"patch"``, ``"field"``.
 
     Raises:
         ValueError: there is no such environment, or a bad setting.
     """
     checks.choice("name", name, tuple(ENVIRONMENTS))
-    if "observation" in settings:
-        raise checks.refuse("observation", settings["observation"], "nothing: agents see by parts")
-    made = gym.make(f"vibgym/{name}-v0", action=action, observation="parts", disable_env_checker=True, **settings)
+    if "observation" in options:
+        raise checks.refuse("observation", options["observation"], "nothing: agents see by parts")
+    keywords = {"action": "wrench", **options, "observation": "parts", "render_mode": render_mode}
+    made = gym.make(f"vibgym/{name}-v0", max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
     return PartsParallelEnv(made)
 
 

@@ -1,9 +1,20 @@
 """Gymnasium environments: a single and a vector one, both thin over the same batched core."""
 
-from vibgym.envs.actions import ACTIONS, Action
+from vibgym.envs.actions import ACTIONS, Action, Wrench
 from vibgym.envs.observations import OBSERVATIONS, Observation
+from vibgym.envs.options import Options
 from vibgym.envs.shared import Truth
 from vibgym.envs.single import VibgymEnv
 from vibgym.envs.vector import VibgymVectorEnv
 
-__all__ = ["ACTIONS", "OBSERVATIONS", "Action", "Observation", "Truth", "VibgymEnv", "VibgymVectorEnv"]
+__all__ = [
+    "ACTIONS",
+    "OBSERVATIONS",
+    "Action",
+    "Observation",
+    "Options",
+    "Truth",
+    "VibgymEnv",
+    "VibgymVectorEnv",
+    "Wrench",
+]

@@ -96,8 +96,8 @@ class Action(ABC):
             values = np.clip(values, -1.0, 1.0)
         return np.ascontiguousarray(values, dtype=np.float32).reshape(-1, self.size)
 
-    def install(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        """See the machine, before the first command.
+    def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        """Get to know what the elements can do, once, before the first command.
 
         Args:
             sheet: what is known of the elements beforehand.
@@ -196,7 +196,11 @@ class Wrench(Action):
     limit of the data sheet.
 
     Elements rest under a part that cannot be served, and ``info["commanded"]["unserved"]`` (parts,) says why, by the index of
-    :data:`REASONS`.
+    :data:`REASONS`. A subclass leaves parts alone by :meth:`left_out`, and ``super().command`` allocates for the others.
+
+    Attributes:
+        allocator: :class:`vibgym.allocation.Allocator` of the scene, once the limits of the elements are known.
+        scale: (parts, 3) what 1 stands for, m/s^2, m/s^2, rad/s^2.
 
     Raises:
         ValueError: a part that can stick to the surface, where averages over a period do not hold.
@@ -209,14 +213,18 @@ class Wrench(Action):
         self.shape = (len(self.parts), 3)
         push = 0.5 * np.array([part.friction for part in self.parts]) * self.full_scale
         gyration = np.sqrt([part.gyration for part in self.parts])
-        self.scale = np.stack([push, push, push / gyration], axis=-1)  # m/s^2, m/s^2, rad/s^2 of a number 1
+        self.scale = np.stack([push, push, push / gyration], axis=-1)
 
-    def install(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        self._allocator = Allocator(self.surface, self.parts, sheet)
+    def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
+        self.allocator = Allocator(self.surface, self.parts, sheet)
         self._process = FrictionalInverse(self.surface, self.parts, limit=sheet.limit, ahead=0.5 * self.surface.period)
         self._unserved = np.zeros((worlds, len(self.parts)), dtype=np.int64)
         self._given = np.zeros((worlds, *self.shape))
         return {"unserved": self._unserved}
+
+    def left_out(self, measurement: Measurement) -> np.ndarray:
+        """Parts (worlds, parts) bool that are left alone, whatever the action says: none, unless a subclass says which."""
+        return np.zeros_like(measurement.gone)
 
     def live(self) -> dict[str, np.ndarray]:
         return {"given": self._given, "unserved": self._unserved}
@@ -229,17 +237,21 @@ class Wrench(Action):
         pose = measurement.pose
         x, y = pose[..., 0], pose[..., 1]
         beside = (x < 0.0) | (y < 0.0) | (x > self.surface.width) | (y > self.surface.depth)
-        self._unserved[...] = np.select([measurement.gone, beside, ~holds], [GONE, BESIDE, STICKS], SERVED)
+        reasons = [measurement.gone, beside, ~holds, self.left_out(measurement)]
+        self._unserved[...] = np.select(reasons, [GONE, BESIDE, STICKS, LEFT_OUT], SERVED)
         served = self._unserved == SERVED
         self._given[...] = np.where(served[..., None], given, 0.0)
-        actions = self._allocator.actions(pose, served, np.where(served[..., None], push, 0.0))
+        actions = self.allocator.actions(pose, served, np.where(served[..., None], push, 0.0))
         return phasor_drive(actions, self.surface.columns, self.full_scale)
 
 
-REASONS = ("served", "gone: absent or fallen", "its centre is beside the surface", "it may stick at this velocity")
+REASONS = (
+    "served", "gone: absent or fallen", "its centre is beside the surface", "it may stick at this velocity",
+    "left out by the action",
+)  # fmt: skip
 """Why elements rest under a part whatever ``action="wrench"`` says, see :class:`Wrench`."""
 
-SERVED, GONE, BESIDE, STICKS = range(len(REASONS))
+SERVED, GONE, BESIDE, STICKS, LEFT_OUT = range(len(REASONS))
 
 ACTIONS: Registry[type[Action]] = Registry(
     "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench}

@@ -9,9 +9,7 @@ One step goes in one direction:
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -21,9 +19,11 @@ from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS
 from vibgym.envs.base import Observation
+from vibgym.envs.limits import longest_paths, step_limit
 from vibgym.envs.observations import OBSERVATIONS
+from vibgym.envs.options import Options
 from vibgym.envs.randomization import Randomization
-from vibgym.envs.starting import Starting
+from vibgym.envs.reset_options import StartOverride
 from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
 from vibgym.sensing import sensing_from
@@ -47,40 +47,11 @@ MOST_PERIODS = 1_000_000
 """In a step: eleven hours in the world."""
 
 
-@dataclass(frozen=True)
-class Options:
-    """The keyword arguments that single and vector environments share, see :class:`vibgym.envs.VibgymEnv`."""
-
-    task: str
-    surface: Any
-    parts: Any
-    model: str
-    action: str
-    observation: str
-    actuators: Any
-    sensor: Any
-    randomize: Any
-    walls: Any
-    start: Any
-    zones: Any
-    slots: Any
-    paths: Any
-    task_settings: Any
-    periods_per_step: int
-
-
-def refuse_unknown(unknown: Mapping[str, Any], more: tuple[str, ...]) -> None:
-    """Refuse keyword arguments that no environment has; ``more`` are known besides the options."""
-    if unknown:
-        known = ", ".join((*(field.name for field in fields(Options)[1:]), *more))
-        raise checks.refuse("keyword arguments", sorted(unknown), known)
-
-
 class Core:
     """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds.
 
     Args:
-        options: the environment's keyword arguments.
+        options: what the environment is made of.
         worlds: number of worlds.
 
     Attributes:
@@ -88,7 +59,7 @@ class Core:
         details: groups of what ``info`` says besides, live arrays (worlds, ...).
         term_names, terms: names of the reward terms, and their values (worlds, terms).
         part_terms: their values for each part alone, (worlds, parts, terms).
-        longest: s that the paths of an episode may last.
+        step_limit: steps after which episodes are truncated; None: not here.  longest: s that paths of an episode may last.
 
     Raises:
         ValueError: a bad setting.
@@ -126,7 +97,7 @@ class Core:
         self.task.features = (*self.task.features, *self.sensing.tell)
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
-        self._commanded = self.action.install(self.actuators.data_sheet, worlds)
+        self._commanded = self.action.resolve_limits(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
@@ -146,7 +117,9 @@ class Core:
         self._own_reward: OwnReward | None = None
         self._choose_reward(weights)
         self.facts, self.details = self._shown()
-        self.began, self.longest = False, math.inf
+        self.step_limit = step_limit(self.periods, options.max_episode_periods)
+        self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
+        self.began = False
 
     def _choose_reward(self, weights: Mapping[str, Any]) -> None:
         """Who rewards: kernels what is shipped, a task with a reward of its own, or the goal of the observation.
@@ -198,12 +171,12 @@ class Core:
         return self.task.draws + self.actuators.draws + self.sensing.draws + self.randomization.draws
 
     def reset(
-        self, worlds: np.ndarray, generators: Sequence[np.random.Generator], starting: Starting | None = None
+        self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride | None = None
     ) -> None:
         """Begin new episodes in ``worlds`` (index array), each drawn from its own generator.
 
         Args:
-            starting: what a caller wants of the start.
+            override: what a caller sets of the start.
 
         Raises:
             ValueError: a start that cannot be; nothing has changed but the generators.
@@ -211,7 +184,7 @@ class Core:
         uniform = np.array([generator.random(self.draws) for generator in generators])
         own, driven = self.task.draws, self.task.draws + self.actuators.draws
         sensed = driven + self.sensing.draws
-        start = self.start_of(worlds, uniform[:, :own], starting)
+        start = self.start_of(worlds, uniform[:, :own], override)
         drawn = self.randomization.values(uniform[:, sensed:])
         idle = self.idle
         if "friction" in drawn:
@@ -245,11 +218,11 @@ class Core:
         if self.randomization.ranges:
             self.simulator.check_conditions(rows, rows._asdict(), "randomize[{!r}]")
 
-    def start_of(self, worlds: np.ndarray, uniform: np.ndarray, starting: Starting | None) -> Start:
-        """The start that a reset draws, with what the caller wants of it."""
-        if starting is None:
+    def start_of(self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
+        """The start that a reset draws, with what the caller sets of it."""
+        if override is None:
             return self.task.start(uniform)
-        return starting.start(self.task, self.simulator, worlds, uniform)
+        return override.start(self.task, self.simulator, worlds, uniform)
 
     def step(self, action: np.ndarray) -> None:
         """Advance every world by one step under a checked action, score it, and measure."""
@@ -425,7 +398,7 @@ def _identity(options: Options, core: Core) -> str:
         return value.tolist() if isinstance(value, np.ndarray | np.generic) else repr(value)
 
     content = {
-        **vars(options),
+        **options.of_state(),
         "surface": vars(core.surface),
         "parts": [part.to_dict() for part in core.parts],
         "walls": core.simulator.walls,

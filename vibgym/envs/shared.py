@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -12,15 +10,11 @@ import numpy as np
 from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.envs.core import Core
-from vibgym.envs.layout import Numbers
-from vibgym.envs.row_layout import RowLayout
-from vibgym.envs.starting import KEYS, Starting, starting_from
+from vibgym.envs.layout import Numbers, RowLayout
+from vibgym.envs.reset_options import StartOverride, parse_reset_options
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
-
-MOST_EPISODE = 10**12
-"""Steps or periods of an episode."""
 
 
 class Truth(NamedTuple):
@@ -100,7 +94,7 @@ class SharedInterface:
     def parts_layout(self) -> tuple[Numbers, ...]:
         """What the numbers of a row of the observation by parts mean, in order; the same for every part.
 
-        :class:`vibgym.envs.row_layout.RowLayout` turns numbers back into quantities.
+        :class:`vibgym.envs.layout.RowLayout` turns numbers back into quantities.
         """
         return RowLayout.of(self.core.task).rows
 
@@ -123,6 +117,10 @@ class SharedInterface:
         if not self.core.began:
             raise gym.error.ResetNeeded("observed(): call reset() before")
         return self._own(self.core.observed(kind))
+
+    def _override(self, options: Any, more: tuple[str, ...] = ()) -> StartOverride | None:
+        """What the options of a reset set of the start; ``more`` are known besides."""
+        return parse_reset_options(options, self.core.task, self.core.worlds, self.core.longest, more)
 
     def _own(self, seen: Any) -> Any:
         """A batch of observations as this environment hands them out."""
@@ -159,57 +157,3 @@ class SharedInterface:
 def frames_per_second(core: Core) -> int:
     """Steps a second in the world, at least 1: ``metadata["render_fps"]``."""
     return round(1.0 / (core.surface.period * core.periods)) or 1
-
-
-def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
-    """Steps after which an episode is truncated by the environment itself.
-
-    With one period a step that is left to Gymnasium's limit in steps, which users may change. With longer steps that limit, the
-    same number, would be one on another time.
-    """
-    if max_episode_periods is None:
-        return None
-    limit = checks.count("max_episode_periods", max_episode_periods, most=MOST_EPISODE)
-    return None if periods_per_step == 1 else math.ceil(limit / periods_per_step)
-
-
-def check_delays(core: Core, max_episode_periods: Any) -> None:
-    """Refuse a machine of which an episode shows nothing, or that does nothing in it, and a task that takes longer.
-
-    Raises:
-        ValueError: a delay or a latency that lasts as long as an episode, a hold that lasts longer, or paths that do with it.
-    """
-    if max_episode_periods is None:
-        return
-    actuators = core.actuators
-    latency = "randomize['latency']" if "latency" in actuators.drawn() else "actuators.latency"
-    for name, periods in (("sensor.delay", core.sensing.sensor.delay), (latency, actuators.most_latency)):
-        if periods >= max_episode_periods:
-            raise checks.refuse(name, f"{periods} periods", f"less than an episode, {max_episode_periods} periods")
-    if core.task.hold > max_episode_periods:
-        allowed = f"at most an episode, {max_episode_periods} periods"
-        raise checks.refuse("task_settings['hold']", core.task.hold, allowed)
-    core.longest = (max_episode_periods - core.task.hold) * core.surface.period
-    if core.task.lasts > core.longest:
-        raise checks.refuse(
-            "paths", f"{core.task.lasts:.4g} s", f"at most {core.longest:.4g} s: an episode without the hold"
-        )
-
-
-def wishes(options: Any, core: Core, more: tuple[str, ...] = ()) -> Starting | None:
-    """What the options of a reset want of the start.
-
-    Args:
-        more: other options that are known.
-
-    Raises:
-        ValueError: an unknown option, or a bad value.
-    """
-    if options is None:
-        return None
-    if not isinstance(options, Mapping):
-        raise checks.refuse("options", options, f"None or a mapping with keys among {', '.join((*KEYS, *more))}")
-    for name in options:
-        if name not in (*KEYS, *more):
-            raise checks.refuse("options", f"the key {name!r}", f"keys among {', '.join((*KEYS, *more))}")
-    return starting_from(options, core.task, core.worlds, core.longest)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils import seeding
 
 from vibgym import checks
-from vibgym.envs import generators, layout, row_layout
-from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import SharedInterface, check_delays, frames_per_second, step_limit, wishes
-from vibgym.scene.surface import Surface
+from vibgym.envs import features, generators
+from vibgym.envs.core import Core
+from vibgym.envs.options import Keywords, Options
+from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.sensing import TOLD
 from vibgym.snapshots import check_keys
 from vibgym.tasks import ArrangedTask, Follow, PoseTask
@@ -23,6 +23,14 @@ RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
 
 
+@features.documented(
+    pose=features.block_table(PoseTask.FEATURES),
+    arranged=features.block_table(ArrangedTask.FEATURES),
+    follow=features.block_table(Follow.FEATURES),
+    told=features.block_table(TOLD),
+    own=features.row_table(features.OWN),
+    neighbour=features.row_table(features.NEIGHBOUR),
+)
 class VibgymEnv(SharedInterface, gym.Env):
     """Parts on the vibrating surface, and a task. One step is one oscillation period (40 ms).
 
@@ -35,11 +43,14 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     | ``action=`` | shape | meaning |
     |---|---|---|
-    | ``"element"`` | (rows, columns, 2) | amplitude [0, max_amplitude] and phase [-pi, pi] of every element |
+    | ``"element"`` (default) | (rows, columns, 2) | amplitude [0, max_amplitude] and phase [-pi, pi] of every element |
     | ``"phasor"`` | (rows, columns, 2) | amplitude x (cos, sin) phase of every element, in the unit disc |
     | ``"patch"`` | (parts, k, k, 2) | phasors of the k x k elements around each part (k = 4 for the shipped blocks) |
     | ``"field"`` | (parts, 6) | strengths of uniform x, y, squeeze x, y, radial and tangential field around each part |
-    | ``"wrench"`` | (parts, 3) | wanted acceleration of each part, x, y and angular, see :class:`vibgym.envs.actions.Wrench` |
+    | ``"wrench"`` | (parts, 3) | wanted acceleration of each part, x, y and angular, see :class:`vibgym.envs.Wrench` |
+
+    To learn, begin with ``"field"``: six numbers a part. The default is the machine as it is, 512 numbers on the prototype, and
+    by far the hardest to learn.
 
     ## Observation space
     ``"state"`` (default): float32 in [-1, 1], a block of numbers for each slot; part p has block p. :attr:`observation_layout`
@@ -179,43 +190,15 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 25}
 
-    def __init__(
-        self,
-        task: str,
-        *,
-        surface: str | Mapping[str, Any] | Surface = "prototype",
-        parts: Sequence[Any] | None = None,
-        model: str = "planar",
-        action: str = "element",
-        observation: str = "state",
-        actuators: str | Mapping[str, Any] = "ideal",
-        sensor: str | Mapping[str, Any] = "ideal",
-        randomize: Mapping[str, Any] | None = None,
-        walls: Sequence[str] | None = None,
-        start: str | None = None,
-        zones: Mapping[str, Sequence[float]] | None = None,
-        slots: int | None = None,
-        paths: Any = None,
-        task_settings: Mapping[str, Any] | None = None,
-        periods_per_step: int = 1,
-        max_episode_periods: int | None = None,
-        render_mode: str | None = None,
-        **unknown: Any,
-    ) -> None:
-        refuse_unknown(unknown, ("render_mode", "max_episode_periods"))
+    def __init__(self, task: str, *, render_mode: str | None = None, **options: Unpack[Keywords]) -> None:
+        known = Options.from_mapping("keyword arguments", {"task": task, **options}, ("render_mode",))
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
-        known = Options(
-            task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
-            paths, task_settings, periods_per_step,
-        )  # fmt: skip
         self.core = Core(known, 1)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": frames_per_second(self.core)}
-        self._limit = step_limit(self.core.periods, max_episode_periods)
-        check_delays(self.core, max_episode_periods)
         self._steps = 0
         self._closed = False
         self._viewer: Any = None
@@ -238,13 +221,13 @@ class VibgymEnv(SharedInterface, gym.Env):
         """
         if seed is not None:
             seed = checks.count("seed", seed, least=0)
-        starting = wishes(options, self.core)
-        if starting is not None:  # try it first: a start that cannot be must change nothing
+        override = self._override(options)
+        if override is not None:  # try it first: a start that cannot be must change nothing
             generator = seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
             uniform = generator.random((1, self.core.task.draws))
-            self.core.start_of(_FIRST, uniform, starting)
+            self.core.start_of(_FIRST, uniform, override)
         super().reset(seed=seed)
-        self.core.reset(_FIRST, [self.np_random], starting)
+        self.core.reset(_FIRST, [self.np_random], override)
         self._steps, self._closed = 0, False
         if self._viewer is not None:
             self._viewer.begin(0)
@@ -266,7 +249,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self._viewer is not None:
             self._viewer.follow(0)
             self._draw()
-        truncated = self._limit is not None and self._steps >= self._limit
+        truncated = core.step_limit is not None and self._steps >= core.step_limit
         episode = core.episode
         return self._own(core.observe()), episode.reward.item(), episode.ended.item(), truncated, self._info()
 
@@ -344,15 +327,3 @@ def _first(details: Mapping[str, Any]) -> dict[str, Any]:
         else:
             first[name] = values[0].item() if values.ndim == 1 else values[0].copy()
     return first
-
-
-if VibgymEnv.__doc__ is not None:  # python -OO has none
-    for _name, _table in (
-        ("pose", layout.table(PoseTask.FEATURES)),
-        ("follow", layout.table(Follow.FEATURES)),
-        ("arranged", layout.table(ArrangedTask.FEATURES)),
-        ("told", layout.table(TOLD)),
-        ("own", row_layout.table(row_layout.OWN)),
-        ("neighbour", row_layout.table(row_layout.NEIGHBOUR)),
-    ):
-        VibgymEnv.__doc__ = VibgymEnv.__doc__.replace(f"{{{_name} table}}", _table.replace("\n", "\n    "))

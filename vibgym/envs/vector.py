@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -14,9 +14,11 @@ from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
 from vibgym.envs import generators
-from vibgym.envs.core import Core, Options, refuse_unknown
-from vibgym.envs.shared import MOST_EPISODE, SharedInterface, check_delays, frames_per_second, step_limit, wishes
-from vibgym.scene.surface import Surface
+from vibgym.envs.core import Core
+from vibgym.envs.limits import MOST_EPISODE
+from vibgym.envs.options import Keywords, Options
+from vibgym.envs.reset_options import StartOverride
+from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.snapshots import check_keys, copied, restored
 
 
@@ -46,29 +48,13 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         task: str,
         num_envs: int = 1,
         *,
-        surface: str | Mapping[str, Any] | Surface = "prototype",
-        parts: Sequence[Any] | None = None,
-        model: str = "planar",
-        action: str = "element",
-        observation: str = "state",
-        actuators: str | Mapping[str, Any] = "ideal",
-        sensor: str | Mapping[str, Any] = "ideal",
-        randomize: Mapping[str, Any] | None = None,
-        walls: Sequence[str] | None = None,
-        start: str | None = None,
-        zones: Mapping[str, Sequence[float]] | None = None,
-        slots: int | None = None,
-        paths: Any = None,
-        task_settings: Mapping[str, Any] | None = None,
-        periods_per_step: int = 1,
-        max_episode_periods: int | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        **unknown: Any,
+        **options: Unpack[Keywords],
     ) -> None:
-        own = ("num_envs", "max_episode_periods", "max_episode_steps", "autoreset_mode", "render_mode")
-        refuse_unknown(unknown, own)
+        own = ("num_envs", "max_episode_steps", "autoreset_mode", "render_mode")
+        known = Options.from_mapping("keyword arguments", {"task": task, **options}, own)
         self.num_envs = checks.count("num_envs", num_envs)
         if max_episode_steps is not None:
             checks.count("max_episode_steps", max_episode_steps, most=MOST_EPISODE)
@@ -77,13 +63,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         if not isinstance(autoreset_mode, AutoresetMode):
             checks.choice("autoreset_mode", autoreset_mode, tuple(mode.value for mode in AutoresetMode))
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        known = Options(
-            task, surface, parts, model, action, observation, actuators, sensor, randomize, walls, start, zones, slots,
-            paths, task_settings, periods_per_step,
-        )  # fmt: skip
         self.core = Core(known, self.num_envs)
-        limits = (max_episode_steps, step_limit(self.core.periods, max_episode_periods))
-        check_delays(self.core, max_episode_periods)
+        limits = (max_episode_steps, self.core.step_limit)
         self.max_episode_steps = min((each for each in limits if each is not None), default=None)
         self.render_mode = render_mode
         self.metadata = {
@@ -117,21 +98,21 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         Raises:
             ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.
         """
-        starting = wishes(options, self.core, ("reset_mask",))
+        override = self._override(options, ("reset_mask",))
         mask = self._reset_mask(options)
         fresh = list(self._generators)
         for world, each in enumerate(self._seeds(seed)):
             if mask[world] and (each is not None or fresh[world] is None):
                 fresh[world] = seeding.np_random(each)[0]
-        if starting is not None:  # try it first: a start that cannot be must change nothing
+        if override is not None:  # try it first: a start that cannot be must change nothing
             worlds = np.flatnonzero(mask)
             drawn = [copy.deepcopy(fresh[world]).random(self.core.task.draws) for world in worlds]  # type: ignore[union-attr]
-            self.core.start_of(worlds, np.array(drawn), starting)
+            self.core.start_of(worlds, np.array(drawn), override)
         self._generators = fresh
         if isinstance(seed, int | np.integer):
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
         self.closed = False
-        self._begin(mask, starting)
+        self._begin(mask, override)
         return self.core.observe(), self._info(None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -267,10 +248,10 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         if self._viewer is not None:
             self._viewer.close()
 
-    def _begin(self, mask: np.ndarray, starting: Any = None) -> None:
+    def _begin(self, mask: np.ndarray, override: StartOverride | None = None) -> None:
         worlds = np.flatnonzero(mask)
         own = [self._generators[world] for world in worlds.tolist()]
-        self.core.reset(worlds, own, starting)  # type: ignore[arg-type]
+        self.core.reset(worlds, own, override)  # type: ignore[arg-type]
         self._steps[worlds] = 0
         self._finished[mask] = False
         if self._viewer is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from vibgym import Part, Surface, checks
 from vibgym.actuators import DataSheet
 from vibgym.envs.layout import Layout
-from vibgym.envs.shared import step_limit
+from vibgym.envs.limits import step_limit
 
 
 @dataclass(frozen=True, eq=False)

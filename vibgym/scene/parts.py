@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,25 @@ LEAST_MASS, MOST_MASS = 1e-9, 1e9
 """kg."""
 
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
+
+DEFAULTS: dict[str, Any] = {
+    "name": None,
+    "static_friction": None,
+    "height": 0.010,
+    "mass": None,
+    "restitution": 0.2,
+    "contact_friction": 0.3,
+}
+"""Properties of a part besides outline and friction."""
+
+
+class _Shape(NamedTuple):
+    """An outline and what follows from it, see :class:`Part`."""
+
+    outline: np.ndarray
+    area: float
+    gyration: float
+    symmetry: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +81,8 @@ class Part:
         """A disc of ``radius`` m. Keyword arguments as for :meth:`polygon`."""
         radius = checks.number("radius", radius, least=outlines.LEAST_SIZE, most=outlines.MOST_PLACE)
         properties.setdefault("name", "disc")
-        return cls._build(
-            outlines.disc_outline(radius), math.pi * radius**2, 0.5 * radius**2, 0, friction, **properties
-        )
+        shape = _Shape(outlines.disc_outline(radius), math.pi * radius**2, 0.5 * radius**2, 0)
+        return cls._build(shape, friction, properties)
 
     @classmethod
     def polygon(cls, vertices: Any, *, friction: float, **properties: Any) -> Part:
@@ -80,59 +98,36 @@ class Part:
         Raises:
             ValueError: an outline that crosses itself, or a value out of its range.
         """
-        outline = outlines.simple_outline(vertices)
+        of = outlines.simple_outline(vertices)
         properties.setdefault("name", "polygon")
-        return cls._build(
-            outline,
-            outlines.signed_area(outline),
-            outlines.gyration(outline),
-            outlines.symmetry_order(outline),
-            friction,
-            **properties,
-        )
+        shape = _Shape(of, outlines.signed_area(of), outlines.gyration(of), outlines.symmetry_order(of))
+        return cls._build(shape, friction, properties)
 
     @classmethod
-    def _build(
-        cls,
-        outline: np.ndarray,
-        area: float,
-        gyration: float,
-        symmetry: int,
-        friction: float,
-        *,
-        name: str,
-        static_friction: float | None = None,
-        height: float = 0.010,
-        mass: float | None = None,
-        restitution: float = 0.2,
-        contact_friction: float = 0.3,
-        **unknown: Any,
-    ) -> Part:
+    def _build(cls, shape: _Shape, friction: float, properties: dict[str, Any]) -> Part:
+        unknown = [name for name in properties if name not in DEFAULTS]
         if unknown:
             allowed = "static_friction, height, mass, name, restitution, contact_friction"
             raise checks.refuse("part", sorted(unknown), f"properties among {allowed}")
+        given = {**DEFAULTS, **properties}
         friction = checks.number("friction", friction, least=0.0)
-        if static_friction is None:
-            static_friction = friction
-        static_friction = checks.number("static_friction", static_friction, least=friction)
-        height = checks.number("height", height, above=0.0, most=outlines.MOST_PLACE)
-        given = STEEL_DENSITY * area * height if mass is None else mass
-        mass = checks.number("mass", given, least=LEAST_MASS, most=MOST_MASS)
-        checks.label("name", name)
-        outline.setflags(write=False)
+        static = friction if given["static_friction"] is None else given["static_friction"]
+        static = checks.number("static_friction", static, least=friction)
+        height = checks.number("height", given["height"], above=0.0, most=outlines.MOST_PLACE)
+        mass = STEEL_DENSITY * shape.area * height if given["mass"] is None else given["mass"]
+        mass = checks.number("mass", mass, least=LEAST_MASS, most=MOST_MASS)
+        checks.label("name", given["name"])
+        shape.outline.setflags(write=False)
         return cls(
-            outline=outline,
+            **shape._asdict(),
             friction=friction,
-            static_friction=static_friction,
-            area=area,
-            gyration=gyration,
-            radius=float(np.hypot(*outline.T).max()),
-            symmetry=symmetry,
+            static_friction=static,
+            radius=float(np.hypot(*shape.outline.T).max()),
             height=height,
             mass=mass,
-            name=name,
-            restitution=checks.number("restitution", restitution, least=0.0, most=1.0),
-            contact_friction=checks.number("contact_friction", contact_friction, least=0.0),
+            name=given["name"],
+            restitution=checks.number("restitution", given["restitution"], least=0.0, most=1.0),
+            contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
         )
 
     def body(self) -> Body:
@@ -163,29 +158,30 @@ class Part:
         same = (radius for radius in around if math.pi * radius**2 == self.area)
         return next((radius for radius in same if np.array_equal(outlines.disc_outline(radius), self.outline)), near)
 
-    def same_as(self, other: Part) -> bool:
-        """Whether the other part is one of the same kind: equal in all that physics knows of it."""
-        return (
-            (self.friction, self.static_friction, self.mass, self.restitution, self.contact_friction, self.symmetry)
-            == (
-                other.friction,
-                other.static_friction,
-                other.mass,
-                other.restitution,
-                other.contact_friction,
-                other.symmetry,
-            )
-            and self.outline.shape == other.outline.shape
-            and bool((self.outline == other.outline).all())
+    def slides_as(self, other: Part) -> bool:
+        """Whether the other part is equal to this one in all that its motion in the plane depends on, which height does not."""
+        names = ("friction", "static_friction", "mass", "restitution", "contact_friction", "symmetry")
+        return all(getattr(self, name) == getattr(other, name) for name in names) and np.array_equal(
+            self.outline, other.outline
         )
 
+    def same_as(self, other: Part) -> bool:
+        """Whether the other part is one of the same kind: equal in all but its name."""
+        return self.height == other.height and self.slides_as(other)
 
-def kinds_of(parts: Sequence[Part]) -> tuple[list[Part], np.ndarray]:
-    """The different parts among ``parts``, in order of appearance, and the kind of each, (parts,)."""
+
+def kinds_of(
+    parts: Sequence[Part], same: Callable[[Part, Part], bool] = Part.slides_as
+) -> tuple[list[Part], np.ndarray]:
+    """The different parts among ``parts``, in order of appearance, and the kind of each, (parts,).
+
+    Args:
+        same: whether two parts are of one kind: :meth:`Part.slides_as`, or :meth:`Part.same_as` for those who see heights.
+    """
     kinds: list[Part] = []
     numbers = []
     for part in parts:
-        number = next((k for k, kind in enumerate(kinds) if kind.same_as(part)), len(kinds))
+        number = next((k for k, kind in enumerate(kinds) if same(kind, part)), len(kinds))
         if number == len(kinds):
             kinds.append(part)
         numbers.append(number)

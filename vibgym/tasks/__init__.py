@@ -10,6 +10,7 @@ from vibgym.tasks.reward import Step
 from vibgym.tasks.rotate import Rotate
 from vibgym.tasks.singulate import Singulate
 from vibgym.tasks.sort import Sort
+from vibgym.tasks.starts import Starts
 from vibgym.tasks.transport import Transport
 
 TASKS: Registry[type[Task]] = Registry(
@@ -28,6 +29,7 @@ __all__ = [
     "Singulate",
     "Sort",
     "Start",
+    "Starts",
     "Step",
     "Task",
     "Transport",

@@ -63,7 +63,7 @@ class Task(ABC):
     """What ``info`` says besides ``reward_terms``, among the names in :meth:`facts`."""
 
     FEATURES: ClassVar[tuple[str, ...]]
-    """Of a part in the state observation, among :data:`vibgym.envs.layout.NAMES`."""
+    """Of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""
 
     RANDOMIZED: ClassVar[tuple[str, ...]] = ()
     """Keys of ``randomize=`` that the task draws for itself; it is handed a mapping with those that are given."""

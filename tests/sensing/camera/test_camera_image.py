@@ -107,3 +107,12 @@ def test_parts_far_away_or_nowhere_are_not_drawn():
     broken.pose[0, 0] = np.nan
     sensor.look(broken)
     assert not sensor.due.seen.any() and np.isfinite(sensor.due.pose).all()
+
+
+def test_parts_that_differ_in_height_alone_are_seen_at_their_own():
+    low, high = (Part.rectangle(0.05, 0.03, friction=0.5, mass=0.1, height=height) for height in (0.004, 0.040))
+    at, absent = [0.15, 0.05, 0.4], [-1.0, -1.0, 0.0]
+    for part, order in ((low, (high, low)), (high, (low, high))):
+        alone = picture([[at]], (part,), **QUIET)
+        assert (picture([[absent, at]], order, **QUIET) == alone).all()
+    assert (picture([[at]], (low,), **QUIET) != picture([[at]], (high,), **QUIET)).any()

@@ -9,7 +9,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.allocation.frictional import FrictionalInverse
-from vibgym.envs.layout import SPIN
+from vibgym.envs.features import SPIN
 from vibgym.policies.classical.goal_motion import Preview, as_they_stand, from_goals
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.measured import Measured, wrap

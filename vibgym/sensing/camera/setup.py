@@ -96,7 +96,7 @@ class Setup:
         frame = self._frame(border)
         self._refuse_unseen(frame)
         exposure = self._exposure(settings)
-        kinds, kind = kinds_of(self.parts)
+        kinds, kind = kinds_of(self.parts, Part.same_as)
         self._refuse_unfit(kinds)
         shapes = image.Shapes(
             kind,

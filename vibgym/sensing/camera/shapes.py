@@ -68,7 +68,7 @@ def heading_order(part: Part) -> tuple[int, complex]:
 
 def traits_of(parts: Sequence[Part]) -> Traits:
     """What the parts of a world look like."""
-    kinds, kind = kinds_of(parts)
+    kinds, kind = kinds_of(parts, Part.same_as)
     headings = [heading_order(part) for part in kinds]
     turned = np.array([abs(outline_moment(part.outline, 2)) for part in kinds])
     spread = np.array([part.gyration for part in kinds])

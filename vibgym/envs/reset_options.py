@@ -17,8 +17,8 @@ KEYS = ("pose", "goal", "paths", "parts")
 
 
 @dataclass(frozen=True)
-class Starting:
-    """Wishes for the start of episodes in all worlds; what is None is drawn as ever.
+class StartOverride:
+    """What a caller sets of the start of episodes in all worlds; what is None is drawn as ever.
 
     Attributes:
         pose: (worlds, parts, 3) x, y (m), heading (rad).
@@ -33,7 +33,7 @@ class Starting:
     draw: Callable[[np.ndarray, np.ndarray | None], Start]
 
     def start(self, task: Task, simulator: Simulator, worlds: np.ndarray, uniform: np.ndarray) -> Start:
-        """The start of ``worlds`` (index array) with these wishes.
+        """The start of ``worlds`` (index array), with that in its place.
 
         Raises:
             ValueError: parts off the surface, overlapping one another or a wall, or where the task does not begin.
@@ -49,33 +49,45 @@ class Starting:
         return start if self.goal is None else start._replace(goal=self.goal[worlds])
 
 
-def starting_from(options: Mapping[str, Any], task: Task, worlds: int, longest: float) -> Starting | None:
-    """Checked wishes from the options of a reset; None where there are none.
+def parse_reset_options(
+    options: Any, task: Task, worlds: int, longest: float, more: tuple[str, ...] = ()
+) -> StartOverride | None:
+    """What the options of a reset set of the start; None where they set nothing.
 
     Args:
+        options: as the caller gave them.
         longest: s that paths may last.
+        more: other options that are known.
 
     Raises:
-        ValueError: names the option, its value and what is allowed.
+        ValueError: an unknown option, or a bad value: names the option, its value and what is allowed.
     """
-    wishes = {name: value for name, value in options.items() if value is not None and name in KEYS}
-    if not wishes:
+    if options is None:
+        return None
+    known = ", ".join((*KEYS, *more))
+    if not isinstance(options, Mapping):
+        raise checks.refuse("options", options, f"None or a mapping with keys among {known}")
+    for name in options:
+        if name not in (*KEYS, *more):
+            raise checks.refuse("options", f"the key {name!r}", f"keys among {known}")
+    given = {name: value for name, value in options.items() if value is not None and name in KEYS}
+    if not given:
         return None
     shape = (worlds, len(task.parts), 3)
     pose = goal = present = None
     draw = task.start
-    if "pose" in wishes:
-        pose = _on_surface("options['pose']", wishes["pose"], shape, task)
-    if "goal" in wishes:
+    if "pose" in given:
+        pose = _on_surface("options['pose']", given["pose"], shape, task)
+    if "goal" in given:
         if not task.has_goal or task.goal_moves:
             why = "whose goals move" if task.goal_moves else "which has no goal poses"
-            raise checks.refuse("options['goal']", wishes["goal"], f"nothing for {task.name}, {why}")
-        goal = _goals(wishes["goal"], shape, task)
-    if "paths" in wishes:
-        draw = task.starts_along("options['paths']", wishes["paths"], longest)
-    if "parts" in wishes:
-        present = _present(wishes["parts"], shape[:2])
-    return Starting(pose, goal, present, draw)
+            raise checks.refuse("options['goal']", given["goal"], f"nothing for {task.name}, {why}")
+        goal = _goals(given["goal"], shape, task)
+    if "paths" in given:
+        draw = task.starts_along("options['paths']", given["paths"], longest)
+    if "parts" in given:
+        present = _present(given["parts"], shape[:2])
+    return StartOverride(pose, goal, present, draw)
 
 
 def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:

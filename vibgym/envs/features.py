@@ -1,0 +1,189 @@
+"""The one table of what observations say of a part: which quantity, on which scale, coded how, and in which form.
+
+The kernels that write observations (:mod:`vibgym.envs.writing`), the layouts that read them (:mod:`vibgym.envs.layout`) and the
+tables of the documentation all come from it. There are two forms. ``"state"`` is flat, a block of numbers for each part.
+``"parts"`` has a row for each part, seen from that part, in units that do not depend on the size of the surface, so that a
+policy for one goes on another: what is far away is a tanh of its distance. Only the place on the surface does depend on it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
+
+from vibgym.scene.sliding import LEAST_SPEED
+from vibgym.scene.surface import Surface
+from vibgym.tasks.episode import PREVIEW
+from vibgym.tasks.kinds import MOST_KINDS
+
+Class = TypeVar("Class", bound=type)
+
+FAR, COARSE, FINE, FINEST = 0.250, 0.050, 0.005, 0.0005  # m
+TURN, COARSE_TURN, FINE_TURN, FINEST_TURN = 2.0 * math.pi, 0.5, 0.05, 0.005  # rad
+SPIN, ROW_SPIN = 10.0, 25.0  # rad/s in the state observation, and in rows: a little more than a block reaches
+AGE_SCALE = 10.0  # periods
+SIGMA_SCALES = (0.001, math.pi / 180.0)  # m, rad
+NEIGHBOURS = 5
+"""The nearest other parts of which a row tells."""
+
+CODINGS = ("linear", "tanh", "place", "cell", "direction", "flag")
+"""How a quantity becomes a number, see :class:`Feature`."""
+
+
+def scales_of(surface: Surface) -> dict[str, float | tuple[float, ...]]:
+    """What of a surface may be a feature's scale, m and m/s, by name."""
+    speed = max(surface.table_speed, LEAST_SPEED)
+    return {
+        "table speed": speed,
+        "twice the table speed": 2.0 * speed,
+        "longer side": max(surface.width, surface.depth),
+        "half the sides": (0.5 * surface.width, 0.5 * surface.depth),
+        "half an element": 0.5 * surface.element_size,
+        "diagonal of an element": math.sqrt(2.0) * surface.element_size,
+    }
+
+
+class Feature(NamedTuple):
+    """A row of the table.
+
+    Attributes:
+        name: of the feature.
+        quantity: what of the part it tells, see :mod:`vibgym.envs.writing`.
+        width: how many numbers it has.
+        meaning: in words.
+        unit: of a number 1, in words.
+        scale: the quantity, in SI units, that a number 1 stands for, one for all numbers or one for each, or the name
+            of one in :func:`scales_of`; for tanh its argument's.
+        coding: how a quantity becomes a number: ``"linear"`` (over the scale, limited to the range), ``"tanh"`` (of the
+            quantity over the scale), ``"place"`` (from the least to the largest place), ``"cell"`` (likewise, within an
+            element), ``"direction"`` or ``"flag"`` (as they are).
+        forms: observations that have it, ``"state"``, ``"parts"`` or both.
+    """
+
+    name: str
+    quantity: str
+    width: int
+    meaning: str
+    unit: str
+    scale: float | tuple[float, ...] | str
+    coding: str
+    forms: tuple[str, ...] = ("state", "parts")
+
+    def scales(self, surface: Surface) -> tuple[float, ...]:
+        """(width,) the scale of each number."""
+        scale = scales_of(surface)[self.scale] if isinstance(self.scale, str) else self.scale
+        return scale if isinstance(scale, tuple) else (scale,) * self.width
+
+
+STATE, PARTS = ("state",), ("parts",)
+SPEED_UNIT = "table speed a_h w (at least 1 mm/s)"
+PLACE = ("centre on the surface, x and y; -1 and 1 are the borders", "half the width, half the depth", "half the sides",
+         "place")  # fmt: skip
+AHEAD = "goal 1, 2, 3 and 4 periods ahead minus present"
+
+TABLE = (
+    Feature("present", "present", 1, "1: the part is there; all its other numbers are 0 where it is not",
+            "1", 1.0, "flag", STATE),
+    Feature("kind", "kind", MOST_KINDS, "1 for its kind: the first, second or third of the list of parts", "1", 1.0, "flag"),
+    Feature("friction", "friction", 1, "coefficient of sliding friction, as the part has it by itself",
+            "1", 1.0, "linear", PARTS),
+    Feature("radius", "radius", 1, "of the smallest circle about the centre that holds the part",
+            "0.1 m", 0.1, "linear", PARTS),
+    Feature("gyration", "gyration", 1, "radius of gyration", "0.1 m", 0.1, "linear", PARTS),
+    Feature("extent", "extent", 1, "square root of the area", "0.2 m", 0.2, "linear", PARTS),
+    Feature("position", "position", 2, *PLACE, PARTS),
+    Feature("element", "position", 2, "centre within its element, x and y; -1 and 1 are the element's edges",
+            "half an element", "half an element", "cell"),
+    Feature("heading", "heading", 2, "cos and sin of (symmetry x heading); 1, 0 for a disc", "1", 1.0, "direction"),
+    Feature("position", "position", 2, *PLACE, STATE),
+    Feature("way", "way", 2, "goal (or nearest point of its zone) minus centre, x and y; 0 without",
+            "longer side of the surface", "longer side", "linear", STATE),
+    Feature("way_far", "way", 2, "tanh of (goal, or nearest point of its zone, minus centre) in 250 mm, x and y; 0 without",
+            "1", FAR, "tanh", PARTS),
+    Feature("way_coarse", "way", 2, "tanh of the same in 50 mm", "1", COARSE, "tanh"),
+    Feature("way_fine", "way", 2, "tanh of the same in 5 mm", "1", FINE, "tanh"),
+    Feature("way_finest", "way", 2, "tanh of the same in 0.5 mm", "1", FINEST, "tanh", PARTS),
+    Feature("turn", "turn", 1, "goal minus heading, 0 where it does not count", "full turn", TURN, "linear"),
+    Feature("turn_coarse", "turn", 1, "tanh of the same in 0.5 rad", "1", COARSE_TURN, "tanh"),
+    Feature("turn_fine", "turn", 1, "tanh of the same in 0.05 rad", "1", FINE_TURN, "tanh"),
+    Feature("turn_finest", "turn", 1, "tanh of the same in 0.005 rad", "1", FINEST_TURN, "tanh", PARTS),
+    Feature("velocity", "velocity", 2, "mean velocity over the last period, x and y", SPEED_UNIT, "table speed", "linear"),
+    Feature("spin", "spin", 1, "mean angular velocity over the last period", "10 rad/s", SPIN, "linear", STATE),
+    Feature("spin", "spin", 1, "mean angular velocity over the last period", "25 rad/s", ROW_SPIN, "linear", PARTS),
+    Feature("borders", "borders", 4, "tanh of the centre's distance to the left, right, bottom, top border in 50 mm",
+            "1", COARSE, "tanh", PARTS),
+    Feature("zone", "zone", 4, "tanh of the same to the borders of its zone, in the same order; positive on the side where the "
+            "zone is", "1", COARSE, "tanh", PARTS),
+    Feature("gap", "gap", 1, "tanh of (distance to the nearest other part / (sqrt(2) x element size)); 1 without others",
+            "1", "diagonal of an element", "tanh", STATE),
+    Feature("neighbour", "neighbour", 2, "unit vector from its centre to that part's, x and y; 0, 0 without others",
+            "1", 1.0, "direction", STATE),
+    Feature("goal_velocity", "goal_velocity", 2, "velocity of the goal, x and y", SPEED_UNIT, "table speed", "linear"),
+    Feature("goal_spin", "goal_spin", 1, "angular velocity of the goal", "10 rad/s", SPIN, "linear", STATE),
+    Feature("goal_spin", "goal_spin", 1, "angular velocity of the goal", "25 rad/s", ROW_SPIN, "linear", PARTS),
+    Feature("way_ahead", "way_ahead", 2 * PREVIEW, f"{AHEAD} centre, x and y of each",
+            "longer side of the surface", "longer side", "linear", STATE),
+    Feature("way_ahead", "way_ahead", 2 * PREVIEW, f"{AHEAD} centre, x and y of each", "250 mm", FAR, "linear", PARTS),
+    Feature("turn_ahead", "turn_ahead", PREVIEW, f"{AHEAD} heading, on from that of turn", "full turn", TURN, "linear"),
+    Feature("age", "age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", AGE_SCALE, "tanh"),
+    Feature("sigma", "sigma", 2, "tanh of what the measurement may be off by (standard deviation): position in 1 mm, heading "
+            "in 1 deg", "1", SIGMA_SCALES, "tanh"),
+)  # fmt: skip
+"""All features of a part itself, in the order in which they stand in a block or row."""
+
+FEATURES = tuple(each for each in TABLE if "state" in each.forms)
+"""Features of a block of the state observation."""
+
+OWN = tuple(each for each in TABLE if "parts" in each.forms)
+"""Features that a row has of the part itself."""
+
+NEIGHBOUR = (
+    Feature("there", "there", 1, "1: there is such a part; all its other numbers are 0 where there is none", "1", 1.0, "flag"),
+    Feature("apart", "apart", 2, "tanh of (its centre minus own) in 50 mm, x and y", "1", COARSE, "tanh"),
+    Feature("apart_far", "apart", 2, "tanh of the same in 250 mm", "1", FAR, "tanh"),
+    Feature("gap", "gap", 1, "tanh of (distance between the outlines / (sqrt(2) x element size))",
+            "1", "diagonal of an element", "tanh"),
+    Feature("velocity", "velocity", 2, "its mean velocity minus own, x and y", f"twice the {SPEED_UNIT}",
+            "twice the table speed", "linear"),
+    Feature("heading", "heading", 2, "cos and sin of (its symmetry x its heading)", "1", 1.0, "direction"),
+    Feature("same_kind", "same_kind", 1, "1: it is of the same kind", "1", 1.0, "flag"),
+    Feature("way", "way", 2, "tanh of its own way to its goal or zone in 50 mm, x and y", "1", COARSE, "tanh"),
+)  # fmt: skip
+"""Features of a neighbour, each of which stands in a row as ``"neighbour_1_there"``, ..., the nearest first."""
+
+ROW = (
+    *OWN,
+    *(each._replace(name=f"neighbour_{k}_{each.name}") for k in range(1, NEIGHBOURS + 1) for each in NEIGHBOUR),
+)
+"""All features of a row, in the order in which they stand there."""
+
+
+def block_table(names: Sequence[str]) -> str:
+    """The table of a block of the state observation with these features, in Markdown, for documentation."""
+    lines, start = ["| index | feature | meaning | unit of 1 |", "|---|---|---|---|"], 0
+    for each in FEATURES:
+        if each.name in names:
+            index = ", ".join(str(start + k) for k in range(each.width))
+            lines.append(f"| {index} | {each.name} | {each.meaning} | {each.unit} |")
+            start += each.width
+    return "\n".join(lines)
+
+
+def row_table(features: Sequence[Feature]) -> str:
+    """The table of features of a row, in Markdown; how many numbers each has, since places vary."""
+    lines = ["| numbers | feature | meaning | unit of 1 |", "|---|---|---|---|"]
+    lines += [f"| {each.width} | {each.name} | {each.meaning} | {each.unit} |" for each in features]
+    return "\n".join(lines)
+
+
+def documented(**tables: str) -> Callable[[Class], Class]:
+    """A decorator that puts tables into a class's documentation, each in the place of ``{its name table}``."""
+
+    def fill(cls: Class) -> Class:
+        for name, table in tables.items():
+            if cls.__doc__ is not None:  # python -OO has none
+                cls.__doc__ = cls.__doc__.replace(f"{{{name} table}}", table.replace("\n", "\n    "))
+        return cls
+
+    return fill

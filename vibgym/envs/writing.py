@@ -1,0 +1,269 @@
+"""Kernels that write observations: what is known of a part, in SI units, and the numbers that a layout makes of it.
+
+Every quantity of the table of features has its place in a list of numbers for each part. The kernels fill in what changes,
+and a :class:`Program`, made from a layout, says which of them is coded how, number by number of a block or row. A feature that
+tells a quantity in another way is a line of the table; a new quantity is a line of a kernel here as well.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout as Memory
+from vibgym._numba.reference import Pinned
+from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature
+from vibgym.envs.layout import Layout
+from vibgym.physics.collision.hulls import Hulls, part_gap, place_hulls
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.tasks import Task
+from vibgym.tasks.episode import PREVIEW, Episode, Relations
+
+
+def places_of(features: Sequence[Feature]) -> dict[str, int]:
+    """Where each quantity's numbers begin in the list of all, and under ``""`` how many these are."""
+    widths = {each.quantity: each.width for each in features}
+    return dict(zip((*widths, ""), np.cumsum([0, *widths.values()]).tolist(), strict=True))
+
+
+OF_PART, OF_NEIGHBOUR = places_of(TABLE), places_of(NEIGHBOUR)
+
+# Places of what changes, as the kernels' constants.
+POSITION, HEADING, WAY, TURN = (OF_PART[name] for name in ("position", "heading", "way", "turn"))
+VELOCITY, SPIN, BORDERS, ZONE = (OF_PART[name] for name in ("velocity", "spin", "borders", "zone"))
+GAP, TOWARDS, AGE, SIGMA = (OF_PART[name] for name in ("gap", "neighbour", "age", "sigma"))
+GOAL_VELOCITY, GOAL_SPIN = OF_PART["goal_velocity"], OF_PART["goal_spin"]
+WAY_AHEAD, TURN_AHEAD = OF_PART["way_ahead"], OF_PART["turn_ahead"]
+
+APART, BETWEEN, FASTER = OF_NEIGHBOUR["apart"], OF_NEIGHBOUR["gap"], OF_NEIGHBOUR["velocity"]
+THEIR_HEADING, SAME_KIND, THEIR_WAY = (OF_NEIGHBOUR[name] for name in ("heading", "same_kind", "way"))
+
+LINEAR, TANH, PLACE, CELL = (CODINGS.index(name) for name in ("linear", "tanh", "place", "cell"))
+
+
+class Program(NamedTuple):
+    """How the numbers of a block, a row or a neighbour come from quantities, each (numbers,)."""
+
+    source: np.ndarray  # int64, which number of the quantities
+    coding: np.ndarray  # int64, of CODINGS
+    scale: np.ndarray  # SI units that a number 1 stands for
+
+
+class Scene(NamedTuple):
+    """What the kernels need besides the measurement, pinned in memory."""
+
+    relations: Relations  # of the measured poses
+    present: np.ndarray  # (worlds, parts) bool
+    motion: np.ndarray  # (worlds, parts, ...) of the goals, see vibgym.tasks.episode.Episode
+    kind: np.ndarray  # (parts, 2) int64, kind and symmetry
+    zone: np.ndarray  # (parts, 4) m, x_low, y_low, x_high, y_high
+    size: np.ndarray  # (2,) m, of the surface
+    hulls: Hulls
+    program: Program  # of the part itself
+    others: Program  # of a neighbour; of no numbers where a row has none
+    coarse: int  # where a row's "way_coarse" stands, which is the "way" of others' neighbour
+    known: np.ndarray  # scratch: (parts, numbers) quantities of each part, those that stay filled in; ...
+    seen: np.ndarray  # ... (numbers,) of a neighbour; ...
+    placed: np.ndarray  # ... as hulls.corner; ...
+    nearest: np.ndarray  # ... (parts, NEIGHBOURS) int64, nearest first, -1: none; ...
+    gap: np.ndarray  # ... (parts, NEIGHBOURS) m, to these
+
+
+SCENE: Memory[Scene] = Memory("SCENE", __name__)
+scene_at = SCENE.at
+
+
+@borrowing
+def _unit(value):
+    return min(max(value, -1.0), 1.0)
+
+
+@borrowing
+def write_numbers(program, quantities, row):
+    """Write the numbers (n,) of a row that ``program`` makes of quantities."""
+    source, codings, scales = program.source, program.coding, program.scale
+    for k in range(source.shape[0]):
+        value, coding = quantities[source[k]], codings[k]
+        if coding == TANH:
+            value = math.tanh(value / scales[k])
+        elif coding == LINEAR:
+            value = _unit(value / scales[k])
+        elif coding == PLACE:
+            value = _unit(value / scales[k] - 1.0)
+        elif coding == CELL:
+            cells = value / (2.0 * scales[k])
+            value = 2.0 * (cells - math.floor(cells)) - 1.0
+        row[k] = value
+
+
+@borrowing
+def look_at_part(scene, pose, velocity, age, sigma, w, p, known):
+    """Fill in what changes of the quantities of a part.
+
+    Args:
+        pose, velocity: (parts, 3) of the world.  age: (parts,).  sigma: (parts, 3).
+        known: (numbers,) of the part.
+    """
+    relations, size, zones = scene.relations, scene.size, scene.zone[p]
+    error, motion, turned = relations.error[w, p], scene.motion[w, p], scene.kind[p, 1] * pose[p, 2]
+    known[HEADING], known[HEADING + 1] = math.cos(turned), math.sin(turned)
+    for axis in range(2):
+        at, border, zone = pose[p, axis], BORDERS + 2 * axis, ZONE + 2 * axis
+        known[POSITION + axis], known[VELOCITY + axis], known[WAY + axis] = at, velocity[p, axis], error[axis]
+        known[border], known[border + 1] = at, size[axis] - at
+        known[zone], known[zone + 1] = at - zones[axis], zones[2 + axis] - at
+    known[SPIN], known[TURN], known[GAP], known[AGE] = velocity[p, 2], error[2], relations.gap[w, p], age[p]
+    known[SIGMA] = math.sqrt(sigma[p, 0] * sigma[p, 0] + sigma[p, 1] * sigma[p, 1])
+    known[SIGMA + 1] = sigma[p, 2]
+    if motion.shape[0] > 0:
+        known[GOAL_VELOCITY], known[GOAL_VELOCITY + 1], known[GOAL_SPIN] = motion[0], motion[1], motion[2]
+        for ahead in range(PREVIEW):
+            for axis in range(2):
+                known[WAY_AHEAD + 2 * ahead + axis] = error[axis] + motion[3 + 3 * ahead + axis]
+            known[TURN_AHEAD + ahead] = error[2] + motion[5 + 3 * ahead]
+    known[TOWARDS] = known[TOWARDS + 1] = 0.0
+    other = relations.neighbour[w, p]
+    if other >= 0:
+        dx, dy = pose[other, 0] - pose[p, 0], pose[other, 1] - pose[p, 1]
+        apart = math.sqrt(dx * dx + dy * dy)
+        if apart > 0.0:
+            known[TOWARDS], known[TOWARDS + 1] = dx / apart, dy / apart
+
+
+@borrowing
+def note_neighbour(gaps, nearest, gap, other):
+    """Note a part at a distance ``gap`` (m) in the lists (NEIGHBOURS,) of the nearest; equally near ones go after."""
+    place = NEIGHBOURS
+    while place > 0 and gap < gaps[place - 1]:
+        place -= 1
+    for k in range(NEIGHBOURS - 1, place, -1):
+        gaps[k], nearest[k] = gaps[k - 1], nearest[k - 1]
+    if place < NEIGHBOURS:
+        gaps[place], nearest[place] = gap, other
+
+
+@borrowing
+def rank_neighbours(scene, pose, gone, world):
+    """List every part's nearest others by the distance between outlines; parts that are not there or gone have none.
+
+    A pair whose circles are farther apart than the last in both lists is not looked at.
+    """
+    hulls, placed, here = scene.hulls, scene.placed, scene.present[world]
+    for i in range(pose.shape[1]):
+        for k in range(NEIGHBOURS):
+            scene.gap[i, k], scene.nearest[i, k] = math.inf, -1
+        if not here[i] or gone[world, i]:
+            continue
+        place_hulls(hulls, i, pose[world, i, 0], pose[world, i, 1], pose[world, i, 2], placed)
+        for j in range(i):
+            if not here[j] or gone[world, j]:
+                continue
+            dx, dy = pose[world, i, 0] - pose[world, j, 0], pose[world, i, 1] - pose[world, j, 1]
+            least = math.sqrt(dx * dx + dy * dy) - hulls.radius[i] - hulls.radius[j]
+            if least >= scene.gap[i, NEIGHBOURS - 1] and least >= scene.gap[j, NEIGHBOURS - 1]:
+                continue
+            between = part_gap(hulls, placed, i, j)
+            note_neighbour(scene.gap[i], scene.nearest[i], between, j)
+            note_neighbour(scene.gap[j], scene.nearest[j], between, i)
+
+
+@borrowing
+def write_neighbours(scene, pose, velocity, p, rows):
+    """Write what row ``p`` says of its neighbours, whose own rows have been written.
+
+    Args:
+        pose, velocity: (parts, 3) of the world.  rows: (slots, size) of the world.
+    """
+    seen, known, kind, nearest, gap = scene.seen, scene.known, scene.kind, scene.nearest[p], scene.gap[p]
+    start, width = scene.program.source.shape[0], scene.others.source.shape[0]
+    for k in range(NEIGHBOURS):
+        other = nearest[k]
+        if other < 0:
+            break
+        seen[BETWEEN] = gap[k]
+        seen[SAME_KIND] = 1.0 if kind[p, 0] == kind[other, 0] else 0.0
+        for axis in range(2):
+            seen[APART + axis] = pose[other, axis] - pose[p, axis]
+            seen[FASTER + axis] = velocity[other, axis] - velocity[p, axis]
+            seen[THEIR_HEADING + axis] = known[other, HEADING + axis]
+            seen[THEIR_WAY + axis] = rows[other, scene.coarse + axis]
+        write_numbers(scene.others, seen, rows[p, start + k * width : start + (k + 1) * width])
+
+
+@borrowing
+def write_rows(pose, mean_velocity, gone, age, sigma, pinned, out):
+    """Write every world's blocks or rows.
+
+    Args:
+        pose, mean_velocity, gone, age, sigma: measured, see :class:`vibgym.sensing.Measurement`.
+        pinned: address of a pinned :class:`Scene`.
+        out: (worlds, slots, size) float32, zeros.
+    """
+    scene = scene_at(pinned)
+    present = scene.present
+    for w in range(pose.shape[0]):
+        for p in range(pose.shape[1]):
+            if present[w, p]:
+                look_at_part(scene, pose[w], mean_velocity[w], age[w], sigma[w], w, p, scene.known[p])
+                write_numbers(scene.program, scene.known[p], out[w, p])
+        if scene.others.source.shape[0] > 0:
+            rank_neighbours(scene, pose, gone, w)
+            for p in range(pose.shape[1]):
+                write_neighbours(scene, pose[w], mean_velocity[w], p, out[w])
+
+
+def pinned_scene(task: Task, layout: Layout, relations: Relations, episode: Episode) -> Pinned[Scene]:
+    """What the kernels need to write a layout of a task's parts; the arrays of ``relations`` and ``episode`` are live."""
+    surface, parts = task.surface, task.parts
+    own = tuple(each for each in layout.table if each in TABLE)
+    others = _program(NEIGHBOUR if len(layout.table) > len(own) else (), OF_NEIGHBOUR, surface)
+    # A neighbour's way is in its own row, coded.
+    others.coding[others.source >= THEIR_WAY] = CODINGS.index("flag")
+    coarse = next((row.start for row in layout.rows if row.name == "way_coarse"), -1)
+    zones = np.zeros((len(parts), 4)) if task.zones is None else task.zones[task.kind]
+    scene = Scene(
+        relations=relations,
+        present=episode.present,
+        motion=episode.motion,
+        kind=np.ascontiguousarray(np.column_stack([task.kind, [part.symmetry for part in parts]])),
+        zone=np.ascontiguousarray(zones),
+        size=np.array([surface.width, surface.depth]),
+        hulls=task.hulls,
+        program=_program(own, OF_PART, surface),
+        others=others,
+        coarse=coarse,
+        known=_unchanging(parts, task.kind),
+        seen=np.ones(OF_NEIGHBOUR[""]),
+        placed=np.zeros(task.hulls.corner.shape),
+        nearest=np.full((len(parts), NEIGHBOURS), -1, dtype=np.int64),
+        gap=np.zeros((len(parts), NEIGHBOURS)),
+    )
+    return Pinned(SCENE, scene)
+
+
+def _program(features: Sequence[Feature], places: dict[str, int], surface: Surface) -> Program:
+    """How these features come from quantities at these places."""
+    numbers = [
+        (places[each.quantity] + k, CODINGS.index(each.coding), scale)
+        for each in features
+        for k, scale in enumerate(each.scales(surface))
+    ]
+    source, coding, scale = zip(*numbers, strict=True) if numbers else ((), (), ())
+    return Program(
+        np.array(source, dtype=np.int64), np.array(coding, dtype=np.int64), np.array(scale, dtype=np.float64)
+    )
+
+
+def _unchanging(parts: Sequence[Part], kind: np.ndarray) -> np.ndarray:
+    """(parts, numbers) quantities of parts, with those filled in that never change."""
+    known = np.zeros((len(parts), OF_PART[""]))
+    for row, part, number in zip(known, parts, kind, strict=True):
+        row[OF_PART["present"]] = row[OF_PART["kind"] + number] = 1.0
+        row[OF_PART["friction"]], row[OF_PART["radius"]] = part.friction, part.radius
+        row[OF_PART["gyration"]], row[OF_PART["extent"]] = math.sqrt(part.gyration), math.sqrt(part.area)
+    return known
