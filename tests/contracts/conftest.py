@@ -2,7 +2,11 @@
 
 import pytest
 
+from tests.agents.conftest import one_thread
+from tests.agents.training.conftest import recorded
 from tests.contracts.entries import OWN
+
+__all__ = ["one_thread", "recorded"]  # for the algorithms
 
 
 @pytest.fixture(autouse=True)

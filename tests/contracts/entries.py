@@ -23,8 +23,10 @@ OWN = ((SENSORS, {"shifted": Shifted}), (ACTUATORS, {"weak": Weak}))
 LIMIT = 6
 """Steps: short episodes, so that many begin."""
 
-MACHINE = {"kind": "prototype", "latency": 2, "dead": 0.05}
+MACHINE = {"kind": "prototype", "latency": 2, "dead": 0.05, "stuck": 0.05}
 SENSOR = {"kind": "pose", "bias": 1e-4, "dropout": 0.2, "delay": 2}
+MODELLED = {"kind": "pose", "estimator": "model"}
+DRAWN = {"friction": [0.9, 1.1], "dead_zone": [5e-5, 1.5e-4], "latency": [0, 3], "gain_spread": [0.0, 0.1]}
 
 
 class Scene(NamedTuple):
@@ -56,10 +58,31 @@ class Entry(NamedTuple):
 
 ONE, SEVERAL, MOVING = (f"vibgym/{task}-v0" for task in ("Align", "Sort", "Follow"))
 
+OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
+    "averaged, long steps": (ONE, {"model": "averaged", "periods_per_step": 3}),
+    "friction, mass and incline drawn": (ONE, {"randomize": {"friction": [0.5, 1.5], "mass": [0.25, 4], "incline": 0.03}}),
+    "parts drawn too": (SEVERAL, {"randomize": {"parts": [2, 6], "mass": [0.5, 2.0], "incline": 0.02}}),
+    "slots": (SEVERAL, {"slots": 7, "observation": "parts", "randomize": {"parts": [2, 6]}, "sensor": "pose"}),
+    "a crowd in an image": ("vibgym/SortCrowded-v0", {"action": "patch", "observation": "image", "walls": ["top"]}),
+    "off a small table": ("vibgym/Transport-v0", {"surface": {"rows": 3, "columns": 4}, "observation": "image"}),
+    "a machine that is drawn": (ONE, {"actuators": {**MACHINE, "bandwidth": 5.0}, "randomize": DRAWN}),
+    "wrenches by a model": (SEVERAL, {"action": "wrench", "actuators": "prototype", "sensor": MODELLED}),
+    "three paths": (MOVING, {"action": "patch", "parts": ["steel_block", "aluminium_block", "steel_block"]}),
+    "a path along": (MOVING, {"paths": {"heading": "along"}, "sensor": MODELLED, "actuators": "prototype"}),
+    "a short path": (
+        MOVING, {"paths": [{"shape": "polyline", "points_mm": [[100, 80], [100, 95]]}], "periods_per_step": 3},
+    ),
+}  # fmt: skip
+"""Settings that change much of what an environment keeps from step to step."""
+
 PLACES = {
-    "id": lambda name: [(name, {}), (name, {"model": "auto", "periods_per_step": 3, "action": "patch"})],
+    "id": lambda name: [(name, {})],
+    "other": lambda name: [OTHERS[name]],
     "task": lambda name: [(ONE, {"task": name})],
-    "action": lambda name: [(each, {"action": name, "actuators": MACHINE}) for each in (ONE, SEVERAL)],
+    "action": lambda name: [
+        (ONE, {"action": name}),
+        (SEVERAL, {"action": name, "actuators": MACHINE, "randomize": {"parts": [2, 4]}}),
+    ],
     "observation": lambda name: [
         *((each, {"observation": name}) for each in (ONE, SEVERAL, MOVING)),
         (ONE, {"observation": name, "sensor": "camera"}),
@@ -74,7 +97,7 @@ PLACES = {
     ],
     "estimator": lambda name: [
         (ONE, {"sensor": {**SENSOR, "estimator": name, "tell": ["age", "sigma"]}, "actuators": MACHINE}),
-        (SEVERAL, {"sensor": {**SENSOR, "estimator": name}, "actuators": MACHINE, "action": "patch"}),
+        (SEVERAL, {"sensor": {**SENSOR, "estimator": name}, "actuators": MACHINE, "periods_per_step": 3}),
     ],
 }
 REGISTRIES: dict[str, Mapping[str, Any]] = {
@@ -88,6 +111,7 @@ IN_IDS = {gym.registry[name].kwargs["task"] for name in IDS}
 ENTRIES = (
     *(Entry("id", name) for name in IDS),
     *(Entry("task", name) for name in TASKS if name not in IN_IDS),
+    *(Entry("other", name) for name in OTHERS),
     *(Entry(of, name) for of, names in REGISTRIES.items() for name in names),
     Entry("sensor", "shifted"),
     Entry("actuators", "weak"),

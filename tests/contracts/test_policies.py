@@ -26,7 +26,9 @@ FILES = {
 }
 """Of controllers that are read from one."""
 
-CASES = [(name, {}) for name in CONTROLLERS] + [(kind, {"law": law}) for law in LAWS for kind in ("local_field", "planner")]
+CASES = [(name, {}) for name in CONTROLLERS] + [
+    (kind, {"law": law}) for law in LAWS for kind in ("local_field", "planner")
+]
 OF_TASKS = {gym.registry[name].kwargs["task"]: name for name in reversed(IDS)}
 """An environment of each task."""
 
@@ -54,13 +56,13 @@ def policy_of(case, name, folder):
     if kind in FILES:
         arguments = {**arguments, "path": str(FILES[kind]).format(folder=folder, task="{task}")}
     try:
-        return make_policy({"kind": kind, **arguments}, _info(name))
+        return make_policy({"kind": kind, **arguments}, policy_info(name))
     except ValueError as error:
         return str(error)
 
 
 @functools.cache
-def _info(name):
+def policy_info(name):
     return TaskInfo.of(made(name))
 
 
@@ -83,7 +85,8 @@ def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
         policy = policy_of(case, name, folder)
         if isinstance(policy, str):
             continue
-        env = gym.make_vec(name, num_envs=WORLDS, action=policy.action, observation=policy.observation)
+        settings = {"randomize": {"parts": [2, 6]}} if len(policy_info(name).parts) > 1 else {}
+        env = gym.make_vec(name, num_envs=WORLDS, action=policy.action, observation=policy.observation, **settings)
         draws = "seed" in inspect.signature(CONTROLLERS[case[0]]).parameters
         seen, _ = env.reset(seed=3)
         together, alone, random = None, [None] * WORLDS, np.random.default_rng(0)
@@ -109,7 +112,7 @@ def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
 @pytest.mark.parametrize("bad", [{"colour": 1}, {"info": 1}])
 def test_arguments_that_they_do_not_know_are_refused(case, bad, folder):
     with pytest.raises(ValueError) as error:
-        make_policy({"kind": case[0], **case[1], **bad}, _info("vibgym/Align-v0"))
+        make_policy({"kind": case[0], **case[1], **bad}, policy_info("vibgym/Align-v0"))
     assert is_one_line(str(error.value), *bad)
 
 
@@ -117,7 +120,7 @@ def test_arguments_that_they_do_not_know_are_refused(case, bad, folder):
 @pytest.mark.parametrize("scene", ["vibgym/Align-v0", SEVERAL])
 def test_laws_take_batches_row_by_row(name, scene):
     """Wanted accelerations of a world and its memory do not depend on the worlds beside it."""
-    info = _info(scene)
+    info = policy_info(scene)
     law = LAWS[name](info)
     assert law.lead > 0.0 and law.slack >= 0.0
     env = gym.make_vec(scene, num_envs=WORLDS, action="field")
