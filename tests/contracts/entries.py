@@ -67,6 +67,18 @@ OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
     "off a small table": ("vibgym/Transport-v0", {"surface": {"rows": 3, "columns": 4}, "observation": "image"}),
     "a machine that is drawn": (ONE, {"actuators": {**MACHINE, "bandwidth": 5.0}, "randomize": DRAWN}),
     "wrenches by a model": (SEVERAL, {"action": "wrench", "actuators": "prototype", "sensor": MODELLED}),
+    "everything at once": (
+        SEVERAL, {
+            "surface": {"rows": 8, "columns": 20, "element_size_mm": 30.0, "max_amplitude": 3e-4},
+            "parts": ["steel_block", {"shape": "disc", "radius_mm": 20, "friction": 0.5, "name": "coin"}, "steel_block"],
+            "action": "patch", "randomize": {"parts": [2, 3]}, "start": "crowded", "slots": 4, "walls": ["left", "right"],
+            "zones": {"steel_block": [0.0, 0.0, 0.2, 0.24], "coin": [0.4, 0.0, 0.6, 0.24]}, "periods_per_step": 2,
+        },
+    ),
+    "an interlaced camera": (
+        ONE, {"sensor": {"kind": "camera", "lines": "interlaced", "edge": "threshold", "delay": 2}, "observation": "camera"},
+    ),
+    "a statistical camera": (ONE, {"sensor": {"kind": "camera", "statistical": True, "delay": 1}, "observation": "camera"}),
     "three paths": (MOVING, {"action": "patch", "parts": ["steel_block", "aluminium_block", "steel_block"]}),
     "a path along": (MOVING, {"paths": {"heading": "along"}, "sensor": MODELLED, "actuators": "prototype"}),
     "a short path": (

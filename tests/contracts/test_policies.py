@@ -93,7 +93,10 @@ def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
         for step in range(STEPS):
             start = np.array([step == 0] * WORLDS)
             start[2] |= step == 3
-            actions, together = policy.predict(seen, together, start)
+            before = repr(together)
+            actions, memory = policy.predict(seen, together, start)
+            assert repr(together) == before  # a memory is not written to: it may be kept
+            together = memory
             assert actions.dtype == np.float32 and env.action_space.contains(actions)
             for world in range(WORLDS):
                 row = rows_of(seen, world)

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from tests.envs.helpers import WALLS, assert_same, batch, put, single, sorted_pose, still
-from tests.envs.test_envs_parity import WORLDS, rows, side_by_side, trajectory
+from tests.envs.helpers import WALLS, batch, put, single, sorted_pose, still
+from tests.envs.test_envs_parity import WORLDS, side_by_side
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
 from vibgym.physics.collision.hulls import all_gaps
-from vibgym.simulation import threads as workers
 
 NAMES = {"Sort": 750, "SortTwelve": 1500, "SortThreeKinds": 750, "SortCrowded": 750, "Singulate": 500}
 MODES = list(AutoresetMode)
@@ -39,21 +38,6 @@ def test_parts_that_fall(mode):
     push[:, :, :2] = np.array([[1, 0], [0, -1], [-0.7, 0.7]])[:, None]
     ends = side_by_side("Sort", mode, settings, lambda seen: push, 60)
     assert ends["fallen"] >= 2 * WORLDS
-
-
-def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(monkeypatch):
-    worlds, steps = 40, 6
-    seeds = list(range(300, 300 + worlds))
-    actions = np.random.default_rng(8).uniform(-1, 1, (steps, worlds, 6, 6)).astype(np.float32)
-    settings = {"action": "field", "max_episode_steps": 4, "randomize": {"parts": [2, 6]}}
-    whole = trajectory(batch("SortCrowded", worlds, **settings), seeds, actions)
-    for chosen in ([0], [39], [33, 5], list(range(20))[::-1]):
-        part = trajectory(
-            batch("SortCrowded", len(chosen), **settings), [seeds[k] for k in chosen], actions[:, np.array(chosen)]
-        )
-        assert_same(rows(part, slice(None)), rows(whole, chosen))
-    monkeypatch.setattr(workers, "available_threads", lambda: 3)
-    assert_same(trajectory(batch("SortCrowded", worlds, **settings), seeds, actions), whole)
 
 
 def test_sorted_parts_are_a_success_after_ten_steps():

@@ -71,28 +71,20 @@ def rows(result, chosen):
     return [result[0][0][chosen]] + [[values[chosen] for values in each[:4]] for each in result[1:]]
 
 
-def test_results_depend_neither_on_batch_size_nor_on_order():
-    worlds, steps = 70, 12
-    seeds = list(range(300, 300 + worlds))
-    actions = np.random.default_rng(8).uniform(-1, 1, (steps, worlds, 1, 4, 4, 2)).astype(np.float32)
-    settings = {"action": "patch", "max_episode_steps": 8}
-    whole = trajectory(batch("Rotate", worlds, **settings), seeds, actions)
-    for chosen in ([0], [69], [33, 5], list(range(40))[::-1]):
-        part = trajectory(
-            batch("Rotate", len(chosen), **settings), [seeds[k] for k in chosen], actions[:, np.array(chosen)]
-        )
+@pytest.mark.parametrize("task, worlds, settings", [
+    ("Rotate", 70, {"action": "patch"}), ("SortCrowded", 40, {"action": "field", "randomize": {"parts": [2, 6]}}),
+])  # fmt: skip
+def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(task, worlds, settings, monkeypatch):
+    made = lambda count: batch(task, count, max_episode_steps=4, **settings)  # noqa: E731
+    seeds, shape = list(range(300, 300 + worlds)), made(worlds).action_space.shape
+    actions = np.random.default_rng(8).uniform(-1, 1, (6, *shape)).astype(np.float32)
+    whole = trajectory(made(worlds), seeds, actions)
+    for chosen in ([0], [worlds - 1], [33, 5], list(range(20))[::-1]):
+        part = trajectory(made(len(chosen)), [seeds[k] for k in chosen], actions[:, np.array(chosen)])
         assert_same(rows(part, slice(None)), rows(whole, chosen))
-
-
-@pytest.mark.parametrize("threads", [2, 5])
-def test_results_do_not_depend_on_threads(threads, monkeypatch):
-    worlds, steps = 100, 10
-    actions = np.random.default_rng(9).uniform(-1, 1, (steps, worlds, 8, 32, 2)).astype(np.float32)
-    results = []
-    for count in (1, threads):
-        monkeypatch.setattr(workers, "available_threads", lambda count=count: count)
-        results.append(trajectory(batch("Align", worlds), 4, actions))
-    assert_same(results[0], results[1])
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(workers, "available_threads", lambda threads=threads: threads)
+        assert_same(trajectory(made(worlds), seeds, actions), whole)
 
 
 def test_the_callers_arrays_are_left_alone():
