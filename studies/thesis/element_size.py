@@ -55,17 +55,6 @@ def draw() -> Figure:
     parts = {"steel": shipped_part("steel_block"), "aluminium": shipped_part("aluminium_block")}
     results = {(name, size): aligned(part, size, places=PLACES) for name, part in parts.items() for size in SIZES}
     shares = {key: float((distance < ALIGNED).mean()) for key, (distance, _) in results.items()}
-    figure = new_figure(7.6, 3.2)
-    left, right = figure.subplots(1, 2)
-    for name, colour, marker in (("steel", INK, "o"), ("aluminium", FAILURE, "x")):
-        left.plot(
-            [1e3 * size for size in SIZES], [100.0 * shares[name, size] for size in SIZES], color=colour, marker=marker,
-            markersize=4, linewidth=1.0, label=name,
-        )  # fmt: skip
-    left.axvline(0.5e3 * PITCH, color=SUCCESS, linewidth=0.8)
-    left.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
-    style(left, xlabel="size of an element, mm", ylabel=f"within {1e3 * ALIGNED:.0f} mm of the grid, %")
-    _draw_places(right, parts["aluminium"], results["aluminium", 0.5 * PITCH][1])
     largest = max(size for size in SIZES if min(shares[name, size] for name in parts) == 1.0)
     rows = tuple(
         (
@@ -106,7 +95,7 @@ def draw() -> Figure:
         ),
         pictures=(
             Picture(
-                png(figure),
+                _plot(shares, results["aluminium", 0.5 * PITCH][1]),
                 f"Left: share aligned after {PERIODS * Surface().period:.0f} s, by size; line: half the pitch. "
                 f"Right: where aluminium blocks rest on elements of 26 mm, {PLACES} random starts; crosses: the "
                 "grid.",
@@ -116,6 +105,22 @@ def draw() -> Figure:
             Table("Aligned, and median distance from the grid.", ("Element", *(name.capitalize() for name in parts)), rows),
         ),
     )  # fmt: skip
+
+
+def _plot(shares: dict[tuple[str, float], float], resting: np.ndarray) -> bytes:
+    """Shares over the elements' size, and poses (places, 3) in which aluminium blocks rest."""
+    figure = new_figure(7.6, 3.2)
+    left, right = figure.subplots(1, 2)
+    for name, colour, marker in (("steel", INK, "o"), ("aluminium", FAILURE, "x")):
+        left.plot(
+            [1e3 * size for size in SIZES], [100.0 * shares[name, size] for size in SIZES], color=colour, marker=marker,
+            markersize=4, linewidth=1.0, label=name,
+        )  # fmt: skip
+    left.axvline(0.5e3 * PITCH, color=SUCCESS, linewidth=0.8)
+    left.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
+    style(left, xlabel="size of an element, mm", ylabel=f"within {1e3 * ALIGNED:.0f} mm of the grid, %")
+    _draw_places(right, shipped_part("aluminium_block"), resting)
+    return png(figure)
 
 
 def _draw_places(axes: Axes, part: Part, pose: np.ndarray) -> None:

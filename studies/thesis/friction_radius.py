@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
-from studies.accuracy.friction_experiment import Block, closed_form_radius, experiment
+from studies.accuracy.friction_experiment import Block, Experiment, closed_form_radius, experiment
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number
 
 FREQUENCIES = np.linspace(1.0, 10.0, 46)
@@ -30,25 +30,6 @@ def largest_misfit(block: Block, frequencies: np.ndarray) -> float:
 def draw() -> Figure:
     """What is expected, and the measurement repeated on both blocks."""
     measured, shown = (experiment(frequencies=FREQUENCIES, static_ratio=each) for each in (STATIC_RATIO, SHOWN_RATIO))
-    figure = new_figure(7.6, 2.8)
-    panels = figure.subplots(1, 3, sharey=True)
-    expected, fine = shown.blocks[0], np.linspace(1.0, 10.0, 901)
-    stuck = closed_form_radius(fine, expected.friction, sticking=fine <= expected.window[1])
-    panels[0].plot(fine, 1e3 * stuck, color=INK, linewidth=1.2, linestyle="--")
-    panels[0].plot(fine, 1e3 * closed_form_radius(fine, expected.friction), color=INK, linewidth=1.2)
-    for values, marker in ((expected.up, "^"), (expected.down, "v")):
-        panels[0].plot(FREQUENCIES, 1e3 * values, marker, color=FAILURE, markersize=2.4)
-    panels[0].set_title(f"expected, mu_0 = {SHOWN_RATIO} mu")
-    for axes, block in zip(panels[1:], measured.blocks, strict=True):
-        for friction in DOTTED:
-            axes.plot(fine, 1e3 * closed_form_radius(fine, friction), color=MUTED, linewidth=0.8, linestyle=":")
-        axes.plot(fine, 1e3 * closed_form_radius(fine, block.fitted), color=SUCCESS, linewidth=1.2)
-        axes.plot(FREQUENCIES, 1e3 * block.measured, ".", color=FAILURE, markersize=3)
-        axes.set_title(f"{PART[block.name]}: fitted friction {block.fitted:.3f}")
-    for axes in panels:
-        style(axes, xlabel="frequency, Hz")
-        axes.set_ylim(1.2, 3.0)
-    style(panels[0], ylabel="radius of motion, mm")
     misfit = max(largest_misfit(block, FREQUENCIES) for one in (measured, shown) for block in one.blocks)
     given = {"steel_block": 0.64, "aluminium_block": 0.58}
     gaps = [float(np.abs(block.up - block.down).max()) for block in measured.blocks]
@@ -92,7 +73,7 @@ def draw() -> Figure:
         ),
         pictures=(
             Picture(
-                png(figure),
+                _plot(measured, shown),
                 "Left (fig. 7.1): expected course for steel, dashed while it sticks; triangles: simulated sweeps "
                 "up and down. Middle and right (fig. 7.2): downward sweeps with noise, dotted for friction 0.5 to "
                 "0.8, line: best fit.",
@@ -105,3 +86,26 @@ def draw() -> Figure:
             ),
         ),
     )  # fmt: skip
+
+
+def _plot(measured: Experiment, shown: Experiment) -> bytes:
+    figure = new_figure(7.6, 2.8)
+    panels = figure.subplots(1, 3, sharey=True)
+    expected, fine = shown.blocks[0], np.linspace(1.0, 10.0, 901)
+    stuck = closed_form_radius(fine, expected.friction, sticking=fine <= expected.window[1])
+    panels[0].plot(fine, 1e3 * stuck, color=INK, linewidth=1.2, linestyle="--")
+    panels[0].plot(fine, 1e3 * closed_form_radius(fine, expected.friction), color=INK, linewidth=1.2)
+    for values, marker in ((expected.up, "^"), (expected.down, "v")):
+        panels[0].plot(FREQUENCIES, 1e3 * values, marker, color=FAILURE, markersize=2.4)
+    panels[0].set_title(f"expected, mu_0 = {SHOWN_RATIO} mu")
+    for axes, block in zip(panels[1:], measured.blocks, strict=True):
+        for friction in DOTTED:
+            axes.plot(fine, 1e3 * closed_form_radius(fine, friction), color=MUTED, linewidth=0.8, linestyle=":")
+        axes.plot(fine, 1e3 * closed_form_radius(fine, block.fitted), color=SUCCESS, linewidth=1.2)
+        axes.plot(FREQUENCIES, 1e3 * block.measured, ".", color=FAILURE, markersize=3)
+        axes.set_title(f"{PART[block.name]}: fitted friction {block.fitted:.3f}")
+    for axes in panels:
+        style(axes, xlabel="frequency, Hz")
+        axes.set_ylim(1.2, 3.0)
+    style(panels[0], ylabel="radius of motion, mm")
+    return png(figure)

@@ -81,26 +81,8 @@ def frequencies(radius: float) -> tuple[float, float]:
 
 def draw() -> Figure:
     """The five conditions and what is left."""
-    radius, rate = np.geomspace(1e-6, 1.0, 301), np.geomspace(10.0, 1e4, 241)[:, None]
     surface = Surface()
     own = surface.horizontal_amplitude, surface.angular_frequency
-    figure = new_figure(7.6, 4.6)
-    panels = figure.subplots(2, 3, sharex=True, sharey=True)
-    for k, (axes, (title, holds)) in enumerate(
-        zip(panels.flat, [*((need.title, need.holds) for need in NEEDS), ("(f) all of them", all_hold)], strict=True)
-    ):
-        axes.pcolormesh(radius, rate[:, 0], np.where(holds(radius, rate), 0.8, 1.0), cmap="gray", vmin=0.0, vmax=1.0)
-        axes.plot(*own, "o", color=SUCCESS, markersize=4)
-        axes.set(xscale="log", yscale="log", title=title)
-        axes.minorticks_off()
-        axes.set_xticks([1e-6, 1e-4, 1e-2, 1.0], ["1 um", "0.1 mm", "10 mm", "1 m"])
-        axes.set_yticks([10.0, 100.0, 1e3, 1e4], ["10", "100", "1000", "10000"])
-        labels = {"xlabel": "horizontal amplitude"} if k > 2 else {}
-        style(axes, **labels, **({"ylabel": "rate, rad/s"} if k % 3 == 0 else {}))
-        axes.grid(False)
-        axes.tick_params(colors=MUTED)
-        for spine in axes.spines.values():
-            spine.set(color=INK, linewidth=0.4)
     slide = own[0] * own[1] ** 2 / (2.0 * FRICTION * GRAVITY)
     low, high = frequencies(own[0])
     speed = float(ratio_map(np.array([own[0]]), np.array([surface.frequency]), FRICTION)[0, 0]) * surface.table_speed
@@ -138,9 +120,32 @@ def draw() -> Figure:
             "elements did not move.",
         ),
         pictures=(
-            Picture(png(figure), "Grey: the condition is met. Dot: the prototype. Both axes are logarithmic, as the thesis's."),
+            Picture(_plot(own), "Grey: the condition is met. Dot: the prototype. Both axes are logarithmic, as the thesis's."),
         ),
         tables=(
             Table("Where each condition is from.", ("Panel", "Source"), tuple((need.title, need.source) for need in NEEDS)),
         ),
     )  # fmt: skip
+
+
+def _plot(own: tuple[float, float]) -> bytes:
+    """Where each condition is met, with a machine's own radius and rate."""
+    radius, rate = np.geomspace(1e-6, 1.0, 301), np.geomspace(10.0, 1e4, 241)[:, None]
+    figure = new_figure(7.6, 4.6)
+    panels = figure.subplots(2, 3, sharex=True, sharey=True)
+    for k, (axes, (title, holds)) in enumerate(
+        zip(panels.flat, [*((need.title, need.holds) for need in NEEDS), ("(f) all of them", all_hold)], strict=True)
+    ):
+        axes.pcolormesh(radius, rate[:, 0], np.where(holds(radius, rate), 0.8, 1.0), cmap="gray", vmin=0.0, vmax=1.0)
+        axes.plot(*own, "o", color=SUCCESS, markersize=4)
+        axes.set(xscale="log", yscale="log", title=title)
+        axes.minorticks_off()
+        axes.set_xticks([1e-6, 1e-4, 1e-2, 1.0], ["1 um", "0.1 mm", "10 mm", "1 m"])
+        axes.set_yticks([10.0, 100.0, 1e3, 1e4], ["10", "100", "1000", "10000"])
+        labels = {"xlabel": "horizontal amplitude"} if k > 2 else {}
+        style(axes, **labels, **({"ylabel": "rate, rad/s"} if k % 3 == 0 else {}))
+        axes.grid(False)
+        axes.tick_params(colors=MUTED)
+        for spine in axes.spines.values():
+            spine.set(color=INK, linewidth=0.4)
+    return png(figure)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -26,15 +26,6 @@ def draw() -> Figure:
     }
     with ThreadPoolExecutor(available_threads()) as pool:  # kernels release the interpreter's lock
         series = {name: list(pool.map(errors, DIAMETERS)) for name, errors in ways.items()}
-    figure = new_figure(6.2, 3.2)
-    axes = figure.add_subplot()
-    for (name, errors), colour in zip(series.items(), (INK, FAILURE, SUCCESS), strict=True):
-        axes.plot(DIAMETERS, [each.std() for each in errors], color=colour, linewidth=1.4, label=name)
-        axes.plot(DIAMETERS, [each.mean() for each in errors], color=colour, linewidth=0.8, linestyle=":")
-    style(axes, xlabel="diameter, px", ylabel="error of the centroid, px")
-    axes.set_xlim(0, 40)
-    axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED, title="what makes a pixel count", title_fontsize=7.5)
-    axes.annotate("dotted: mean", (39.5, 0.003), ha="right", va="bottom", fontsize=7, color=MUTED)
     rows = tuple(
         (f"{diameter} px", *(f"{series[name][diameter - DIAMETERS[0]].std():.4f} px" for name in series))
         for diameter in IN_TABLE
@@ -74,7 +65,7 @@ def draw() -> Figure:
         ),
         pictures=(
             Picture(
-                png(figure),
+                _plot(series),
                 "Standard deviation and mean of both coordinates, 10 000 places for each "
                 "diameter (2000 with grey levels).",
             ),
@@ -83,3 +74,16 @@ def draw() -> Figure:
             Table("Standard deviations.", ("Diameter", "By pixel centres", "By half the area", "By grey levels"), rows),
         ),
     )
+
+
+def _plot(series: Mapping[str, list[np.ndarray]]) -> bytes:
+    figure = new_figure(6.2, 3.2)
+    axes = figure.add_subplot()
+    for (name, errors), colour in zip(series.items(), (INK, FAILURE, SUCCESS), strict=True):
+        axes.plot(DIAMETERS, [each.std() for each in errors], color=colour, linewidth=1.4, label=name)
+        axes.plot(DIAMETERS, [each.mean() for each in errors], color=colour, linewidth=0.8, linestyle=":")
+    style(axes, xlabel="diameter, px", ylabel="error of the centroid, px")
+    axes.set_xlim(0, 40)
+    axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED, title="what makes a pixel count", title_fontsize=7.5)
+    axes.annotate("dotted: mean", (39.5, 0.003), ha="right", va="bottom", fontsize=7, color=MUTED)
+    return png(figure)

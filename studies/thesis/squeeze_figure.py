@@ -54,15 +54,6 @@ def draw() -> Figure:
     ideal_offset, ideal_turn = largest_deviations(own["ideal"])
     below = 100.0 * float((np.degrees(real.turned[real.late].std(axis=1)) < 22.5).mean())
     loose = [name for name in objects() if runs[name, "prototype"].stable < 0.9]
-    rows = []
-    for name in objects():
-        for hardware in HARDWARE:
-            run = runs[name, hardware]
-            deviations = largest_deviations(run)
-            rows.append(
-                (name, hardware, f"{360 // run.symmetry} deg", f"{deviations[0]:.2f} mm", f"{deviations[1]:.1f} deg",
-                 f"{100.0 * run.resting:.0f} %", f"{100.0 * run.stable:.0f} %")
-            )  # fmt: skip
     return Figure(
         title="Figs. 7.4 and 7.5: parts in a squeeze field",
         shows="A rectangular part is put down many times at random and a squeeze field acts, without a sensor. "
@@ -106,13 +97,25 @@ def draw() -> Figure:
             ),
         ),
         tables=(
-            Table(
-                "Largest standard deviations after the transient, and shares of 200 parts of the first kind and "
-                "100 of the others.",
-                ("Part", "Hardware", "Heading modulo", "Of y", "Of the heading", "Heading rests", "Stable"), tuple(rows),
-            ),
+            _table(runs),
         ),
     )  # fmt: skip
+
+
+def _table(runs: dict[tuple[str, str], Squeezed]) -> Table:
+    """A row for each object and hardware."""
+    rows = []
+    for (name, hardware), run in runs.items():
+        deviations = largest_deviations(run)
+        rows.append(
+            (name, hardware, f"{360 // run.symmetry} deg", f"{deviations[0]:.2f} mm", f"{deviations[1]:.1f} deg",
+             f"{100.0 * run.resting:.0f} %", f"{100.0 * run.stable:.0f} %")
+        )  # fmt: skip
+    return Table(
+        "Largest standard deviations after the transient, and shares of 200 parts of the first kind and 100 of the others.",
+        ("Part", "Hardware", "Heading modulo", "Of y", "Of the heading", "Heading rests", "Stable"),
+        tuple(rows),
+    )
 
 
 def _plot(own: dict[str, Squeezed]) -> bytes:

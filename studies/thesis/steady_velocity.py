@@ -96,21 +96,6 @@ def draw() -> Figure:
     lines = {name: solved(name, sweep.scale * sweep.line) for name, sweep in SWEEPS.items()}
     dots = {name: simulated(name, sweep.scale * sweep.dots) for name, sweep in SWEEPS.items()}
     reference = solved("phase", [PHASE])
-    figure = new_figure(7.6, 4.2)
-    panels = figure.subplots(2, 4)
-    for column, (name, sweep) in enumerate(SWEEPS.items()):
-        at = np.array([_reference_value(name) / sweep.scale])
-        for row, label in enumerate(("speed, m/s", "direction, deg")):
-            axes = panels[row, column]
-            angle = _polar(lines[name])[row]
-            theirs = _polar(dots[name])[row]
-            if row and name == "phase":  # from -90 to 270 deg and beyond, as on the thesis's axis
-                angle, theirs = np.unwrap(angle, period=360.0) + 360.0, np.unwrap(theirs, period=360.0) + 360.0
-            axes.plot(sweep.line, angle, color=INK, linewidth=1.2)
-            axes.plot(sweep.dots, theirs, "x", color=FAILURE, markersize=4)
-            axes.plot(at, _polar(reference)[row], "o", color=SUCCESS, markersize=6, markerfacecolor="none")
-            axes.set_ylim(LIMITS[row][column])
-            style(axes, **({"xlabel": sweep.name} if row else {}), **({"ylabel": label} if not column else {}))
     magnitude, direction = _polar(reference)
     turned = {name: float(np.ptp(np.unwrap(_polar(line)[1], period=360.0))) for name, line in lines.items()}
     evenness = float(np.ptp(_polar(lines["phase"])[0]) / magnitude[0])
@@ -155,8 +140,8 @@ def draw() -> Figure:
         ),
         pictures=(
             Picture(
-                png(figure), "Line: eq. 3.27. Crosses: the simulator's planar model. Ring: the reference set. "
-                "Rows: speed, direction."
+                _plot(lines, dots, reference),
+                "Line: eq. 3.27. Crosses: the simulator's planar model. Ring: the reference set. Rows: speed, direction.",
             ),
         ),
         tables=(
@@ -182,3 +167,22 @@ def _difference(name: str, dots: np.ndarray) -> float:
     valid = sweep.dots >= sweep.line[0]
     expected = solved(name, sweep.scale * sweep.dots[valid])
     return float((np.hypot(*(dots[valid] - expected).T) / np.hypot(*expected.T)).max())
+
+
+def _plot(lines: dict[str, np.ndarray], dots: dict[str, np.ndarray], reference: np.ndarray) -> bytes:
+    figure = new_figure(7.6, 4.2)
+    panels = figure.subplots(2, 4)
+    for column, (name, sweep) in enumerate(SWEEPS.items()):
+        at = np.array([_reference_value(name) / sweep.scale])
+        for row, label in enumerate(("speed, m/s", "direction, deg")):
+            axes = panels[row, column]
+            angle = _polar(lines[name])[row]
+            theirs = _polar(dots[name])[row]
+            if row and name == "phase":  # from -90 to 270 deg and beyond, as on the thesis's axis
+                angle, theirs = np.unwrap(angle, period=360.0) + 360.0, np.unwrap(theirs, period=360.0) + 360.0
+            axes.plot(sweep.line, angle, color=INK, linewidth=1.2)
+            axes.plot(sweep.dots, theirs, "x", color=FAILURE, markersize=4)
+            axes.plot(at, _polar(reference)[row], "o", color=SUCCESS, markersize=6, markerfacecolor="none")
+            axes.set_ylim(LIMITS[row][column])
+            style(axes, **({"xlabel": sweep.name} if row else {}), **({"ylabel": label} if not column else {}))
+    return png(figure)

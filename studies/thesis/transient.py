@@ -74,17 +74,6 @@ def draw() -> Figure:
     simulated = [
         simulated_velocity(surface, each, [surface.lift_off_amplitude], [1.5 * math.pi])[0] for each in FRICTION
     ]
-    figure = new_figure(6.2, 4.6)
-    for k, (friction, one) in enumerate(zip(FRICTION, found, strict=True)):
-        axes = figure.add_subplot(3, 1, k + 1)
-        axes.plot(one.time, one.speed, color=INK, linewidth=0.8)
-        axes.plot(one.mean_time, one.mean_speed, color=FAILURE, linewidth=1.4, linestyle="--")
-        axes.plot(
-            [0.8], [np.hypot(*one.steady)], "o", color=SUCCESS, markersize=5, markerfacecolor="none", clip_on=False
-        )
-        style(axes, ylabel="speed, m/s", **({"xlabel": "time, s"} if k == 2 else {}))
-        axes.set(xlim=(0.0, 0.8), ylim=(0.0, 0.42))
-        axes.annotate(f"friction {friction}", (0.78, 0.04), ha="right", fontsize=7.5, color=MUTED)
     speeds = np.array([np.hypot(*one.steady) for one in found])
     spread = 100.0 * (speeds.max() / speeds.min() - 1.0)
     angles = [math.degrees(math.atan2(one.steady[1], one.steady[0])) for one in found]
@@ -119,7 +108,7 @@ def draw() -> Figure:
         assumed=("Start at rest, at the instant where the table moves along +y; amplitude and phase as in fig. 3.9.",),
         pictures=(
             Picture(
-                png(figure), "Solid: speed. Dashed: speed of the mean velocity over a period. Ring: in the steady "
+                _plot(found), "Solid: speed. Dashed: speed of the mean velocity over a period. Ring: in the steady "
                 "state."
             ),
         ),
@@ -138,3 +127,18 @@ def draw() -> Figure:
 
 def _list(values: list[float], unit: str, digits: int) -> str:
     return ", ".join(f"{each:.{digits}f}" for each in values) + f" {unit}"
+
+
+def _plot(found: Sequence[Course]) -> bytes:
+    figure = new_figure(6.2, 4.6)
+    for k, (friction, one) in enumerate(zip(FRICTION, found, strict=True)):
+        axes = figure.add_subplot(3, 1, k + 1)
+        axes.plot(one.time, one.speed, color=INK, linewidth=0.8)
+        axes.plot(one.mean_time, one.mean_speed, color=FAILURE, linewidth=1.4, linestyle="--")
+        axes.plot(
+            [0.8], [np.hypot(*one.steady)], "o", color=SUCCESS, markersize=5, markerfacecolor="none", clip_on=False
+        )
+        style(axes, ylabel="speed, m/s", **({"xlabel": "time, s"} if k == 2 else {}))
+        axes.set(xlim=(0.0, 0.8), ylim=(0.0, 0.42))
+        axes.annotate(f"friction {friction}", (0.78, 0.04), ha="right", fontsize=7.5, color=MUTED)
+    return png(figure)

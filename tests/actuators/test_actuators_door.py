@@ -1,13 +1,9 @@
 """The door that all actuators go through: latency in periods, resets of single worlds, snapshots."""
 
-import copy
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.envs.helpers import assert_same
 from vibgym.actuators import ACTUATORS, Actuators
 
 
@@ -79,35 +75,6 @@ def test_a_reset_brings_the_elements_of_its_world_to_rest():
     env.reset(options={"reset_mask": np.array([True, False])})
     env.step(action)
     assert np.abs(env.phasors(0)).max() == 0.0 and np.abs(env.phasors(1)).max() > 0.1
-
-
-def test_a_world_alone_does_what_it_does_in_a_batch():
-    actuators = {"kind": "weak", "latency": 2}
-    many = batch(3, actuators, autoreset_mode="SameStep", max_episode_steps=5)
-    actions = random_actions(many, 12)
-    seen = [many.reset(seed=7)[0]] + [many.step(action)[0] for action in actions]
-    for world in range(3):
-        one = gym.make("vibgym/Align-v0", action="phasor", actuators=actuators, max_episode_steps=5)
-        alone = [one.reset(seed=7 + world)[0]]
-        for action in actions:
-            observation, _, terminated, truncated, _ = one.step(action[world])
-            alone.append(one.reset()[0] if terminated or truncated else observation)
-        assert_same(alone, [each[world] for each in seen])
-
-
-def test_what_actuators_remember_is_part_of_the_snapshot():
-    actuators = {"kind": "weak", "latency": 3}
-    env, other = batch(2, actuators), batch(2, actuators)
-    env.reset(seed=3)
-    actions = random_actions(env, 12)
-    for action in actions[:5]:
-        env.step(action)
-    state = copy.deepcopy(env.get_state())
-    rest = [env.step(action) for action in actions[5:]]
-    other.set_state(state)
-    assert_same([other.step(action) for action in actions[5:]], rest)
-    again = pickle.loads(pickle.dumps(env))  # a copied environment goes on alike
-    assert_same(again.step(actions[0]), env.step(actions[0]))
 
 
 @pytest.mark.parametrize("actuators, message", [

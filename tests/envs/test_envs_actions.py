@@ -2,11 +2,10 @@
 
 import math
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.envs.helpers import ACTIONS, assert_same, batch, put, single
+from tests.envs.helpers import put, single
 from vibgym import Surface, fields
 from vibgym.config import part_from
 
@@ -135,91 +134,6 @@ def test_basic_fields_move_the_part_as_named(index, sign, component):
     assert sign * moved[component] > (0.02 if component < 2 else 0.5)
     across = np.delete(moved[:2], component) if component < 2 else moved[:2]
     assert np.abs(across).max() < 0.25 * (abs(moved[component]) if component < 2 else 0.02)
-
-
-@pytest.mark.parametrize("task", ["Rotate", "Sort"])
-@pytest.mark.parametrize("action", ACTIONS)
-def test_spaces_are_flat_and_either_shape_will_do(action, task):
-    one, other = single(task, action=action), single(task, action=action)
-    shape = one.unwrapped.action_shape
-    assert one.action_space == gym.spaces.Box(-1.0, 1.0, (math.prod(shape),), np.float32)
-    assert_same(one.reset(seed=5), other.reset(seed=5))
-    values = np.random.default_rng(6).uniform(-1, 1, shape).astype(np.float32)
-    assert_same(one.step(values), other.step(values.ravel()))  # C order
-    many, others = (batch(task, 3, action=action) for _ in range(2))
-    many.reset(seed=5), others.reset(seed=5)
-    assert many.action_space.shape == (3, math.prod(shape))
-    values = np.random.default_rng(7).uniform(-1, 1, (3, *shape)).astype(np.float32)
-    assert_same(many.step(values), others.step(values.reshape(3, -1)))
-
-
-@pytest.mark.parametrize("action", ACTIONS)
-def test_finite_values_outside_are_clipped(action):
-    wild = values_for(action, 5, -3, 3)
-    bounded = np.clip(wild, -1, 1)
-    assert (wild != bounded).any()
-    assert_same(stepped(action, wild)[0], stepped(action, bounded)[0])
-    huge = wild.astype(np.float64) * 1e300
-    assert_same(stepped(action, huge)[0], stepped(action, np.sign(huge).astype(np.float32))[0])
-    assert_same(stepped(action, wild.tolist())[0], stepped(action, bounded)[0])  # lists will do
-
-
-def every_bad_action():
-    good = np.zeros((1, 6), dtype=np.float32)
-    for name, value in [("nan", np.nan), ("inf", np.inf), ("minus inf", -np.inf)]:
-        bad = good.copy()
-        bad[0, 3] = value
-        yield pytest.param(bad, id=name)
-    for name, bad in {
-        "longer": np.zeros((1, 7), dtype=np.float32),
-        "longer, flat": np.zeros(7, dtype=np.float32),
-        "nothing": np.zeros((0, 6), dtype=np.float32),
-        "number": 0.0,
-        "none": None,
-        "text": "up",
-        "texts": good.astype(str),
-        "booleans": good.astype(bool),
-        "complex": good.astype(complex),
-        "objects": good.astype(object),
-        "mapping": {"action": 0},
-        "ragged": [[0.0] * 6, [0.0]],
-    }.items():
-        yield pytest.param(bad, id=name)
-
-
-BAD_ACTIONS = list(every_bad_action())
-
-
-@pytest.mark.parametrize("bad", BAD_ACTIONS)
-def test_bad_actions_are_refused_and_nothing_moves(bad):
-    env, other = single("Align", action="field").unwrapped, single("Align", action="field").unwrapped
-    env.reset(seed=2), other.reset(seed=2)
-    before = env.core.simulator.get_state()
-    with pytest.raises(ValueError, match="^action: "):
-        env.step(bad)
-    assert_same(env.core.simulator.get_state(), before)
-    good = np.ones((1, 6), dtype=np.float32)
-    assert_same(env.step(good), other.step(good))
-
-
-@pytest.mark.parametrize("bad", BAD_ACTIONS)
-def test_bad_actions_of_one_world_move_no_world(bad):
-    env, other = batch("Align", 2, action="field"), batch("Align", 2, action="field")
-    env.reset(seed=2), other.reset(seed=2)
-    good = np.ones((2, 1, 6), dtype=np.float32)
-    before = env.unwrapped.core.simulator.get_state()
-    stacked = isinstance(bad, np.ndarray) and bad.shape == good.shape[1:]
-    with pytest.raises(ValueError, match="^action: "):
-        env.step(np.stack([good[0].astype(bad.dtype), bad]) if stacked else [good[0].tolist(), bad])
-    assert_same(env.unwrapped.core.simulator.get_state(), before)
-    assert_same(env.step(good), other.step(good))
-
-
-def test_a_single_action_is_not_a_batch():
-    env = single("Align", action="field").unwrapped
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"^action: .*\(1, 1, 6\).*allowed: .*\(1, 6\)"):
-        env.step(np.zeros((1, 1, 6), dtype=np.float32))
 
 
 def test_squeeze_fields_bring_the_part_to_rest_over_the_centre_of_the_field():

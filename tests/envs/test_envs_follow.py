@@ -1,14 +1,9 @@
 """Follow as an environment: alone and in a batch, restored, observed, drawn, and followed to the end."""
 
 import copy
-import json
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from stable_baselines3.common.env_checker import check_env as check_sb3_env
 
 from tests.envs.helpers import assert_same, batch, single
 from vibgym.allocation import phasors_for
@@ -18,57 +13,8 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.paths import route
 
 THREE = ["steel_block", "aluminium_block", "steel_block"]
-CIRCLE = {"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60}
 SHORT = [{"shape": "polyline", "points_mm": [[x, 80], [x, 95]]} for x in (100, 300)]
-CASES = [
-    {"action": "field"},
-    {"action": "patch", "parts": THREE},
-    {"action": "field", "parts": THREE[:2], "paths": SHORT, "periods_per_step": 3},
-    {"action": "field", "sensor": {"kind": "pose", "estimator": "model"}, "actuators": "prototype",
-     "paths": {"heading": "along"}},
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.value)
-@pytest.mark.parametrize("settings", CASES, ids=lambda each: str(each)[:30])
-def test_single_batch_and_restored_alike(settings, mode):
-    known = {**settings, "max_episode_steps": 6}
-    native, other = (batch("Follow", 3, autoreset_mode=mode, **known) for _ in range(2))
-    sync = SyncVectorEnv([lambda: single("Follow", **known)] * 3, autoreset_mode=mode)
-    assert_same(native.reset(seed=5), sync.reset(seed=5))
-    native.action_space.seed(1)
-    envs, ends = [sync], 0
-    for step in range(15):
-        if step == 4:
-            other.set_state(native.get_state())
-            envs += [other, copy.deepcopy(native)]
-        action = native.action_space.sample()
-        got = native.step(action)
-        for env in envs:
-            assert_same(env.step(action), got, f"step {step}")
-        done = got[2] | got[3]
-        ends += done.sum()
-        if mode is AutoresetMode.DISABLED and done.any():
-            again = native.reset(options={"reset_mask": done.copy()})
-            for env in envs:
-                assert_same(env.reset(options={"reset_mask": done.copy()}), again)
-    assert ends >= 3
-
-
-@pytest.mark.parametrize("settings", [{}, {"parts": THREE, "observation": "image"}], ids=str)
-def test_checkers(settings):
-    env = single("Follow", render_mode="rgb_array", **settings)
-    check_env(env.unwrapped, skip_render_check=True)
-    check_sb3_env(env.unwrapped, warn=True, skip_render_check=True)
-    assert env.spec.max_episode_steps == 500
-
-
-def test_its_arguments_are_json():
-    paths = [{**CIRCLE, "heading": "along"}]
-    spec = single("Follow", paths=paths).spec
-    again = gym.make(gym.envs.registration.EnvSpec.from_json(spec.to_json()))
-    assert again.unwrapped.core.identity == gym.make(spec).unwrapped.core.identity
-    assert json.loads(spec.to_json())["kwargs"]["paths"] == paths
+CIRCLE = {"shape": "circle", "centre_mm": [400, 104], "radius_mm": 60}
 
 
 @pytest.mark.parametrize("settings", [{}, {"parts": THREE}, {"paths": {"heading": "along", "speed": 0.06}}], ids=str)

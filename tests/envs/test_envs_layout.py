@@ -17,20 +17,6 @@ CASES = [
 
 
 @pytest.mark.parametrize("task, settings", CASES)
-def test_every_number_is_named_once(task, settings):
-    for env in (single(task, **settings), batch(task, 2, **settings)):
-        rows = env.unwrapped.observation_layout
-        size = getattr(env, "single_observation_space", env.observation_space).shape[0]
-        assert sum(row.width for row in rows) == size
-        assert [row.start for row in rows] == np.cumsum([0, *(row.width for row in rows)])[:-1].tolist()
-        for row in rows:
-            assert row.name and row.unit and row.meaning and len(row.scale) == row.width
-            assert row.range in ((-1.0, 1.0), (0.0, 1.0))
-        parts = {row.part for row in rows}
-        assert parts - {None} == set(range(len(env.unwrapped.parts)))
-
-
-@pytest.mark.parametrize("task, settings", CASES)
 def test_quantities_come_back_in_si_units(task, settings):
     env = batch(task, 30, action="field", **settings)
     env.reset(seed=1)

@@ -1,42 +1,8 @@
 """Environments with several parts: saved specifications, bad settings, pictures."""
 
-import json
-
-import gymnasium as gym
 import pytest
-from gymnasium.envs.registration import EnvSpec
 
-from tests.envs.helpers import assert_same, batch, single
-
-FULL = {
-    "surface": {"rows": 8, "columns": 20, "element_size_mm": 30.0, "max_amplitude": 3e-4},
-    "parts": ["steel_block", {"shape": "disc", "radius_mm": 20, "friction": 0.5, "name": "coin"}, "steel_block"],
-    "model": "planar",
-    "action": "patch",
-    "observation": "state",
-    "randomize": {"parts": [2, 3]},
-    "start": "crowded",
-    "zones": {"steel_block": [0.0, 0.0, 0.2, 0.24], "coin": [0.4, 0.0, 0.6, 0.24]},
-    "slots": 4,
-    "walls": ["left", "right"],
-    "periods_per_step": 2,
-    "render_mode": "rgb_array",
-}
-
-
-def test_a_specification_survives_json():
-    env = single("Sort", **FULL)
-    before = json.dumps(FULL)
-    spec = EnvSpec.from_json(env.spec.to_json())
-    assert spec == env.spec
-    runs = []
-    for each in (env, gym.make(spec)):
-        each.action_space.seed(3)
-        runs.append([each.reset(seed=3), *[each.step(each.action_space.sample()) for _ in range(4)], each.render()])
-    assert_same(*runs)
-    assert json.dumps(FULL) == before
-    assert env.observation_space.shape == (80,)
-
+from tests.envs.helpers import batch, single
 
 BAD = [
     ({"parts": "steel_block"}, "parts"),

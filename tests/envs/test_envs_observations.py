@@ -176,6 +176,12 @@ def test_tolerances_of_the_goal_reward(task, moved, expected):
     assert env.compute_reward(desired, desired, None) == 0.0
 
 
+def test_only_goal_environments_have_a_goal_reward():
+    assert not hasattr(single("Rotate").unwrapped, "compute_reward")
+    assert not hasattr(single("Rotate", observation="image").unwrapped, "compute_reward")
+    assert callable(single("Rotate", observation="goal").unwrapped.compute_reward)
+
+
 def test_goal_reward_refuses_wrong_shapes():
     env = single("Align", observation="goal").unwrapped
     with pytest.raises(ValueError, match="achieved_goal"):

@@ -1,13 +1,11 @@
 """The batch gives, bit for bit, what single environments and Gymnasium's own SyncVectorEnv of them give."""
 
-import copy
-
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from tests.envs.helpers import ACTIONS, SMALL, TASKS, assert_same, batch, single
+from tests.envs.helpers import SMALL, TASKS, assert_same, batch, single
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
@@ -45,17 +43,6 @@ def side_by_side(task, mode, settings, choose, steps, seed=11):
 
 
 @pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("action", ACTIONS)
-@pytest.mark.parametrize("task", TASKS)
-def test_random_actions_over_several_episodes(task, action, mode):
-    settings = {"action": action, "max_episode_steps": 9}
-    generator = np.random.default_rng(5)
-    shape = (WORLDS, *single(task, action=action).action_space.shape)
-    ends = side_by_side(task, mode, settings, lambda seen: generator.uniform(-1.5, 1.5, shape).astype(np.float32), 32)
-    assert ends["truncated"] >= WORLDS and sum(ends.values()) >= 3 * WORLDS  # a part near the border may fall
-
-
-@pytest.mark.parametrize("mode", MODES)
 def test_parts_that_fall(mode):
     settings = {"action": "field", "surface": SMALL, "max_episode_steps": 60}
     push = np.zeros((WORLDS, 1, 6), dtype=np.float32)
@@ -72,47 +59,6 @@ def test_success(task, mode):
     assert ends["success"] >= WORLDS
 
 
-@pytest.mark.parametrize("observation", ["goal", "image"])
-@pytest.mark.parametrize("mode", MODES)
-def test_other_observations(observation, mode):
-    settings = {"action": "patch", "observation": observation, "max_episode_steps": 5}
-    generator = np.random.default_rng(6)
-    choose = lambda seen: generator.uniform(-1, 1, (WORLDS, 1, 4, 4, 2)).astype(np.float32)  # noqa: E731
-    assert side_by_side("Rotate", mode, settings, choose, 13)["truncated"] >= 2 * WORLDS
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_world_k_is_the_single_environment_with_seed_s_plus_k(task):
-    """Each single environment runs on its own from start to end, through its own resets."""
-    steps, seed, limit = 40, 100, 15
-    generator = np.random.default_rng(7)
-    actions = generator.uniform(-1, 1, (steps, WORLDS, 1, 4, 4, 2)).astype(np.float32)
-    env = batch(task, WORLDS, action="patch", autoreset_mode="SameStep", max_episode_steps=limit)
-    record = [env.reset(seed=seed)[0]]
-    rewards, ends = [], []
-    for action in actions:
-        observation, reward, terminated, truncated, _ = env.step(action)
-        record.append(observation)
-        rewards.append(reward)
-        ends.append((terminated, truncated))
-    for world in range(WORLDS):
-        one = single(task, action="patch", max_episode_steps=limit)
-        assert_same(one.reset(seed=seed + world)[0], record[0][world])
-        resets = 0
-        for step, action in enumerate(actions):
-            observation, reward, terminated, truncated, _ = one.step(action[world])
-            assert (reward, terminated, truncated) == (
-                rewards[step][world],
-                ends[step][0][world],
-                ends[step][1][world],
-            )
-            if terminated or truncated:
-                observation, _ = one.reset()
-                resets += 1
-            assert_same(observation, record[step + 1][world])
-        assert resets >= 2
-
-
 def trajectory(env, seeds, actions):
     """Everything that comes out of a run."""
     result = [env.reset(seed=seeds)]
@@ -125,56 +71,20 @@ def rows(result, chosen):
     return [result[0][0][chosen]] + [[values[chosen] for values in each[:4]] for each in result[1:]]
 
 
-def test_results_depend_neither_on_batch_size_nor_on_order():
-    worlds, steps = 70, 12
-    seeds = list(range(300, 300 + worlds))
-    actions = np.random.default_rng(8).uniform(-1, 1, (steps, worlds, 1, 4, 4, 2)).astype(np.float32)
-    settings = {"action": "patch", "max_episode_steps": 8}
-    whole = trajectory(batch("Rotate", worlds, **settings), seeds, actions)
-    for chosen in ([0], [69], [33, 5], list(range(40))[::-1]):
-        part = trajectory(
-            batch("Rotate", len(chosen), **settings), [seeds[k] for k in chosen], actions[:, np.array(chosen)]
-        )
+@pytest.mark.parametrize("task, worlds, settings", [
+    ("Rotate", 70, {"action": "patch"}), ("SortCrowded", 40, {"action": "field", "randomize": {"parts": [2, 6]}}),
+])  # fmt: skip
+def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(task, worlds, settings, monkeypatch):
+    made = lambda count: batch(task, count, max_episode_steps=4, **settings)  # noqa: E731
+    seeds, shape = list(range(300, 300 + worlds)), made(worlds).action_space.shape
+    actions = np.random.default_rng(8).uniform(-1, 1, (6, *shape)).astype(np.float32)
+    whole = trajectory(made(worlds), seeds, actions)
+    for chosen in ([0], [worlds - 1], [33, 5], list(range(20))[::-1]):
+        part = trajectory(made(len(chosen)), [seeds[k] for k in chosen], actions[:, np.array(chosen)])
         assert_same(rows(part, slice(None)), rows(whole, chosen))
-
-
-@pytest.mark.parametrize("threads", [2, 5])
-def test_results_do_not_depend_on_threads(threads, monkeypatch):
-    worlds, steps = 100, 10
-    actions = np.random.default_rng(9).uniform(-1, 1, (steps, worlds, 8, 32, 2)).astype(np.float32)
-    results = []
-    for count in (1, threads):
-        monkeypatch.setattr(workers, "available_threads", lambda count=count: count)
-        results.append(trajectory(batch("Align", worlds), 4, actions))
-    assert_same(results[0], results[1])
-
-
-@pytest.mark.parametrize("observation", ["state", "goal", "image"])
-@pytest.mark.parametrize("mode", MODES)
-def test_nothing_returned_is_overwritten(observation, mode):
-    env = batch("Rotate", 4, action="field", observation=observation, autoreset_mode=mode, max_episode_steps=3)
-    env.action_space.seed(0)
-    returned = [env.reset(seed=0)]
-    kept = copy.deepcopy(returned)
-    for step in range(8):
-        returned.append(env.step(env.action_space.sample()))
-        kept.append(copy.deepcopy(returned[-1]))
-        if mode is AutoresetMode.DISABLED and step % 3 == 2:
-            returned.append(env.reset(options={"reset_mask": np.ones(4, dtype=bool)}))
-            kept.append(copy.deepcopy(returned[-1]))
-    assert_same(returned, kept)
-
-
-@pytest.mark.parametrize("observation", ["state", "goal", "image"])
-def test_nothing_a_single_environment_returned_is_overwritten(observation):
-    env = single("Align", action="field", observation=observation)
-    env.action_space.seed(0)
-    returned = [env.reset(seed=0)]
-    kept = copy.deepcopy(returned)
-    for _ in range(5):
-        returned.append(env.step(env.action_space.sample()))
-        kept.append(copy.deepcopy(returned[-1]))
-    assert_same(returned, kept)
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(workers, "available_threads", lambda threads=threads: threads)
+        assert_same(trajectory(made(worlds), seeds, actions), whole)
 
 
 def test_the_callers_arrays_are_left_alone():

@@ -5,9 +5,8 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from tests.envs.helpers import SMALL, assert_same, batch, put, single, sorted_pose, still
+from tests.envs.helpers import assert_same, batch, put, single, sorted_pose, still
 
 SETTINGS = {"action": "field", "randomize": {"parts": [2, 5]}}
 
@@ -31,27 +30,6 @@ def test_every_part_has_its_facts():
             assert values.sum(1) / truth.present.sum(1) == pytest.approx(info["reward_terms"][name], abs=1e-12)
         total = sum(values for name, values in told["reward_terms"].items() if not name.startswith("_"))
         assert told["reward"] == pytest.approx(total, abs=1e-12)
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_as_batches_of_single_environments_stack_them(mode):
-    """Nested groups too, with masks, in final infos and for resets of some worlds."""
-    settings = {"surface": SMALL, "parts": ["steel_block"], "zones": {"steel_block": [0.0, 0.0, 0.08, 0.078]}}
-    settings |= {"action": "field", "max_episode_steps": 9}
-    native = batch("Sort", 3, autoreset_mode=mode, **settings)
-    sync = SyncVectorEnv([lambda: single("Sort", **settings)] * 3, autoreset_mode=mode)
-    assert_same(native.reset(seed=1), sync.reset(seed=1))
-    push, fallen = np.tile(np.float32([1, 0.2, 0, 0, 0, 0]), (3, 1)) * np.float32([[1], [-1], [0]]), 0
-    for _ in range(24):
-        got = native.step(push)
-        assert_same(got, sync.step(push))
-        fallen += int(got[4].get("final_info", got[4])["parts"]["fallen"].sum())
-        done = got[2] | got[3]
-        if mode is AutoresetMode.DISABLED and done.any():
-            again = native.reset(options={"reset_mask": done.copy()})
-            assert_same(again, sync.reset(options={"reset_mask": done.copy()}))
-            assert again[1]["_parts"].tolist() == done.tolist()
-    assert fallen > 0
 
 
 def test_only_the_part_that_fell_pays_for_it():
@@ -88,19 +66,6 @@ def test_infos_are_the_caller_s_own():
     env.step(env.action_space.sample())
     assert_same({name: each.copy() for name, each in info["parts"]["reward_terms"].items()}, kept)
     assert not env.truth.done.all()
-
-
-def test_snapshots_hold_what_the_next_rewards_need():
-    env = batch("Singulate", 3, action="field", randomize={"parts": [2, 5]})
-    env.reset(seed=1)
-    env.action_space.seed(1)
-    actions = [env.action_space.sample() for _ in range(5)]
-    env.step(actions[0])
-    state = env.unwrapped.get_state()
-    expected = [env.step(action)[4]["parts"] for action in actions[1:]]
-    other = batch("Singulate", 3, action="field", randomize={"parts": [2, 5]})
-    other.unwrapped.set_state(state)
-    assert_same([other.step(action)[4]["parts"] for action in actions[1:]], expected)
 
 
 # -- another observation of the same instant -----------------------------------------------------------------------------

@@ -1,14 +1,9 @@
 """The observation by parts against the simulator's state, by a second computation, and against the state observation."""
 
 import math
-import pickle
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from stable_baselines3.common.env_checker import check_env as check_sb3_env
 
 from tests.envs.helpers import assert_same, batch, single
 from vibgym.envs.features import NEIGHBOUR, NEIGHBOURS, OWN
@@ -177,54 +172,6 @@ def test_rows_of_one_part_are_those_among_absent_ones():
         rows, _ = env.reset(seed=0, options={"pose": full, "parts": list(there)})
         seen[parts] = rows["parts"][list(there)]
     assert_same(seen[3], seen[5])
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_vector_and_single_agree_to_the_bit(mode):
-    """Whatever becomes of finished episodes, final observations included."""
-    settings = {"observation": "parts", "action": "field", "slots": 7, "randomize": {"parts": [2, 6]}}
-    settings["max_episode_steps"] = 4
-    many = batch("Sort", 3, autoreset_mode=mode, **settings)
-    sync = SyncVectorEnv([lambda: single("Sort", **settings)] * 3, autoreset_mode=mode)
-    assert_same(many.reset(seed=5), sync.reset(seed=5))
-    many.action_space.seed(2)
-    finals = 0
-    for _ in range(10):
-        action = many.action_space.sample()
-        got = many.step(action)
-        assert_same(got, sync.step(action))
-        done = got[2] | got[3]
-        finals += sum(isinstance(each, dict) for each in got[4].get("final_obs", ()))
-        if mode is AutoresetMode.DISABLED and done.any():
-            # SyncVectorEnv takes the mask out of the mapping it is given.
-            got = many.reset(options={"reset_mask": done.copy()})
-            assert_same(got, sync.reset(options={"reset_mask": done.copy()}))
-    assert finals == (6 if mode is AutoresetMode.SAME_STEP else 0)
-
-
-def test_snapshots_and_copies_go_on_to_the_bit():
-    env = batch("Sort", 2, observation="parts", action="field", sensor="pose")
-    env.reset(seed=1)
-    env.action_space.seed(1)
-    actions = [env.action_space.sample() for _ in range(6)]
-    for action in actions[:3]:
-        env.step(action)
-    state, copy = env.unwrapped.get_state(), pickle.loads(pickle.dumps(env.unwrapped))
-    expected = [env.step(action)[0] for action in actions[3:]]
-    assert_same([copy.step(action)[0] for action in actions[3:]], expected)
-    env.unwrapped.set_state(state)
-    assert_same([env.step(action)[0] for action in actions[3:]], expected)
-
-
-@pytest.mark.filterwarnings("ignore:Your observation parts has an unconventional shape")  # a row a part, as it is meant
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("task", ["Align", "Sort", "Follow"])
-def test_checkers(task):
-    env = single(task, observation="parts", action="wrench").unwrapped
-    check_env(env, skip_render_check=True)
-    check_sb3_env(env, warn=True, skip_render_check=True)
-    space = env.observation_space["parts"]
-    assert isinstance(space, gym.spaces.Box) and space.dtype == np.float32
 
 
 @pytest.mark.parametrize("task", ["Align", "Sort"])

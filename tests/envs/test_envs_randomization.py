@@ -4,39 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from tests.envs.helpers import assert_same, batch, single, still
 from vibgym.envs.randomization import EFFECTS
 from vibgym.tasks import TASKS
 
 ALL = {"friction": [0.5, 1.5], "mass": [0.25, 4.0], "incline": [0.01, 0.03]}
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("task, more", [("Align", {}), ("Sort", {"parts": [2, 6]})])
-def test_the_batch_is_gymnasiums_own_of_single_environments(task, more, mode):
-    """With ``info``, through resets of some worlds, and from each world's own generator."""
-    settings = {"action": "field", "max_episode_steps": 4, "randomize": {**ALL, **more}}
-    native = batch(task, 3, autoreset_mode=mode, **settings)
-    sync = SyncVectorEnv([lambda: single(task, **settings)] * 3, autoreset_mode=mode)
-    assert_same(native.reset(seed=5), sync.reset(seed=5), "reset")
-    random = np.random.default_rng(1)
-    seen = []
-    for step in range(14):
-        action = random.uniform(-1.5, 1.5, native.action_space.shape).astype(np.float32)
-        got, expected = native.step(action), sync.step(action)
-        assert_same(got, expected, f"step {step}")
-        seen.append(got[4]["drawn"]["incline"].tobytes())
-        done = got[2] | got[3]
-        if mode is AutoresetMode.DISABLED and done.any():
-            mask = done & (np.arange(3) != step % 3) if done.sum() > 1 else done
-            while done.any():  # not all at once
-                pair = [env.reset(options={"reset_mask": mask.copy()}) for env in (native, sync)]
-                assert_same(*pair, f"reset after step {step}")
-                done &= ~mask
-                mask = done.copy()
-    assert len(set(seen)) >= 3
 
 
 def test_drawn_evenly_within_the_ranges_one_a_part_and_episode():

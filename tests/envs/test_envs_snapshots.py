@@ -1,79 +1,12 @@
 """States of environments: going on from them bit for bit, and refusing those of others."""
 
 import copy
-import pickle
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same, batch, single
-
-CASES = [
-    ("Rotate", {"action": "field"}),
-    ("Align", {"action": "patch", "observation": "goal"}),
-    ("Transport", {"observation": "image", "surface": {"rows": 3, "columns": 4}}),
-    ("Align", {"action": "field", "model": "averaged", "periods_per_step": 3}),
-    ("Sort", {"action": "field", "randomize": {"parts": [2, 6]}, "walls": ["left"]}),
-    ("SortCrowded", {"action": "patch", "observation": "image"}),
-    ("Rotate", {"randomize": {"friction": [0.5, 1.5], "incline": 0.05}}),
-    ("Singulate", {"action": "field", "randomize": {"parts": [3, 6], "mass": [0.5, 2.0], "incline": [0.01, 0.02]}}),
-    ("Singulate", {}),
-    ("Follow", {"action": "field", "parts": ["steel_block", "aluminium_block"], "paths": {"heading": "along"}}),
-]
-
-
-def played(env, actions):
-    """Everything that comes out of steps and the resets that they need."""
-    record = []
-    for action in actions:
-        record.append(env.step(action))
-        if np.ndim(record[-1][2]) == 0 and (record[-1][2] or record[-1][3]):
-            record.append(env.reset())
-    return record
-
-
-@pytest.mark.parametrize("task, settings", CASES, ids=lambda each: str(each)[:40])
-def test_a_single_environment_goes_on_bit_for_bit(task, settings):
-    env, other = (single(task, max_episode_steps=7, **settings) for _ in range(2))
-    env.action_space.seed(1)
-    actions = [env.action_space.sample() for _ in range(24)]
-    env.reset(seed=4)
-    played(env, actions[:5])
-    state = copy.deepcopy(env.unwrapped.get_state())
-    rest = played(env.unwrapped, actions[5:])
-    other.reset(seed=99)
-    other.unwrapped.set_state(state)
-    assert_same(played(other.unwrapped, actions[5:]), rest)
-    env.unwrapped.set_state(pickle.loads(pickle.dumps(state)))  # back in time, and through a file
-    assert_same(played(env.unwrapped, actions[5:]), rest)
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-@pytest.mark.parametrize("task, settings", CASES, ids=lambda each: str(each)[:40])
-def test_a_batch_goes_on_bit_for_bit(task, settings, mode):
-    env, other = (batch(task, 3, max_episode_steps=4, autoreset_mode=mode, **settings) for _ in range(2))
-    env.action_space.seed(1)
-    actions = [env.action_space.sample() for _ in range(14)]
-    env.reset(seed=4)
-    played(env, actions[:6])
-    state = env.get_state()
-    rest = played(env, actions[6:])
-    other.set_state(state)  # without a reset before
-    assert_same(played(other, actions[6:]), rest)
-    assert_same(other.reset()[0], env.reset()[0])  # generators too
-
-
-def test_a_state_holds_copies():
-    env = single("Sort", action="field").unwrapped
-    env.reset(seed=0)
-    state = env.get_state()
-    before = copy.deepcopy(state)
-    env.step(np.ones(36, dtype=np.float32))
-    assert_same(state, before)
-    env.set_state(state)
-    env.step(np.ones(36, dtype=np.float32))
-    assert_same(state, before)
 
 
 @pytest.mark.parametrize("settings, named", [

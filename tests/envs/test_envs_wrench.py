@@ -90,23 +90,6 @@ def test_parts_that_can_stick_are_refused():
         single("Align", action="wrench", parts=[{"shape": "disc", "radius": 0.02, "friction": 4.0, "name": "grippy"}])
 
 
-@pytest.mark.parametrize("task", ["Align", "Sort"])
-def test_a_batch_is_its_worlds(task):
-    settings = {"action": "wrench", "actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
-    many, seeds = batch(task, 3, **settings), range(7, 10)
-    alone = [single(task, **settings) for _ in seeds]
-    rows, _ = many.reset(seed=7)
-    for env, seed, row in zip(alone, seeds, rows, strict=True):
-        assert (env.reset(seed=seed)[0] == row).all()
-    generator = np.random.default_rng(0)
-    for _ in range(6):
-        action = generator.uniform(-1.0, 1.0, (3, many.unwrapped.single_action_space.shape[0])).astype(np.float32)
-        rows, rewards, *_ = many.step(action)
-        for k, env in enumerate(alone):
-            row, reward, *_ = env.step(action[k])
-            assert (row == rows[k]).all() and reward == rewards[k]
-
-
 def test_numbers_mean_what_the_documentation_says():
     env = single("Align", action="wrench")
     push = 0.5 * PART.friction * 9.81

@@ -246,7 +246,7 @@ def test_constructors_and_functions(which: tuple[str, str], value: Any) -> None:
 
 def test_every_argument_survives_the_worst_values() -> None:
     """The fuzzer's own table, each argument with what once gave a traceback."""
-    odd = [None, np.zeros(3), recursive(), {}, {1: 2}, "\ud800", Mute(), DEEP, [[1]]]
+    odd = [None, np.zeros(3), recursive(), {}, {1: 2}, "\ud800", Mute(), DEEP, [[1]], [0, 0]]
     worst = [*odd, 10**400, 10**5000, Fraction(10**400), [10**400], math.nan, 2**63]
     for name, argument in EVERY:
         function, base = CALLS[name]

@@ -1,14 +1,11 @@
 """Estimators: exact where the model is, a textbook filter where it is linear, honest about what they do not know."""
 
-import copy
 import math
-import pickle
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.envs.helpers import assert_same
 from vibgym import Part, Surface
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
@@ -222,17 +219,3 @@ def test_a_learned_policy_needs_the_model_on_the_prototype():
             held |= env.core.episode.success
         success[estimator] = held.mean()
     assert success == {"none": 0.0, "model": 1.0}
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"])
-def test_a_copied_environment_goes_on_alike(copied):
-    env = batch(
-        3, {"kind": "pose", "dropout": 0.2, "estimator": "model"}, "Sort", {"kind": "prototype", "bandwidth": 8.0}
-    )
-    env.reset(seed=1)
-    actions = np.random.default_rng(0).uniform(-1, 1, (10, *env.action_space.shape)).astype(np.float32)
-    for action in actions[:4]:
-        env.step(action)
-    other = copied(env)
-    rest = [env.step(action) for action in actions[4:]]
-    assert_same([other.step(action) for action in actions[4:]], rest)

@@ -1,13 +1,10 @@
 """The pose sensor: statistics of its errors, gaps, rates, velocities, and the same bits alone, in a batch and restored."""
 
-import copy
 import math
 
 import gymnasium as gym
 import numpy as np
 import pytest
-
-from tests.envs.helpers import assert_same
 
 
 def batch(worlds, sensor, task="Align", **settings):
@@ -123,37 +120,6 @@ def test_age_counts_from_the_start_until_the_first_look_is_due(periods, delay, e
         assert (measured["age"] == min(step * periods, delay)).all()
         if step * periods <= delay and estimator != "none":
             assert (measured["sigma"] >= sigma).all()
-
-
-@pytest.mark.parametrize("estimator", ["none", "kalman", "model"])
-@pytest.mark.parametrize("task, periods", [("Align", 1), ("Sort", 1), ("Align", 3)])
-def test_alone_in_a_batch_and_restored_bit_for_bit(estimator, task, periods):
-    sensor = {
-        "kind": "pose",
-        "bias": 1e-4,
-        "dropout": 0.2,
-        "delay": 2,
-        "estimator": estimator,
-        "tell": ["sigma", "age"],
-    }
-    settings = {"sensor": sensor, "actuators": "prototype", "action": "patch", "periods_per_step": periods}
-    many = gym.make_vec(f"vibgym/{task}-v0", num_envs=3, autoreset_mode="SameStep", max_episode_steps=6, **settings)
-    random = np.random.default_rng(5)
-    actions = random.uniform(-1, 1, (14, *many.action_space.shape)).astype(np.float32)
-    seen, states = [many.reset(seed=7)[0]], []
-    for action in actions:
-        states.append(copy.deepcopy(many.unwrapped.get_state()))
-        seen.append(many.step(action)[0])
-    for begin in random.integers(0, len(actions), 3):  # restored at random instants
-        many.unwrapped.set_state(states[begin])
-        assert_same([many.step(action)[0] for action in actions[begin:]], seen[begin + 1 :])
-    for world in (0, 2):
-        one = gym.make(f"vibgym/{task}-v0", max_episode_steps=6, **settings)
-        alone = [one.reset(seed=7 + world)[0]]
-        for action in actions:
-            observation, _, terminated, truncated, _ = one.step(action[world])
-            alone.append(one.reset()[0] if terminated or truncated else observation)
-        assert_same(alone, [each[world] for each in seen])
 
 
 BAD = [

@@ -1,7 +1,5 @@
 """The door that every sensor goes through: delay in periods, resets of single worlds, snapshots, and who gets to know what."""
 
-import copy
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -104,32 +102,6 @@ def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth
 def test_distances_between_parts_are_the_measured_ones():
     ideal, shifted = batch(3, "Sort"), batch(3, "Sort", sensor={"kind": "shifted", "most": 1e-9})
     assert driven(ideal)[0][-1] == pytest.approx(driven(shifted)[0][-1], abs=1e-5)
-
-
-def test_a_world_alone_sees_what_it_sees_in_a_batch():
-    sensor = {"kind": "shifted", "delay": 2}
-    many = batch(3, sensor=sensor, autoreset_mode="SameStep", max_episode_steps=5)
-    random = np.random.default_rng(1)
-    actions = random.uniform(-1, 1, (12, *many.action_space.shape)).astype(np.float32)
-    seen = [many.reset(seed=7)[0]] + [many.step(action)[0] for action in actions]
-    for world in range(3):
-        one = gym.make("vibgym/Align-v0", action="patch", sensor=sensor, max_episode_steps=5)
-        alone = [one.reset(seed=7 + world)[0]]
-        for action in actions:
-            observation, _, terminated, truncated, _ = one.step(action[world])
-            alone.append(one.reset()[0] if terminated or truncated else observation)
-        assert_same(alone, [each[world] for each in seen])
-
-
-def test_what_a_sensor_remembers_is_part_of_the_snapshot():
-    sensor = {"kind": "shifted", "delay": 3}
-    env, other = batch(2, sensor=sensor), batch(2, sensor=sensor)
-    driven(env, steps=5)
-    state = copy.deepcopy(env.get_state())
-    action = np.ones(env.action_space.shape, dtype=np.float32)
-    rest = [env.step(action) for _ in range(6)]
-    other.set_state(state)
-    assert_same([other.step(action) for _ in range(6)], rest)
 
 
 @pytest.mark.parametrize("sensor, message", [

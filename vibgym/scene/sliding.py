@@ -57,7 +57,9 @@ def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -
 def drag_of(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
     """(parts,) 1/s, the rates ``c`` at which friction brakes parts near rest."""
     friction = np.array([part.friction for part in parts])
-    return getattr(friction_rate, "py_func", friction_rate)(friction, surface.gravity, max(surface.table_speed, LEAST_SPEED))
+    return getattr(friction_rate, "py_func", friction_rate)(
+        friction, surface.gravity, max(surface.table_speed, LEAST_SPEED)
+    )
 
 
 def top_slip(strength: float) -> float:

@@ -49,16 +49,6 @@ RUNS = {
         "task": "Transport", "environment": {"action": "wrench", "observation": "image"}, "steps": 96, "worlds": 4,
         "checkpoint_steps": 32, "ppo": {**PPO, "n_steps": 4, "network": "pixels"},
     },
-    "what is replayed": {
-        "task": "Align", "algorithm": "sac", "environment": {"action": "field", "max_episode_steps": 20}, "worlds": 4,
-        "steps": 640, "checkpoint_steps": 96,
-        "sac": {"buffer_size": 400, "learning_starts": 200, "batch_size": 16, "gradient_steps": 2, "net": [8, 8]},
-    },
-    "a data set": {
-        "task": "Align", "algorithm": "offline", "environment": {"action": "wrench"}, "worlds": 1, "checkpoint_steps": 150,
-        "offline": {"dataset": "vibgym/align/pose-v0", "method": "iql", "batch_size": 32, "net": [8], "critic_net": [8],
-                    "remembers": True},
-    },
 }  # fmt: skip
 
 
@@ -82,16 +72,12 @@ def assert_same(one, two):
     assert one[2:] == two[2:]
 
 
-@pytest.mark.parametrize("case", RUNS)
-def test_stopped_runs_end_as_unbroken_ones(tmp_path, monkeypatch, recorded, case):
-    """Stopped three times, after steps that hit checkpoints, updates and the middle of rollouts."""
-    config = tmp_path / "run.yaml"
-    settings = {**BASE, **RUNS[case]}
-    if "offline" in settings:
-        settings["offline"] = {**settings["offline"], "directory": str(recorded)}
+def stopped_and_unbroken(settings, folder, monkeypatch, seed):
+    """Directories of one run that was stopped three times, after steps that may hit anything, and of one that was not."""
+    config, broken = folder / "run.yaml", folder / "broken"
     config.write_text(yaml.safe_dump(settings))
-    train(config, tmp_path / "whole", quiet=True)
-    stops = random.Random(case).sample(range(settings["worlds"], settings["steps"]), 3)
+    train(config, folder / "whole", quiet=True)
+    stops = sorted(random.Random(seed).sample(range(settings["worlds"], settings["steps"]), 3))
 
     def step(self):
         if stops and self.num_timesteps >= stops[0]:
@@ -100,14 +86,19 @@ def test_stopped_runs_end_as_unbroken_ones(tmp_path, monkeypatch, recorded, case
         return True
 
     monkeypatch.setattr(Progress, "_on_step", step)
-    stops.sort()
-    while not (tmp_path / "broken" / "policy.json").exists():
+    while not (broken / "policy.json").exists():
         try:
-            train(config, tmp_path / "broken", quiet=True)
+            train(config, broken, quiet=True)
         except KeyboardInterrupt:
             torch.manual_seed(random.randrange(2**30))  # what another process would not know
     assert not stops
-    assert_same(everything(tmp_path / "whole"), everything(tmp_path / "broken"))
+    return broken, folder / "whole"
+
+
+@pytest.mark.parametrize("case", RUNS)
+def test_stopped_runs_end_as_unbroken_ones(tmp_path, monkeypatch, case):
+    """Stopped after steps that hit checkpoints, updates and the middle of rollouts; each algorithm in tests/contracts."""
+    assert_same(*map(everything, stopped_and_unbroken({**BASE, **RUNS[case]}, tmp_path, monkeypatch, case)))
 
 
 def test_a_killed_run_ends_as_an_unbroken_one(tmp_path):

@@ -1,6 +1,5 @@
 """The camera as a sensor: flags, parity, snapshots, bad input, and its statistics."""
 
-import copy
 import math
 
 import gymnasium as gym
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 
 import vibgym  # noqa: F401
-from tests.envs.helpers import assert_same
 from tests.sensing.camera.helpers import SURFACE, camera, setup, state_of
 from vibgym import Part
 from vibgym.scene.parts import shipped_part
@@ -90,40 +88,6 @@ def test_a_slower_camera_looks_less_often():
         seen.append(bool(sensor.due.seen[0, 0]))
     assert seen == [False, True, False, True]
     assert sensor.due.mean_velocity[0, 0, 0] == pytest.approx(0.1, abs=0.005)
-
-
-SETTINGS = [
-    {"lines": "half"},
-    {"lines": "interlaced", "edge": "threshold", "delay": 2},
-    {"statistical": True, "delay": 1},
-]
-
-
-def envs(count, settings, observation):
-    return gym.make_vec(
-        "vibgym/Sort-v0", num_envs=count, action="field", sensor={"kind": "camera", **settings}, observation=observation,
-        autoreset_mode="SameStep", max_episode_steps=4,
-    ).unwrapped  # fmt: skip
-
-
-@pytest.mark.parametrize("settings", SETTINGS)
-@pytest.mark.parametrize("observation", ["state", "camera"])
-def test_a_world_alone_and_restored_sees_what_it_sees_in_a_batch(settings, observation):
-    many = envs(2, settings, observation)
-    random = np.random.default_rng(1)
-    actions = random.uniform(-1, 1, (7, *many.action_space.shape)).astype(np.float32)
-    seen = [many.reset(seed=7)[0]]
-    for k, action in enumerate(actions):
-        if k == 5:
-            kept = copy.deepcopy(many.get_state())
-        seen.append(many.step(action)[0])
-    for world in range(2):
-        one = envs(1, settings, observation)
-        alone = [one.reset(seed=7 + world)[0][0]] + [one.step(action[world : world + 1])[0][0] for action in actions]
-        assert_same(alone, [each[world] for each in seen])
-    other = envs(2, settings, observation)
-    other.set_state(kept)
-    assert_same([other.step(action)[0] for action in actions[5:]], seen[-2:])
 
 
 def test_the_image_is_the_one_that_is_due():

@@ -77,7 +77,7 @@ class GivenPaths:
         corner = getattr(shape, "corner", None) or reach.corner(speed, *([window] if along else []))
         header = [0.0, speed, rate, window, 0.0, float(along)]
         found = self._assembled(name, shape, corner, header)
-        self._check_place(name, found, part)
+        self._check_place(name, shape, found, part)
         fastest = bisected(0.0, speed, lambda each: reach.most_effort(self._motion(found, each)) <= EFFORT)
         if fastest < speed * (1.0 - 1e-6):
             allowed = f"at most {fastest:.4g} m/s {whose}: its bends and ramps need more acceleration than there is"
@@ -102,17 +102,19 @@ class GivenPaths:
         count = min(int(path[0, route.LENGTH] / SPACING) + 100, MOST_PLACES)
         return route.sample(path, np.linspace(0.0, route.duration(path[0]), count))
 
-    def _check_place(self, name: str, path: np.ndarray, part: Part) -> None:
+    def _check_place(self, name: str, shape: Shape, path: np.ndarray, part: Part) -> None:
+        """Whether the part stays on the surface; if not, its size is at fault, or where it lies if it would fit elsewhere."""
         place, margin = self._motion(path)[:, :2], part.radius - SLACK
         room = np.array([self.surface.width, self.surface.depth])
         off = ((place < margin) | (place > room - margin)).any(axis=1)
         if off.any():
+            key = shape.SIZE if (np.ptp(place, axis=0) > room - 2.0 * margin).any() else shape.PLACE
             low, high = part.radius, room - part.radius
             allowed = (
-                f"centres at which {part.name!r} lies wholly on the surface whatever its heading: "
+                f"a path on which {part.name!r} lies wholly on the surface whatever its heading: "
                 f"x in [{low:.4g}, {high[0]:.4g}] and y in [{low:.4g}, {high[1]:.4g}] m"
             )
-            raise checks.refuse(name, f"a path through {place[off][0].round(4).tolist()}", allowed)
+            raise checks.refuse(f"{name}.{key}", f"a path through {place[off][0].round(4).tolist()}", allowed)
 
     def _check_apart(self, apart: float) -> None:
         """Whether no two parts come near at any instant, each within its circumscribed circle."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -40,6 +40,12 @@ class PathSettings(Settings):
         acceleration: m/s^2, of the ramps; by default a share of what the part can do from rest.
         heading: ``"kept"``: as at the start; ``"along"``: the part turns with the path.
     """
+
+    PLACE: ClassVar[str] = "centre"
+    """The setting that says where the shape lies, for errors ..."""
+
+    SIZE: ClassVar[str] = "radius"
+    """... and the one that says how large it is."""
 
     speed: float | None = Field(default=None, ge=LEAST_SPEED)
     acceleration: float | None = Field(default=None, ge=LEAST_SPEED)
@@ -96,6 +102,8 @@ class SquareSettings(ClosedSettings):
     allows, see :meth:`vibgym.tasks.paths.Reach.corner`.
     """
 
+    SIZE: ClassVar[str] = "side"
+
     shape: Literal["square"]
     centre: Place = Field(min_length=2, max_length=2)
     side: float = Field(ge=LEAST_SIZE, le=MOST_SIZE)
@@ -117,6 +125,9 @@ class PolylineSettings(PathSettings):
         closed: back to the first point; the path then begins in the middle between the first two.
         laps: of a closed one.
     """
+
+    PLACE: ClassVar[str] = "points"
+    SIZE: ClassVar[str] = "points"
 
     shape: Literal["polyline"]
     points: list[tuple[Coordinate, Coordinate]] = Field(min_length=2, max_length=MOST_POINTS)

@@ -4,18 +4,9 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch, single
-from tests.policies.helpers import ARRANGED_TASKS, POSE_TASKS, episodes, info_of
+from tests.policies.helpers import episodes, info_of
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
-
-ALL = [(task, name) for task in POSE_TASKS for name in ("zero", "random", "open_loop", "local_field", "planner")] + [
-    (task, name) for task in ARRANGED_TASKS for name in ("zero", "random", "local_field", "planner")
-]
-REPEATABLE = [(task, name) for task, name in ALL if name != "random"]
-
-
-def settings(task):
-    return {} if task in POSE_TASKS else {"slots": 7, "randomize": {"parts": [2, 6]}}
 
 
 def observations(task, worlds=6, steps=8, seed=0):
@@ -23,36 +14,6 @@ def observations(task, worlds=6, steps=8, seed=0):
     env = batch(task, worlds, action="patch")
     env.action_space.seed(seed)
     return np.array([env.reset(seed=seed)[0], *[env.step(env.action_space.sample())[0] for _ in range(steps - 1)]])
-
-
-@pytest.mark.parametrize("task, name", ALL)
-def test_actions_fit_the_environment(task, name):
-    policy = make_policy(name, info_of(task, **settings(task)))
-    env = single(task, action=policy.action, observation=policy.observation, **settings(task))
-    many = batch(task, 3, action=policy.action, observation=policy.observation, **settings(task))
-    for each in (env, many):
-        seen, _ = each.reset(seed=0)
-        state, start = None, np.ones(3 if each is many else 1, dtype=bool)
-        for _ in range(3):
-            action, state = policy.predict(seen, state, start)
-            assert action.dtype == np.float32 and each.action_space.contains(action)
-            seen, *_ = each.step(action)
-            start = np.zeros_like(start)
-
-
-@pytest.mark.parametrize("task, name", REPEATABLE)
-def test_a_batch_is_its_rows(task, name):
-    policy = make_policy(name, info_of(task))
-    together, alone = None, [None] * 6
-    for step, rows in enumerate(observations(task)):
-        start = np.array([step == 0] * 6)
-        start[2] |= step == 3  # one world begins anew
-        actions, together = policy.predict(rows, together, start)
-        for world, row in enumerate(rows):
-            action, alone[world] = policy.predict(row, alone[world], start[world : world + 1])
-            assert action == pytest.approx(actions[world], abs=1e-6)
-            again, _ = policy.predict(row[None], alone[world], np.zeros(1, dtype=bool))
-            assert again.shape == (1, *action.shape)
 
 
 def test_random_policy():

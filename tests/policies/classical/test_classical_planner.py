@@ -1,13 +1,11 @@
 """The planner: its targets, its motions, and what it achieves."""
 
-import copy
 import itertools
 import math
 
 import numpy as np
 import pytest
 
-from tests.envs.helpers import batch
 from tests.policies.helpers import ALUMINIUM, DISC, POSE_TASKS, STEEL, SURFACE, episodes, info_of
 from vibgym import Part
 from vibgym.policies.classical.motion_choice import (
@@ -226,18 +224,6 @@ def test_who_has_arrived_makes_way():
     least, place, target = simulate(planner(), wall, 15.0)
     assert np.abs(place - target).max() < 0.02 and place[1, 0] > 0.6
     assert least > 0.0
-
-
-def test_memory_is_left_alone_and_begins_anew():
-    policy, env = planner(), batch("Sort", 3, action="phasor")
-    seen, _ = env.reset(seed=0)
-    _, state = policy.predict(seen)
-    before = copy.deepcopy(state)
-    other, _ = env.reset(seed=50)
-    _, after = policy.predict(other, state, np.array([True, False, False]))
-    assert repr(state) == repr(before)
-    _, fresh = policy.predict(other)
-    assert (after.target[0] == fresh.target[0]).all() and (after.target[1] != fresh.target[1]).any()
 
 
 # -- what it achieves --------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import single
-from tests.policies.classical.test_control_protocol import observations
+from tests.policies.classical.test_classical_protocol import observations
 from tests.policies.helpers import POSE_TASKS, episodes, info_of
 from vibgym.policies.registry import make_policy
 

@@ -1,0 +1,150 @@
+"""What is registered, and where the contracts try it: every name in each scene that it may stand in."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+
+from tests.actuators.test_actuators_door import Weak
+from tests.sensing.test_sensing_door import Shifted
+from vibgym.actuators import ACTUATORS
+from vibgym.envs import ACTIONS, OBSERVATIONS
+from vibgym.sensing import ESTIMATORS, SENSORS
+from vibgym.tasks import TASKS
+
+IDS = tuple(name for name in gym.registry if name.startswith("vibgym/"))
+OWN = ((SENSORS, {"shifted": Shifted}), (ACTUATORS, {"weak": Weak}))
+"""A user's, of which the contracts hold as well; registered for as long as a contract is tried."""
+
+LIMIT = 6
+"""Steps: short episodes, so that many begin."""
+
+MACHINE = {"kind": "prototype", "latency": 2, "dead": 0.05, "stuck": 0.05}
+SENSOR = {"kind": "pose", "bias": 1e-4, "dropout": 0.2, "delay": 2}
+MODELLED = {"kind": "pose", "estimator": "model"}
+DRAWN = {"friction": [0.9, 1.1], "dead_zone": [5e-5, 1.5e-4], "latency": [0, 3], "gain_spread": [0.0, 0.1]}
+
+
+class Scene(NamedTuple):
+    """Arguments of ``gym.make`` and ``gym.make_vec``."""
+
+    id: str
+    settings: dict[str, Any]
+
+    def single(self, **more: Any) -> Any:
+        """One environment, with Gymnasium's wrappers."""
+        return gym.make(self.id, **{"max_episode_steps": LIMIT, **self.settings, **more})
+
+    def batch(self, worlds: int, **more: Any) -> Any:
+        """The native batch."""
+        return gym.make_vec(self.id, num_envs=worlds, **{"max_episode_steps": LIMIT, **self.settings, **more})
+
+
+class Entry(NamedTuple):
+    """A name, and of what."""
+
+    of: str
+    name: str
+
+    @property
+    def scenes(self) -> list[Scene]:
+        """Where it may stand; in some of them it may be refused."""
+        return [Scene(name, {"action": "field", **settings}) for name, settings in PLACES[self.of](self.name)]
+
+
+ONE, SEVERAL, MOVING = (f"vibgym/{task}-v0" for task in ("Align", "Sort", "Follow"))
+
+OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
+    "averaged, long steps": (ONE, {"model": "averaged", "periods_per_step": 3}),
+    "friction, mass and incline drawn": (ONE, {"randomize": {"friction": [0.5, 1.5], "mass": [0.25, 4], "incline": 0.03}}),
+    "parts drawn too": (SEVERAL, {"randomize": {"parts": [2, 6], "mass": [0.5, 2.0], "incline": 0.02}}),
+    "slots": (SEVERAL, {"slots": 7, "observation": "parts", "randomize": {"parts": [2, 6]}, "sensor": "pose"}),
+    "a crowd in an image": ("vibgym/SortCrowded-v0", {"action": "patch", "observation": "image", "walls": ["top"]}),
+    "off a small table": ("vibgym/Transport-v0", {"surface": {"rows": 3, "columns": 4}, "observation": "image"}),
+    "a machine that is drawn": (ONE, {"actuators": {**MACHINE, "bandwidth": 5.0}, "randomize": DRAWN}),
+    "wrenches by a model": (SEVERAL, {"action": "wrench", "actuators": "prototype", "sensor": MODELLED}),
+    "everything at once": (
+        SEVERAL, {
+            "surface": {"rows": 8, "columns": 20, "element_size_mm": 30.0, "max_amplitude": 3e-4},
+            "parts": ["steel_block", {"shape": "disc", "radius_mm": 20, "friction": 0.5, "name": "coin"}, "steel_block"],
+            "action": "patch", "randomize": {"parts": [2, 3]}, "start": "crowded", "slots": 4, "walls": ["left", "right"],
+            "zones": {"steel_block": [0.0, 0.0, 0.2, 0.24], "coin": [0.4, 0.0, 0.6, 0.24]}, "periods_per_step": 2,
+        },
+    ),
+    "an interlaced camera": (
+        ONE, {"sensor": {"kind": "camera", "lines": "interlaced", "edge": "threshold", "delay": 2}, "observation": "camera"},
+    ),
+    "a statistical camera": (ONE, {"sensor": {"kind": "camera", "statistical": True, "delay": 1}, "observation": "camera"}),
+    "three paths": (MOVING, {"action": "patch", "parts": ["steel_block", "aluminium_block", "steel_block"]}),
+    "a path along": (MOVING, {"paths": {"heading": "along"}, "sensor": MODELLED, "actuators": "prototype"}),
+    "a short path": (
+        MOVING, {"paths": [{"shape": "polyline", "points_mm": [[100, 80], [100, 95]]}], "periods_per_step": 3},
+    ),
+}  # fmt: skip
+"""Settings that change much of what an environment keeps from step to step."""
+
+PLACES = {
+    "id": lambda name: [(name, {})],
+    "other": lambda name: [OTHERS[name]],
+    "task": lambda name: [(ONE, {"task": name})],
+    "action": lambda name: [
+        (ONE, {"action": name}),
+        (SEVERAL, {"action": name, "actuators": MACHINE, "randomize": {"parts": [2, 4]}}),
+    ],
+    "observation": lambda name: [
+        *((each, {"observation": name}) for each in (ONE, SEVERAL, MOVING)),
+        (ONE, {"observation": name, "sensor": "camera"}),
+    ],
+    "actuators": lambda name: [
+        (ONE, {"actuators": name}),
+        (SEVERAL, {"actuators": {"kind": name, "latency": 3}, "periods_per_step": 2, "randomize": {"parts": [2, 6]}}),
+    ],
+    "sensor": lambda name: [
+        (ONE, {"sensor": name}),
+        (SEVERAL, {"sensor": {"kind": name, "delay": 3}, "periods_per_step": 2, "walls": ["left"]}),
+    ],
+    "estimator": lambda name: [
+        (ONE, {"sensor": {**SENSOR, "estimator": name, "tell": ["age", "sigma"]}, "actuators": MACHINE}),
+        (SEVERAL, {"sensor": {**SENSOR, "estimator": name}, "actuators": MACHINE, "periods_per_step": 3}),
+    ],
+}
+REGISTRIES: dict[str, Mapping[str, Any]] = {
+    "action": ACTIONS,
+    "observation": OBSERVATIONS,
+    "actuators": ACTUATORS,
+    "sensor": SENSORS,
+    "estimator": ESTIMATORS,
+}
+IN_IDS = {gym.registry[name].kwargs["task"] for name in IDS}
+ENTRIES = (
+    *(Entry("id", name) for name in IDS),
+    *(Entry("task", name) for name in TASKS if name not in IN_IDS),
+    *(Entry("other", name) for name in OTHERS),
+    *(Entry(of, name) for of, names in REGISTRIES.items() for name in names),
+    Entry("sensor", "shifted"),
+    Entry("actuators", "weak"),
+)
+
+
+@functools.cache
+def refusal(entry: Entry, place: int) -> str | None:
+    """Why an entry does not serve one of its scenes; None where it does."""
+    try:
+        entry.scenes[place].single().close()
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def served(entry: Entry) -> list[Scene]:
+    """The scenes that an entry serves."""
+    return [scene for place, scene in enumerate(entry.scenes) if refusal(entry, place) is None]
+
+
+def is_one_line(text: str, *named: str) -> bool:
+    """Whether an error names what was wrong and what is allowed, in one line."""
+    return bool(re.fullmatch(r"[^\n]+: got [^\n]*; allowed: [^\n]+", text)) and all(each in text for each in named)

@@ -1,0 +1,248 @@
+"""What holds of every environment, whatever registered name is in it: see :mod:`tests.contracts.entries`."""
+
+import copy
+import math
+import pickle
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from stable_baselines3.common.env_checker import check_env as check_sb3_env
+
+from tests.contracts.entries import ENTRIES, LIMIT, is_one_line, refusal, served
+from tests.envs.helpers import assert_same
+
+WORLDS, STEPS = 3, 2 * LIMIT + 2  # the third episode has begun
+MODES = list(AutoresetMode)
+everywhere = pytest.mark.parametrize("entry", ENTRIES, ids="-".join)
+
+
+def actions_for(env, steps=STEPS, seed=5, most=1.0):
+    return np.random.default_rng(seed).uniform(-most, most, (steps, *env.action_space.shape)).astype(np.float32)
+
+
+def played(env, actions):
+    """Everything that comes out of steps, and of the resets that a single environment needs."""
+    record = []
+    for action in actions:
+        record.append(env.step(action))
+        if np.ndim(record[-1][2]) == 0 and (record[-1][2] or record[-1][3]):
+            record.append(env.reset())
+    return record
+
+
+@everywhere
+def test_scenes_are_served_or_refused_in_one_line(entry):
+    said = [refusal(entry, place) for place in range(len(entry.scenes))]
+    assert None in said
+    for text in said:
+        assert text is None or is_one_line(text, entry.name if entry.of == "observation" else ""), text
+
+
+@everywhere
+def test_checkers_of_gymnasium_and_stable_baselines(entry, monkeypatch):
+    """With warnings as errors. They render, in a window too, every id; what is in it changes no picture."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    for scene in served(entry):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            check_env(scene.single().unwrapped, skip_render_check=entry.of != "id")
+            space = scene.single().observation_space
+            shapes = [each.shape for each in getattr(space, "spaces", {"": space}).values()]
+            # Stable-Baselines3 takes others than vectors and images of its usual networks with a warning.
+            known = all(len(shape) == 1 or (len(shape) == 3 and min(shape[:2]) >= 36) for shape in shapes)
+            check_sb3_env(scene.single().unwrapped, warn=known, skip_render_check=True)
+
+
+@everywhere
+@pytest.mark.parametrize("mode", MODES, ids=lambda mode: mode.name)
+def test_a_batch_gives_what_single_environments_give_and_keeps_its_hands_off_it(entry, mode):
+    """Bit for bit, world k with seed s + k, over ends of episodes; and what was returned stays as it was."""
+    for scene in served(entry):
+        native = scene.batch(WORLDS, autoreset_mode=mode)
+        sync = SyncVectorEnv([scene.single] * WORLDS, autoreset_mode=mode)
+        returned = [native.reset(seed=11)]
+        kept = copy.deepcopy(returned)
+        assert_same(kept[0], sync.reset(seed=11), "reset")
+        ended = 0
+        for step, action in enumerate(actions_for(native, most=1.5)):
+            returned.append(native.step(action))
+            kept.append(copy.deepcopy(returned[-1]))
+            assert_same(kept[-1], sync.step(action), f"{scene}, step {step}")
+            done = returned[-1][2] | returned[-1][3]
+            ended += done.sum()
+            for world in np.flatnonzero(done) if mode is AutoresetMode.DISABLED else ():  # one after the other
+                mask = np.arange(WORLDS) == world
+                returned.append(native.reset(options={"reset_mask": mask}))
+                kept.append(copy.deepcopy(returned[-1]))
+                # SyncVectorEnv takes the mask out of the mapping it is given.
+                assert_same(kept[-1], sync.reset(options={"reset_mask": mask.copy()}), f"{scene}, after step {step}")
+        assert_same(returned, kept)
+        assert ended >= WORLDS
+
+
+@everywhere
+def test_spaces_hold_what_is_returned(entry):
+    """Gymnasium has no checker for native batches: its passive checks, by hand; and rewards are the sum of their terms."""
+    for scene in served(entry):
+        one, env = scene.single(), scene.batch(WORLDS)
+        assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+        assert env.single_action_space == one.action_space and env.single_observation_space == one.observation_space
+        assert env.action_space == gym.vector.utils.batch_space(one.action_space, WORLDS)
+        assert env.observation_space == gym.vector.utils.batch_space(one.observation_space, WORLDS)
+        seen, info = env.reset(seed=1)
+        assert env.observation_space.contains(seen) and isinstance(info, dict)
+        for action in actions_for(env):
+            seen, reward, terminated, truncated, info = env.step(action)
+            assert env.observation_space.contains(seen)
+            assert (
+                reward.dtype == np.float64 and terminated.dtype == truncated.dtype == info["is_success"].dtype == bool
+            )
+            assert reward.shape == terminated.shape == truncated.shape == info["is_success"].shape == (WORLDS,)
+            terms = [each for name, each in info["reward_terms"].items() if not name.startswith("_")]
+            assert reward == pytest.approx(np.sum(terms, axis=0), abs=1e-12)
+        env.close()
+
+
+@everywhere
+def test_snapshots_and_copies_go_on_bit_for_bit(entry):
+    """From a random instant: in another environment, back in time in the same, through a file, and as a pickled copy."""
+    instants = np.random.default_rng([ord(letter) for letter in entry.name])
+    for scene in served(entry):
+        for make in (scene.single, lambda scene=scene: scene.batch(WORLDS, autoreset_mode="SameStep")):
+            env, other = make().unwrapped, make().unwrapped
+            actions, instant = actions_for(env), int(instants.integers(1, STEPS - LIMIT))
+            env.reset(seed=4)
+            played(env, actions[:instant])
+            state, twin = env.get_state(), pickle.loads(pickle.dumps(env))
+            kept = copy.deepcopy(state)
+            rest = played(env, actions[instant:])
+            assert_same(state, kept)  # it holds copies
+            other.set_state(state)  # without a reset before
+            assert_same(played(other, actions[instant:]), rest)
+            env.set_state(pickle.loads(pickle.dumps(state)))
+            assert_same(played(env, actions[instant:]), rest)
+            assert_same(played(twin, actions[instant:]), rest)
+            assert_same(state, kept)
+            assert_same(env.reset(), other.reset())  # generators too
+
+
+@everywhere
+def test_a_specification_survives_json_and_seeds_reproduce(entry):
+    for scene in served(entry):
+        before = copy.deepcopy(scene)
+        for make, again in (
+            (scene.single, gym.make),
+            (lambda scene=scene: scene.batch(2), lambda spec: gym.make_vec(spec, num_envs=2)),
+        ):
+            env = make()
+            spec = EnvSpec.from_json(env.spec.to_json())
+            assert spec == env.spec
+            actions, (one, two) = actions_for(env, 4), (env, again(spec))
+            assert_same(one.reset(seed=3), two.reset(seed=3))
+            returned = played(one, actions)
+            kept = copy.deepcopy(returned)
+            assert_same(played(two, actions), returned)
+            played(one, actions)
+            assert_same(returned, kept)  # nothing that was returned is overwritten
+        assert_same(scene, before)  # settings that are given are not changed
+
+
+@everywhere
+def test_every_number_of_an_observation_is_named_once(entry):
+    """Also beside another observation, by ``observed``."""
+    for scene in served(entry):
+        env = scene.batch(WORLDS).unwrapped
+        env.reset(seed=2)
+        for action in actions_for(env, 3):
+            env.step(action)
+        state, parts = env.observed("state"), env.observed("parts")["parts"]
+        for rows, numbers in ((env.observation_layout, state), (env.parts_layout, parts)):
+            assert sum(row.width for row in rows) == numbers.shape[-1]
+            assert [row.start for row in rows] == np.cumsum([0, *(row.width for row in rows)])[:-1].tolist()
+            assert all(row.name and row.unit and row.meaning and len(row.scale) == row.width for row in rows)
+            low, high = (np.concatenate([np.full(row.width, row.range[k]) for row in rows]) for k in range(2))
+            assert (numbers >= low).all() and (numbers <= high).all()
+        assert {row.part for row in env.observation_layout} - {None} == set(range(len(env.parts)))
+
+
+@everywhere
+def test_actions_have_a_shape_and_either_form_will_do(entry):
+    """Flat in C order, lists as arrays; finite values outside are clipped."""
+    for scene in served(entry):
+        env = scene.single()
+        shape = env.unwrapped.action_shape
+        assert env.action_space == gym.spaces.Box(-1.0, 1.0, (math.prod(shape),), np.float32)
+        wild = actions_for(env, 1, most=3.0)[0].reshape(shape)
+        forms = [np.clip(wild, -1, 1).ravel(), np.clip(wild, -1, 1), wild.tolist(), 1e3 * wild.astype(float) / 1e3]
+        results = []
+        for form in forms:
+            env.reset(seed=3)
+            results.append(env.step(form))
+        for result in results[1:]:
+            assert_same(result, results[0])
+        env.reset(seed=3)
+        ends = env.step(np.sign(wild))
+        env.reset(seed=3)
+        assert_same(env.step(wild.astype(np.float64) * 1e300), ends)
+        many = scene.batch(2)
+        many.reset(seed=3)
+        given = np.stack([wild, wild])
+        together = many.step(given)
+        assert (given == wild).all()  # the caller's array is left alone
+        many.reset(seed=3)
+        assert_same(many.step(given.reshape(2, -1)), together)
+
+
+def bad_actions(shape):
+    """Of one world, by name."""
+    good = np.zeros(shape, dtype=np.float32)
+    for value in (np.nan, np.inf, -np.inf):
+        bad = good.copy()
+        bad.flat[-1] = value
+        yield str(value), bad
+    yield "longer", np.zeros((*shape[:-1], shape[-1] + 1), dtype=np.float32)
+    yield "longer, flat", np.zeros(math.prod(shape) + 1, dtype=np.float32)
+    yield "a batch", good[None]
+    yield from {
+        "number": 0.0,
+        "none": None,
+        "text": "up",
+        "mapping": {"action": 0},
+        "ragged": [[0.0] * 6, [0.0]],
+    }.items()
+    yield from ((str(kind), good.astype(kind)) for kind in (str, bool, complex, object))
+
+
+@everywhere
+def test_bad_actions_are_refused_and_no_world_moves(entry):
+    for scene in served(entry):
+        one, many = scene.single().unwrapped, scene.batch(2).unwrapped
+        one.reset(seed=2), many.reset(seed=2)
+        before = one.get_state(), many.get_state()
+        good = np.zeros(one.action_shape, dtype=np.float32)
+        for name, bad in bad_actions(good.shape):
+            stacked = isinstance(bad, np.ndarray) and bad.shape == good.shape
+            both = np.stack([good.astype(bad.dtype), bad]) if stacked else [good.tolist(), bad]
+            for env, action in ((one, bad), (many, both)):
+                with pytest.raises(ValueError, match="^action: ") as error:
+                    env.step(action)
+                assert is_one_line(str(error.value)), name
+        assert_same((one.get_state(), many.get_state()), before)
+
+
+@everywhere
+@pytest.mark.parametrize("bad", [{"colour": 1}, {"kind": "no such"}, "no such", 3, None, [], math.nan])
+def test_bad_settings_are_refused_in_one_line(entry, bad):
+    """In the place of the entry, for one environment and for a batch."""
+    argument = {"id": "task", "estimator": "sensor"}.get(entry.of, entry.of)
+    value = {"kind": "pose", "estimator": bad} if entry.of == "estimator" else bad
+    scene = served(entry)[0]
+    for make in (scene.single, lambda **more: scene.batch(2, **more)):
+        with pytest.raises(ValueError) as error:
+            make(**{argument: value})
+        assert is_one_line(str(error.value), argument.split("[")[0])

@@ -1,0 +1,143 @@
+"""What holds of every controller and every law, by name: in whatever task it serves, and where it does not."""
+
+import functools
+import inspect
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from tests.contracts.entries import IDS, SEVERAL, is_one_line
+from tests.policies.trained.helpers import actor_tensors, policy_file
+from vibgym.policies.classical.laws import LAWS
+from vibgym.policies.classical.measured import Measured
+from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.coding import Coding
+from vibgym.policies.trained.residual import with_base
+
+WORLDS, STEPS = 4, 5
+SHIPPED = Path("vibgym/policies/trained/shipped")
+FILES = {
+    "trained": SHIPPED / "{task}.json",
+    "schedule": SHIPPED / "schedules/aluminium_block-ideal.json",
+    "residual": "{folder}/{{task}}.json",
+}
+"""Of controllers that are read from one."""
+
+CASES = [(name, {}) for name in CONTROLLERS] + [
+    (kind, {"law": law}) for law in LAWS for kind in ("local_field", "planner")
+]
+OF_TASKS = {gym.registry[name].kwargs["task"]: name for name in reversed(IDS)}
+"""An environment of each task."""
+
+controllers = pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join((case[0], *case[1].values())))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """With a correction that nobody has trained, for Align."""
+    directory = tmp_path_factory.mktemp("corrections")
+    info = TaskInfo.of(made("vibgym/Align-v0"))
+    coding = Coding(info.surface, info.parts, with_base(info.parts_layout), "wrench")
+    record = {"columns": coding.columns, "action": "wrench", "residual": {"base": {"kind": "pose"}, "scale": 0.2}}
+    policy_file(directory, info, actor_tensors(coding.shape), **record).rename(directory / "align.json")
+    return directory
+
+
+def made(name, **settings):
+    return gym.make(name, **{"action": "field", **settings})
+
+
+def policy_of(case, name, folder):
+    """The controller of a case, for an environment; or why it does not serve that."""
+    kind, arguments = case
+    if kind in FILES:
+        arguments = {**arguments, "path": str(FILES[kind]).format(folder=folder, task="{task}")}
+    try:
+        return make_policy({"kind": kind, **arguments}, policy_info(name))
+    except ValueError as error:
+        return str(error)
+
+
+@functools.cache
+def policy_info(name):
+    return TaskInfo.of(made(name))
+
+
+@controllers
+def test_they_serve_a_task_or_refuse_it_in_one_line(case, folder):
+    said = [policy_of(case, name, folder) for name in IDS]
+    assert any(not isinstance(each, str) for each in said)
+    assert all(is_one_line(each) for each in said if isinstance(each, str))
+
+
+def rows_of(seen, chosen):
+    """Some worlds of a batch of observations."""
+    return {key: each[chosen] for key, each in seen.items()} if isinstance(seen, dict) else seen[chosen]
+
+
+@controllers
+def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
+    """Actions are in the space; worlds know nothing of one another; who draws at random says so by taking a seed."""
+    for name in OF_TASKS.values():
+        policy = policy_of(case, name, folder)
+        if isinstance(policy, str):
+            continue
+        settings = {"randomize": {"parts": [2, 6]}} if len(policy_info(name).parts) > 1 else {}
+        env = gym.make_vec(name, num_envs=WORLDS, action=policy.action, observation=policy.observation, **settings)
+        draws = "seed" in inspect.signature(CONTROLLERS[case[0]]).parameters
+        seen, _ = env.reset(seed=3)
+        together, alone, random = None, [None] * WORLDS, np.random.default_rng(0)
+        for step in range(STEPS):
+            start = np.array([step == 0] * WORLDS)
+            start[2] |= step == 3
+            before = repr(together)
+            actions, memory = policy.predict(seen, together, start)
+            assert repr(together) == before  # a memory is not written to: it may be kept
+            together = memory
+            assert actions.dtype == np.float32 and env.action_space.contains(actions)
+            for world in range(WORLDS):
+                row = rows_of(seen, world)
+                action, alone[world] = policy.predict(row, alone[world], start[world : world + 1])
+                assert env.single_action_space.contains(action)
+                assert draws or action == pytest.approx(actions[world], abs=1e-6)  # float32
+            if step == 3 and not draws:
+                fresh, _ = policy.predict(rows_of(seen, slice(2, 3)))
+                assert fresh == pytest.approx(actions[2:3], abs=1e-6)
+            push = random.uniform(-1, 1, actions.shape).astype(np.float32)
+            seen, *_ = env.step(np.where(step % 2, push, actions))
+        env.close()
+
+
+@controllers
+@pytest.mark.parametrize("bad", [{"colour": 1}, {"info": 1}])
+def test_arguments_that_they_do_not_know_are_refused(case, bad, folder):
+    with pytest.raises(ValueError) as error:
+        make_policy({"kind": case[0], **case[1], **bad}, policy_info("vibgym/Align-v0"))
+    assert is_one_line(str(error.value), *bad)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("scene", ["vibgym/Align-v0", SEVERAL])
+def test_laws_take_batches_row_by_row(name, scene):
+    """Wanted accelerations of a world and its memory do not depend on the worlds beside it."""
+    info = policy_info(scene)
+    law = LAWS[name](info)
+    assert law.lead > 0.0 and law.slack >= 0.0
+    env = gym.make_vec(scene, num_envs=WORLDS, action="field")
+    seen, _ = env.reset(seed=1)
+    worlds = [slice(None), *(slice(k, k + 1) for k in range(WORLDS))]
+    memories = [law.initial(WORLDS if k == 0 else 1) for k in range(len(worlds))]
+    for _ in range(STEPS):
+        wants = []
+        for k, chosen in enumerate(worlds):
+            measured = Measured.of(seen[chosen], info)
+            want, memory = law.wanted(measured, measured.way, measured.turn, memories[k])
+            assert want.shape == (*measured.present.shape, 3)
+            memories[k] = law.applied(measured, 0.5 * np.nan_to_num(want), memory)
+            wants.append(want)
+        assert np.concatenate(wants[1:]) == pytest.approx(wants[0], rel=1e-9, abs=1e-9, nan_ok=True)
+        seen, *_ = env.step(env.action_space.sample() * 0.3)
+    env.close()
