@@ -10,13 +10,14 @@ import argparse
 import contextlib
 import importlib
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from agents import imports
 from agents.failures import TrainingError
 from vibgym import interrupts
+from vibgym.checks import Refused
 from vibgym.files import WriteError
 
 EXTRAS = {
@@ -41,7 +42,7 @@ class Command(NamedTuple):
     """Adds its own arguments; all commands have ``--output``, ``--import`` and ``--quiet``."""
 
     run: Callable[[argparse.Namespace], int | None]
-    """Does its work; None is 0. A ValueError is bad input."""
+    """Does its work; None is 0. What it refuses is bad input, see :class:`vibgym.checks.Refused`."""
 
     output: str = "directory for what is written"
     """What ``--output`` is, which is a directory for every command."""
@@ -98,7 +99,7 @@ def guarded(name: str, work: Callable[[], int], extra: str | None = None) -> int
     def one_line() -> int:
         try:
             return work()
-        except ValueError as error:  # NoCluster, too
+        except Refused as error:  # NoCluster, too
             return _told(error, 2)
         except (TrainingError, WriteError, ConnectionError) as error:  # of a cluster whose nodes are lost for good
             return _told(error, 1)
@@ -132,15 +133,6 @@ def side_by_side(parser: argparse.ArgumentParser, processes: bool = True) -> Non
 def some(parser: argparse.ArgumentParser, option: str) -> None:
     """A choice of what a file names, all by default."""
     parser.add_argument(option, action="append", metavar="NAME", help="only this one; may be given several times")
-
-
-@contextlib.contextmanager
-def named(config: Path) -> Iterator[None]:
-    """Bad input that shows inside is that file's."""
-    try:
-        yield
-    except ValueError as error:
-        raise ValueError(f"{config}: {error}") from None
 
 
 def entered(context: contextlib.AbstractContextManager[object]) -> contextlib.ExitStack:

@@ -25,7 +25,8 @@ def take_part(modules: Sequence[str], argument: str = "--import") -> None:
         try:
             importlib.import_module(name)
         except Exception as error:
-            allowed = f"a module or package that can be imported ({type(error).__name__}: {error})"
+            kind = ValueError if isinstance(error, checks.Refused) else type(error)
+            allowed = f"a module or package that can be imported ({kind.__name__}: {error})"
             raise checks.refuse(argument, name, allowed) from error
         if name not in _imported:
             _imported.append(name)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import inspect
 import math
 import numbers
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,26 @@ MOST_LABEL = 80
 """Characters of a name that reports and pictures show."""
 
 
-def refuse(name: str, value: object, allowed: str) -> ValueError:
+class Refused(ValueError):
+    """Bad input, said in one line. Any other ValueError is a fault of the program."""
+
+
+@contextlib.contextmanager
+def within(place: object, joint: str = ": ", kind: type[ValueError] = ValueError) -> Iterator[None]:
+    """What shows inside to be wrong with values is bad input of a file or a setting, whose name comes first.
+
+    Around work that may fail for other reasons ``kind`` is :class:`Refused`.
+    """
+    try:
+        yield
+    except kind as error:
+        raise Refused(f"{place}{joint}{error}") from None
+
+
+def refuse(name: str, value: object, allowed: str) -> Refused:
     """The error for argument ``name``, in one line of characters that show; long values and names are shortened."""
     message = f"{_shortened(name, 500)}: got {_shortened(shown(value), 120)}; allowed: {_shortened(allowed, 2000)}"
-    return ValueError(plain_text(" ".join(message.splitlines())))
+    return Refused(plain_text(" ".join(message.splitlines())))
 
 
 def plain_text(text: str) -> str:

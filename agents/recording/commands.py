@@ -6,6 +6,7 @@ import argparse
 
 from agents import command_line
 from agents.command_line import Command
+from vibgym import checks
 
 
 def record_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +22,7 @@ def record(arguments: argparse.Namespace) -> None:
     settings = load_settings(arguments.config)
     if arguments.output is not None:
         settings = settings.model_copy(update={"directory": str(arguments.output)})
-    with command_line.named(arguments.config):
+    with checks.within(arguments.config, kind=checks.Refused):
         place, steps, seconds = record(settings, arguments.quiet)
     print(f"{place}: {settings.episodes} episodes, {steps} steps in {seconds:.1f} s, {steps / seconds:.0f} steps/s")
 

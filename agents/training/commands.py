@@ -7,6 +7,7 @@ from pathlib import Path
 
 from agents import command_line
 from agents.command_line import Command
+from vibgym import checks
 
 
 def train_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,12 +30,12 @@ def train(arguments: argparse.Namespace) -> None:
     config, output, agent, quiet = arguments.config, arguments.output, arguments.agent, arguments.quiet
     if arguments.seeds is None:
         if arguments.ray is not None:
-            raise ValueError(f"--ray: got {arguments.ray!r}; allowed: nothing without --seeds")
+            raise checks.refuse("--ray", arguments.ray, "nothing without --seeds")
         train(config, output, quiet, arguments.policy, agent, arguments.seed)
         return
     for name in ("seed", "policy"):
         if getattr(arguments, name) is not None:
-            raise ValueError(f"--{name}: got {getattr(arguments, name)}; allowed: nothing beside --seeds")
+            raise checks.refuse(f"--{name}", getattr(arguments, name), "nothing beside --seeds")
     paths = train_seeds(config, arguments.seeds, output, quiet, agent, arguments.processes, arguments.ray)
     print("\n".join(map(str, paths)))
 

@@ -46,10 +46,8 @@ class PartsAlgorithm(Algorithm):
         residual = self.settings.residual
         if residual is None:
             return env
-        try:
+        with checks.within("residual"):
             return ResidualEnv(env, make_policy(residual.base, TaskInfo.of(env)), residual.scale)
-        except ValueError as error:
-            raise ValueError(f"residual: {error}") from None
 
     def coding(self, env: VibgymVectorEnv | ResidualEnv) -> Coding | PictureCoding:
         """How the run's network reads and acts in an environment.

@@ -54,10 +54,8 @@ def train(
     """
     settings = load_settings(config, agent, seed)
     directory = output or Path(settings.output or Path("runs") / config.stem)
-    try:
+    with checks.within(config):
         training = Training(settings, directory, quiet)
-    except ValueError as error:
-        raise ValueError(f"{config}: {error}") from None
     with training:
         path = training.run(policy)
     if not quiet:
@@ -86,10 +84,8 @@ class Training:
         self.settings, self.directory, self.quiet = settings, directory, quiet
         self.algorithm = ALGORITHMS[settings.algorithm](settings)
         self.seconds = 0.0
-        try:
+        with checks.within("environment"):
             self.env = self.algorithm.make_env()
-        except ValueError as error:
-            raise ValueError(f"environment: {error}") from None
         try:
             self.model = self.algorithm.make_model(self.env)
             lessons = settings.imitation

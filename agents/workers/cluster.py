@@ -43,7 +43,7 @@ class NodesLost(ConnectionError):
     """No node of the cluster that could work is left."""
 
 
-class NoCluster(ValueError):
+class NoCluster(checks.Refused):
     """No cluster at the address that was given."""
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from agents import command_line
 from agents.command_line import Command
-from vibgym import interrupts
+from vibgym import checks, interrupts
 
 interrupts.start_command()
 
@@ -33,7 +33,7 @@ def accuracy(arguments: argparse.Namespace) -> None:
     from studies.accuracy import page, report, settings, tables
 
     asked = settings.load_settings(arguments.config, None if arguments.output is None else str(arguments.output))
-    with command_line.named(arguments.config):
+    with checks.within(arguments.config):
         prepared = report.prepare(asked)
         held = command_line.entered(locks.one_run(prepared.output))
     with held:  # the directory is this run's until its files are written

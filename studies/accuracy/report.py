@@ -15,7 +15,7 @@ from studies.accuracy.peers import peer_candidate
 from studies.accuracy.provenance import provenance
 from studies.accuracy.scenes import Scene, scenes_from
 from studies.accuracy.settings import ReportSettings
-from vibgym import files
+from vibgym import checks, files
 from vibgym.simulation.schemes import planar_scheme
 from vibgym.simulation.simulator import Simulator
 
@@ -73,10 +73,8 @@ def prepare(settings: ReportSettings) -> Prepared:
     """
     scenes = scenes_from(settings.scenes, settings.strong_tolerances, settings.weak_tolerances)
     for index, scene in enumerate(scenes):
-        try:
+        with checks.within(f"scenes.{index}"):
             Simulator(scene.surface, scene.part)  # what the planar model does not cover has no truth
-        except ValueError as error:
-            raise ValueError(f"scenes.{index}: {error}") from None
     candidates = _candidates(settings)
     output = files.output_directory(Path(settings.output))
     files.output_files((output / name for name in FILES), "output")

@@ -205,12 +205,12 @@ def scene_from(
         surface = surface_from(settings.surface)
     except ValueError as error:
         text = str(error)
-        raise ValueError(f"{where}.{text if text.startswith('surface') else f'surface.{text}'}") from None
+        raise checks.Refused(f"{where}.{text if text.startswith('surface') else f'surface.{text}'}") from None
     try:
         part = part_from(settings.part, f"{where}.part")
     except ValueError as error:
         text = str(error)
-        raise ValueError(text if text.startswith(where) else f"{where}.part.{text}") from None
+        raise checks.Refused(text if text.startswith(where) else f"{where}.part.{text}") from None
     if settings.settle >= settings.periods:
         raise checks.refuse(f"{where}.settle", settings.settle, f"less than the {settings.periods} periods of the run")
     drive = parse(DriveSettings, settings.drive, f"{where}.drive")

@@ -93,10 +93,8 @@ class ReportSettings(Settings):
             where = f"models.{index}"
             model, choices = _named(given, where, "model", MODELS)
             for knobs in _combinations(choices, where):
-                try:
+                with checks.within(where, "."):
                     Simulator(surface, part, model=model, **knobs)
-                except ValueError as error:
-                    raise ValueError(f"{where}.{error}") from None
                 found.append((model, knobs))
         return found
 
@@ -166,7 +164,5 @@ def settings_from(data: Any, output: str | None = None) -> ReportSettings:
 def load_settings(path: Path, output: str | None = None) -> ReportSettings:
     """Checked settings from a YAML file; see :func:`settings_from`. Errors name the file."""
     data = load_yaml(path)
-    try:
+    with checks.within(path):
         return settings_from(data, output)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None

@@ -70,13 +70,15 @@ class VecEnv(vec_env.VecEnv):
         for env in envs:
             mode = env.metadata.get("autoreset_mode")
             if mode is not AutoresetMode.SAME_STEP:
-                raise ValueError(f"env: autoreset_mode is {mode}; allowed: {AutoresetMode.SAME_STEP}")
+                raise checks.Refused(f"env: autoreset_mode is {mode}; allowed: {AutoresetMode.SAME_STEP}")
             if env.single_observation_space != space or env.single_action_space != actions:
                 got = f"{env.single_observation_space} and {env.single_action_space}"
                 raise checks.refuse("scenes", got, f"scenes with the same spaces, {space} and {actions}")
         boxes = space.values() if isinstance(space, gym.spaces.Dict) else (space,)
         if not all(isinstance(each, gym.spaces.Box | gym.spaces.MultiBinary) for each in boxes):
-            raise ValueError(f"env: observation is {space}; allowed: a box, or a dictionary of boxes and binary arrays")
+            raise checks.Refused(
+                f"env: observation is {space}; allowed: a box, or a dictionary of boxes and binary arrays"
+            )
         super().__init__(sum(env.num_envs for env in envs), space, actions)
         first = np.cumsum([0, *(env.num_envs for env in envs)])
         self._slices = [slice(a, b) for a, b in zip(first[:-1], first[1:], strict=True)]

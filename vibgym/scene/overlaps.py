@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.physics.collision.hulls import Hulls, all_gaps, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part
@@ -71,6 +72,6 @@ def check(
                 raise _refuse(name, world, parts, part, f"the {wall} wall", -gap)
 
 
-def _refuse(name: str, world: int, parts: Sequence[Part], i: int, other: str, amount: float) -> ValueError:
+def _refuse(name: str, world: int, parts: Sequence[Part], i: int, other: str, amount: float) -> checks.Refused:
     got = f"part {i} ({parts[i].name!r}) and {other} overlapping by {1e3 * amount:.3g} mm in world {world}"
-    return ValueError(f"{name}: got {got}; allowed: parts that do not overlap (touching is allowed)")
+    return checks.Refused(f"{name}: got {got}; allowed: parts that do not overlap (touching is allowed)")

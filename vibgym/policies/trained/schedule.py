@@ -165,10 +165,8 @@ def read_schedule(path: Path) -> tuple[Schedule, dict[str, Any]]:
     missing = {"fields", "seconds", "goal"} - set(tensors)
     if missing:
         raise checks.refuse(f"{path}: tensors", f"no {', '.join(sorted(missing))}", "fields, seconds and goal")
-    try:
+    with checks.within(path):
         schedule = Schedule(tensors["fields"], tensors["seconds"], tensors["goal"], record.get("friction"))  # type: ignore[arg-type]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return schedule, record
 
 

@@ -119,11 +119,9 @@ def network_of(
     columns = record.get("columns")
     if not isinstance(columns, list) or not all(isinstance(each, list) and len(each) == 2 for each in columns):
         raise checks.refuse(f"{name}: columns", columns, "a list of names and widths")
-    try:
+    with checks.within(name):
         flags = (checks.flag(each, record.get(each)) for each in ("turned", "remembers"))
         coding = CODINGS[network](info.surface, info.parts, info.parts_layout, action, columns, *flags)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None
     if network == ELEMENTS and not coding.shape.has_elements:
         raise checks.refuse(f"{name}: network", network, "'parts', or an action of elements and the column 'element'")
     policy = TrainedPolicy(tensors, network, activation, coding)

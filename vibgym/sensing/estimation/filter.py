@@ -417,8 +417,6 @@ class ModelEstimator(FilterEstimator):
 
     def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
         given = ModelSettings(**settings)
-        try:
+        with checks.within("sensor.estimator", "."):  # the environment has refused all that may be wrong but this model
             predictor = ModelPredictor(sensor, plant, walls, given.model)
-        except ValueError as error:  # the environment has refused all that may be wrong but this model
-            raise ValueError(f"sensor.estimator.{error}") from None
         super().__init__(sensor, predictor, latency, given, given.model_error)

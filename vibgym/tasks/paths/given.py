@@ -86,10 +86,8 @@ class GivenPaths:
 
     @staticmethod
     def _assembled(name: str, shape: Shape, corner: float, header: list[float]) -> np.ndarray:
-        try:
+        with checks.within(name, "."):  # the shape does not know whose it is
             start, lengths, curvatures = shape.course(corner)
-        except ValueError as error:  # of a shape that does not know whose it is
-            raise ValueError(f"{name}.{error}") from None
         rows = [np.array([each], dtype=np.float64) for each in (start, lengths, curvatures, header)]
         return route.routes(*rows)[0]
 
