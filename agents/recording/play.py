@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents import environments
 from agents.recording.record_settings import RecordSettings
 from agents.recording.tracks import Tracks
 from vibgym import checks
+from vibgym.envs.named import batch_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Episodes
@@ -51,12 +51,12 @@ class Recorder:
                 raise checks.refuse(f"environment.{name}", settings.environment[name], "nothing")
         given = dict(settings.environment)
         action = given.pop("action", None)
-        first: Any = environments.make_batch(settings.task, num_envs=1, **given)
+        first: Any = batch_of(settings.task, num_envs=1, **given)
         self.policy: Policy = make_policy(settings.policy, TaskInfo.of(first), settings.first_seed)
         first.close()
         checks.choice("environment.action", action or self.policy.action, (self.policy.action,))
         self.kwargs = {**given, "action": self.policy.action, "observation": settings.observation}
-        self.env: Any = environments.make_batch(
+        self.env: Any = batch_of(
             settings.task,
             num_envs=min(settings.worlds, settings.episodes),
             autoreset_mode="Disabled",

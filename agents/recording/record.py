@@ -19,11 +19,12 @@ from minari.storage.datasets_root_dir import get_dataset_path
 from tqdm import tqdm
 
 import vibgym
-from agents import environments, locks
+from agents import locks
 from agents.recording import storage
 from agents.recording.play import Recorder
 from agents.recording.record_settings import RecordSettings
 from vibgym import checks
+from vibgym.envs.named import environment_id
 from vibgym.files import WriteError, reason
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described
@@ -76,7 +77,7 @@ def record(settings: RecordSettings, quiet: bool = False) -> tuple[Path, int, fl
 def _write(recorder: Recorder, quiet: bool) -> int:
     """Play, and write a data set to where Minari keeps them now; returns its steps."""
     settings, env = recorder.settings, recorder.env
-    name = environments.environment_id(settings.task)
+    name = environment_id(settings.task)
     spec = copy.deepcopy(gym.registry.get(name))
     if spec is not None:  # of a task alone there is none
         spec.kwargs.update(recorder.kwargs)

@@ -9,8 +9,8 @@ from typing import Any
 from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
-from agents import environments
 from vibgym.config import Settings, load_yaml, parse
+from vibgym.envs.named import environment_id
 
 NAME = re.compile(r"([\w-]+/)*[\w-]+-v\d+")
 
@@ -19,7 +19,7 @@ class RecordSettings(Settings):
     """Episodes of one policy on one environment."""
 
     dataset: str  # Minari's name, such as "vibgym/align/pose-v0"
-    task: str  # see agents.environments.make_batch
+    task: str  # see vibgym.envs.named.batch_of
     policy: Any  # as evaluations take it
     environment: dict[str, Any] = {}
     observation: str = "state"  # what is kept; the policy reads its own
@@ -37,12 +37,9 @@ class RecordSettings(Settings):
             raise PydanticCustomError("dataset", "a name such as 'vibgym/align/pose-v0', with a version at its end")
         return dataset
 
-    @field_validator("task")
-    @classmethod
-    def _known(cls, task: str) -> str:
-        return environments.check_task(task)
-
 
 def load_settings(path: Path) -> RecordSettings:
     """Read a file; the first fault is a one-line ValueError that names file and field."""
-    return parse(RecordSettings, load_yaml(path), str(path))
+    settings = parse(RecordSettings, load_yaml(path), str(path))
+    environment_id(settings.task, f"{path}.task")
+    return settings

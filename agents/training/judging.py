@@ -10,9 +10,9 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents import environments
 from agents.training.train_settings import TrainSettings
 from vibgym import checks
+from vibgym.envs.named import batch_of, environment_id
 from vibgym.files import write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
@@ -46,9 +46,9 @@ class Judge:
         self._envs: list[tuple[Any, int]] = []
         self.rows: list[dict[Any, Any]] = []
         self.task = settings.task
-        spec = gym.registry.get(environments.environment_id(self.task))
+        spec = gym.registry.get(environment_id(self.task))
         if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
-            allowed = "registered environments with a step limit: episodes must end"
+            allowed = "environments with a step limit: episodes must end"
             raise checks.refuse("judging", settings.task, allowed)
         scenes = settings.all_scenes
         shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
@@ -86,7 +86,7 @@ class Judge:
         if not self._envs:
             for arguments, first in self._scenes:
                 observation = policy.observation if self.residual is None else ResidualPolicy.observation
-                env = environments.make_batch(self.task, **{**arguments, "observation": observation})
+                env = batch_of(self.task, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
         found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
         success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))

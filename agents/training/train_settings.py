@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field, SerializeAsAny, field_validator, model_serializer
+from pydantic import Field, SerializeAsAny, model_serializer
 
-from agents import environments
 from agents.training.hyperparameters import MOST_STEPS, NetworkSettings
 from agents.training.imitation import ImitationSettings
 from agents.training.outlines import OutlineSettings, scenes
@@ -34,7 +33,7 @@ class ServesSettings(Settings):
 class TrainSettings(Settings):
     """One training run: task, environment, algorithm, length; see :func:`agents.training.training_file.settings_from`."""
 
-    task: str  # see agents.environments.make_batch
+    task: str  # see vibgym.envs.named.batch_of
     environment: dict[str, Any] = {"action": "patch"}
     worlds: int = Field(512, ge=1, le=100_000)
     steps: int = Field(ge=1, le=MOST_STEPS)
@@ -89,8 +88,3 @@ class TrainSettings(Settings):
     def _as_in_files(self, plain: Any) -> dict[str, Any]:
         """The algorithm's own settings stand under its name."""
         return {self.algorithm if name == "own" else name: value for name, value in plain(self).items()}
-
-    @field_validator("task")
-    @classmethod
-    def _known(cls, task: str) -> str:
-        return environments.check_task(task)

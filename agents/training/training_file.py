@@ -16,6 +16,7 @@ from agents.training.residual_env import ResidualSettings
 from agents.training.train_settings import JudgingSettings, ServesSettings, TrainSettings
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
+from vibgym.envs.named import environment_id
 
 SECTIONS: dict[str, type[Settings]] = {
     "imitation": ImitationSettings,
@@ -78,7 +79,9 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
     for each, model in SECTIONS.items():
         if isinstance(data.get(each), Mapping):
             data[each] = parse(model, data[each], f"{where}: {each}")
-    return parse(TrainSettings, {**data, "own": own}, where)
+    settings = parse(TrainSettings, {**data, "own": own}, where)
+    environment_id(settings.task, f"{where}.task")
+    return settings
 
 
 def load_tuning(path: Path, agent: str | None = None) -> tuple[Any, str]:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from agents import environments
 from agents.training.train_settings import TrainSettings
 from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
+from vibgym.envs.named import batch_of
 
 
 def make_worlds(settings: TrainSettings, observation: str, wrapped: Callable[[Any], Any] = lambda env: env) -> VecEnv:
@@ -33,7 +33,7 @@ def make_worlds(settings: TrainSettings, observation: str, wrapped: Callable[[An
     for scene, share in zip(scenes, shares, strict=True):
         own = {"autoreset_mode": "SameStep", **settings.environment, **scene}
         own |= {"num_envs": share, "observation": observation}
-        env = environments.make_batch(settings.task, **own)
+        env = batch_of(settings.task, **own)
         if not isinstance(env.unwrapped, VibgymVectorEnv):
             raise checks.refuse(
                 "task", settings.task, "a task or an id whose batch is a VibgymVectorEnv, wrapped or not"

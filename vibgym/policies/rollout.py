@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
+from vibgym.envs.named import batch_of, environment_id
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
@@ -280,7 +279,7 @@ def _acting(policy: Any, name: str, environment: dict[str, Any], seed: int) -> t
     if not all(hasattr(policy, each) for each in ("predict", "action", "observation")):
         if hasattr(policy, "predict") and not hasattr(policy, "action") and "action" in wanted:
             policy = {"policy": policy, "action": wanted["action"]}
-        env: Any = gym.make_vec(name, num_envs=1, **environment)
+        env = batch_of(name, num_envs=1, **environment)
         policy = make_policy(policy, TaskInfo.of(env), seed)
         env.close()
     spoken = {"action": policy.action, "observation": policy.observation}
@@ -289,39 +288,18 @@ def _acting(policy: Any, name: str, environment: dict[str, Any], seed: int) -> t
     return policy, spoken
 
 
-def environment_id(task: Any, field: str = "task") -> str:
-    """The id under which Gymnasium knows an environment of vibgym: what is given, or ``vibgym/Sort-v0`` for ``Sort``.
-
-    Args:
-        task: an id, or a short name.
-        field: of the settings that it comes from, for errors.
-
-    Raises:
-        ValueError: there is none, or it is none of vibgym's.
-    """
-    name = task if task in gym.registry else f"vibgym/{task}-v0"
-    if not isinstance(task, str) or name not in gym.registry:
-        own = [repr(spec.name) for spec in gym.registry.values() if spec.namespace == "vibgym"]
-        raise checks.refuse(field, task, f"{', '.join(own)}, or the id of another registered environment")
-    entry = gym.registry[name].vector_entry_point
-    made = load_env_creator(entry) if isinstance(entry, str) else entry
-    if made is None or (isinstance(made, type) and not issubclass(made, VibgymVectorEnv)):
-        raise checks.refuse(field, task, "environments with 'vibgym.envs:VibgymVectorEnv' as vector_entry_point")
-    return name
-
-
 def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:
     """A batch of worlds in which :class:`Episodes` can play.
 
     Args:
-        task: see :func:`environment_id`.
+        task: see :func:`vibgym.envs.named.environment_id`.
         count: number of worlds.
         **arguments: of the environment.
 
     Raises:
         ValueError: a bad setting, or an environment without a limit of steps.
     """
-    env = gym.make_vec(environment_id(task), num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **arguments)
-    if env.unwrapped.max_episode_steps is None:  # type: ignore[attr-defined]
+    env = batch_of(task, num_envs=count, autoreset_mode=AutoresetMode.DISABLED, **arguments)
+    if env.unwrapped.max_episode_steps is None:
         raise checks.refuse("task", task, "environments with a step limit: episodes must end")
     return env
