@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents import environments
 from agents.evaluation.resampling import bootstrap
 from agents.evaluation.statistics import success_interval
 from agents.training.judging import FILE as CURVE
@@ -25,9 +24,7 @@ from agents.training.training_file import load_settings
 from vibgym import checks
 from vibgym.files import csv_text, write_together
 from vibgym.policies.measures import Measures
-from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
-from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
 
@@ -163,20 +160,16 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     record = load_set(path, KIND, VERSION)[1]
     training, kind = record["training"], RESIDUAL if RESIDUAL in record else "trained"
     hidden = ("action", "observation", "autoreset_mode")
-    success, times, over, collisions, fallen = [], [], [], [], []
     scenes = [{**usual(settings.environment), **scene} for scene in settings.all_scenes]
+    played = []
     for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
         own = {key: value for key, value in scene.items() if key not in hidden}
-        env = environments.make_batch(settings.task, num_envs=1, action=record["action"], **own)
-        policy = make_policy({"kind": kind, "path": str(path)}, TaskInfo.of(env))
         seeds = [FIRST_SEED + int(k) for k in share]
-        found = rollout(policy, environments.environment_id(settings.task), seeds=seeds, keep=Measures, **own)
-        success.append(found.success)
-        times.append(found.time_to_goal)
-        over.append(found.time_over_bound)
-        collisions.append(found.collisions)
-        fallen.append(found.fallen)
-    reached, time = np.concatenate(success), np.concatenate(times)
+        played.append(rollout({"kind": kind, "path": str(path)}, settings.task, seeds=seeds, keep=Measures, **own))
+    reached, time, over, collisions, fallen = (
+        np.concatenate([getattr(each, what) for each in played])
+        for what in ("success", "time_to_goal", "time_over_bound", "collisions", "fallen")
+    )
     interval = success_interval(reached, LEVEL, RESAMPLES)
     seconds = time[np.isfinite(time)]
     middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(set(seconds.tolist())) > 1 else None
@@ -205,9 +198,9 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else float("nan"),
         "time_to_goal_mean_low_s": middle.low if middle else float("nan"),
         "time_to_goal_mean_high_s": middle.high if middle else float("nan"),
-        "time_over_bound_median": _median(np.concatenate(over)),
-        "collisions_mean": float(np.mean(np.concatenate(collisions))),
-        "fallen": int(np.concatenate(fallen).sum()),
+        "time_over_bound_median": _median(over),
+        "collisions_mean": float(np.mean(collisions)),
+        "fallen": int(fallen.sum()),
         "shipped": False,
         "path": str(path),
     }

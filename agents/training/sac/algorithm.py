@@ -73,7 +73,7 @@ class SAC(Algorithm):
         )
 
     def acting(self, model: learner.SAC) -> StatePolicy:
-        return StatePolicy(self.actor(model), _info(model), self._action)
+        return StatePolicy(self.actor(model), _info(model), self.settings.action)
 
     def actor(self, model: learner.SAC) -> dict[str, np.ndarray]:
         tensors = {}
@@ -94,15 +94,11 @@ class SAC(Algorithm):
             "tasks": [info.name],
             "surface": described(info.surface),
             "parts": len(info.parts),
-            "action": self._action,
+            "action": self.settings.action,
             "columns": columns_of(info),
             "training": training,
         }
         save_set(path, KIND, tensors, record, VERSION)
-
-    @property
-    def _action(self) -> str:
-        return self.settings.environment.get("action", "element")
 
 
 def _layers(model: learner.SAC) -> dict[str, torch.nn.Linear]:

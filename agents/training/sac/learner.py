@@ -16,11 +16,12 @@ from stable_baselines3.common.utils import polyak_update
 from torch.nn import functional
 
 from agents.failures import Diverged
+from agents.training.parts_policy import HALF_LOG_TAU
 from agents.training.resumable import Resumable
 from agents.training.sac.replay import Replay
 from vibgym.policies.trained.state_policy import LEAST_LOG_STD, MOST_LOG_STD
 
-LOG_2, HALF_LOG_TAU = math.log(2.0), 0.5 * math.log(2.0 * math.pi)
+LOG_2 = math.log(2.0)
 
 
 class SAC(Resumable, stable_baselines3.SAC):
