@@ -5,13 +5,9 @@ The question of section 7.3.1 of the thesis (table 7.1), asked of this simulator
 
 from __future__ import annotations
 
-import json
 import math
-import os
-import subprocess
-import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 import vibgym  # noqa: F401 - registers the environments
+from agents.workers import on_one_thread
 from vibgym.config import part_from
 from vibgym.physics.core.drive import element_drive
 from vibgym.policies.registry import make_policy
@@ -76,18 +73,6 @@ class Cost:
         """For JSON."""
         curves = [{**vars(curve), "exponent": curve.exponent} for curve in self.curves]
         return {"period_s": self.period, "repetitions": self.repetitions, "curves": curves}
-
-    @classmethod
-    def from_values(cls, values: Mapping[str, Any]) -> Cost:
-        """From what :meth:`as_values` gave."""
-        curves = []
-        for each in values["curves"]:
-            content: dict[str, Any] = {
-                name: tuple(value) if isinstance(value, list) else value for name, value in each.items()
-            }
-            del content["exponent"]  # follows from the others
-            curves.append(Curve(**content))
-        return cls(values["period_s"], values["repetitions"], tuple(curves))
 
 
 def block_kinds(count: int, rows: int) -> list[int]:
@@ -241,15 +226,4 @@ def measure(
 
 def measure_alone(quiet: bool = False, counts: Sequence[int] = COUNTS, repetitions: int = REPETITIONS) -> Cost:
     """:func:`measure` in a process of its own, in which no library has more than one thread."""
-    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    # The child dies of Ctrl-C without a word: the parent has the say.
-    quietly = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL)"
-    code = f"{quietly}; from agents.evaluation.cost import main; main({quiet}, {list(counts)}, {repetitions})"
-    command = [sys.executable, "-c", code]
-    done = subprocess.run(command, env=os.environ | threads, stdout=subprocess.PIPE, text=True, check=True)
-    return Cost.from_values(json.loads(done.stdout))
-
-
-def main(quiet: bool, counts: Sequence[int], repetitions: int) -> None:
-    """Print what :func:`measure` finds, as JSON."""
-    print(json.dumps(measure(quiet, counts, repetitions=repetitions).as_values()))
+    return on_one_thread(measure, quiet, tuple(counts), None, POLICIES, repetitions)

@@ -54,21 +54,31 @@ def side_by_side(processes: int) -> Iterator[Submit]:
         pools.close()
 
 
+def on_one_thread(function: Callable[..., Found], *arguments: Any) -> Found:
+    """What a function finds in a process of its own, in which no library has more than one thread."""
+    pools = Pools(1, threads=1)
+    try:
+        return pools.submit(function, *arguments).result()
+    finally:
+        pools.kill()
+
+
 class Pools:
     """A pool of processes, and another one whenever a process of it has been killed, which breaks the whole pool.
 
     Args:
         processes: of a pool.
+        threads: of libraries in each; None: as many as its share of the processors.
     """
 
-    def __init__(self, processes: int) -> None:
-        self.processes = processes
+    def __init__(self, processes: int, threads: int | None = None) -> None:
+        self.processes, self.threads = processes, threads or available_threads() // processes
         self._lock = threading.Lock()
         self._over = False
         self._pool = self._started()
 
     def _started(self) -> ProcessPoolExecutor:
-        share = dict.fromkeys(LIBRARIES, str(available_threads() // self.processes))
+        share = dict.fromkeys(LIBRARIES, str(self.threads))
         return ProcessPoolExecutor(
             self.processes, env=share, initializer=_settle, initargs=(self.processes, taking_part())
         )

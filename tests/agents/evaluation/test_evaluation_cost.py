@@ -75,11 +75,11 @@ def test_words_for_exponents() -> None:
     assert "pairs, or faster" in cost_figure.growth(2.1)
 
 
-def test_values_go_forth_and_back() -> None:
+def test_values_and_section() -> None:
     curve = cost.Curve("planner", 8, 32, False, (8, 16, 32), (1e-3, 2e-3, 4e-3))
     found = cost.Cost(0.04, 3, (curve,))
     values = json.loads(json.dumps(found.as_values()))
-    assert cost.Cost.from_values(values) == found
+    assert values["curves"][0]["parts"] == [8, 16, 32]
     assert values["curves"][0]["exponent"] == pytest.approx(1.0)
     section = cost_figure.section(found)
     assert section["rows"][0]["exponent"] == "1.00" and section["rows"][0]["most"] == "4 ms"
