@@ -11,12 +11,10 @@ interrupts.start_command()
 
 ROOMS = {
     "evaluate": Room("agents.evaluation.commands", "run policies on tasks and write a report"),
-    "compare": Room(
-        "agents.evaluation.comparison.commands", "compare learned with classical policies on the same seeds"
-    ),
-    "publish": Room("agents.evaluation.verification.commands", "keep the figures and episodes of an evaluation"),
+    "compare": Room("agents.evaluation.commands", "compare learned with classical policies on the same seeds"),
+    "publish": Room("agents.evaluation.commands", "keep the figures and episodes of an evaluation"),
     "verify": Room(
-        "agents.evaluation.verification.commands",
+        "agents.evaluation.commands",
         "play a sample of published results: does each figure come out again?",
     ),
     "train": Room("agents.training.commands", "train a policy, or go on from its last checkpoint"),

@@ -1,19 +1,30 @@
-"""``python -m agents evaluate CONFIG``."""
+"""``python -m agents evaluate CONFIG``, ``compare``, ``publish`` and ``verify``."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from agents import command_line
 from agents.command_line import Command
+from vibgym import checks
+
+PUBLISHED = Path("results/report")
+FIGURES = "verification.csv"
+"""In the directory of a verification: all figures and their intervals."""
+
+
+def compare_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``compare`` takes, and ``evaluate`` too."""
+    command_line.config(parser)
+    parser.add_argument("--episodes", type=int, metavar="N", help="episodes of each policy on each task")
+    command_line.side_by_side(parser, processes=False)
 
 
 def evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     """What ``evaluate`` takes."""
-    command_line.config(parser)
-    parser.add_argument("--episodes", type=int, metavar="N", help="episodes of each policy on each task")
-    command_line.side_by_side(parser, processes=False)
+    compare_arguments(parser)
     parser.add_argument(
         "--gif", nargs=3, metavar=("TASK", "POLICY", "PATH"), help="also write the film of this pair as a GIF file"
     )
@@ -22,25 +33,100 @@ def evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Run an evaluation, write its files and print the summary."""
-    from agents import evaluation, locks
+    from agents import evaluation
 
-    settings = evaluation.load_settings(
-        arguments.config, arguments.episodes, None if arguments.output is None else str(arguments.output)
-    )
-    gif = None
+    settings, gif = _settings(evaluation, arguments), None
     if arguments.gif is None and arguments.gif_hardware is not None:
-        raise ValueError(f"--gif-hardware: got {arguments.gif_hardware!r}; allowed: nothing without --gif")
+        raise checks.refuse("--gif-hardware", arguments.gif_hardware, "nothing without --gif")
     if arguments.gif is not None:
         task, policy, path = arguments.gif
         gif = evaluation.Gif(task, policy, Path(path), arguments.gif_hardware)
-    with command_line.named(arguments.config):
+    with checks.within(arguments.config):
         prepared = evaluation.prepare(settings, gif)
-        held = command_line.entered(locks.one_run(Path(settings.output), "evaluation.output"))
-    with held:  # the directory is this run's until its files are written
+        held = _held(settings)
+    with held:
         results = evaluation.evaluate(prepared, arguments.quiet, arguments.ray)
         page = evaluation.write(results, prepared.film, arguments.quiet)
-    print(evaluation.summary_table(results))
-    print(f"\nreport: {page}")
+    print(f"{evaluation.summary_table(results)}\n\nreport: {page}")
 
 
-COMMANDS = {"evaluate": Command(evaluate_arguments, evaluate, "directory for what is written, instead of the file's")}
+def compare(arguments: argparse.Namespace) -> None:
+    """Run a comparison, write its files and print the summary."""
+    from agents.evaluation import comparison
+
+    settings = _settings(comparison, arguments)
+    with checks.within(arguments.config):
+        prepared = comparison.prepare(settings)
+        held = _held(settings)
+    with held:
+        found = comparison.compare(prepared, arguments.quiet, arguments.ray)
+        page = comparison.write(found)
+    print(f"{comparison.summary_table(found)}\n\npage: {page}")
+
+
+def _settings(room: Any, arguments: argparse.Namespace) -> Any:
+    """Of the file, with what the command says instead."""
+    output = None if arguments.output is None else str(arguments.output)
+    return room.load_settings(arguments.config, arguments.episodes, output)
+
+
+def _held(settings: Any) -> Any:
+    """The directory is this run's until its files are written."""
+    from agents import locks
+
+    return command_line.entered(locks.one_run(Path(settings.output), f"{settings.where}.output"))
+
+
+def publish_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``publish`` takes."""
+    command_line.config(parser, "YAML file of the evaluation")
+    parser.add_argument("--run", type=Path, metavar="DIR", help="the evaluation's files, instead of its 'output'")
+
+
+def publish(arguments: argparse.Namespace) -> None:
+    """Keep what an evaluation has found."""
+    from agents.evaluation import verification
+
+    record = verification.publish(arguments.config, arguments.run, arguments.output or PUBLISHED)
+    print(f"published: {record}")
+
+
+def verify_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``verify`` takes."""
+    parser.add_argument("published", type=Path, nargs="?", default=PUBLISHED, metavar="DIR", help="see publish")
+    parser.add_argument("--episodes", type=int, default=20, metavar="N", help="fresh ones of each policy in each place")
+    parser.add_argument("--again", type=int, default=5, metavar="N", help="published ones of each, played again")
+    parser.add_argument("--first-seed", type=int, metavar="N", help="of the fresh ones, instead of the next one")
+    for option in ("--task", "--policy"):
+        command_line.some(parser, option)
+    command_line.side_by_side(parser)
+
+
+def verify(arguments: argparse.Namespace) -> int:
+    """Play a sample of published results and say whether each figure comes out again."""
+    from agents.evaluation import verification
+    from vibgym import files
+
+    asked = verification.Asked(
+        arguments.episodes, arguments.again, arguments.first_seed, arguments.task, arguments.policy
+    )
+    checks.count("--processes", arguments.processes, most=256)
+    published = verification.load_published(arguments.published)
+    if arguments.output is not None:
+        files.output_directory(arguments.output, "--output")
+        files.output_files([arguments.output / FIGURES], "--output")
+    found = verification.verify(published, asked, arguments.processes, arguments.quiet, arguments.ray)
+    if arguments.output is not None:
+        files.write_atomically(arguments.output / FIGURES, verification.figures_csv(found))
+    print(verification.report_of(found))
+    return 0 if found.holds else 1
+
+
+OUTPUT = "directory for what is written, instead of the file's"
+
+COMMANDS = {
+    "evaluate": Command(evaluate_arguments, evaluate, OUTPUT),
+    "compare": Command(compare_arguments, compare, OUTPUT),
+    "publish": Command(publish_arguments, publish, f"directory for what is kept, instead of {PUBLISHED}"),
+    "verify": Command(verify_arguments, verify, f"directory of {FIGURES}: all figures and their intervals"),
+}

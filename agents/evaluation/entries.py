@@ -25,6 +25,11 @@ class PolicyEntry:
     tasks: tuple[str, ...] | None  # on which it runs; None: on all that it serves
     hardware: tuple[str, ...] | None  # on which it runs; None: on all
 
+    @property
+    def limits(self) -> dict[str, tuple[str, ...]]:
+        """Tasks and hardware, where the settings name them."""
+        return {key: names for key in ("tasks", "hardware") if (names := getattr(self, key)) is not None}
+
 
 @dataclass(frozen=True)
 class HardwareEntry:

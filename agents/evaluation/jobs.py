@@ -15,13 +15,15 @@ from agents.evaluation.entries import Column, HardwareEntry, PolicyEntry, laid_o
 from agents.evaluation.records import Trial
 from agents.evaluation.run_settings import RunSettings
 from agents.evaluation.settings import EvaluationSettings
+from agents.imports import taking_part
 from agents.workers import Submit
 from vibgym import checks
+from vibgym.envs.named import environment_id
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, make_policy
-from vibgym.policies.rollout import Ends, environment_id, rollout, worlds_of
+from vibgym.policies.rollout import Ends, rollout, worlds_of
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 
@@ -66,11 +68,12 @@ class Job:
     def plain(self) -> bool:
         """Whether another process can play it as well: a policy from plain data, in an environment that every process knows.
 
-        Objects stay here, whatever they remember, and so do environments that only this process may have registered.
+        Objects stay here, whatever they remember, and so do a user's own environments that no module has brought along.
         """
-        known = gym.spec(environment_id(self.task)).namespace == "vibgym"
+        spec = gym.registry.get(environment_id(self.task))
+        own = spec is None or spec.namespace != "vibgym"
         plain = isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
-        return known and plain
+        return plain and (not own or bool(taking_part()))
 
 
 def writable(settings: RunSettings, names: Sequence[str]) -> None:
@@ -97,7 +100,7 @@ def trials(settings: RunSettings) -> tuple[dict[str, TaskInfo], dict[str, Scener
     scenery: dict[str, Scenery] = {}
     jobs: dict[Trial, Job] = {}
     for task in settings.tasks:
-        with InField(f"{where}.environment"):
+        with checks.within(f"{where}.environment"):
             env = worlds_of(task, 1, **settings.environment)
         tasks[task], scenery[task] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
         env.close()
@@ -128,7 +131,7 @@ def _jobs(
     seeds = settings.seed_list(task, machine.episodes)
     place = task if settings.hardware is None else f"{task}, {machine.name}"
     for entry in entries:
-        with InField(f"{where}.policies ({entry.name} on {place})"):
+        with checks.within(f"{where}.policies ({entry.name} on {place})"):
             jobs[Trial(task, machine.name, entry.name)] = Job(
                 task, info, seeds, environment, entry.content, None
             ).made()
@@ -148,7 +151,7 @@ def effects_jobs(settings: EvaluationSettings) -> dict[tuple[str, str], Job]:
     cases = {case: (asked.task, arguments) for case, arguments in asked.arguments().items()}
     columns, field = asked.columns(list(contents)), "evaluation.effects"
     for case, column, where, job in study_jobs(settings, cases, columns, asked.episodes, field, Known()):
-        with InField(where):
+        with checks.within(where):
             jobs[case, column.name] = replace(job, content=contents[column.policy]).made()
     return jobs
 
@@ -206,7 +209,7 @@ class Known:
 
 def told(task: str, environment: dict[str, Any], field: str) -> TaskInfo:
     """What is public of an environment with these arguments; errors begin with the field that they come from."""
-    with InField(field):
+    with checks.within(field):
         env = worlds_of(task, 1, **environment)
     info = TaskInfo.of(env)
     env.close()
@@ -265,17 +268,3 @@ def serves(content: Any, info: TaskInfo) -> bool:
     except ValueError:
         return False
     return True
-
-
-class InField:
-    """Puts the name of a field before the message of a ValueError."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, ValueError):
-            raise ValueError(f"{self.name}: {error}") from None

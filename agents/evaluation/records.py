@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.evaluation.resampling import Interval
 from agents.evaluation.statistics import quartiles, success_interval
+from agents.evaluation.tables import colour, quantity
 from vibgym.policies.rollout import Outcomes
 
 
@@ -23,6 +24,25 @@ class Trial(NamedTuple):
 
 class Row(SimpleNamespace):
     """Statistics of some episodes by name, in the order of a file's columns: a row of a table, or a cell of a study."""
+
+    @property
+    def percent(self) -> str:
+        """Success rate as tables write it, without its sign."""
+        return f"{100 * self.success_rate:.1f}"
+
+    def percent_between(self, joint: str = " to ") -> str:
+        """Its interval."""
+        return f"{100 * self.success_low:.1f}{joint}{100 * self.success_high:.1f}"
+
+    def shaded(self, median_time: float) -> dict[str, str]:
+        """What a cell of a study shows, in a colour that goes by the success rate."""
+        return {
+            "success": f"{self.percent} %",
+            "interval": self.percent_between(" – "),
+            "method": self.success_interval_method,
+            "time": quantity(median_time, 1.0, 2, "s"),
+            "colour": colour(self.success_rate),
+        }
 
 
 def successes(success: np.ndarray, level: float, resamples: int) -> dict[str, Any]:

@@ -7,10 +7,10 @@ from typing import Any, ClassVar, Self
 
 from pydantic import Field
 
-from agents.evaluation.entries import HARDWARE_KEYS, HardwareEntry, PolicyEntry, hardware_entry, policy_entry
+from agents.evaluation.entries import HARDWARE_KEYS, HardwareEntry, PolicyEntry, hardware_entry, laid_over, policy_entry
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.policies.rollout import environment_id
+from vibgym.envs.named import environment_id
 
 DEFAULT_EPISODES = 100
 DEFAULT_FIRST_SEED = 100_000
@@ -109,6 +109,22 @@ class RunSettings(Settings):
         """Name in the report -> what :func:`vibgym.policies.registry.make_policy` takes."""
         return {entry.name: entry.content for entry in self.entries()}
 
+    def environments(self) -> dict[str, dict[str, Any]]:
+        """Name of the machine -> keyword arguments of the environments on it."""
+        return {each.name: laid_over(self.environment, each.arguments) for each in self.machines()}
+
+    def as_written(self) -> dict[str, Any]:
+        """All of it as values for JSON, policies by their names."""
+        given = self.model_dump(exclude={"policies", "processes", "hardware"})
+        return {**given, "hardware": self.named_hardware(), "policies": self.written_policies()}
+
+    def written_policies(self) -> dict[str, Any]:
+        """What the settings say of every policy, by its name."""
+        return {
+            entry.name: {"policy": entry.content, **entry.limits} if entry.limits else entry.content
+            for entry in self.entries()
+        }
+
     def check(self) -> None:
         """Check what only one kind of settings has.
 
@@ -162,7 +178,5 @@ class RunSettings(Settings):
     def load(cls, path: Path, episodes: int | None = None, output: str | None = None) -> Self:
         """Checked settings from a YAML file; see :meth:`checked`. Errors name the file."""
         data = load_yaml(path)
-        try:
+        with checks.within(path):
             return cls.checked(data, episodes, output)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None

@@ -53,13 +53,11 @@ class EvaluationSettings(RunSettings):
 
     def as_written(self) -> dict[str, Any]:
         """All of it as values for JSON, policies by their names."""
-        policies = {}
-        for entry in self.entries():
-            own = {key: names for key in ("tasks", "hardware") if (names := getattr(entry, key)) is not None}
-            policies[entry.name] = {"policy": entry.content, **own} if own else entry.content
-        given = self.model_dump(exclude={"policies", "processes", "hardware", "effects"})
-        more = {} if self.effects is None else {"effects": self.effects.model_dump()}
-        return {**given, "hardware": self.named_hardware(), **more, "policies": policies}
+        written = super().as_written()
+        if written.pop("effects") is None:
+            return written
+        policies = written.pop("policies")
+        return {**written, "effects": self.effects.model_dump(), "policies": policies}  # type: ignore[union-attr]
 
     def check(self) -> None:
         """The study of effects."""

@@ -92,6 +92,14 @@ def difference_interval(first: np.ndarray, second: np.ndarray, level: float, res
     return Interval(min(sign * bound, sign), max(sign * bound, sign), "Clopper-Pearson")
 
 
+def median_interval(sample: np.ndarray, level: float) -> Interval:
+    """Exact confidence interval of a median from ``sample`` (n,): between two values of the sample (Conover, "Practical
+    nonparametric statistics", 1999, section 3.2). One of few values that has too low a level is the whole sample."""
+    ordered, tail = np.sort(sample), 0.5 - 0.5 * level
+    below = max(int(stats.binom.ppf(tail, len(sample), 0.5)) - 1, 0)
+    return Interval(float(ordered[below]), float(ordered[len(sample) - 1 - below]), "order statistics")
+
+
 def quartiles(values: np.ndarray) -> Quartiles:
     """Quartiles of the finite ``values``."""
     finite = values[np.isfinite(values)]

@@ -13,10 +13,9 @@ from agents.evaluation.comparison.curves import Curve
 from agents.evaluation.comparison.paired import Difference, Estimate
 from agents.evaluation.comparison.plots import draw_curves, draw_profile, look_of, steps_text
 from agents.evaluation.comparison.results import Comparison, Ladder, Matrix
-from agents.evaluation.entries import laid_over
 from agents.evaluation.pages import data_address, render
 from agents.evaluation.records import Row
-from agents.evaluation.tables import colour, number, plain, quantity, seeds_text, signed, span
+from agents.evaluation.tables import number, plain, quantity, seeds_text, signed, span
 
 UNEQUAL = 1.05
 """Budgets of a ladder that differ by more than this factor are said to be different."""
@@ -27,11 +26,8 @@ def page(found: Comparison) -> str:
     settings = found.settings
     names = [each.name for each in settings.contenders()]
     surface = next(iter(found.tasks.values())).surface
-    machines = {
-        each.name: laid_over(settings.environment, each.arguments)
-        for each in settings.machines()
-        if any(hardware == each.name for _, hardware in found.samples)
-    }
+    ran = {hardware for _, hardware in found.samples}
+    machines = {name: each for name, each in settings.environments().items() if name in ran}
     counted = any(math.isfinite(each.collisions.value) for each in found.differences)
     return render(
         Path(__file__).with_name("compare.html.j2"),
@@ -93,8 +89,6 @@ def _task(found: Comparison, task: str, names: Sequence[str]) -> dict[str, Any]:
 def _row(row: Row) -> dict[str, Any]:
     return {
         "row": row,
-        "success": f"{100 * row.success_rate:.1f}",
-        "interval": f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f}",
         "time": quantity(row.time_iqm_s, 1.0, 3, "s"),
         "times": span(row.time_iqm_low_s, row.time_iqm_high_s, 3),
         "multiple": quantity(row.over_bound_iqm, 1.0, 3, ""),
@@ -206,13 +200,4 @@ def _matrix(matrix: Matrix) -> dict[str, Any]:
 def _cell(cell: Row, reasons: Sequence[str]) -> dict[str, Any]:
     if cell.refusal:
         return {"refused": 1 + reasons.index(cell.refusal), "why": cell.refusal}
-    return {
-        "refused": 0,
-        "success": f"{100 * cell.success_rate:.1f} %",
-        "interval": f"{100 * cell.success_low:.1f} – {100 * cell.success_high:.1f}",
-        "method": cell.success_interval_method,
-        "episodes": cell.episodes,
-        "runs": cell.runs,
-        "time": quantity(cell.time_median_s, 1.0, 2, "s"),
-        "colour": colour(cell.success_rate),
-    }
+    return {"refused": 0, **cell.shaded(cell.time_median_s), "episodes": cell.episodes, "runs": cell.runs}

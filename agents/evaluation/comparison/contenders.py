@@ -140,15 +140,16 @@ class ComparisonSettings(RunSettings):
                     allowed = "policies with 'curve': a ladder shows what the same budget of steps has led to"
                     raise checks.refuse(f"{where}.policies", name, allowed)
 
-    def as_written(self) -> dict[str, Any]:
-        """All of it as values for JSON."""
-        policies = {}
-        for each in self.contenders():
-            own = {key: names for key in ("tasks", "hardware") if (names := getattr(each.entry, key)) is not None}
-            more = {key: value for key in OWN_KEYS if (value := getattr(each, key))}
-            policies[each.name] = {"policy": each.entry.content, **own, **more}
-        given = self.model_dump(exclude={"policies", "processes", "hardware"})
-        return {**given, "hardware": self.named_hardware(), "policies": policies}
+    def written_policies(self) -> dict[str, Any]:
+        """With what only a comparison knows of them."""
+        return {
+            each.name: {
+                "policy": each.entry.content,
+                **each.entry.limits,
+                **{key: value for key in OWN_KEYS if (value := getattr(each, key))},
+            }
+            for each in self.contenders()
+        }
 
 
 def contender(policy: Any, field: str, tasks: list[str], hardware: list[str]) -> Contender:

@@ -78,7 +78,7 @@ def difference(
         )
     asked = confidence, power, resamples
     both = first.success & second.success
-    times = np.where(both, first.time, 0.0) - np.where(both, second.time, 0.0)
+    times = np.where(both, first.time_to_goal, 0.0) - np.where(both, second.time_to_goal, 0.0)
     collisions = first.collisions - second.collisions
     return Difference(
         task=place[0],

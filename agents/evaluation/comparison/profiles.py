@@ -60,7 +60,7 @@ def profile(place: tuple[str, str], samples: Mapping[str, Sample], confidence: f
     """
     bounded = all(sample.bounded for sample in samples.values())
     needed = {
-        name: np.where(sample.success, sample.time / sample.bound if bounded else sample.time, np.inf)
+        name: np.where(sample.success, sample.time_over_bound if bounded else sample.time_to_goal, np.inf)
         for name, sample in samples.items()
     }
     limits = _limits(list(needed.values()), 1.0 if bounded else 0.0)

@@ -121,8 +121,8 @@ def row_of(
         over_bound_iqm=float(iqm(sample.limited_multiple.ravel())) if sample.bounded else math.nan,
         **ends("over_bound_iqm", multiple),
         iqm_interval_method="" if time is None else time.method,
-        time_median_s=quartiles(sample.time).median,
-        over_bound_median=quartiles(sample.time / sample.bound).median,
+        time_median_s=quartiles(sample.time_to_goal).median,
+        over_bound_median=quartiles(sample.time_over_bound).median,
         collisions_mean=float(sample.collisions.mean()) if counted else math.nan,  # pairs newly in touch, an episode
         **ends("collisions", interval_of(sample.collisions, *asked) if counted else None),
         fallen=int(sample.fallen.sum()),

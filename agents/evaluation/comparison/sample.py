@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -11,21 +12,14 @@ from vibgym.policies.measures import Measured
 
 
 @dataclass(frozen=True)
-class Sample:
+class Sample(Measured):
     """What the runs of one policy's training achieve on one task and hardware.
 
     Arrays are (runs, episodes); column e is the same start and goal for all runs, and for all other policies. There is one run
     where a policy is not trained, or was trained once.
     """
 
-    seeds: tuple[int, ...]  # of the episodes
     limit: float  # s, the longest episode
-    success: np.ndarray  # bool
-    time: np.ndarray  # s to the goal, hold included; nan without success
-    bound: np.ndarray  # s, least time that any policy needs; nan where it is not known
-    collisions: np.ndarray  # pairs newly in touch; nan where the task does not count them
-    fallen: np.ndarray  # bool
-    diverged: np.ndarray  # bool
 
     @classmethod
     def of(cls, runs: Sequence[Measured], limit: float) -> Sample:
@@ -38,11 +32,8 @@ class Sample:
         first = runs[0]
         if any(run.seeds != first.seeds for run in runs):
             raise ValueError("runs: other seeds; allowed: the same episodes for all")
-        stack = {
-            name: np.array([getattr(run, name) for run in runs])
-            for name in ("success", "bound", "collisions", "fallen", "diverged")
-        }
-        return cls(first.seeds, limit, time=np.array([run.time_to_goal for run in runs]), **stack)
+        head = {name: getattr(first, name) for name in ("task", "seeds", "step_time")}
+        return cls(**head, limit=limit, **_arrays(first, lambda name: np.array([getattr(run, name) for run in runs])))
 
     @property
     def runs(self) -> int:
@@ -52,7 +43,7 @@ class Sample:
     @property
     def limited_time(self) -> np.ndarray:
         """Time to goal, s, in which a failure counts as the longest episode, however it ended."""
-        return np.where(self.success, self.time, self.limit)
+        return np.where(self.success, self.time_to_goal, self.limit)
 
     @property
     def limited_multiple(self) -> np.ndarray:
@@ -66,8 +57,11 @@ class Sample:
 
     def run(self, index: int) -> Sample:
         """One run alone."""
-        arrays = {
-            name: getattr(self, name)[index : index + 1]
-            for name in ("success", "time", "bound", "collisions", "fallen", "diverged")
-        }
-        return Sample(self.seeds, self.limit, **arrays)
+        return replace(self, **_arrays(self, lambda name: getattr(self, name)[index : index + 1]))
+
+
+def _arrays(found: Measured, make: Callable[[str], np.ndarray]) -> dict[str, Any]:
+    """What ``make`` gives for each field that is an array."""
+    return {
+        each.name: make(each.name) for each in fields(Measured) if isinstance(getattr(found, each.name), np.ndarray)
+    }

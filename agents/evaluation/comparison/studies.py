@@ -12,7 +12,7 @@ from agents.evaluation.entries import Column, arguments_among, columns, named, s
 from agents.evaluation.run_settings import ENVIRONMENT_KEYS
 from vibgym import checks
 from vibgym.config import Settings
-from vibgym.policies.rollout import environment_id
+from vibgym.envs.named import environment_id
 
 
 @dataclass(frozen=True)

@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 
+from agents.evaluation import texts
 from agents.evaluation.comparison.results import Comparison
-from agents.evaluation.entries import laid_over
-from agents.evaluation.machine import sentences
 from agents.evaluation.records import Row
-from agents.evaluation.tables import markdown, plain, quantity, span
-from agents.evaluation.words import facts
+from agents.evaluation.tables import markdown, quantity, span
 
 
 def json_text(found: Comparison) -> str:
     """All of it; what does not apply is null."""
-    settings = found.settings
-    machines = {each.name: laid_over(settings.environment, each.arguments) for each in settings.machines()}
-    surface = next(iter(found.tasks.values())).surface
-    content = {
-        **found.provenance,
-        "settings": settings.as_written(),
-        "seeds": settings.seed_list(),
-        "tasks": {name: facts(info, len(settings.seed_list(name))) for name, info in found.tasks.items()},
-        "hardware": {name: sentences(arguments, surface) for name, arguments in machines.items()},
-        "results": [vars(row) for row in found.rows],
+    more = {
         "best_classical": [
             {"task": task, "hardware": hardware, "policy": policy} for (task, hardware), policy in found.best.items()
         ],
@@ -46,7 +34,8 @@ def json_text(found: Comparison) -> str:
         ],
         "ladders": [asdict(each) for each in found.ladders],
     }
-    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+    hardware = [each.name for each in found.settings.machines()]
+    return texts.json_text(found.provenance, found.settings, found.tasks, hardware, found.rows, more)
 
 
 def summary_table(found: Comparison) -> str:
@@ -72,8 +61,8 @@ def _texts(row: Row, several: bool) -> list[str]:
         row.task,
         *([row.hardware] if several else []),
         row.policy if row.runs == 1 else f"{row.policy} ({row.runs} seeds)",
-        f"{100 * row.success_rate:.1f} %",
-        f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f} %",
+        f"{row.percent} %",
+        f"{row.percent_between()} %",
         quantity(row.time_iqm_s, 1.0, 3, "s"),
         span(row.time_iqm_low_s, row.time_iqm_high_s, 3),
         quantity(row.over_bound_iqm, 1.0, 2, ""),

@@ -12,14 +12,16 @@ import numpy as np
 from tqdm import tqdm
 
 from agents.evaluation import animation, machine, words
+from agents.evaluation.entries import laid_over
 from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film, Rollout
 from agents.evaluation.pages import data_address, render
+from agents.evaluation.quantities import BY_NAME, QUANTITIES
 from agents.evaluation.records import Row, Trial
-from agents.evaluation.report import cost_figure, effects_section, plots_of_episodes
+from agents.evaluation.report import cost_figure, plots_of_episodes
 from agents.evaluation.report.results import Results
 from agents.evaluation.report.texts_of_results import kind_of
 from agents.evaluation.statistics import PairedComparison
-from agents.evaluation.tables import WORTH_SHOWING, number, plain, quantity, seeds_text, signed, thousands
+from agents.evaluation.tables import WORTH_SHOWING, number, plain, seeds_text, signed, thousands
 from agents.workers import side_by_side, usable
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
@@ -31,42 +33,34 @@ MOST_BYTES = 14_000_000
 FIGURE_BYTES = 140_000
 """Of one plot in base64, generously: kept free when films get their shares."""
 
-DEGREES = 180.0 / math.pi
-
-GOAL_COLUMNS = (
-    ("Time to goal", "time", "times"),
-    ("Time / bound", "multiple", "multiples"),
-    ("Position error", "position", "positions"),
-    ("Heading error", "heading", "headings"),
-    ("Fallen", "fallen", ""),
-    ("Steps per second", "rate", ""),
-)
-"""Of the table of tasks in which every part has a goal pose: heading, and what cells show large and small."""
-
-PATH_COLUMNS = (
-    ("Time to goal", "time", "times"),
-    ("Path error (rms)", "path", "paths"),
-    ("Heading error", "heading", "headings"),
-    ("Fallen", "fallen", ""),
-    ("Steps per second", "rate", ""),
-)
-"""Of the table of tasks whose goals move."""
-
-TOGETHER_COLUMNS = (
-    ("Time to goal", "time", "times"),
-    ("Throughput", "throughput", "throughputs"),
-    ("Parts done", "done", "all"),
-    ("Collisions", "collisions", "clearance"),
-    ("Path efficiency", "efficiency", ""),
-    ("Position error", "position", "positions"),
-    ("Fallen", "fallen", ""),
-)
-"""Of the table of tasks whose parts are done together."""
-
 TABLES = (
-    ("", GOAL_COLUMNS, "goals"), ("Paths", PATH_COLUMNS, "paths"), ("Several parts", TOGETHER_COLUMNS, "together"),
+    (
+        "",
+        "goals",
+        ("time_to_goal_median_s", "time_over_bound_median", "position_error_median_m", "heading_error_median_rad",
+         "fallen", "steps_per_second"),
+    ),
+    (
+        "Paths",
+        "paths",
+        ("time_to_goal_median_s", "path_error_median_m", "heading_error_median_rad", "fallen", "steps_per_second"),
+    ),
+    (
+        "Several parts",
+        "together",
+        ("time_to_goal_median_s", "throughput_median_parts_per_s", "parts_done_mean", "collisions_mean",
+         "path_efficiency_median", "position_error_median_m", "fallen"),
+    ),
 )  # fmt: skip
-"""Title, columns, and kind of tasks, see :func:`.texts_of_results.kind_of`."""
+"""Title, kind of tasks (see :func:`.texts_of_results.kind_of`), and columns of results.csv."""
+
+HEADS = {
+    "fallen": "Fallen",
+    "steps_per_second": "Steps per second",
+    "parts_done_mean": "Parts done",
+    "path_efficiency_median": "Path efficiency",
+}
+"""Of columns that :data:`agents.evaluation.quantities.QUANTITIES` does not have, or calls otherwise."""
 
 
 def page(results: Results, quiet: bool = False) -> str:
@@ -87,8 +81,12 @@ def page(results: Results, quiet: bool = False) -> str:
         for task, info in infos.items()
     }
     tables = [
-        {"title": title, "columns": columns, "tasks": [tasks[task] for task in names]}
-        for title, columns, kind in TABLES
+        {
+            "title": title,
+            "columns": {name: HEADS.get(name) or BY_NAME[name].label.capitalize() for name in columns},
+            "tasks": [tasks[task] for task in names],
+        }
+        for title, kind, columns in TABLES
         if (names := [task for task, info in infos.items() if kind_of(info) == kind])
     ]
     return render(
@@ -115,7 +113,7 @@ def page(results: Results, quiet: bool = False) -> str:
         hardware=results.hardware,
         machines=machine.cards({name: results.arguments_of(name) for name in results.hardware}, surface),
         prototype=any(_kind(results.arguments_of(name)) == "prototype" for name in results.hardware),
-        effects=None if results.effects is None else effects_section.section(results),
+        effects=None if results.effects is None else _effects(results),
         comparisons=[_compared(each) for each in against_best(results)],
         examples=examples,
         colours={name: plots_of_episodes.policy_colour(results, name) for name in results.policies},
@@ -154,34 +152,24 @@ def _kind(environment: Mapping[str, Any]) -> str:
 
 
 def _card(results: Results, row: Row) -> dict[str, Any]:
-    """What the table's row and the card of one policy on one task say."""
+    """What the table's row and the card of one policy on one task say; ``cells`` are large and small text by column."""
     trial = Trial(row.task, row.hardware, row.policy)
     film, info = results.rollouts[trial].film, results.tasks[row.task]
     return {
         "row": row,
-        "success": f"{100 * row.success_rate:.1f}",
-        "interval": f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f}",
-        "time": quantity(row.time_to_goal_median_s, 1.0, 2, "s"),
-        "times": _range(row.time_to_goal_q25_s, row.time_to_goal_q75_s, 1.0),
-        "multiple": quantity(row.time_over_bound_median, 1.0, 2, ""),
-        "multiples": _range(row.time_over_bound_q25, row.time_over_bound_q75, 1.0),
-        "position": quantity(row.position_error_median_m, 1e3, 2, "mm"),
-        "positions": _range(row.position_error_q25_m, row.position_error_q75_m, 1e3),
-        "heading": quantity(row.heading_error_median_rad, DEGREES, 2, "°"),
-        "headings": _range(row.heading_error_q25_rad, row.heading_error_q75_rad, DEGREES),
-        "path": quantity(row.path_error_median_m, 1e3, 2, "mm"),
-        "paths": _range(row.path_error_q25_m, row.path_error_q75_m, 1e3),
-        "fallen": str(row.fallen),
-        "efficiency": quantity(row.path_efficiency_median, 100.0, 0, "%"),
-        "rate": thousands(row.steps_per_second),
+        "cells": {
+            **{
+                each.name: (each.text(row).replace(" deg", "°"), each.middle_half(row))
+                for each in QUANTITIES
+                if each.median
+            },
+            "collisions_mean": (number(row.collisions_mean, 1), _millimetres(row.clearance_median_m)),
+            "parts_done_mean": (number(row.parts_done_mean, 2), f"of {len(info.parts)}"),
+            "fallen": (str(row.fallen), None),
+            "steps_per_second": (thousands(row.steps_per_second), None),
+        },
         "rates": f"policy {thousands(row.policy_steps_per_second)}, "
         f"environment {thousands(row.environment_steps_per_second)}",
-        "throughput": quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s"),
-        "throughputs": _range(row.throughput_q25_parts_per_s, row.throughput_q75_parts_per_s, 1.0),
-        "collisions": number(row.collisions_mean, 1),
-        "clearance": _millimetres(row.clearance_median_m),
-        "done": number(row.parts_done_mean, 2),
-        "all": f"of {len(info.parts)}",
         "seed": film.seed,
         "outcome": _outcome(film, info),
     }
@@ -212,12 +200,6 @@ def _millimetres(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{signed(1e3 * value, 2).removeprefix('+')} mm"
 
 
-def _range(low: float, high: float, factor: float) -> str:
-    """ "1.20 – 3.40", or nothing where there is nothing to show."""
-    text = number(factor * high, 2)
-    return f"{number(factor * low, 2)} – {text}" if math.isfinite(high) and float(text) > 0.0 else ""
-
-
 def best_policy(results: Results, task: str, hardware: str) -> str:
     """The policy with the most successes on a task and hardware; of equal ones the fastest to the goal."""
     rows = [row for row in results.rows if (row.task, row.hardware) == (task, hardware)]
@@ -234,6 +216,32 @@ def against_best(results: Results) -> list[PairedComparison]:
         elif best == each.second:
             found.append(each.turned())
     return found
+
+
+def _effects(results: Results) -> dict[str, Any]:
+    """The section on which effect breaks whom."""
+    effects = results.effects
+    assert effects is not None
+    own: dict[str, list[str]] = {}  # what the sensors of some policies have besides -> these policies
+    for column in results.settings.effects.columns(list(results.policies)):  # type: ignore[union-attr]
+        if column.sensor:
+            said = machine.settings_of_sensor(column.sensor, results.surface)
+            own.setdefault(said, []).append(column.name)
+    environments = {case: laid_over(results.settings.environment, own) for case, own in effects.cases.items()}
+    return {
+        "task": effects.task,
+        "episodes": len(effects.seeds),
+        "policies": effects.policies,
+        "rows": [
+            {
+                "case": case,
+                "summary": machine.summary(environments[case], results.surface),
+                "cells": [cell.shaded(cell.time_to_goal_median_s) for cell in cells],
+            }
+            for case, cells in effects.rows()
+        ],
+        "own": [{"names": words.joined(names), "words": said} for said, names in own.items()],
+    }
 
 
 def _compared(each: PairedComparison) -> dict[str, Any]:

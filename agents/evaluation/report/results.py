@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from agents.evaluation.cost import Cost
-from agents.evaluation.entries import HardwareEntry, laid_over
 from agents.evaluation.log import Rollout
 from agents.evaluation.records import Row, Trial, spread, successes
 from agents.evaluation.report.effects import Effects
@@ -45,10 +44,7 @@ class Results:
 
     def arguments_of(self, hardware: str) -> dict[str, Any]:
         """Keyword arguments of the environments on some hardware."""
-        return laid_over(self.settings.environment, self._machine(hardware).arguments)
-
-    def _machine(self, hardware: str) -> HardwareEntry:
-        return next(each for each in self.settings.machines() if each.name == hardware)
+        return self.settings.environments()[hardware]
 
     def hardware_of(self, task: str) -> list[str]:
         """Names of the machines that a task ran on."""
@@ -56,7 +52,7 @@ class Results:
 
     def episodes(self, task: str, hardware: str | None = None) -> int:
         """Number of episodes of each policy on a task; on some hardware they may be fewer."""
-        most = None if hardware is None else self._machine(hardware).episodes
+        most = next((each.episodes for each in self.settings.machines() if each.name == hardware), None)
         return len(self.settings.seed_list(task, most))
 
     def names(self, task: str, hardware: str) -> list[str]:

@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
-from agents.evaluation import machine
+from agents.evaluation import texts
+from agents.evaluation.quantities import BY_NAME
 from agents.evaluation.records import ALL, Row, episodes_of
 from agents.evaluation.report.effects import Effects
 from agents.evaluation.report.results import Results
-from agents.evaluation.tables import markdown, number, plain, quantity
-from agents.evaluation.words import facts
+from agents.evaluation.tables import markdown, number, quantity
 from vibgym.policies.task_info import TaskInfo
 
 
 def json_text(results: Results) -> str:
     """Everything but the trajectories; what does not apply is null."""
-    settings = results.settings
-    content = {
-        **results.provenance,
-        "settings": settings.as_written(),
-        "seeds": settings.seed_list(),
-        "tasks": {name: facts(info, results.episodes(name)) for name, info in results.tasks.items()},
-        "hardware": {name: machine.sentences(results.arguments_of(name), results.surface) for name in results.hardware},
-        "results": [vars(row) for row in results.rows],
+    more = {
         "comparisons": [asdict(each) for each in results.comparisons],
         **({} if results.effects is None else {"effects": results.effects.as_values()}),
         **({} if results.cost is None else {"cost_per_period": results.cost.as_values()}),
         "episodes": all_episodes(results),
     }
-    return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+    settings, tasks = results.settings, results.tasks
+    return texts.json_text(results.provenance, settings, tasks, results.hardware, results.rows, more)
 
 
 def all_episodes(results: Results) -> list[dict[str, Any]]:
@@ -46,23 +37,27 @@ def summary_table(results: Results) -> str:
     Tasks whose parts are done together, without goal poses, have columns of their own, and so have those whose goals move.
     Where there is more than one machine, rows say which. The study of effects has a table of success rates and median times.
     """
-    columns: list[tuple[str, Callable[[Row], str]]] = [
-        ("task", lambda row: row.task),
-        *([("hardware", lambda row: row.hardware)] if len(results.hardware) > 1 else []),
-        ("policy", lambda row: row.policy),
-        ("success", lambda row: f"{100 * row.success_rate:.1f} %"),
-        (
-            f"{100 * results.settings.confidence:g} % interval",
-            lambda row: f"{100 * row.success_low:.1f} to {100 * row.success_high:.1f} %",
-        ),
-        ("time to goal", lambda row: quantity(row.time_to_goal_median_s, 1.0, 2, "s")),
-    ]
+    several = len(results.hardware) > 1
+    level = f"{100 * results.settings.confidence:g} % interval"
+    head = ("task", *(["hardware"] if several else []), "policy", "success", level, "time to goal")
     tables = []
     for kind, more in ENDS.items():
-        rows = [row for row in results.rows if kind_of(results.tasks[row.task]) == kind]
-        if rows:
-            heads, texts = zip(*columns, *more, strict=True)
-            tables.append(markdown(heads, ([text(row) for text in texts] for row in rows)))
+        lines = [
+            [
+                row.task,
+                *([row.hardware] if several else []),
+                row.policy,
+                f"{row.percent} %",
+                f"{row.percent_between()} %",
+                BY_NAME["time_to_goal_median_s"].text(row),
+                *(_ending(name, row) for name in more),
+                str(row.fallen),
+            ]
+            for row in results.rows
+            if kind_of(results.tasks[row.task]) == kind
+        ]
+        if lines:
+            tables.append(markdown((*head, *(BY_NAME[name].label for name in more), "fallen"), lines))
     if results.effects is not None:
         tables.append(effects_table(results.effects))
     return "\n\n".join(tables)
@@ -76,7 +71,7 @@ def effects_table(effects: Effects) -> str:
 
 def _cell(cell: Row) -> str:
     time = f" ({quantity(cell.time_to_goal_median_s, 1.0, 2, 's')})" if cell.successes else ""
-    return f"{100 * cell.success_rate:.1f} %{time}"
+    return f"{cell.percent} %{time}"
 
 
 def kind_of(task: TaskInfo) -> str:
@@ -84,26 +79,13 @@ def kind_of(task: TaskInfo) -> str:
     return "together" if not task.has_goal else "paths" if task.goal_moves else "goals"
 
 
-_HEADING = ("heading error", lambda row: quantity(row.heading_error_median_rad, 180.0 / math.pi, 2, "deg"))
-_FALLEN = ("fallen", lambda row: str(row.fallen))
-
-ENDS: dict[str, tuple[tuple[str, Callable[[Row], str]], ...]] = {
-    "goals": (
-        ("time / bound", lambda row: quantity(row.time_over_bound_median, 1.0, 2, "")),
-        ("position error", lambda row: quantity(row.position_error_median_m, 1e3, 2, "mm")),
-        _HEADING,
-        _FALLEN,
-    ),
-    "paths": (
-        ("path error (rms)", lambda row: quantity(row.path_error_median_m, 1e3, 2, "mm")),
-        _HEADING,
-        _FALLEN,
-    ),
-    "together": (
-        ("throughput", lambda row: quantity(row.throughput_median_parts_per_s, 1.0, 2, "parts/s")),
-        ("collisions", lambda row: number(row.collisions_mean, 1)),
-        ("efficiency", lambda row: quantity(row.path_efficiency_median, 100.0, 0, "%")),
-        _FALLEN,
-    ),
+ENDS = {
+    "goals": ("time_over_bound_median", "position_error_median_m", "heading_error_median_rad"),
+    "paths": ("path_error_median_m", "heading_error_median_rad"),
+    "together": ("throughput_median_parts_per_s", "collisions_mean", "path_efficiency_median"),
 }
-"""The last columns of the tables, see :func:`kind_of`."""
+"""Quantities in the tables beside those that all have, see :func:`kind_of`."""
+
+
+def _ending(name: str, row: Row) -> str:
+    return number(row.collisions_mean, 1) if name == "collisions_mean" else BY_NAME[name].text(row)

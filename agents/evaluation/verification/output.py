@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from agents.evaluation.quantities import BY_NAME
 from agents.evaluation.tables import markdown, quantity
-from agents.evaluation.verification.published_figures import FIGURES, Place
+from agents.evaluation.verification.published_figures import Place
 from agents.evaluation.verification.verify import ALPHA, VALUES, Checked, Verification
 from vibgym.files import csv_text
 
@@ -41,7 +42,7 @@ def table(found: Verification) -> str:
     by_place: dict[Place, dict[str, Checked]] = {}
     for each in found.checked:
         by_place.setdefault(each.place, {})[each.figure.name] = each
-    shown = [each.label for each in FIGURES if each.name in FIRST]
+    shown = [BY_NAME[name].label for name in FIRST]
     heads = ("task", "hardware", "policy", *shown, "figures inside", "again the same")
     lines = []
     for place, those in by_place.items():

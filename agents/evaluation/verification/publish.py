@@ -45,12 +45,10 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     settings = load_settings(config)
     path = (Path(settings.output) if run is None else run) / RESULTS
     found = _results(path)
-    try:
+    with checks.within(config):
         written = written_settings(settings)
         trials(settings_from(written))
         effects_jobs(settings)
-    except ValueError as error:
-        raise ValueError(f"{config}: {error}") from None
     wanted, ran = _comparable(settings), {key: value for key, value in found["settings"].items() if key != "output"}
     apart = settings_apart(wanted, ran)
     if apart:

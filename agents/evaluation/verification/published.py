@@ -65,8 +65,7 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
             content = {"kind": "trained", "path": content} if trained else {"kind": content}
         if not isinstance(content, Mapping) or "policy" in content:
             raise checks.refuse(f"evaluation.policies ({entry.name})", entry.content, "policies that a file can say")
-        own = {key: names for key in ("tasks", "hardware") if (names := getattr(entry, key)) is not None}
-        policies.append({**content, "name": entry.name, **own})
+        policies.append({**content, "name": entry.name, **entry.limits})
     try:
         return json.loads(json.dumps({**plain, "policies": policies}, allow_nan=False))
     except (TypeError, ValueError) as error:
@@ -99,10 +98,8 @@ def load_published(directory: Path) -> Published:
     for key in ("settings", "files", "policies"):
         if key not in record["digests"]:
             raise checks.refuse(f"{path}: digests", list(record["digests"]), "'settings', 'files' and 'policies'")
-    try:
+    with checks.within(path):
         settings = settings_from(record["settings"])
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     texts = {name: _text(directory / name) for name in (FIGURE_FILE, EPISODE_FILE)}
     episodes = _episodes(directory / EPISODE_FILE, texts[EPISODE_FILE])
     return Published(

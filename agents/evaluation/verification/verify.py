@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from agents.evaluation.quantities import QUANTITIES, Quantity
 from agents.evaluation.verification.differences import differences, versions_apart
 from agents.evaluation.verification.intervals import mean_between, median_between, rate_between
 from agents.evaluation.verification.published import Published
-from agents.evaluation.verification.published_figures import FIGURES, EpisodeTable, Figure, Place
+from agents.evaluation.verification.published_figures import EpisodeTable, Place
 from agents.evaluation.verification.sample import Asked, play_sample
 
 ALPHA = 0.01
@@ -28,7 +29,7 @@ class Checked:
     """One figure, published and found again, and the interval in which it should lie."""
 
     place: Place
-    figure: Figure
+    figure: Quantity
     published: float
     found: float
     low: float
@@ -106,8 +107,8 @@ def check(
     """
     samples = []
     for place, those in fresh.items():
-        for figure in FIGURES:
-            before, now = figure.sample(published[place]), figure.sample(those)
+        for figure in QUANTITIES:
+            before, now = figure.sample(published[place].columns), figure.sample(those.columns)
             if len(before) and len(now):
                 samples.append((place, figure, before, now))
     share = alpha / max(len(samples), 1)

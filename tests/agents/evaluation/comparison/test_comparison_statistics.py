@@ -23,15 +23,17 @@ def sample(time: np.ndarray, limit: float = 10.0, bound: float = 1.0, first_seed
     """Of times (runs, episodes), nan where an episode fails."""
     runs, episodes = time.shape
     no = np.zeros((runs, episodes), dtype=bool)
+    none = np.full((runs, episodes), np.nan)
     return Sample(
+        "Align",
         tuple(range(first_seed, first_seed + episodes)),
-        limit,
+        1.0,
+        steps=time,
         success=np.isfinite(time),
-        time=time,
+        **dict.fromkeys(("fallen", "diverged"), no),
+        **dict.fromkeys(("returns", "position_error", "heading_error", "path_error", "collisions"), none),
         bound=np.full((runs, episodes), bound),
-        collisions=np.full((runs, episodes), np.nan),
-        fallen=no,
-        diverged=no,
+        limit=limit,
     )
 
 
@@ -190,7 +192,7 @@ def test_profiles_rise_to_the_success_rate_within_their_bands() -> None:
     assert found.unit == "bound" and found.limits[0] == 1.0 and (np.diff(found.limits) > 0.0).all()
     for name, (share, low, high) in found.curves.items():
         assert (np.diff(share) >= 0.0).all() and (low <= share).all() and (share <= high).all(), name
-        wanted = np.where(samples[name].success, samples[name].time, np.inf)
+        wanted = np.where(samples[name].success, samples[name].time_to_goal, np.inf)
         for limit, each in zip(found.limits[::17], share[::17], strict=True):
             assert each == pytest.approx((wanted <= limit).mean())
     share, low, high = found.curves["a"]
