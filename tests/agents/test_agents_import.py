@@ -2,6 +2,7 @@
 
 import json
 import sys
+from typing import Any
 
 import pytest
 
@@ -95,3 +96,15 @@ def test_what_cannot_be_imported_is_one_line(tmp_path, monkeypatch, capsys, text
     assert command.main(["train", "none.yaml", "--import", name]) == 2
     line = capsys.readouterr().err
     assert line.startswith(f"--import: got '{name}'; allowed: a module") and said in line and line.count("\n") == 1
+
+
+def test_jobs_in_an_environment_that_was_brought_may_leave_the_process(brought, monkeypatch):
+    from agents.evaluation.jobs import Job
+
+    name, package = brought
+    imports.take_part([package])
+    info: Any = None  # is not asked for
+    mine, ours = (Job(task, info, [1], {}, "zero", None) for task in (f"mine/{name}-v0", "Align"))
+    assert mine.plain and ours.plain
+    monkeypatch.setattr(imports, "_imported", [])  # registered by the program itself, which workers do not know
+    assert not mine.plain and ours.plain
