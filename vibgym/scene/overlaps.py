@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.physics.collision.hulls import Hulls, all_gaps, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part
@@ -28,6 +29,18 @@ def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
     if len(parts) == 1:
         x, y = np.array([0.5 * surface.width]), np.array([0.5 * surface.depth])
     return np.column_stack([x, y, np.zeros(len(parts))])
+
+
+def check_centres(name: str, pose: np.ndarray, surface: Surface) -> None:
+    """Refuse poses (..., 3) whose centres are beside the surface.
+
+    Raises:
+        ValueError: names the first of them.
+    """
+    off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
+    if off.any():
+        allowed = f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
+        raise checks.refuse(name, pose[off][0].tolist(), allowed)
 
 
 def check(

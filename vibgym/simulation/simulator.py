@@ -150,13 +150,7 @@ class Simulator:
         shape = self._state.pose.shape
         pose = checks.array("pose", pose, shape)
         velocity = checks.array("velocity", 0.0 if velocity is None else velocity, shape)
-        surface = self.surface
-        off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
-        if off.any():
-            bad = pose[off][0].tolist()
-            raise checks.refuse(
-                "pose", bad, f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
-            )
+        overlaps.check_centres("pose", pose, self.surface)
         fallen = np.zeros(shape[:2], dtype=bool)
         overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
         self.place(slice(None), pose, velocity, velocity)
