@@ -10,8 +10,10 @@ import numpy as np
 
 from vibgym import Part, Surface, checks
 from vibgym.actuators import DataSheet
+from vibgym.allocation.allocator import strongest
 from vibgym.envs.layout import Layout
 from vibgym.envs.limits import step_limit
+from vibgym.scene.sliding import Sliding, sliding_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,11 @@ class TaskInfo:
             goal_moves=task.goal_moves,
             lead=base.measurement_lead,
         )
+
+    @property
+    def plant(self) -> Sliding:
+        """The parts as plants: how hard this hardware can push them on this surface, and how friction brakes them."""
+        return sliding_of(self.surface, self.parts, strongest(self.surface, self.hardware))
 
     @property
     def hard_dead_zone(self) -> bool:
