@@ -27,6 +27,7 @@ from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
+from vibgym.snapshots import Live
 
 
 def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
@@ -35,10 +36,11 @@ def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
     return min(across, max(surface.rows, surface.columns))
 
 
-class Action(ABC):
+class Action(Live, ABC):
     """Base: what the numbers mean, the flat space, the check, and the command.
 
     An action of your own is a subclass with ``shape`` and :meth:`command`; ``vibgym.envs.ACTIONS.register`` gives it a name.
+    What it remembers from step to step is in :meth:`live`: arrays (worlds, ...), zeros where an episode begins.
 
     Args:
         surface: the table.
@@ -48,6 +50,8 @@ class Action(ABC):
         shape: says what the numbers mean; the space is flat, in C order of it.
         size: how many numbers.
     """
+
+    SNAPSHOT = "action"
 
     shape: tuple[int, ...]
 
@@ -106,10 +110,6 @@ class Action(ABC):
         Returns:
             What ``info["commanded"]`` says, live arrays (worlds, ...); nothing, unless an action has more to tell.
         """
-        return {}
-
-    def live(self) -> dict[str, np.ndarray]:
-        """What it remembers from step to step, live arrays (worlds, ...) of a snapshot, zeros where an episode begins."""
         return {}
 
     @abstractmethod

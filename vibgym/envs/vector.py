@@ -19,7 +19,7 @@ from vibgym.envs.limits import MOST_EPISODE
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.reset_options import StartOverride
 from vibgym.envs.shared import SharedInterface, frames_per_second
-from vibgym.snapshots import check_keys, copied, restored
+from vibgym.snapshots import check_keys, copied, put_back, restored
 
 
 class VibgymVectorEnv(SharedInterface, VectorEnv):
@@ -233,8 +233,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             for world, each in enumerate(given)
         ]
         self.core.set_state({name: state[name] for name in Core.STATE})
-        for name, live in self._counters().items():
-            live[...] = values[name]
+        put_back(self._counters(), values)
         self._generators, self.closed = own, False
         if self._viewer is not None:
             for world in range(self.num_envs):

@@ -107,6 +107,5 @@ class TaskInfo:
             ValueError: names the policy and the task.
         """
         if not self.has_goal and self.zones is None and self.apart is None:
-            raise checks.refuse(
-                f"policy {policy!r}", f"the task {self.name}", "tasks with goals, zones or a distance to keep"
-            )
+            allowed = "tasks with goals, zones or a distance to keep"
+            raise checks.refuse(f"policy {policy!r}", f"the task {self.name}", allowed)

@@ -21,7 +21,7 @@ from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS as FIXED
 from vibgym.simulation.protocol import Setup
-from vibgym.snapshots import check_keys, copied, restored
+from vibgym.snapshots import check_keys, copied, put_back, restored
 
 MODELS = (*FIXED, "auto")
 
@@ -98,9 +98,8 @@ class Simulator:
         for part in parts:
             if part.radius > largest:
                 got = f"{part.name!r} with radius {part.radius:g} m"
-                raise checks.refuse(
-                    "parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)"
-                )
+                allowed = f"a radius of at most {largest:g} m on this surface (lengths are in m)"
+                raise checks.refuse("parts", got, allowed)
         several = isinstance(walls, Sequence) and not isinstance(walls, str)
         if several:
             for name in walls:
@@ -339,8 +338,7 @@ class Simulator:
         overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
         conditions = Conditions(*(values[name] for name in Conditions._fields))
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
-        for name, mine in live.items():
-            mine[...] = values[name]
+        put_back(live, values)
         self._periods = periods
 
 

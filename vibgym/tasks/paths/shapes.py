@@ -198,9 +198,8 @@ def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:
     if left.min() < -1e-9:
         short = int(left.argmin())
         got = f"{1e3 * length[short]:.4g} mm between corners of radius {1e3 * corner:.4g} mm"
-        raise checks.refuse(
-            name, got, f"at least {1e3 * (taken[short] + taken[short + 1]):.4g} mm there, or smaller corners"
-        )
+        allowed = f"at least {1e3 * (taken[short] + taken[short + 1]):.4g} mm there, or smaller corners"
+        raise checks.refuse(name, got, allowed)
     lengths, curvatures = [max(float(left[0]), 0.0)], [0.0]
     for bend, straight in zip(turn.tolist(), left[1:].tolist(), strict=True):
         if bend != 0.0:
