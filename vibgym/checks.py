@@ -187,6 +187,21 @@ def array(
     return result
 
 
+def shaped(name: str, value: Any, shapes: tuple[tuple[int, ...], ...], allowed: str, kinds: str = "fiu") -> np.ndarray:
+    """An array of real numbers of one of ``shapes``, as it is given; ``allowed`` says in words what these are.
+
+    Args:
+        kinds: of its numbers, NumPy's letters.
+    """
+    try:
+        values = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        raise refuse(name, value, allowed) from None
+    if values.shape not in shapes or values.dtype.kind not in kinds:
+        raise refuse(name, f"array of shape {values.shape} and type {values.dtype}", allowed)
+    return values
+
+
 def _first(values: np.ndarray, bad: np.ndarray) -> str:
     index = tuple(int(k) for k in np.argwhere(bad)[0])
     return f"{float(values[index])!r} at {list(index)}"

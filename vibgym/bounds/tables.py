@@ -106,6 +106,7 @@ class Reach(NamedTuple):
         return np.where(inside > PERIODS, PERIODS + beyond, inside)
 
 
+@functools.lru_cache(maxsize=64)
 def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
     """Of the centre of mass, m; ``amplitude`` m is the largest, ``tolerance`` m that of the goal."""
     directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)

@@ -75,7 +75,7 @@ class TimeBound:
             allowed = "parts that slide all the time: mu > 0 and a_h w^2 > mu_0 (g + a_v w^2)"
             raise checks.refuse("part", f"friction {part.friction:g} (static: {part.static_friction:g})", allowed)
         self._hold = Hold(-(-self.hold // self.stride), self.stride)
-        self._ways = _ways(surface, part.friction, amplitude, self.position_tolerance, self._hold)
+        self._ways = way_reach(surface, part.friction, amplitude, self.position_tolerance, self._hold)
         self._turns: tuple[Reach, Reach] | None = None
         if 0.0 < self.heading_period <= 2.0 * heading_tolerance:
             heading_tolerance = math.inf  # no heading is ever off
@@ -147,11 +147,6 @@ class _Key:
 
     def __hash__(self) -> int:
         return hash(self._values)
-
-
-@functools.lru_cache(maxsize=64)
-def _ways(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
-    return way_reach(surface, friction, amplitude, tolerance, hold)
 
 
 @functools.lru_cache(maxsize=64)

@@ -85,13 +85,7 @@ class Action(Live, ABC):
         """
         lead = () if worlds is None else (worlds,)
         flat, shaped = (*lead, self.size), (*lead, *self.shape)
-        try:
-            values = np.asarray(action)
-        except ValueError:  # rows of different lengths
-            raise checks.refuse("action", action, f"real numbers of shape {flat} or {shaped}") from None
-        if values.shape not in (flat, shaped) or values.dtype.kind not in "fiu":
-            got = f"array of shape {values.shape} and type {values.dtype}"
-            raise checks.refuse("action", got, f"real numbers of shape {flat} or {shaped}")
+        values = checks.shaped("action", action, (flat, shaped), f"real numbers of shape {flat} or {shaped}")
         if not np.isfinite(values).all():
             bad = np.argwhere(~np.isfinite(values))[0].tolist()
             raise checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")

@@ -118,10 +118,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
         core = self.core
-        if self.closed:
-            raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
-        if not core.began:
-            raise gym.error.ResetNeeded("call reset() before step()")
+        self._check_open(self.closed)
         actions = core.action.check(actions, self.num_envs)
         if self._viewer is not None:
             actions = actions.copy()  # the pictures are of this step, whatever the caller does to the array

@@ -191,17 +191,9 @@ class OwnReward:
             allowed = f"those with a weight, in TERMS or task_settings['weights']: {', '.join(known) or 'none'}"
             raise checks.refuse(f"terms of the reward of {self._task.name}", name, allowed)
         shape = self._everyone.shape
+        where = f"reward of {self._task.name}, term {name!r}"
         allowed = f"an array of numbers of shape {shape}: (worlds, parts)"
-        try:
-            array = np.asarray(values)
-        except (TypeError, ValueError):  # rows of different lengths
-            self._refuse(name, values, allowed)
-        if array.shape != shape or array.dtype.kind not in "bfiu":
-            self._refuse(name, f"array of shape {array.shape} and type {array.dtype}", allowed)
-        return array.astype(np.float64)
-
-    def _refuse(self, name: str, got: Any, allowed: str) -> Any:
-        raise checks.refuse(f"reward of {self._task.name}, term {name!r}", got, allowed)
+        return checks.shaped(where, values, (shape,), allowed, "bfiu").astype(np.float64)
 
 
 def _readable(array: np.ndarray) -> np.ndarray:
