@@ -179,7 +179,7 @@ class PartsParallelEnv(ParallelEnv):
         together = np.zeros((len(self.possible_agents), self._share), dtype=np.float32)
         for agent, given in actions.items():
             name, allowed = f"actions[{agent!r}]", f"finite numbers of shape {(self._share,)} or {self._shape}"
-            values = checks.shaped(name, given, ((self._share,), self._shape), allowed)
+            values = checks.shaped(name, given, ((self._share,), self._shape), "finite numbers")
             if not np.isfinite(values).all():
                 raise checks.refuse(name, given, allowed)
             together[self._part(agent)] = np.clip(values, -1.0, 1.0).ravel()

@@ -85,7 +85,7 @@ class Action(Live, ABC):
         """
         lead = () if worlds is None else (worlds,)
         flat, shaped = (*lead, self.size), (*lead, *self.shape)
-        values = checks.shaped("action", action, (flat, shaped), f"real numbers of shape {flat} or {shaped}")
+        values = checks.shaped("action", action, (flat, shaped), "real numbers")
         if not np.isfinite(values).all():
             bad = np.argwhere(~np.isfinite(values))[0].tolist()
             raise checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")

@@ -191,9 +191,8 @@ class OwnReward:
             allowed = f"those with a weight, in TERMS or task_settings['weights']: {', '.join(known) or 'none'}"
             raise checks.refuse(f"terms of the reward of {self._task.name}", name, allowed)
         shape = self._everyone.shape
-        where = f"reward of {self._task.name}, term {name!r}"
-        allowed = f"an array of numbers of shape {shape}: (worlds, parts)"
-        return checks.shaped(where, values, (shape,), allowed, "bfiu").astype(np.float64)
+        where, meaning = f"reward of {self._task.name}, term {name!r}", ": (worlds, parts)"
+        return checks.shaped(where, values, (shape,), "an array of numbers", meaning, "bfiu").astype(np.float64)
 
 
 def _readable(array: np.ndarray) -> np.ndarray:
