@@ -204,6 +204,25 @@ def array(
     return result
 
 
+def shaped(
+    name: str, value: Any, shapes: tuple[tuple[int, ...], ...], what: str, meaning: str = "", kinds: str = "fiu"
+) -> np.ndarray:
+    """An array of real numbers of one of ``shapes``, as it is given.
+
+    Args:
+        what: of these shapes is allowed, and ``meaning``: what follows these, for errors.
+        kinds: of its numbers, NumPy's letters.
+    """
+    try:
+        values = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        values = None
+    if values is None or values.shape not in shapes or values.dtype.kind not in kinds:
+        got = value if values is None else f"array of shape {values.shape} and type {values.dtype}"
+        raise refuse(name, got, f"{what} of shape {' or '.join(map(str, shapes))}{meaning}")
+    return values
+
+
 def _first(values: np.ndarray, bad: np.ndarray) -> str:
     index = tuple(int(k) for k in np.argwhere(bad)[0])
     return f"{float(values[index])!r} at {list(index)}"

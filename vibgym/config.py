@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from vibgym import checks, strict_yaml
 from vibgym.files import reason
@@ -32,16 +33,9 @@ class Settings(BaseModel):
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class SurfaceSettings(Settings):
-    """Fields of :class:`vibgym.Surface`."""
-
-    rows: int = 8
-    columns: int = 32
-    element_size: float = 0.026
-    horizontal_amplitude: float = 2.7e-3
-    frequency: float = 25.0
-    gravity: float = 9.81
-    max_amplitude: float | None = None
+_FIELDS: dict[str, Any] = {each.name: (get_type_hints(Surface)[each.name], each.default) for each in fields(Surface)}
+SurfaceSettings = create_model("SurfaceSettings", __base__=Settings, **_FIELDS)
+"""Fields of :class:`vibgym.Surface`."""
 
 
 class PartSettings(Settings):

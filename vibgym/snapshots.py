@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -40,3 +40,32 @@ def restored(argument: str, live: Mapping[str, np.ndarray], state: Any) -> dict[
             raise checks.refuse(where, f"array of shape {values.shape} and type {values.dtype}", f"shape {mine.shape}")
         result[name] = checks.array(where, values, mine.shape, dtype=mine.dtype)
     return result
+
+
+def put_back(live: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -> None:
+    """Overwrite live arrays with those that :func:`restored` gave."""
+    for name, mine in live.items():
+        mine[...] = values[name]
+
+
+class Live:
+    """Base of what is part of a snapshot by its live arrays."""
+
+    SNAPSHOT: ClassVar[str]
+    """Key of a snapshot under which they stand."""
+
+    def live(self) -> dict[str, np.ndarray]:
+        """All live arrays of a snapshot."""
+        return {}
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything needed to go on bit for bit."""
+        return copied(self.live())
+
+    def check_state(self, state: Any) -> dict[str, np.ndarray]:
+        """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
+        return restored(f"state[{self.SNAPSHOT!r}]", self.live(), state)
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from a checked state."""
+        put_back(self.live(), state)

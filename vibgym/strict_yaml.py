@@ -121,9 +121,8 @@ class _Loader(*BASES):
             value = super().construct_object(node, deep)
         except (yaml.YAMLError, _Refused):
             raise
-        except (
-            Exception
-        ) as error:  # constructors trust their patterns: there is a 31st of February, and !!int of nothing
+        except Exception as error:
+            # Constructors trust their patterns: there is a 31st of February, and !!int of nothing.
             kind = str(node.tag).rpartition(":")[2]
             raise _Refused(node, _text_of(node), f"a value of type {kind} ({error})") from None
         if isinstance(value, str) and UNFIT.search(value):

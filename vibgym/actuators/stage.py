@@ -11,10 +11,10 @@ import numpy as np
 from vibgym.actuators.data_sheet import DataSheet
 from vibgym.physics.core.drive import Drive
 from vibgym.scene.surface import Surface
-from vibgym.snapshots import copied, restored
+from vibgym.snapshots import Live
 
 
-class ActuatorStage(ABC):
+class ActuatorStage(Live, ABC):
     """From a step's command to the drives that act; batched.
 
     Args:
@@ -26,6 +26,8 @@ class ActuatorStage(ABC):
         latency: periods between a command and its effect, as the data sheet has it.
         most_latency: largest that an episode may draw.
     """
+
+    SNAPSHOT = "actuators"
 
     latency: int = 0
     most_latency: int = 0
@@ -60,7 +62,7 @@ class ActuatorStage(ABC):
         """Actuators as the data sheet has them, without latency, for a model of the machine; None: ideal ones."""
         return None
 
-    def prepare(self, command: Drive) -> None:  # noqa: B027 - most need no such thing
+    def prepare(self, command: Drive) -> None:
         """See what commands will look like, once, before the first of them."""
 
     def vary(self, ranges: Mapping[str, Any]) -> None:
@@ -89,20 +91,3 @@ class ActuatorStage(ABC):
 
         They are good one after the other: one that has been handed out ends the one before.
         """
-
-    def live(self) -> dict[str, np.ndarray]:
-        """All live arrays of a snapshot."""
-        return {}
-
-    def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit."""
-        return copied(self.live())
-
-    def check_state(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
-        return restored("state['actuators']", self.live(), state)
-
-    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a checked state."""
-        for name, values in self.live().items():
-            values[...] = state[name]

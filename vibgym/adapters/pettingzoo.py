@@ -74,9 +74,8 @@ class PartsParallelEnv(ParallelEnv):
             raise checks.refuse("env", env, "an environment of one world made with observation='parts'")
         acting = base.core.action
         if not acting.by_part:
-            raise checks.refuse(
-                "action", type(acting).__name__.lower(), "one with a share for every part, as 'wrench' has"
-            )
+            allowed = "one with a share for every part, as 'wrench' has"
+            raise checks.refuse("action", type(acting).__name__.lower(), allowed)
         self.env, self._base, self._credits_parts = env, base, credits_parts(env)
         self._shape = acting.shape[1:]
         self._share = acting.size // len(base.parts)
@@ -180,12 +179,7 @@ class PartsParallelEnv(ParallelEnv):
         together = np.zeros((len(self.possible_agents), self._share), dtype=np.float32)
         for agent, given in actions.items():
             name, allowed = f"actions[{agent!r}]", f"finite numbers of shape {(self._share,)} or {self._shape}"
-            try:
-                values = np.asarray(given)
-            except ValueError:  # rows of different lengths
-                raise checks.refuse(name, given, allowed) from None
-            if values.shape not in ((self._share,), self._shape) or values.dtype.kind not in "fiu":
-                raise checks.refuse(name, f"array of shape {values.shape} and type {values.dtype}", allowed)
+            values = checks.shaped(name, given, ((self._share,), self._shape), "finite numbers")
             if not np.isfinite(values).all():
                 raise checks.refuse(name, given, allowed)
             together[self._part(agent)] = np.clip(values, -1.0, 1.0).ravel()

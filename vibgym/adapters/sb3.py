@@ -59,9 +59,8 @@ class VecEnv(vec_env.VecEnv):
             envs = (gym.make_vec(envs[0], num_envs=worlds, **{"autoreset_mode": "SameStep", **settings}),)
         elif num_envs is not None or settings or not envs:
             got = sorted([*settings, *(["num_envs"] if num_envs is not None else [])])
-            raise checks.refuse(
-                "settings", got, "none beside environments that are made already; or one name, and settings"
-            )
+            allowed = "none beside environments that are made already; or one name, and settings"
+            raise checks.refuse("settings", got, allowed)
         for wrap in wrappers:
             envs = tuple(map(wrap, envs))
         self.envs, self._scenes = envs, [_knowing(env, "parts_layout") for env in envs]

@@ -105,11 +105,7 @@ class Allocator:
         problem = Problem(self.outlines, self._limits, *given)
 
         def work(start: int, stop: int) -> None:
-            scratch = self._scratch.borrow()
-            try:
-                allocate(start, stop, problem, *scratch, push)
-            finally:
-                self._scratch.give_back(scratch)
+            self._scratch.lend(lambda scratch: allocate(start, stop, problem, *scratch, push))
 
         workers.share(work, worlds, self._threads)
         return push

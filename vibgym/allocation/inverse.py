@@ -110,15 +110,12 @@ class Inverse:
         checks.choice("over", over, tuple(POINTS))
         corrections = checks.count("corrections", corrections, least=0, most=MOST_CORRECTIONS)
         if corrections and over != "period":
-            raise checks.refuse(
-                "corrections", corrections, "0 with over='instant': the planar model plays whole periods"
-            )
+            allowed = "0 with over='instant': the planar model plays whole periods"
+            raise checks.refuse("corrections", corrections, allowed)
         self.surface, self.part = surface, part
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self._tasks = workers.Pool(partial(_inversion, surface, part, order, over, corrections > 0))
-        task = self._tasks.borrow()
-        self._elements = len(task.room.elements)
-        self._tasks.give_back(task)
+        self._elements = self._tasks.lend(lambda task: len(task.room.elements))
         self._corrections = corrections
         self._planar = Periods(surface, part, self._threads) if corrections else None
 
@@ -156,11 +153,7 @@ class Inverse:
         """Let threads share the worlds."""
 
         def work(start: int, stop: int) -> None:
-            task = self._tasks.borrow()
-            try:
-                kernel(start, stop, task, *arrays)
-            finally:
-                self._tasks.give_back(task)
+            self._tasks.lend(lambda task: kernel(start, stop, task, *arrays))
 
         workers.share(work, worlds, self._threads)
 
@@ -190,15 +183,16 @@ class Periods:
     ) -> np.ndarray:
         """Change of the mean velocity over the period's length, (worlds, 3); NaN where the part falls."""
         drive = polar_drive(amplitude, phase, self._surface.angular_frequency)
+        return self._workspaces.lend(lambda work: self._played(work, drive, pose, velocity))
+
+    def _played(self, work: Any, drive: Drive, pose: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         table, body, scheme = self._table, self._body, self._scheme
         state = new_state(len(pose), 1)
-        work = self._workspaces.borrow()
         instant_states(drive, table, body, scheme, pose, velocity, work, state.pose[:, 0], state.velocity[:, 0])
         pinned = Pinned(STATE, state)
         workers.share(lambda start, stop: self._model.advance(start, stop, drive, pinned, 1), len(pose), self._threads)
         after = np.empty_like(pose), np.empty_like(pose)
         mean_states(drive, table, body, scheme, state.pose[:, 0], state.velocity[:, 0], work, *after)
-        self._workspaces.give_back(work)
         lost = state.fallen[:, 0] | state.diverged
         return np.where(lost[:, None], np.nan, (after[1] - velocity) / table.period)
 

@@ -106,6 +106,7 @@ class Reach(NamedTuple):
         return np.where(inside > PERIODS, PERIODS + beyond, inside)
 
 
+@functools.lru_cache(maxsize=64)
 def way_reach(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
     """Of the centre of mass, m; ``amplitude`` m is the largest, ``tolerance`` m that of the goal."""
     directions = 2.0 * np.pi / DIRECTIONS * np.arange(DIRECTIONS)
@@ -119,12 +120,17 @@ def way_values(
     surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold, direction: float
 ) -> Values:
     """Of ways in a direction (rad), by velocity along and across it beyond that of a part which slides in place, m/s."""
-    along, across = np.linspace(*SPEEDS) * surface.table_speed, np.linspace(*SLIPS) * surface.table_speed
-    first, step = np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
+    _, _, first, step = _way_grid(surface)
     kick = WAY_MARGIN * friction * surface.gravity * surface.period / 2.0
     found = _way_moves(surface, friction, amplitude, direction)
     value = _values(found, kick * surface.period, [kick / step[0], 0.0], tolerance, hold)
     return Values(value, first, step, False)
+
+
+def _way_grid(surface: Surface) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Velocities along and across, m/s, and of their grid the first node and the step."""
+    along, across = np.linspace(*SPEEDS) * surface.table_speed, np.linspace(*SLIPS) * surface.table_speed
+    return along, across, np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
 
 
 @functools.lru_cache(maxsize=64)
@@ -132,7 +138,7 @@ def _way_moves(surface: Surface, friction: float, amplitude: float, direction: f
     """What a period does on the grid of :func:`way_values`."""
     table, period = surface.table_speed, surface.period
     full = amplitude * surface.angular_frequency**2
-    along, across = np.linspace(*SPEEDS) * table, np.linspace(*SLIPS) * table
+    along, across, first, step = _way_grid(surface)
     phases = np.exp(2j * np.pi * np.arange(PHASES) / PHASES)
     phasors = full * np.concatenate([phases, *(share * phases[::4] for share in (0.75, 0.5, 0.25)), [0.0]])
     phasor = np.column_stack([phasors.real, phasors.imag])
@@ -144,7 +150,6 @@ def _way_moves(surface: Surface, friction: float, amplitude: float, direction: f
     at = math.pi / STEPS * np.arange(2 * STEPS + 1)
     drive = friction, surface.gravity, table, period
     moves(*drive, np.cos(at), np.sin(at), velocity.reshape(-1, 2), phasor, travelled, after)
-    first, step = np.array([along[0], across[0]]), np.array([along[1] - along[0], across[1] - across[0]])
     reached = (((after - idle) @ axes.T - first) / step).reshape(*nodes, 2)
     return Moves(np.ascontiguousarray((travelled @ axes[0]).reshape(nodes)), reached, False)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ LARGEST = 1e9
 """Of poses, m and rad: a table's length is some of them, and squares of larger numbers lose what is looked for."""
 
 
+@dataclass(eq=False)
 class TimeBound:
     """Fewest steps, and least time, in which one part alone can succeed: from rest into tolerance, and held there.
 
@@ -43,39 +45,37 @@ class TimeBound:
         ValueError: a bad argument, or a part that might stick.
     """
 
-    def __init__(
-        self,
-        surface: Surface,
-        part: Part,
-        *,
-        position_tolerance: float,
-        heading_tolerance: float = math.inf,
-        heading_period: float = 0.0,
-        hold: int = 10,
-        periods_per_step: int = 1,
-        amplitude: float | None = None,
-        latency: int = 0,
-    ) -> None:
-        checks.instance("surface", surface, Surface)
-        checks.instance("part", part, Part)
-        assert surface.max_amplitude is not None
-        self.surface, self.part = surface, part
-        self.position_tolerance = checks.number("position_tolerance", position_tolerance, above=0.0)
+    surface: Surface
+    part: Part
+    _: KW_ONLY
+    position_tolerance: float
+    heading_tolerance: float = math.inf
+    heading_period: float = 0.0
+    hold: int = 10
+    periods_per_step: int = 1
+    amplitude: float | None = None
+    latency: int = 0
+
+    def __post_init__(self) -> None:
+        surface, part = checks.instance("surface", self.surface, Surface), checks.instance("part", self.part, Part)
+        self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
+        heading_tolerance = self.heading_tolerance
         if not isinstance(heading_tolerance, float) or heading_tolerance != math.inf:
             heading_tolerance = checks.number("heading_tolerance", heading_tolerance, above=0.0)
         self.heading_tolerance = heading_tolerance
-        self.heading_period = checks.number("heading_period", heading_period, least=0.0)
-        self.hold = checks.count("hold", hold, most=MOST_HOLD)
-        self.stride = checks.count("periods_per_step", periods_per_step, most=checks.MOST_PERIODS)
-        most = surface.max_amplitude
-        amplitude = most if amplitude is None else checks.number("amplitude", amplitude, least=0.0, most=most)
-        self.latency = checks.count("latency", latency, least=0, most=MOST_LATENCY)
+        self.heading_period = checks.number("heading_period", self.heading_period, least=0.0)
+        self.hold = checks.count("hold", self.hold, most=MOST_HOLD)
+        self.stride = checks.count("periods_per_step", self.periods_per_step, most=checks.MOST_PERIODS)
+        amplitude = most = surface.max_amplitude
+        if self.amplitude is not None:
+            amplitude = checks.number("amplitude", self.amplitude, least=0.0, most=most)
+        self.latency = checks.count("latency", self.latency, least=0, most=MOST_LATENCY)
         strongest = part.static_friction * (surface.gravity + amplitude * surface.angular_frequency**2)
         if part.friction == 0.0 or surface.horizontal_amplitude * surface.angular_frequency**2 <= strongest:
             allowed = "parts that slide all the time: mu > 0 and a_h w^2 > mu_0 (g + a_v w^2)"
             raise checks.refuse("part", f"friction {part.friction:g} (static: {part.static_friction:g})", allowed)
         self._hold = Hold(-(-self.hold // self.stride), self.stride)
-        self._ways = _ways(surface, part.friction, amplitude, self.position_tolerance, self._hold)
+        self._ways = way_reach(surface, part.friction, amplitude, self.position_tolerance, self._hold)
         self._turns: tuple[Reach, Reach] | None = None
         if 0.0 < self.heading_period <= 2.0 * heading_tolerance:
             heading_tolerance = math.inf  # no heading is ever off
@@ -147,11 +147,6 @@ class _Key:
 
     def __hash__(self) -> int:
         return hash(self._values)
-
-
-@functools.lru_cache(maxsize=64)
-def _ways(surface: Surface, friction: float, amplitude: float, tolerance: float, hold: Hold) -> Reach:
-    return way_reach(surface, friction, amplitude, tolerance, hold)
 
 
 @functools.lru_cache(maxsize=64)

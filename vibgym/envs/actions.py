@@ -27,6 +27,7 @@ from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
+from vibgym.snapshots import Live
 
 
 def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
@@ -35,10 +36,11 @@ def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
     return min(across, max(surface.rows, surface.columns))
 
 
-class Action(ABC):
+class Action(Live, ABC):
     """Base: what the numbers mean, the flat space, the check, and the command.
 
     An action of your own is a subclass with ``shape`` and :meth:`command`; ``vibgym.envs.ACTIONS.register`` gives it a name.
+    What it remembers from step to step is in :meth:`live`: arrays (worlds, ...), zeros where an episode begins.
 
     Args:
         surface: the table.
@@ -48,6 +50,8 @@ class Action(ABC):
         shape: says what the numbers mean; the space is flat, in C order of it.
         size: how many numbers.
     """
+
+    SNAPSHOT = "action"
 
     shape: tuple[int, ...]
 
@@ -81,13 +85,7 @@ class Action(ABC):
         """
         lead = () if worlds is None else (worlds,)
         flat, shaped = (*lead, self.size), (*lead, *self.shape)
-        try:
-            values = np.asarray(action)
-        except ValueError:  # rows of different lengths
-            raise checks.refuse("action", action, f"real numbers of shape {flat} or {shaped}") from None
-        if values.shape not in (flat, shaped) or values.dtype.kind not in "fiu":
-            got = f"array of shape {values.shape} and type {values.dtype}"
-            raise checks.refuse("action", got, f"real numbers of shape {flat} or {shaped}")
+        values = checks.shaped("action", action, (flat, shaped), "real numbers")
         if not np.isfinite(values).all():
             bad = np.argwhere(~np.isfinite(values))[0].tolist()
             raise checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
@@ -106,10 +104,6 @@ class Action(ABC):
         Returns:
             What ``info["commanded"]`` says, live arrays (worlds, ...); nothing, unless an action has more to tell.
         """
-        return {}
-
-    def live(self) -> dict[str, np.ndarray]:
-        """What it remembers from step to step, live arrays (worlds, ...) of a snapshot, zeros where an episode begins."""
         return {}
 
     @abstractmethod

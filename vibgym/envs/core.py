@@ -30,7 +30,7 @@ from vibgym.sensing import sensing_from
 from vibgym.sensing.measurement import new_measurement
 from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.simulator import Simulator
-from vibgym.snapshots import check_keys, copied, restored
+from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
 from vibgym.tasks.reward import OwnReward
@@ -313,7 +313,7 @@ class Core:
             "environment": self.identity,
             "simulator": self.simulator.get_state(),
             "episode": copied(self._progress()),
-            "action": copied(self.action.live()),
+            "action": self.action.get_state(),
             "actuators": self.actuators.get_state(),
             "sensor": self.sensing.get_state(),
             "began": self.began,
@@ -330,14 +330,12 @@ class Core:
             raise checks.refuse("state['environment']", *_difference(state["environment"], self.identity))
         began = checks.flag("state['began']", state["began"])
         episode = restored("state['episode']", self._progress(), state["episode"])
-        action = restored("state['action']", self.action.live(), state["action"])
+        action = self.action.check_state(state["action"])
         actuators = self.actuators.check_state(state["actuators"])
         sensor = self.sensing.check_state(state["sensor"])
         self.simulator.set_state(state["simulator"])  # checks before it changes anything, and is the last that can fail
-        for name, values in self._progress().items():
-            values[...] = episode[name]
-        for name, values in self.action.live().items():
-            values[...] = action[name]
+        put_back(self._progress(), episode)
+        self.action.set_state(action)
         self.actuators.set_state(actuators)
         self.sensing.set_state(sensor)
         if began:

@@ -72,9 +72,8 @@ class CameraObservation(Observation):
 
     def watch(self, sensor: Sensor) -> None:
         if not isinstance(sensor, CameraSensor):
-            raise checks.refuse(
-                "observation", "camera", "'camera' only with sensor='camera', or a mapping of that kind"
-            )
+            allowed = "'camera' only with sensor='camera', or a mapping of that kind"
+            raise checks.refuse("observation", "camera", allowed)
         self._camera = sensor
         sensor.keep_pictures()
 

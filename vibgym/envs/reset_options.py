@@ -92,11 +92,7 @@ def parse_reset_options(
 
 def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:
     pose = np.array(checks.array(name, value, shape))
-    surface = task.surface
-    off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
-    if off.any():
-        allowed = f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
-        raise checks.refuse(name, pose[off][0].tolist(), allowed)
+    overlaps.check_centres(name, pose, task.surface)
     return pose
 
 

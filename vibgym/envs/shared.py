@@ -118,6 +118,13 @@ class SharedInterface:
             raise gym.error.ResetNeeded("observed(): call reset() before")
         return self._own(self.core.observed(kind))
 
+    def _check_open(self, closed: bool) -> None:
+        """Refuse a step of an environment that has been closed, or in which no episode has begun."""
+        if closed:
+            raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
+        if not self.core.began:
+            raise gym.error.ResetNeeded("call reset() before step()")
+
     def _override(self, options: Any, more: tuple[str, ...] = ()) -> StartOverride | None:
         """What the options of a reset set of the start; ``more`` are known besides."""
         return parse_reset_options(options, self.core.task, self.core.worlds, self.core.longest, more)

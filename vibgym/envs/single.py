@@ -237,10 +237,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
         core = self.core
-        if self._closed:
-            raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
-        if not core.began:
-            raise gym.error.ResetNeeded("call reset() before step()")
+        self._check_open(self._closed)
         checked = core.action.check(action, None)
         if self._viewer is not None:
             checked = checked.copy()  # the picture is of this step, whatever the caller does to the array

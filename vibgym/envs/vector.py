@@ -19,7 +19,7 @@ from vibgym.envs.limits import MOST_EPISODE
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.reset_options import StartOverride
 from vibgym.envs.shared import SharedInterface, frames_per_second
-from vibgym.snapshots import check_keys, copied, restored
+from vibgym.snapshots import check_keys, copied, put_back, restored
 
 
 class VibgymVectorEnv(SharedInterface, VectorEnv):
@@ -118,10 +118,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
         core = self.core
-        if self.closed:
-            raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
-        if not core.began:
-            raise gym.error.ResetNeeded("call reset() before step()")
+        self._check_open(self.closed)
         actions = core.action.check(actions, self.num_envs)
         if self._viewer is not None:
             actions = actions.copy()  # the pictures are of this step, whatever the caller does to the array
@@ -233,8 +230,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             for world, each in enumerate(given)
         ]
         self.core.set_state({name: state[name] for name in Core.STATE})
-        for name, live in self._counters().items():
-            live[...] = values[name]
+        put_back(self._counters(), values)
         self._generators, self.closed = own, False
         if self._viewer is not None:
             for world in range(self.num_envs):

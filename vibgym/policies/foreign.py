@@ -52,9 +52,8 @@ class ModelPolicy:
             action = usual
         if action is None and len(fitting) > 1:
             which = " or ".join(f"'action': {name!r}" for name in fitting)
-            raise checks.refuse(
-                "policy", got, f"{{'policy': model, {which}}}, or an attribute 'action': both would fit"
-            )
+            allowed = f"{{'policy': model, {which}}}, or an attribute 'action': both would fit"
+            raise checks.refuse("policy", got, allowed)
         self.action = fitting[0] if action is None else action
 
     def predict(

@@ -179,9 +179,8 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     if "policy" in arguments:
         model = arguments.pop("policy")
         if not hasattr(model, "predict") or not set(arguments) <= {"action"}:
-            raise checks.refuse(
-                "policy", dict(policy), "'policy', an object with predict(), and 'action', what it speaks"
-            )
+            allowed = "'policy', an object with predict(), and 'action', what it speaks"
+            raise checks.refuse("policy", dict(policy), allowed)
         return ModelPolicy(model, info, usual=spoken, **arguments)
     kind = arguments.pop("kind", None)
     CONTROLLERS.choose("policy.kind", kind)

@@ -10,8 +10,10 @@ import numpy as np
 
 from vibgym import Part, Surface, checks
 from vibgym.actuators import DataSheet
+from vibgym.allocation.allocator import strongest
 from vibgym.envs.layout import Layout
 from vibgym.envs.limits import step_limit
+from vibgym.scene.sliding import Sliding, sliding_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +91,11 @@ class TaskInfo:
         )
 
     @property
+    def plant(self) -> Sliding:
+        """The parts as plants: how hard this hardware can push them on this surface, and how friction brakes them."""
+        return sliding_of(self.surface, self.parts, strongest(self.surface, self.hardware))
+
+    @property
     def hard_dead_zone(self) -> bool:
         """Whether elements that are told to do little do nothing at all."""
         return self.hardware.dead_zone > 0.0 and self.hardware.dead_zone_form == "hard"
@@ -100,6 +107,5 @@ class TaskInfo:
             ValueError: names the policy and the task.
         """
         if not self.has_goal and self.zones is None and self.apart is None:
-            raise checks.refuse(
-                f"policy {policy!r}", f"the task {self.name}", "tasks with goals, zones or a distance to keep"
-            )
+            allowed = "tasks with goals, zones or a distance to keep"
+            raise checks.refuse(f"policy {policy!r}", f"the task {self.name}", allowed)

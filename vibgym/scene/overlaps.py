@@ -31,6 +31,18 @@ def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
     return np.column_stack([x, y, np.zeros(len(parts))])
 
 
+def check_centres(name: str, pose: np.ndarray, surface: Surface) -> None:
+    """Refuse poses (..., 3) whose centres are beside the surface.
+
+    Raises:
+        ValueError: names the first of them.
+    """
+    off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
+    if off.any():
+        allowed = f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
+        raise checks.refuse(name, pose[off][0].tolist(), allowed)
+
+
 def check(
     name: str,
     hulls: Hulls,

@@ -177,7 +177,6 @@ def _steps_between(name: str, rate: Any, steps_per_second: float) -> int:
     value = checks.number(name, rate, above=0.0)
     steps = round(steps_per_second / value)
     if steps < 1 or abs(steps * value - steps_per_second) > 1e-6 * steps_per_second:
-        raise checks.refuse(
-            name, rate, f"{steps_per_second:g} Hz, the rate of steps, over a whole number; or None for that rate"
-        )
+        allowed = f"{steps_per_second:g} Hz, the rate of steps, over a whole number; or None for that rate"
+        raise checks.refuse(name, rate, allowed)
     return steps

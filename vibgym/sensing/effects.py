@@ -13,7 +13,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping
 from enum import IntEnum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,21 +22,10 @@ from vibgym._numba.jit import borrowing
 from vibgym.config import to_si
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from, normals, uniforms
 from vibgym.registry import Registry
-from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
 from vibgym.sensing.measurement import Reading
 
-
-class Reader(Protocol):
-    """What effects know of the sensor whose readings they change; see :class:`vibgym.sensing.Sensor`."""
-
-    surface: Surface
-    parts: tuple[Part, ...]
-    worlds: int
-    step: float
-    looks: np.ndarray
-    looking: np.ndarray
-    key: np.ndarray
+if TYPE_CHECKING:
+    from vibgym.sensing.base import Sensor
 
 
 class Effect:
@@ -52,7 +41,7 @@ class Effect:
     draws: int = 0
     """Uniform numbers that it needs at the start of each episode, in :meth:`begin`."""
 
-    def __init__(self, sensor: Reader, where: str) -> None:
+    def __init__(self, sensor: Sensor, where: str) -> None:
         self.sensor, self.where = sensor, where
 
     @property
@@ -91,7 +80,7 @@ class Noise(Effect):
     ``position`` and ``heading`` (``position_mm``, ``heading_deg``).
     """
 
-    def __init__(self, sensor: Reader, where: str, value: Any) -> None:
+    def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
         self.deviation = deviations(where, value, sensor.surface.width + sensor.surface.depth)
 
@@ -106,7 +95,7 @@ class Bias(Effect):
     The value is as that of :class:`Noise`. Estimators take ``sigma`` for new at every look, so it is not counted there.
     """
 
-    def __init__(self, sensor: Reader, where: str, value: Any) -> None:
+    def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
         self.deviation = deviations(where, value, sensor.surface.width + sensor.surface.depth)
         self.offset = np.zeros((sensor.worlds, len(sensor.parts), 3))
@@ -121,12 +110,12 @@ class Bias(Effect):
 class Dropout(Effect):
     """Looks that miss a part, with a probability; the first look of an episode misses none, so with 1 it is the only one."""
 
-    def __init__(self, sensor: Reader, where: str, value: Any) -> None:
+    def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
         self.share = checks.number(where, value, least=0.0, most=1.0)
 
 
-EFFECTS: Registry[Callable[[Reader, str, Any], Effect]] = Registry(
+EFFECTS: Registry[Callable[[Sensor, str, Any], Effect]] = Registry(
     "effect", {"noise": Noise, "bias": Bias, "dropout": Dropout}
 )
 """Effects by name; ``EFFECTS.register(name, cls)`` adds one of your own."""
@@ -144,7 +133,7 @@ class Effects:
         ValueError: an unknown effect, one that is named twice, or a bad value.
     """
 
-    def __init__(self, sensor: Reader, flat: Mapping[str, Any], more: Any) -> None:
+    def __init__(self, sensor: Sensor, flat: Mapping[str, Any], more: Any) -> None:
         if not isinstance(more, Mapping):
             raise checks.refuse("sensor.effects", more, f"a mapping with keys among {', '.join(EFFECTS)}")
         more = to_si(more, "sensor.effects")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.measurement import Measurement, Reading
-from vibgym.snapshots import copied, restored
+from vibgym.snapshots import Live
 
 
 class Estimator(Protocol):
@@ -38,7 +37,7 @@ class Estimator(Protocol):
         ...
 
 
-class Sensing:
+class Sensing(Live):
     """A sensor and an estimator.
 
     Attributes:
@@ -50,7 +49,7 @@ class Sensing:
         tell: what a state observation tells of the measurement besides: ``"age"``, ``"sigma"``.
     """
 
-    exact = False
+    SNAPSHOT, exact = "sensor", False
 
     def __init__(self, sensor: Sensor, estimator: Estimator, tell: tuple[str, ...] = ()) -> None:
         self.sensor, self.estimator, self.tell = sensor, estimator, tell
@@ -88,20 +87,7 @@ class Sensing:
         """Bring the measurement up to date at a step's end."""
         self.estimator.correct(self.sensor.due)
 
-    def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit."""
-        return copied(self._live())
-
-    def check_state(self, state: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
-        return restored("state['sensor']", self._live(), state)
-
-    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a checked state."""
-        for name, values in self._live().items():
-            values[...] = state[name]
-
-    def _live(self) -> dict[str, np.ndarray]:
+    def live(self) -> dict[str, np.ndarray]:
         own = {f"estimator_{name}": values for name, values in self.estimator.live().items()}
         return {**self.sensor.live(), **own}
 
@@ -142,5 +128,5 @@ class ExactSensing(Sensing):
     def correct(self) -> None:
         """Nothing to do."""
 
-    def _live(self) -> dict[str, np.ndarray]:
+    def live(self) -> dict[str, np.ndarray]:
         return {}

@@ -108,9 +108,8 @@ class Waves:
         shapes = np.stack([np.ones(count), turn.real, turn.imag])
         self.shapes = shapes
         self.direction = np.stack([n.real, n.imag])
-        self.derivative = (
-            np.stack([n.imag**2, -n.real * n.imag, n.real**2]) / length
-        )  # xx, xy, yy; to be taken negative
+        # xx, xy, yy; to be taken negative.
+        self.derivative = np.stack([n.imag**2, -n.real * n.imag, n.real**2]) / length
         fast = np.concatenate([shapes * n.real, shapes * n.imag])
         self.velocity = self.antiderivative(fast)  # (6, count): component 1 for the three shapes, then component 2
         self.position = self.antiderivative(self.velocity)

@@ -159,9 +159,8 @@ def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> No
     if ratio > MOST_MASS_RATIO:
         names = parts[heavy].name, parts[light].name
         got = f"part {heavy} ({names[0]!r}), {ratio:.3g} times as heavy as part {light} ({names[1]!r})"
-        raise checks.refuse(
-            argument, got, f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
-        )
+        allowed = f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        raise checks.refuse(argument, got, allowed)
 
 
 def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:

@@ -47,11 +47,8 @@ class Planar(NoContacts):
 
     def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
-        setup = self._setups.borrow()
-        try:
-            slide_rows(np.arange(start, stop), setup.address, drive, state.address, periods, NO_PATHS, 0)
-        finally:
-            self._setups.give_back(setup)
+        rows, at = np.arange(start, stop), state.address
+        self._setups.lend(lambda setup: slide_rows(rows, setup.address, drive, at, periods, NO_PATHS, 0))
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """It covers all."""
@@ -73,12 +70,12 @@ class Averaged(NoContacts):
 
     def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """See :class:`Model`."""
-        workspace = self._workspaces.borrow()
-        try:
+
+        def work(workspace: Any) -> None:
             scene = integrator.AveragedScene(self._table, self._body, self._scheme, drive, state.record, workspace)
             integrator.advance_worlds(start, stop, scene, periods)
-        finally:
-            self._workspaces.give_back(workspace)
+
+        self._workspaces.lend(work)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse those under which the part may stick."""

@@ -48,25 +48,27 @@ class Multibody:
 
     def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
-        buffers = self._buffers.borrow()
-        prospect = buffers.prospect(stop - start)
-        together, seen, at, first = buffers.together.address, prospect.address, state.address, start * buffers.parts
-        buffers.contacts.deepest[0] = self._smallest_gap[start]
-        rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
-        try:
-            for _ in range(periods):
-                near, touching = broad_phase(start, stop, together, at, seen)
-                for kind, alone in enumerate(buffers.alone):
-                    if count[kind]:
-                        chosen = rows[kind, : count[kind]]
-                        slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
-                if near or touching:
-                    resolve(start, stop, together, drive, at, seen, self.counts)
-                else:
-                    self.counts[start:stop, FREE] += 1
-        finally:
-            self._smallest_gap[start] = buffers.contacts.deepest[0]
-            self._buffers.give_back(buffers)
+
+        def work(buffers: ContactBuffers) -> None:
+            prospect = buffers.prospect(stop - start)
+            together, seen, at, first = buffers.together.address, prospect.address, state.address, start * buffers.parts
+            buffers.contacts.deepest[0] = self._smallest_gap[start]
+            rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
+            try:
+                for _ in range(periods):
+                    near, touching = broad_phase(start, stop, together, at, seen)
+                    for kind, alone in enumerate(buffers.alone):
+                        if count[kind]:
+                            chosen = rows[kind, : count[kind]]
+                            slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
+                    if near or touching:
+                        resolve(start, stop, together, drive, at, seen, self.counts)
+                    else:
+                        self.counts[start:stop, FREE] += 1
+            finally:
+                self._smallest_gap[start] = buffers.contacts.deepest[0]
+
+        self._buffers.lend(work)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse masses that are too different, and friction that contacts cannot follow."""

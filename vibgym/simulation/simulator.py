@@ -21,7 +21,7 @@ from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS as FIXED
 from vibgym.simulation.protocol import Setup
-from vibgym.snapshots import check_keys, copied, restored
+from vibgym.snapshots import check_keys, copied, put_back, restored
 
 MODELS = (*FIXED, "auto")
 
@@ -98,9 +98,8 @@ class Simulator:
         for part in parts:
             if part.radius > largest:
                 got = f"{part.name!r} with radius {part.radius:g} m"
-                raise checks.refuse(
-                    "parts", got, f"a radius of at most {largest:g} m on this surface (lengths are in m)"
-                )
+                allowed = f"a radius of at most {largest:g} m on this surface (lengths are in m)"
+                raise checks.refuse("parts", got, allowed)
         several = isinstance(walls, Sequence) and not isinstance(walls, str)
         if several:
             for name in walls:
@@ -150,13 +149,7 @@ class Simulator:
         shape = self._state.pose.shape
         pose = checks.array("pose", pose, shape)
         velocity = checks.array("velocity", 0.0 if velocity is None else velocity, shape)
-        surface = self.surface
-        off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
-        if off.any():
-            bad = pose[off][0].tolist()
-            raise checks.refuse(
-                "pose", bad, f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
-            )
+        overlaps.check_centres("pose", pose, self.surface)
         fallen = np.zeros(shape[:2], dtype=bool)
         overlaps.check("pose", self.hulls, self.surface, self.parts, self.walls, pose, fallen, overlaps.AT_REST)
         self.place(slice(None), pose, velocity, velocity)
@@ -345,8 +338,7 @@ class Simulator:
         overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
         conditions = Conditions(*(values[name] for name in Conditions._fields))
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
-        for name, mine in live.items():
-            mine[...] = values[name]
+        put_back(live, values)
         self._periods = periods
 
 

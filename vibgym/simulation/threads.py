@@ -29,6 +29,7 @@ _pool: tuple[int, int, ThreadPoolExecutor] | None = None
 
 
 Tool = TypeVar("Tool")
+Result = TypeVar("Result")
 
 
 class Pool(Generic[Tool]):
@@ -41,16 +42,16 @@ class Pool(Generic[Tool]):
         self._make = make
         self._free = deque([make()])  # a bad setting shows at once
 
-    def borrow(self) -> Tool:
-        """One that nobody else uses; give it back."""
+    def lend(self, work: Callable[[Tool], Result]) -> Result:
+        """What ``work`` makes of a tool that nobody else uses meanwhile."""
         try:
-            return self._free.pop()
+            tool = self._free.pop()
         except IndexError:
-            return self._make()
-
-    def give_back(self, tool: Tool) -> None:
-        """Let others use it."""
-        self._free.append(tool)
+            tool = self._make()
+        try:
+            return work(tool)
+        finally:
+            self._free.append(tool)
 
     def __reduce__(self) -> Any:
         return Pool, (self._make,)

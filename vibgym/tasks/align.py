@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from vibgym.scene.parts import Part
+from vibgym.tasks.base import looks_same_after
 from vibgym.tasks.pose import PoseTask
 
 
@@ -21,8 +22,7 @@ class Align(PoseTask):
     draws = 6
 
     def heading_period(self, part: Part) -> float:
-        # A disc's heading shows nowhere; a tiny period makes every heading the same.
-        return 2.0 * math.pi / part.symmetry if part.symmetry else 1e-9
+        return looks_same_after(part)
 
     def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         headings = 2.0 * math.pi * uniform[:, 4:6] - math.pi

@@ -28,6 +28,11 @@ PER_PERIOD = ("time", "within")
 """Reward quantities that every period earns or costs, so that longer steps do not change the task."""
 
 
+def looks_same_after(part: Part) -> float:
+    """Turn after which a part looks the same, rad. A disc's heading shows nowhere: a tiny one makes every heading the same."""
+    return 2.0 * math.pi / part.symmetry if part.symmetry else 1e-9
+
+
 class Task(ABC):
     """Draws starts from uniform numbers, and says what is asked of the parts; :mod:`vibgym.tasks.episode` scores it.
 
@@ -59,8 +64,10 @@ class Task(ABC):
     bounded by its weight in magnitude; those of :data:`PER_PERIOD` count every period of a step. A term that a
     :meth:`reward` of the task's own makes has a weight alone."""
 
-    FACTS: ClassVar[tuple[str, ...]]
-    """What ``info`` says besides ``reward_terms``, among the names in :meth:`facts`."""
+    FACTS: ClassVar[tuple[str, ...]] = (
+        "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged",
+    )  # fmt: skip
+    """What ``info`` says besides ``reward_terms``, among the names in :meth:`facts`: all of them, unless a task says which."""
 
     FEATURES: ClassVar[tuple[str, ...]]
     """Of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""

@@ -85,9 +85,8 @@ class Start(NamedTuple):
 class Relations(NamedTuple):
     """How the parts stand to their goals and to one another, by true or by measured poses."""
 
-    error: (
-        np.ndarray
-    )  # (worlds, parts, 3) goal minus pose, to the nearest point of the rectangle: m, m, rad; 0 of absent ones
+    # (worlds, parts, 3) goal minus pose, to the nearest point of the rectangle: m, m, rad; 0 of absent ones
+    error: np.ndarray
     gap: np.ndarray  # (worlds, parts) m, to the nearest other part; negative: overlap
     neighbour: np.ndarray  # (worlds, parts) int64, which that is; -1: none
 
@@ -96,10 +95,9 @@ class Episode(NamedTuple):
     """Progress of every world's episode, changed in place; what is one number a world stands together, see the properties."""
 
     goal: np.ndarray  # (worlds, parts, 3) m, m, rad; zeros where the task has zones or none
-    motion: (
-        np.ndarray
-    )  # (worlds, parts, MOTION): velocity of the goal (m/s, m/s, rad/s), and its pose 1, 2, ... PREVIEW
-    # periods ahead minus the present one (m, m, rad); (worlds, parts, 0) for tasks whose goals stay
+    # (worlds, parts, MOTION): velocity of the goal (m/s, m/s, rad/s), and its pose 1, 2, ... PREVIEW periods ahead minus the
+    # present one (m, m, rad); (worlds, parts, 0) for tasks whose goals stay
+    motion: np.ndarray
     present: np.ndarray  # (worlds, parts) bool, for the whole episode
     done: np.ndarray  # (worlds, parts) bool
     number: np.ndarray  # (worlds, NUMBERS)

@@ -12,10 +12,11 @@ from vibgym import checks
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.paths import DrawnPaths, GivenPaths, route
 from vibgym.tasks.paths.given import with_headings
+from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.pursuit import PursuitScoring
 
 
@@ -60,26 +61,8 @@ class Follow(Task):
             near; no room for paths to be drawn.
     """
 
-    TERMS = {
-        "distance": ("distance", 1.0),
-        "approach": ("approach", 1.0),
-        "turn": ("turn", 1.0),
-        "alignment": ("alignment", 1.0),
-        "inside": ("within", 0.1),
-        "time": ("time", 0.005),  # a whole episode of it costs less than a fall, lest falling pays
-        "success": ("success", 5.0),
-        "fallen": ("fallen", 5.0),
-    }
-    FACTS = (
-        "is_success",
-        "position_error",
-        "heading_error",
-        "clearance",
-        "touching",
-        "parts_done",
-        "fallen",
-        "diverged",
-    )
+    # A whole episode of the time costs less than a fall, lest falling pays.
+    TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}
     FEATURES = (
         "present", "element", "heading", "position", "way", "way_coarse", "way_fine", "turn", "turn_coarse", "turn_fine",
         "velocity", "spin", "gap", "neighbour", "goal_velocity", "goal_spin", "way_ahead", "turn_ahead",
@@ -104,8 +87,7 @@ class Follow(Task):
         self.draws, self.lasts = self.paths.draws, self.paths.lasts
 
     def heading_period(self, part: Part) -> float:
-        # A disc's heading shows nowhere; a tiny period makes every heading the same.
-        return 2.0 * math.pi / part.symmetry if part.symmetry else 1e-9
+        return looks_same_after(part)
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         return self._start(self.paths.draw(uniform), present)

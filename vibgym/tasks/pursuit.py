@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,10 @@ from vibgym._numba.reference import Layout, Pinned
 from vibgym.physics.core.records import State
 from vibgym.tasks.episode import BARRED, HEADING, MOTION, POSITION, PREVIEW, Episode, Relations, Rules, Start
 from vibgym.tasks.paths import route
-from vibgym.tasks.scoring import Scored, Scoring
+from vibgym.tasks.scoring import Scoring
+
+if TYPE_CHECKING:
+    from vibgym.tasks.base import Task
 
 LINE_SPACING = 0.004
 """m between the points of a path in a picture."""
@@ -125,7 +128,7 @@ class PursuitScoring(Scoring):
         shape: of a world's paths, (parts, rows, 6).
     """
 
-    def __init__(self, task: Scored, state: State, periods: int, period: float, shape: tuple[int, int, int]) -> None:
+    def __init__(self, task: Task, state: State, periods: int, period: float, shape: tuple[int, int, int]) -> None:
         super().__init__(task, state, periods, MOTION)
         worlds, parts = state.pose.shape[:2]
         still = np.zeros(shape)

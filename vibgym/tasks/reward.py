@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from vibgym import checks
 from vibgym.physics.core.records import State
 from vibgym.tasks.episode import QUANTITIES, Episode, Relations
 from vibgym.tasks.scoring import Scoring
+
+if TYPE_CHECKING:
+    from vibgym.tasks.base import Task
 
 WORST = "fallen"
 """Quantity, and term, of which a world counts its worst part's: one part on the floor is as bad as several."""
@@ -82,17 +85,6 @@ class Step:
         return self._elements()
 
 
-class Rewarding(Protocol):
-    """What this module knows of a task, see :class:`vibgym.tasks.Task`."""
-
-    made_of: dict[str, str]
-    weights: dict[str, float]
-
-    @property
-    def name(self) -> str: ...
-    def reward(self, step: Step) -> Mapping[str, np.ndarray]: ...
-
-
 class OwnReward:
     """Asks a task for its terms at every step, weighs them, and writes them where the kernels' own would stand.
 
@@ -119,7 +111,7 @@ class OwnReward:
 
     def __init__(
         self,
-        task: Rewarding,
+        task: Task,
         scoring: Scoring,
         state: State,
         periods: int,
@@ -199,17 +191,8 @@ class OwnReward:
             allowed = f"those with a weight, in TERMS or task_settings['weights']: {', '.join(known) or 'none'}"
             raise checks.refuse(f"terms of the reward of {self._task.name}", name, allowed)
         shape = self._everyone.shape
-        allowed = f"an array of numbers of shape {shape}: (worlds, parts)"
-        try:
-            array = np.asarray(values)
-        except (TypeError, ValueError):  # rows of different lengths
-            self._refuse(name, values, allowed)
-        if array.shape != shape or array.dtype.kind not in "bfiu":
-            self._refuse(name, f"array of shape {array.shape} and type {array.dtype}", allowed)
-        return array.astype(np.float64)
-
-    def _refuse(self, name: str, got: Any, allowed: str) -> Any:
-        raise checks.refuse(f"reward of {self._task.name}, term {name!r}", got, allowed)
+        where, meaning = f"reward of {self._task.name}, term {name!r}", ": (worlds, parts)"
+        return checks.shaped(where, values, (shape,), "an array of numbers", meaning, "bfiu").astype(np.float64)
 
 
 def _readable(array: np.ndarray) -> np.ndarray:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vibgym._numba.reference import Pinned
-from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.core.records import STATE, State
 from vibgym.tasks.episode import (
     JUDGED,
     QUANTITIES,
     Judged,
     Relations,
-    Rules,
     Start,
     new_episode,
     new_relations,
@@ -22,15 +20,10 @@ from vibgym.tasks.episode import (
     score_worlds,
 )
 
+if TYPE_CHECKING:
+    from vibgym.tasks.base import Task
+
 _ALL = np.zeros(0, dtype=np.int64)
-
-
-class Scored(Protocol):
-    """What scoring knows of a task, see :class:`vibgym.tasks.base.Task`."""
-
-    hulls: Hulls
-
-    def rules(self, periods: int) -> Rules: ...
 
 
 class Scoring:
@@ -47,7 +40,7 @@ class Scoring:
         relations: how parts stand to their goals and to one another, by the true state.
     """
 
-    def __init__(self, task: Scored, state: State, periods: int, motion: int = 0) -> None:
+    def __init__(self, task: Task, state: State, periods: int, motion: int = 0) -> None:
         worlds, parts = state.pose.shape[:2]
         self._task, self._rules, self._state = task, task.rules(periods), Pinned(STATE, state)
         self.relations = new_relations(worlds, parts)

@@ -41,9 +41,8 @@ class Room(NamedTuple):
 
     width: float  # m
     depth: float  # m
-    cells: (
-        np.ndarray
-    )  # (n, 2) m, centres of cells that hold any part, column by column, each from the bottom to the top
+    # (n, 2) m, centres of cells that hold any part, column by column, each from the bottom to the top
+    cells: np.ndarray
     clear: float  # m, smallest distance between scattered parts
 
 

@@ -51,9 +51,8 @@ def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray
         raise checks.refuse("zones", value, "a mapping from kind to [x_low, y_low, x_high, y_high] in m")
     for name in value:
         if name not in names:
-            raise checks.refuse(
-                "zones", f"a zone for {checks.shown(name)}", f"zones for the kinds {', '.join(map(repr, names))}"
-            )
+            allowed = f"zones for the kinds {', '.join(map(repr, names))}"
+            raise checks.refuse("zones", f"a zone for {checks.shown(name)}", allowed)
     for name in names:
         if name not in value:
             raise checks.refuse("zones", f"no zone for {name!r}", "a zone for every kind of part")

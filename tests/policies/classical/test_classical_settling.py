@@ -9,7 +9,6 @@ import pytest
 from tests.envs.helpers import batch
 from tests.policies.helpers import SURFACE, episodes, info_of
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.settling import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling, keep_on
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.registry import make_policy
@@ -107,10 +106,10 @@ def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
     """Even if they would come to rest at their goals: pushed and braked they get there sooner."""
     policy = steering(law="pose")
     turn = 1.0
-    coasting = turn * plant_of(policy.info).drag[0]
+    coasting = turn * policy.info.plant.drag[0]
     assert not rests(policy, seen(policy, [0.0, 0.0], turn, (0.0, 0.0), coasting))
     slow = 0.5 * REACH_TURN
-    assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * plant_of(policy.info).drag[0]))
+    assert rests(policy, seen(policy, [0.0, 0.0], slow, (0.0, 0.0), slow * policy.info.plant.drag[0]))
 
 
 def test_only_hard_dead_zones_call_for_it():
@@ -129,7 +128,7 @@ def test_tasks_without_poses_have_a_band_of_their_own():
 def test_a_limit_below_lift_off_is_known():
     """Stopping distances and the top speed follow from what the elements can do."""
     half = info_of("Align", actuators={"kind": "prototype", "limit": 0.5 * SURFACE.max_amplitude})
-    weak, full = plant_of(half), plant_of(info_of("Align"))
+    weak, full = half.plant, info_of("Align").plant
     assert weak.strength == pytest.approx(0.5) and full.strength == 1.0
     assert weak.push == pytest.approx(0.5 * full.push) and weak.turn_push == pytest.approx(0.5 * full.turn_push)
     assert 0.5 * full.top_speed < weak.top_speed < full.top_speed  # friction grows faster than speed

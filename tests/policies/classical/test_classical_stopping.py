@@ -10,7 +10,6 @@ from vibgym import Part, Simulator
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.drive import cartesian_drive
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.pose_law import PoseLaw, allowed_turn
 from vibgym.policies.classical.stopping import INSIDE, Landing, StoppingCurve, fastest_spin, time_left, turning_push
 from vibgym.policies.measures import Measures
@@ -235,6 +234,6 @@ def test_turning_takes_hardly_more_than_the_bound():
 
 def test_law_brakes_turns_as_elements_can():
     law, info = PoseLaw(info_of("Rotate")), info_of("Rotate")
-    strongest = plant_of(info).turn_push[0]
+    strongest = info.plant.turn_push[0]
     braking = law.turn_landing.curve.speed[1, 0] ** 2 / (2.0 * law.turn_landing.curve.way[1, 0])
     assert 0.7 * strongest < braking < 0.85 * strongest

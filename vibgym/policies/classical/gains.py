@@ -26,7 +26,6 @@ from vibgym._numba.jit import borrowing
 from vibgym.allocation.cut import Outlines, cut_parts, new_pieces, outlines_of
 from vibgym.allocation.projections import SPREAD
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.task_info import TaskInfo
 
 KEEP = 0.9
@@ -336,7 +335,7 @@ class GainLearner:
     """
 
     def __init__(self, info: TaskInfo) -> None:
-        surface, plant = info.surface, plant_of(info)
+        surface, plant = info.surface, info.plant
         self.info, self.elements = info, surface.rows * surface.columns
         self.coast = 1.0 / plant.drag  # s
         outlines = outlines_of(surface, info.parts)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.local_law import LocalLaw
 from vibgym.policies.classical.lqr import LqrLaw
-from vibgym.policies.classical.pid_law import PidLaw
+from vibgym.policies.classical.pid import PidLaw
 from vibgym.policies.classical.pose_law import PoseLaw
-from vibgym.policies.classical.state_space_law import StateSpaceLaw
+from vibgym.policies.classical.state_space import StateSpaceLaw
 from vibgym.registry import Registry
 
 LAWS: Registry[type[Law]] = Registry(

@@ -19,7 +19,6 @@ import numpy as np
 from vibgym import checks
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.settling import LEAST_DRAG, Settling, bands, keep_on
 from vibgym.policies.task_info import TaskInfo
 
@@ -48,7 +47,7 @@ class LocalLaw(Law):
     def __init__(
         self, info: TaskInfo, *, response: float = 0.04, braking: float = 0.5, approach: float | None = None
     ) -> None:
-        self.plant = plant = plant_of(info)
+        self.plant = plant = info.plant
         self.braking = checks.number("braking", braking, above=0.0, most=1.0)
         ahead = 0.5 * (info.step_time - info.surface.period)
         usual = APPROACH if info.has_goal else CROWD_APPROACH

@@ -17,7 +17,6 @@ import numpy as np
 from vibgym.policies.classical.design import sampled, sampled_riccati
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.task_info import TaskInfo
 
 WEIGHTS = (30000.0, 1.0)
@@ -48,7 +47,7 @@ class LqrLaw(Law):
         heading_weights: Any = WEIGHTS,
         control_weight: float = 1.0,
     ) -> None:
-        self.drag = plant_of(info).drag
+        self.drag = info.plant.drag
         self.gains = np.empty((len(info.parts), 2, 2))
         for part, drag in enumerate(self.drag):
             same = int(np.flatnonzero(self.drag == drag)[0])
@@ -56,10 +55,8 @@ class LqrLaw(Law):
                 self.gains[part] = self.gains[same]
                 continue
             plant = sampled(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
-            for k, (name, chosen) in enumerate(
-                (("state_weights", state_weights), ("heading_weights", heading_weights))
-            ):
-                self.gains[part, k] = sampled_riccati(*plant, chosen, control_weight, name)
+            self.gains[part, 0] = sampled_riccati(*plant, state_weights, control_weight, "state_weights")
+            self.gains[part, 1] = sampled_riccati(*plant, heading_weights, control_weight, "heading_weights")
         # Net of friction, as laws count: what brakes by itself is not to be made up for.
         self._rate = self.gains[:, :, 1] + self.drag[:, None]
         self.lead = float((self._rate[:, 0] / self.gains[:, 0, 0]).max())

@@ -20,7 +20,6 @@ from vibgym.policies.classical import steering
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.classical.targets import Targets, swap
 from vibgym.policies.task_info import TaskInfo
@@ -91,7 +90,7 @@ class PlannerPolicy(Steering):
         own = {each.name: settings.pop(each.name) for each in fields(Spacing) if each.name in settings}
         super().__init__(info, **settings)
         info.check_places("planner")
-        surface, plant, self.spacing = info.surface, plant_of(info), Spacing(**own)
+        surface, plant, self.spacing = info.surface, info.plant, Spacing(**own)
         edge = min(self.spacing.edge, 0.5 * surface.width, 0.5 * surface.depth)
         self.targets = Targets(info, edge, self.spacing.inset, 2.0 * self.slack)
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()

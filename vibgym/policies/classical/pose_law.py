@@ -16,7 +16,6 @@ from vibgym import checks
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.classical.settling import LOOSE_BAND, LOOSE_TURN, Settling, keep_on
 from vibgym.policies.classical.stopping import Landing, StoppingCurve, fastest_spin, time_left, turning_push
 from vibgym.policies.task_info import TaskInfo
@@ -68,7 +67,7 @@ class PoseLaw(Law):
         turn_band: float = TURN_BAND,
         over: float = OVER,
     ) -> None:
-        plant, step, sheet = plant_of(info), info.step_time, info.hardware
+        plant, step, sheet = info.plant, info.step_time, info.hardware
         braking = checks.number("braking", braking, above=0.0, most=1.0)
         turn_braking = checks.number("turn_braking", turn_braking, above=0.0, most=1.0)
         usual = APPROACH if sheet.dead_zone == 0.0 and sheet.latency == 0 else SPREAD_APPROACH

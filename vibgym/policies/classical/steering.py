@@ -14,7 +14,6 @@ from vibgym.policies.classical.goal_motion import Preview, as_they_stand, from_g
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.classical.outputs import OUTPUTS, Order
-from vibgym.policies.classical.plant import plant_of
 from vibgym.policies.task_info import TaskInfo
 
 TURN_ROOM = 0.010
@@ -65,9 +64,9 @@ class Steering:
         )
         self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
         # s, of a step's first acceleration, which fades as the velocity comes near what the push can hold.
-        self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * plant_of(info).drag)
+        self.gaining = 0.5 * info.surface.period * np.exp(-2.0 * self.ahead * info.plant.drag)
         # s, of the same, by the end of the step.
-        self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * plant_of(info).drag)
+        self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * info.plant.drag)
         self.action = checks.choice("action", action, tuple(OUTPUTS))
         self.output = OUTPUTS[action](info, self.process, learn)
         self.learner = self.output.learner

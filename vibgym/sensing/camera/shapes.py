@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import cmath
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -113,8 +112,3 @@ def _depth(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
         crossing = outline[:, 0] + (y - outline[:, 1]) * edge[:, 0] / edge[:, 1]
     crosses = ((outline[:, 1] <= y) != (ends[:, 1] <= y)) & (crossing > points[:, 0, None])
     return np.where(crosses.sum(axis=1) % 2 == 1, away, -away)
-
-
-def headings_apart(order: int) -> float:
-    """rad between headings that look the same in a moment of this order."""
-    return 2.0 * math.pi / order if order else 0.0

@@ -75,9 +75,8 @@ class DrawnPaths:
         self.shape = (len(self.parts), PIECES + 2, 6)
         most = bisected(0.0, rate, lambda each: self._effort(reach, each) <= EFFORT)
         if known.acceleration is not None and most < rate * (1.0 - 1e-6):
-            raise checks.refuse(
-                "paths.acceleration", rate, f"a number > 0 and <= {most:.4g} m/s^2 for these parts and bends"
-            )
+            allowed = f"a number > 0 and <= {most:.4g} m/s^2 for these parts and bends"
+            raise checks.refuse("paths.acceleration", rate, allowed)
         self._header[route.ACCELERATION] = most
         longest = max(
             AROUND[name] * each.max() for name, each in zip(self._shapes, self._radii(self._cells)[1], strict=True)

@@ -70,9 +70,8 @@ class GivenPaths:
         if speed > reach.fastest:
             raise checks.refuse(f"{name}.speed", speed, f"a number > 0 and <= {reach.fastest:.4g} m/s {whose}")
         if rate > reach.acceleration:
-            raise checks.refuse(
-                f"{name}.acceleration", rate, f"a number > 0 and <= {reach.acceleration:.4g} m/s^2 {whose}"
-            )
+            allowed = f"a number > 0 and <= {reach.acceleration:.4g} m/s^2 {whose}"
+            raise checks.refuse(f"{name}.acceleration", rate, allowed)
         along = shape.heading == "along"
         corner = getattr(shape, "corner", None) or reach.corner(speed, *([window] if along else []))
         header = [0.0, speed, rate, window, 0.0, float(along)]

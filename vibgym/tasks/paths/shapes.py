@@ -192,16 +192,14 @@ def rounded(points: np.ndarray, corner: float, laps: int, name: str) -> Course:
         sharp = int(np.abs(turn).argmax())
         got = f"a turn of {math.degrees(abs(turn[sharp])):.1f} deg at {points[sharp + 1].round(6).tolist()}"
         raise checks.refuse(name, got, f"at most {math.degrees(SHARPEST):g} deg")
-    taken = np.concatenate(
-        [[0.0], corner * np.tan(0.5 * np.abs(turn)), [0.0]]
-    )  # of edges, by the corners at their ends
+    # Of edges, by the corners at their ends.
+    taken = np.concatenate([[0.0], corner * np.tan(0.5 * np.abs(turn)), [0.0]])
     left = length - taken[:-1] - taken[1:]
     if left.min() < -1e-9:
         short = int(left.argmin())
         got = f"{1e3 * length[short]:.4g} mm between corners of radius {1e3 * corner:.4g} mm"
-        raise checks.refuse(
-            name, got, f"at least {1e3 * (taken[short] + taken[short + 1]):.4g} mm there, or smaller corners"
-        )
+        allowed = f"at least {1e3 * (taken[short] + taken[short + 1]):.4g} mm there, or smaller corners"
+        raise checks.refuse(name, got, allowed)
     lengths, curvatures = [max(float(left[0]), 0.0)], [0.0]
     for bend, straight in zip(turn.tolist(), left[1:].tolist(), strict=True):
         if bend != 0.0:
