@@ -26,7 +26,7 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
         ("vibgym/policies/trained/shipped/{}-prototype.json", PROTOTYPE),
     ],
 )
-def test_no_policy_beats_the_bound(task: str, content: str, settings: dict) -> None:
+def test_no_policy_beats_the_bound(task, content, settings):
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.format(task.lower()), TaskInfo.of(env, task))
     found = rollout(policy, task, seeds=range(FRESH + 5000, FRESH + 5040), keep=Measures, **settings)
@@ -36,7 +36,7 @@ def test_no_policy_beats_the_bound(task: str, content: str, settings: dict) -> N
     assert np.median(multiple) < {"Transport": 1.1, "Align": 1.15, "Rotate": 1.5}[task]  # else it would say little
 
 
-def test_the_report_tells_multiples(found: evaluation.Results) -> None:
+def test_the_report_tells_multiples(found):
     for row in found.rows:
         rollout = found.rollouts[Trial(row.task, row.hardware, row.policy)]
         assert (rollout.bound > 0.4 - 1e-9).all() and (rollout.bound < 4.0).all()
@@ -60,10 +60,10 @@ def test_the_report_tells_multiples(found: evaluation.Results) -> None:
         ("Transport", {"surface": Surface(horizontal_amplitude=3e-4)}),
     ],
 )
-def test_where_no_bound_is_known(task: str, settings: dict) -> None:
+def test_where_no_bound_is_known(task, settings):
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=3, **settings)
     env.reset(seed=0)
-    assert np.isnan(least_times(env.unwrapped)).all()  # type: ignore[arg-type]
+    assert np.isnan(least_times(env.unwrapped)).all()
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_where_no_bound_is_known(task: str, settings: dict) -> None:
         ({"gain_spread": 0.0, "stuck": [[0, 0, 1e-4, 0.0]]}, 0.25e-3, 0),
     ],
 )
-def test_what_hardware_can_do_at_most(actuators: dict, amplitude: float, latency: int) -> None:
+def test_what_hardware_can_do_at_most(actuators, amplitude, latency):
     made = {"kind": "prototype", "limit": 0.2e-3, **actuators}
     env = gym.make_vec("vibgym/Transport-v0", num_envs=2, surface=Surface(max_amplitude=0.25e-3), actuators=made)
     base = env.unwrapped
@@ -84,7 +84,7 @@ def test_what_hardware_can_do_at_most(actuators: dict, amplitude: float, latency
     assert (base.core.actuators.most_amplitude, base.core.actuators.least_latency) == (amplitude, latency)
 
 
-def test_what_is_drawn_counts_with_what_helps_most() -> None:
+def test_what_is_drawn_counts_with_what_helps_most():
     drawn = {"limit": [0.15e-3, 0.22e-3], "latency": [2, 3]}
     made = {"kind": "prototype", "gain_spread": 0.0}
     env = gym.make_vec("vibgym/Transport-v0", num_envs=2, actuators=made, randomize=drawn)
