@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.training.train_settings import TrainSettings
-from agents.training.training_file import load_settings
 from vibgym import Part, Surface
 from vibgym.config import SurfaceSettings, load_yaml, parse, part_from, surface_from, to_si
 
@@ -267,29 +265,3 @@ def test_missing_files_and_folders(tmp_path):
         with pytest.raises(ValueError, match="a readable file") as error:
             load_yaml(path)
         assert path.name in str(error.value)
-
-
-GOOD = "task: Rotate\nsteps: 1000\n"
-
-
-def test_training_settings(tmp_path):
-    settings = load_settings(written(tmp_path, GOOD + "ppo: {gamma: 0.9, net: [8]}\nenvironment: {action: field}\n"))
-    assert isinstance(settings, TrainSettings)
-    assert (settings.task, settings.steps, settings.own.gamma, settings.own.net) == ("Rotate", 1000, 0.9, [8])
-    assert settings.environment == {"action": "field"} and settings.own.n_steps == 32
-
-
-@pytest.mark.parametrize("text, field", [
-    ("steps: 5", "task"), ("task: Rotate", "steps"), ("task: Juggle\nsteps: 5", "task"),
-    (GOOD + "colour: red", "colour"), (GOOD + "worlds: 0", "worlds"), (GOOD + "worlds: 1.5", "worlds"),
-    (GOOD + "seed: -1", "seed"), (GOOD + "ppo: {gamma: 2}", "ppo.gamma"), (GOOD + "ppo: {gama: 0.9}", "ppo.gama"),
-    (GOOD + "ppo: {net: []}", "ppo.net"), (GOOD + "ppo: 3", "ppo"), (GOOD + "environment: 3", "environment"),
-    (GOOD + "output: 3", "output"), ("task: Rotate\nsteps: 1e3x", "steps"),
-])  # fmt: skip
-def test_bad_training_settings_name_file_and_field(tmp_path, text, field):
-    path = written(tmp_path, text)
-    with pytest.raises(ValueError) as error:
-        load_settings(path)
-    assert "\n" not in str(error.value)
-    where = str(error.value).split(": got ")[0].replace(": ", ".")
-    assert where == f"{path}.{field}"

@@ -2,7 +2,6 @@
 
 import math
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from stable_baselines3 import SAC, HerReplayBuffer
@@ -256,11 +255,3 @@ def test_image_tells_the_remaining_turn():
     for task in ("Transport", "Align"):
         image, _ = single(task, observation="image").reset(seed=0)
         assert image[..., 1].max() == 255
-
-
-def test_observation_spaces():
-    state, image, aim = (single("Align", observation=each).observation_space for each in ("state", "image", "goal"))
-    assert isinstance(state, gym.spaces.Box) and state.shape == (18,) and state.dtype == np.float32
-    assert (state.low == -1).all() and (state.high == 1).all()
-    assert image.dtype == np.uint8 and (image.low == 0).all() and (image.high == 255).all()
-    assert all(isinstance(space, gym.spaces.Box) for space in aim.values()) and len(aim.spaces) == 3

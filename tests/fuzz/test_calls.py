@@ -4,7 +4,6 @@ import copy
 import functools
 import math
 import re
-import warnings
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -16,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.envs.helpers import assert_same
-from tests.fuzz.campaign import count, fuzz
+from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
 from vibgym import Part, Simulator, Surface, checks, config, fields
 from vibgym.actuators import actuators_from
 from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
@@ -207,14 +206,6 @@ CALLS = {
 EVERY = [(name, argument) for name, (_, base) in CALLS.items() for argument in base]
 
 
-@pytest.fixture(autouse=True)
-def numpy_warns_of_nothing():
-    """Numbers at the edge of what floats hold are allowed and may overflow; what counts is how it ends."""
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        yield
-
-
 def refused(error, *arguments):
     """One short line that can be printed anywhere and names the argument, or another that no longer goes with it."""
     text = str(error)
@@ -336,13 +327,6 @@ def call(kind, name, argument, rest, value):
 def test_methods(which, value, options):
     kind, name, argument, rest = which
     call(kind, name, argument, rest, options if argument == "options" and isinstance(value, dict) else value)
-
-
-def places(state, above=()):
-    """Paths to everything in a snapshot."""
-    for key in state if isinstance(state, dict) else range(len(state)) if isinstance(state, list) else ():
-        yield (*above, key)
-        yield from places(state[key], (*above, key))
 
 
 @fuzz(examples=200, seconds_share=1.0)

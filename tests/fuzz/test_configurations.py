@@ -4,10 +4,8 @@ import copy
 import re
 import tempfile
 import time
-import warnings
 from pathlib import Path
 
-import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -18,7 +16,7 @@ from agents.training.ppo.algorithm import PPO
 from agents.training.training_file import load_settings
 from studies.accuracy import report
 from studies.accuracy import settings as accuracy_settings
-from tests.fuzz.campaign import count, fuzz
+from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
 
 ENVIRONMENT = """
   surface: {rows: 8, columns: 32, element_size_mm: 26, horizontal_amplitude_mm: 2.7, frequency: 25, gravity: 9.81}
@@ -95,13 +93,6 @@ SNIPPETS = [
 ]  # fmt: skip
 
 
-def places(data, above=()):
-    """Paths to everything in a document."""
-    for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
-        yield (*above, key)
-        yield from places(data[key], (*above, key))
-
-
 @st.composite
 def documents(draw):
     """Kind and content of a mutated file."""
@@ -154,14 +145,6 @@ def _mutate(draw, data, where):
         owner[last] = [copy.deepcopy(owner[last]) for _ in range(draw(st.sampled_from([1, 2, 200])))]
     else:
         owner[last] = copy.deepcopy(data)
-
-
-@pytest.fixture(autouse=True)
-def numpy_warns_of_nothing():
-    """Numbers at the edge of what floats hold are allowed."""
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        yield
 
 
 @pytest.fixture(scope="module")

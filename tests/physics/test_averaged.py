@@ -265,16 +265,6 @@ def test_same_bits_for_threads_and_any_place_in_the_batch(knobs):
     assert np.abs(one.pose - given[0]).max() > 0.005
 
 
-def test_state_goes_on_bit_for_bit():
-    given = scene(6, seed=8)
-    first = averaged(given, 5)
-    second = Simulator(SURFACE, BLOCK, worlds=6, model="averaged")
-    second.set_state(first.get_state())
-    for simulator in (first, second):
-        simulator.advance(given[2], given[3], 3)
-    assert np.array_equal(first.pose, second.pose) and np.array_equal(first.velocity, second.velocity)
-
-
 def test_falling_over_the_border():
     simulator = Simulator(SURFACE, BLOCK, worlds=2, model="averaged")
     simulator.reset([[[0.015, 0.1, 0.0]], [[0.4, 0.1, 0.0]]], [-0.25, 0.0, 0.0])

@@ -1,6 +1,5 @@
 """The picture shows what the view says: sampled pixels, not whole images."""
 
-import copy
 import dataclasses
 import pickle
 
@@ -159,15 +158,6 @@ def test_every_part_has_a_goal_with_its_own_outline():
             assert any(edge) == (part != lost)
     with pytest.raises(ValueError, match="goals: got '1 goals'"):
         painter.paint(dataclasses.replace(EMPTY, pose=pose, goals=goals[:1]))
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda painter: pickle.loads(pickle.dumps(painter))])
-def test_copies_draw_the_same(painter, copied):
-    view = view_of((0.4, 0.1, 0.3), caption="copied")
-    first = painter.paint(view)
-    again = copied(painter)
-    np.testing.assert_array_equal(again.paint(view), first)
-    assert (again.width, again.height) == (painter.width, painter.height)
 
 
 def test_pygame_may_be_quit_between_pictures(painter):

@@ -198,8 +198,3 @@ KNOWN = "noise, bias, dropout, drift, jitter"
 def test_bad_effects_are_refused(settings, message):
     with pytest.raises(ValueError, match=f"^{message}"):
         gym.make("vibgym/Align-v0", sensor=settings)
-
-
-def test_names_that_exist_are_refused():
-    with pytest.raises(ValueError, match="^effect name: got 'noise'; allowed: one that is not taken"):
-        EFFECTS.register("noise", Drift)

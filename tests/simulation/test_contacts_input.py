@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from shapely import affinity
 from shapely.geometry import Polygon
 
+from tests.simulation.helpers import same, snapshot
 from vibgym import Part, Simulator, Surface
 
 SURFACE = Surface()
@@ -26,10 +27,6 @@ def simulator(worlds=3, **keywords):
     return made
 
 
-def snapshot(made):
-    return {name: np.array(value) for name, value in made.get_state().items()} | {"time": np.array(made.time)}
-
-
 def refused(made, action, *words):
     """``action`` raises a ValueError of one line with all ``words``; the state is what it was, bit for bit."""
     before = snapshot(made)
@@ -39,8 +36,7 @@ def refused(made, action, *words):
     assert "\n" not in message and "; allowed: " in message
     for word in words:
         assert word in message, (word, message)
-    after = snapshot(made)
-    assert all(np.array_equal(before[name], after[name]) for name in before)
+    assert same(before, snapshot(made))
 
 
 # -- where parts start -------------------------------------------------------------------------------------------------
@@ -241,9 +237,3 @@ def test_contact_steps_are_for_contacts():
     Simulator(SURFACE, STEEL, walls=["left"], contact_steps=20)
     with pytest.raises(ValueError, match="contact_steps: got 20; allowed: the knobs of model='auto'"):
         Simulator(SURFACE, PARTS, model="auto", contact_steps=20)
-
-
-@pytest.mark.parametrize("parts", [[], (), [STEEL, None], "disc", {STEEL: 1}, [STEEL, [DISC]]])
-def test_parts(parts):
-    with pytest.raises(ValueError, match="^parts: got .*a list of them"):
-        Simulator(SURFACE, parts)

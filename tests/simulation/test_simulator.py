@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon, box
 
+from tests.simulation.helpers import same, snapshot
 from vibgym import Part, Simulator, Surface
 from vibgym.physics.core.records import State
 
@@ -23,16 +24,6 @@ def scene(seed=0, worlds=WORLDS):
     velocity = rng.uniform([-0.1, -0.1, -8], [0.1, 0.1, 8], (worlds, 3))[:, None]
     shape = (worlds, 8, 32)
     return pose, velocity, rng.uniform(0, SURFACE.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
-
-
-def snapshot(simulator):
-    state = simulator.get_state()
-    state["time"] = simulator.time
-    return {name: np.array(value) for name, value in state.items()}
-
-
-def same(one, other):
-    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
 
 
 def run(part, given, periods=12, worlds=None, **keywords):

@@ -4,7 +4,6 @@ import csv
 import dataclasses
 import io
 import json
-import os
 import re
 import warnings
 from html.parser import HTMLParser
@@ -20,7 +19,6 @@ from agents.evaluation import animation
 from agents.evaluation.figures import new_figure
 from agents.evaluation.records import Trial
 from agents.evaluation.report import plots_of_episodes, report_page
-from vibgym.files import write_atomically
 
 
 class Links(HTMLParser):
@@ -138,23 +136,6 @@ def test_only_the_files_are_left(written):
         "results.csv",
         "results.json",
     ]
-
-
-def test_failure_leaves_the_old_file(tmp_path, monkeypatch):
-    path = tmp_path / "report.html"
-    write_atomically(path, "old")
-
-    def full(handle):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        write_atomically(path, "new " * 10_000)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-    monkeypatch.undo()
-    write_atomically(path, "new")
-    assert path.read_text() == "new"
 
 
 @pytest.mark.parametrize("most", [10**9, 60_000, 25_000, 1])

@@ -226,6 +226,8 @@ def test_unknown_tasks_are_refused(tmp_path, task):
       for value in ("0", "-1", "1000000000000", "1" + 400 * "0")],
     *[(f"{name}: {value}", name) for name in ("worlds", "steps", "checkpoint_steps", "seed")
       for value in ("-1", "100000000000000000", "1" + 400 * "0")],
+    ("colour: red", "colour"), ("worlds: 1.5", "worlds"), ("environment: 3", "environment"), ("output: 3", "output"),
+    ("steps: 1e3x", "steps"),
 ])  # fmt: skip
 def test_settings_that_cannot_work_are_refused_by_name(tmp_path, text, named):
     config, name = tmp_path / "bad.yaml", text.partition(":")[0]
