@@ -85,18 +85,14 @@ BAD_SURFACES = [
     ({"rows": 2000, "columns": 2000}, "columns", "at most 1000000 elements"),
     ({"element_size_mm": 10**400}, "surface.element_size_mm", "a finite number"),
     ({"gravity": -9.81}, "gravity", "> 0"),
-    (
-        {"element_size": 0.026, "element_size_mm": 26},
-        "surface.element_size_mm",
-        "'element_size' once, not in two units",
-    ),
+    ({"element_size": 0.026, "element_size_mm": 26}, "surface.element_size_mm", "'element_size' once, not in two units"),
     ({"element_size_mm": 26, "element_size": 0.026}, "surface.element_size", "'element_size' once, not in two units"),
     ({"element_size_mm": "26"}, "surface.element_size_mm", "a number"),
     ({"element_size_mm": None}, "surface.element_size_mm", "a number"),
     ({"element_size_mm": True}, "surface.element_size_mm", "a number"),
     ({"element_size_deg": [1, "x"]}, "surface.element_size_deg", "a number"),
     ({"max_amplitude": 1.0}, "max_amplitude", "<= 0.000397"),
-]
+]  # fmt: skip
 BAD_PARTS = [
     ("gold", "parts", "'steel_block', 'aluminium_block'"),
     (3, "parts", "a mapping"),
@@ -108,11 +104,7 @@ BAD_PARTS = [
     ({"shape": "disc", "friction": 0.5}, "parts.radius", "needed for shape 'disc'"),
     ({"shape": "polygon", "friction": 0.5}, "parts.vertices", "needed for shape 'polygon'"),
     ({**FINE, "radius": 0.1}, "parts.radius", "not a field of shape 'rectangle'"),
-    (
-        {"shape": "disc", "radius": 0.1, "friction": 0.5, "vertices": []},
-        "parts.vertices",
-        "not a field of shape 'disc'",
-    ),
+    ({"shape": "disc", "radius": 0.1, "friction": 0.5, "vertices": []}, "parts.vertices", "not a field of shape 'disc'"),
     ({**FINE, "length_mm": 50}, "parts.length_mm", "once"),
     ({**FINE, "colour": "red"}, "parts.colour", "keys among shape"),
     ({**FINE, "name": 3}, "parts.name", "string"),
@@ -132,7 +124,7 @@ BAD_PARTS = [
     ({"shape": "polygon", "vertices": [[0, 0], [1, 1]], "friction": 0.5}, "vertices", "three corners"),
     ({"shape": "polygon", "vertices": [[0, 0], [1, 1], [1, 0], [0, 1]], "friction": 0.5}, "vertices", "simple polygon"),
     ({"shape": "polygon", "vertices_mm": [["a", 0]], "friction": 0.5}, "parts.vertices_mm", "a number"),
-]
+]  # fmt: skip
 
 
 def refused(error, field, allowed):

@@ -159,19 +159,16 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
     assert PRICE > 1.0  # or what is too fast would have been worth it
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"position_tolerance": 0.0}, "position_tolerance: got 0.0"),
-        ({"heading_tolerance": -1.0}, "heading_tolerance: got -1.0"),
-        ({"heading_tolerance": math.nan}, "heading_tolerance: got nan"),
-        ({"heading_period": -1.0}, "heading_period: got -1.0"),
-        ({"hold": 0}, "hold: got 0"),
-        ({"periods_per_step": 0.5}, "periods_per_step: got 0.5"),
-        ({"amplitude": 1e-3}, "amplitude: got 0.001"),
-        ({"latency": -1}, "latency: got -1"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"position_tolerance": 0.0}, "position_tolerance: got 0.0"),
+    ({"heading_tolerance": -1.0}, "heading_tolerance: got -1.0"),
+    ({"heading_tolerance": math.nan}, "heading_tolerance: got nan"),
+    ({"heading_period": -1.0}, "heading_period: got -1.0"),
+    ({"hold": 0}, "hold: got 0"),
+    ({"periods_per_step": 0.5}, "periods_per_step: got 0.5"),
+    ({"amplitude": 1e-3}, "amplitude: got 0.001"),
+    ({"latency": -1}, "latency: got -1"),
+])  # fmt: skip
 def test_bad_settings(settings, message):
     with pytest.raises(ValueError, match=message):
         bound(**settings)

@@ -309,14 +309,11 @@ def test_as_fast_as_the_table_and_faster(speed, direction):
     assert error < (0.03 if speed < 1.0 else 0.002)
 
 
-@pytest.mark.parametrize(
-    "surface, part",
-    [
-        (Surface(horizontal_amplitude=0.0), BLOCK),
-        (Surface(horizontal_amplitude=0.4e-3), BLOCK),
-        (SURFACE, Part.disc(0.02, friction=0.6, static_friction=5.0)),
-    ],
-)
+@pytest.mark.parametrize("surface, part", [
+    (Surface(horizontal_amplitude=0.0), BLOCK),
+    (Surface(horizontal_amplitude=0.4e-3), BLOCK),
+    (SURFACE, Part.disc(0.02, friction=0.6, static_friction=5.0)),
+])  # fmt: skip
 def test_scenes_that_may_stick_are_refused_with_a_way_out(surface, part):
     with pytest.raises(ValueError, match="model.*averaged.*model='planar'"):
         Simulator(surface, part, model="averaged")

@@ -79,13 +79,9 @@ BAD = {
     "no seeds": (("zero", "Align"), {"seeds": []}, "^seeds: got"),
     "no number": (("zero", "Align"), {"seeds": [1.5]}, "^seeds: got 1.5"),
     "worlds": (("zero", "Align"), {"seeds": [1], "num_envs": 3}, "^num_envs: got 3; allowed: nothing"),
-    "another action": (
-        (Counting(), "Align"),
-        {"seeds": [1], "action": "patch"},
-        "^action: got 'patch'; allowed: 'field'",
-    ),
+    "another action": ((Counting(), "Align"), {"seeds": [1], "action": "patch"}, "^action: got 'patch'; allowed: 'field'"),
     "no policy": (("hover", "Align"), {"seeds": [1]}, "^policy.kind: got 'hover'"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -153,16 +153,10 @@ def seen(colour, matrix):
 # Machado, Oliveira and Fernandes 2009, full severity.
 SIGHT = {
     "normal": np.eye(3),
-    "no red": np.array(
-        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
-    ),
-    "no green": np.array(
-        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]]
-    ),
-    "no blue": np.array(
-        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]]
-    ),
-}
+    "no red": np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]),
+    "no green": np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]]),
+    "no blue": np.array([[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("matrix", SIGHT.values(), ids=SIGHT.keys())
@@ -178,30 +172,24 @@ def test_kinds_are_told_apart_by_every_kind_of_sight(matrix):
     assert away.min() > 18.0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        ({"kinds": [0]}, "kinds"),
-        ({"kinds": [0, -1]}, r"kinds\[1\]"),
-        ({"kinds": [0, 1.5]}, r"kinds\[1\]"),
-        ({"colours": [(1, 2, 3)]}, "colours"),
-        ({"walls": ["left", "middle"]}, r"walls\[1\].*'middle'.*'bottom'"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "named"), [
+    ({"kinds": [0]}, "kinds"),
+    ({"kinds": [0, -1]}, r"kinds\[1\]"),
+    ({"kinds": [0, 1.5]}, r"kinds\[1\]"),
+    ({"colours": [(1, 2, 3)]}, "colours"),
+    ({"walls": ["left", "middle"]}, r"walls\[1\].*'middle'.*'bottom'"),
+])  # fmt: skip
 def test_bad_arguments_are_refused(arguments, named):
     with pytest.raises(ValueError, match=named):
         SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, BLOCK], **arguments)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (((0.0, 0.0), (0.1, 0.0), 0), "high"),
-        (((0.0, np.nan), (0.1, 0.1), 0), "low"),
-        (((0.0, 0.0), (0.1, 0.1, 0.1), 0), "high"),
-        (((0.0, 0.0), (0.1, 0.1), -1), "kind"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "named"), [
+    (((0.0, 0.0), (0.1, 0.0), 0), "high"),
+    (((0.0, np.nan), (0.1, 0.1), 0), "low"),
+    (((0.0, 0.0), (0.1, 0.1, 0.1), 0), "high"),
+    (((0.0, 0.0), (0.1, 0.1), -1), "kind"),
+])  # fmt: skip
 def test_bad_zones_are_refused(arguments, named):
     with pytest.raises(ValueError, match=f"^{named}:"):
         Zone(*arguments)

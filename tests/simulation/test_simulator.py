@@ -77,15 +77,12 @@ def test_mean_velocity_is_that_of_the_last_period():
     assert same(snapshot(longer), snapshot(simulator))
 
 
-@pytest.mark.parametrize(
-    "amplitude, phase",
-    [
-        (1e-4, 0.3),
-        (np.full((32,), 1e-4), np.full((8, 1), 0.3)),
-        (np.full((WORLDS, 1, 1), 1e-4), np.full((1, 8, 32), 0.3)),
-        (np.full((8, 32), 1e-4)[::-1, ::-1], np.asfortranarray(np.full((8, 32), 0.3))),
-    ],
-)
+@pytest.mark.parametrize("amplitude, phase", [
+    (1e-4, 0.3),
+    (np.full((32,), 1e-4), np.full((8, 1), 0.3)),
+    (np.full((WORLDS, 1, 1), 1e-4), np.full((1, 8, 32), 0.3)),
+    (np.full((8, 32), 1e-4)[::-1, ::-1], np.asfortranarray(np.full((8, 32), 0.3))),
+])  # fmt: skip
 def test_broadcasting(amplitude, phase):
     pose, velocity = [0.4, 0.1, 0.2], [0.01, 0.0, 1.0]
     full = (WORLDS, 8, 32)
@@ -161,15 +158,12 @@ def test_state_goes_on_bit_for_bit():
 # -- falling -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "pose, velocity",
-    [
-        ([0.01, 0.1, 0], [-2, 0, 0]),
-        ([0.825, 0.1, 0], [2, 0, 0]),
-        ([0.4, 0.005, 0], [0, -2, 0]),
-        ([0.4, 0.2, 0], [0, 2, 0]),
-    ],
-)
+@pytest.mark.parametrize("pose, velocity", [
+    ([0.01, 0.1, 0], [-2, 0, 0]),
+    ([0.825, 0.1, 0], [2, 0, 0]),
+    ([0.4, 0.005, 0], [0, -2, 0]),
+    ([0.4, 0.2, 0], [0, 2, 0]),
+])  # fmt: skip
 def test_a_part_over_the_border_falls_and_stays(pose, velocity):
     simulator = Simulator(SURFACE, BLOCK)
     simulator.reset(pose, velocity)
@@ -203,27 +197,24 @@ HOOK = Part.polygon([[0, 0], [0.1, 0], [0.1, 0.006], [0.006, 0.006], [0.006, 0.1
 X, Y = SURFACE.width - 0.001, SURFACE.depth - 0.001
 
 
-@pytest.mark.parametrize(
-    "part, pose, falls",
-    [
-        (C_SHAPE, [0.001, 0.1, 0.0], False),  # the back beyond the border; both arms hold it
-        (C_SHAPE, [X, 0.1, 0.0], False),  # the arms' tips beyond it; the back and the stumps hold it
-        (
-            C_SHAPE,
-            [0.4, 0.001, 0.0],
-            True,
-        ),  # half the back and one arm are left: the hull's edge runs 5 mm beside the centre
-        (C_SHAPE, [0.4, Y, 0.0], True),
-        (C_SHAPE, [0.4, 0.001, math.pi / 2], False),
-        (C_SHAPE, [X, 0.1, 1.0], False),
-        (HOOK, [0.001, 0.001, math.pi], True),  # on a corner of the surface: the middle of the hook is left
-        (HOOK, [X, Y, 0.0], True),
-        (HOOK, [0.001, 0.001, 0.0], True),  # nothing is left
-        (HOOK, [0.4, 0.001, 0.0], True),
-        (HOOK, [0.4, 0.001, 1.25 * math.pi], False),  # the corner up, both arms' stumps below
-        (HOOK, [0.4, 0.1, 0.7], False),
-    ],
-)
+@pytest.mark.parametrize("part, pose, falls", [
+    (C_SHAPE, [0.001, 0.1, 0.0], False),  # the back beyond the border; both arms hold it
+    (C_SHAPE, [X, 0.1, 0.0], False),  # the arms' tips beyond it; the back and the stumps hold it
+    (
+        C_SHAPE,
+        [0.4, 0.001, 0.0],
+        True,
+    ),  # half the back and one arm are left: the hull's edge runs 5 mm beside the centre
+    (C_SHAPE, [0.4, Y, 0.0], True),
+    (C_SHAPE, [0.4, 0.001, math.pi / 2], False),
+    (C_SHAPE, [X, 0.1, 1.0], False),
+    (HOOK, [0.001, 0.001, math.pi], True),  # on a corner of the surface: the middle of the hook is left
+    (HOOK, [X, Y, 0.0], True),
+    (HOOK, [0.001, 0.001, 0.0], True),  # nothing is left
+    (HOOK, [0.4, 0.001, 0.0], True),
+    (HOOK, [0.4, 0.001, 1.25 * math.pi], False),  # the corner up, both arms' stumps below
+    (HOOK, [0.4, 0.1, 0.7], False),
+])  # fmt: skip
 def test_a_non_convex_part_falls_when_its_centre_leaves_the_hull_of_what_is_supported(part, pose, falls):
     x, y, heading = pose
     c, s = math.cos(heading), math.sin(heading)

@@ -17,15 +17,12 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
 
 
 @pytest.mark.parametrize("task", POSE_TASKS)
-@pytest.mark.parametrize(
-    ("content", "settings"),
-    [
-        ("local_field", {}),
-        ("local_field", PROTOTYPE),
-        ("vibgym/policies/trained/shipped/{}.json", {}),
-        ("vibgym/policies/trained/shipped/{}-prototype.json", PROTOTYPE),
-    ],
-)
+@pytest.mark.parametrize(("content", "settings"), [
+    ("local_field", {}),
+    ("local_field", PROTOTYPE),
+    ("vibgym/policies/trained/shipped/{}.json", {}),
+    ("vibgym/policies/trained/shipped/{}-prototype.json", PROTOTYPE),
+])  # fmt: skip
 def test_no_policy_beats_the_bound(task, content, settings):
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.format(task.lower()), TaskInfo.of(env, task))
@@ -50,32 +47,26 @@ def test_the_report_tells_multiples(found):
     assert still.split(" | ")[column] == "–" and float(pusher.split(" | ")[column]) > 1.0
 
 
-@pytest.mark.parametrize(
-    ("task", "settings"),
-    [
-        ("Sort", {}),
-        ("Transport", {"model": "averaged"}),
-        ("Transport", {"randomize": {"friction": [0.8, 1.2]}}),
-        ("Transport", {"randomize": {"incline": 0.01}}),
-        ("Transport", {"surface": Surface(horizontal_amplitude=3e-4)}),
-    ],
-)
+@pytest.mark.parametrize(("task", "settings"), [
+    ("Sort", {}),
+    ("Transport", {"model": "averaged"}),
+    ("Transport", {"randomize": {"friction": [0.8, 1.2]}}),
+    ("Transport", {"randomize": {"incline": 0.01}}),
+    ("Transport", {"surface": Surface(horizontal_amplitude=3e-4)}),
+])  # fmt: skip
 def test_where_no_bound_is_known(task, settings):
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=3, **settings)
     env.reset(seed=0)
     assert np.isnan(least_times(env.unwrapped)).all()
 
 
-@pytest.mark.parametrize(
-    ("actuators", "amplitude", "latency"),
-    [
-        ({}, 0.25e-3, 1),
-        ({"gain_spread": 0.0}, 0.2e-3, 1),
-        ({"gain_spread": 0.0, "latency": 4}, 0.2e-3, 4),
-        ({"gain_spread": 0.0, "stuck": 0.1}, 0.25e-3, 0),
-        ({"gain_spread": 0.0, "stuck": [[0, 0, 1e-4, 0.0]]}, 0.25e-3, 0),
-    ],
-)
+@pytest.mark.parametrize(("actuators", "amplitude", "latency"), [
+    ({}, 0.25e-3, 1),
+    ({"gain_spread": 0.0}, 0.2e-3, 1),
+    ({"gain_spread": 0.0, "latency": 4}, 0.2e-3, 4),
+    ({"gain_spread": 0.0, "stuck": 0.1}, 0.25e-3, 0),
+    ({"gain_spread": 0.0, "stuck": [[0, 0, 1e-4, 0.0]]}, 0.25e-3, 0),
+])  # fmt: skip
 def test_what_hardware_can_do_at_most(actuators, amplitude, latency):
     made = {"kind": "prototype", "limit": 0.2e-3, **actuators}
     env = gym.make_vec("vibgym/Transport-v0", num_envs=2, surface=Surface(max_amplitude=0.25e-3), actuators=made)

@@ -69,10 +69,7 @@ BAD = {
     "environment value": ({"environment": {"parts": ["brick"]}}, ["parts", "brick", "steel_block"]),
     "surface value": ({"environment": {"surface": {"rows": -3}}}, ["rows", "-3"]),
     "no hardware": ({"hardware": {}}, ["evaluation.hardware", "{}", "at least 1"]),
-    "hardware that is none": (
-        {"hardware": {"a": "prototype"}},
-        ["evaluation.hardware.a", "'prototype'", "'actuators'"],
-    ),
+    "hardware that is none": ({"hardware": {"a": "prototype"}}, ["evaluation.hardware.a", "'prototype'", "'actuators'"]),
     "hardware of another key": ({"hardware": {"a": {"walls": []}}}, ["evaluation.hardware.a", "walls", "'sensor'"]),
     "hardware without a name": ({"hardware": {"": {}}}, ["evaluation.hardware", "''", "printable"]),
     "hardware of an unknown kind": (
@@ -121,7 +118,7 @@ BAD = {
         ["evaluation.effects.policies.0", "actuators", "'sensor'"],
     ),
     "confidence": ({"confidence": 95}, ["confidence", "95"]),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)

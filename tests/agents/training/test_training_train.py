@@ -294,16 +294,13 @@ def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e300])
-@pytest.mark.parametrize(
-    "name",
-    [
-        "policy.actor.log_std.bias",
-        "policy.critic.value.bias",
-        "adam.policy.optimizer.0.exp_avg",
-        "adam.policy.optimizer.2.exp_avg_sq",
-        "adam.policy.optimizer.1.step",
-    ],
-)
+@pytest.mark.parametrize("name", [
+    "policy.actor.log_std.bias",
+    "policy.critic.value.bias",
+    "adam.policy.optimizer.0.exp_avg",
+    "adam.policy.optimizer.2.exp_avg_sq",
+    "adam.policy.optimizer.1.step",
+])  # fmt: skip
 def test_a_checkpoint_that_is_not_finite_is_refused(trained, tmp_path, name, number):
     path, run = trained
     settings = load_settings(path)

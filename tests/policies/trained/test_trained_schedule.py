@@ -116,16 +116,13 @@ def test_unsuitable_files_are_refused(tmp_path):
         load_schedule(path, info_of("Align"))
 
 
-@pytest.mark.parametrize(
-    "fields, seconds, message",
-    [
-        ([FIELD], (0.1, 0.2), "fields: got 'shape"),
-        ([FIELD], (-0.1,), "seconds: got "),
-        ([], (), "seconds: got "),
-        ([[math.nan, *FIELD[1:]]], (0.1,), "fields: got "),
-        ([[*FIELD[:6], 0.0]], (0.1,), "fields: reach: got "),
-    ],
-)
+@pytest.mark.parametrize("fields, seconds, message", [
+    ([FIELD], (0.1, 0.2), "fields: got 'shape"),
+    ([FIELD], (-0.1,), "seconds: got "),
+    ([], (), "seconds: got "),
+    ([[math.nan, *FIELD[1:]]], (0.1,), "fields: got "),
+    ([[*FIELD[:6], 0.0]], (0.1,), "fields: reach: got "),
+])  # fmt: skip
 def test_bad_schedules_are_refused(fields, seconds, message):
     with pytest.raises(ValueError, match=message):
         schedule(fields if len(fields) else np.zeros((0, len(COLUMNS))), seconds)
