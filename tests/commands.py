@@ -38,9 +38,9 @@ def folder_at(path):
     return path
 
 
-def files_in(folder):
+def files_in(folder, which="**/*"):
     """What the files of a folder hold, but for locks."""
-    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file() and ".lock" not in path.name}
+    return {str(path): path.read_bytes() for path in folder.glob(which) if path.is_file() and ".lock" not in path.name}
 
 
 def fill_the_disk(monkeypatch, room=0):

@@ -127,11 +127,6 @@ def test_bad_settings(settings, message):
             make()
 
 
-def test_other_tasks_have_no_paths():
-    with pytest.raises(ValueError, match="^paths: got .*; allowed: nothing for Align"):
-        single("Align", paths=SHORT)
-
-
 def test_pictures_show_paths_and_moving_goals():
     pytest.importorskip("pygame")
     env = single("Follow", paths=SHORT[:1], action="field", render_mode="rgb_array")

@@ -179,6 +179,7 @@ def test_tolerances_of_the_goal_reward(task, moved, expected):
 def test_only_goal_environments_have_a_goal_reward():
     assert not hasattr(single("Rotate").unwrapped, "compute_reward")
     assert not hasattr(single("Rotate", observation="image").unwrapped, "compute_reward")
+    assert not hasattr(single("Sort").unwrapped, "compute_reward") and not hasattr(batch("Sort", 2), "compute_reward")
     assert callable(single("Rotate", observation="goal").unwrapped.compute_reward)
 
 

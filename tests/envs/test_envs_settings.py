@@ -168,16 +168,11 @@ def test_unknown_tasks_are_refused():
 
 @pytest.mark.parametrize("task, settings", [
     ("Align", {"walls": ["left"]}), ("Align", {"slots": 3}), ("Align", {"start": "crowded"}), ("Align", {"zones": {}}),
-    ("Singulate", {"start": "crowded"}), ("Singulate", {"zones": {}}),
+    ("Singulate", {"start": "crowded"}), ("Singulate", {"zones": {}}), ("Align", {"paths": {"speed": 0.1}}),
 ])  # fmt: skip
 def test_settings_of_other_tasks_are_refused(task, settings):
     with pytest.raises(ValueError, match=rf"^{next(iter(settings))}: got .*; allowed: nothing for {task}"):
         single(task, **settings)
-
-
-def test_no_goal_reward_of_several_parts():
-    assert not hasattr(single("Sort").unwrapped, "compute_reward")
-    assert not hasattr(batch("Sort", 2).unwrapped, "compute_reward")
 
 
 def test_unknown_keywords_are_refused():

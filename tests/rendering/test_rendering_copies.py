@@ -36,19 +36,6 @@ def test_single(task, copied):
 
 
 @pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
-def test_vector(copied):
-    env = gym.make_vec("vibgym/Rotate-v0", num_envs=3, action="field", render_mode="rgb_array")
-    env.reset(seed=3)
-    again = copied(env)
-    push = np.full(env.action_space.shape, 0.5, dtype=np.float32)
-    for _ in range(3):
-        mine, its = env.step(push), again.step(push)
-        np.testing.assert_array_equal(mine[0], its[0])
-        np.testing.assert_array_equal(mine[4]["position_error"], its[4]["position_error"])
-    np.testing.assert_array_equal(again.render(), env.render())
-
-
-@pytest.mark.parametrize("copied", COPIES, ids=["deepcopy", "pickle"])
 def test_a_window_on_the_screen_stays_with_the_original(monkeypatch, copied):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     env = gym.make("vibgym/Align-v0", action="field", render_mode="human")

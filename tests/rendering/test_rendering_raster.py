@@ -18,15 +18,7 @@ def star(points, inner, radius=0.04):
 
 
 def rasterised(
-    pose,
-    outlines,
-    value,
-    present=None,
-    goal=None,
-    goal_value=None,
-    zone=None,
-    zone_value=(),
-    pixels=PIXELS,
+    pose, outlines, value, present=None, goal=None, goal_value=None, zone=None, zone_value=(), pixels=PIXELS
 ):
     """Images (worlds, H, W, 3) of parts at ``pose`` (worlds, parts, 3); what was in the image before is noise."""
     shape = (len(pose), ROWS * pixels, COLUMNS * pixels, 3)

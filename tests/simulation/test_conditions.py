@@ -188,10 +188,7 @@ def copies(parts, worlds, friction, mass):
     """Parts made with the first world's factors."""
     return [
         dataclasses.replace(
-            part,
-            friction=f * part.friction,
-            static_friction=f * part.static_friction,
-            mass=m * part.mass,
+            part, friction=f * part.friction, static_friction=f * part.static_friction, mass=m * part.mass
         )
         for part, f, m in zip(parts, friction, mass, strict=True)
     ]

@@ -14,11 +14,7 @@ from tests.agents.evaluation.conftest import Pusher, Shepherd, Still
 from vibgym.policies.rollout import Ends, Outcomes, rollout
 
 OFF = {"kind": "prototype", "dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
-CASES = {
-    "none": {},
-    "latency": {"actuators": {**OFF, "latency": 4}},
-    "all dead": {"actuators": {**OFF, "dead": 1.0}},
-}
+CASES = {"none": {}, "latency": {"actuators": {**OFF, "latency": 4}}, "all dead": {"actuators": {**OFF, "dead": 1.0}}}
 SENSOR = {"kind": "pose", "noise": 0.0, "delay": 5}
 
 

@@ -152,11 +152,7 @@ def test_fewer_episodes_from_the_command_line_are_those_of_all_hardware():
 def test_hardware_lies_over_the_environment():
     environment = {"surface": "prototype", "actuators": "ideal", "randomize": {"parts": [1, 3], "friction": [1, 2]}}
     over = laid_over(environment, {"actuators": BROKEN, "randomize": {"friction": [0.9, 1.1]}})
-    assert over == {
-        "surface": "prototype",
-        "actuators": BROKEN,
-        "randomize": {"parts": [1, 3], "friction": [0.9, 1.1]},
-    }
+    assert over == {"surface": "prototype", "actuators": BROKEN, "randomize": {"parts": [1, 3], "friction": [0.9, 1.1]}}
     assert environment["randomize"] == {"parts": [1, 3], "friction": [1, 2]}
     assert laid_over({"randomize": {"parts": [1, 3]}}, {"randomize": None}) == {"randomize": None}
     assert with_sensor({}, {}) == {}

@@ -2,7 +2,6 @@
 
 import csv
 import os
-import signal
 import time
 
 import pytest
@@ -12,6 +11,7 @@ from agents import __main__ as command
 from agents import evaluation
 from agents.workers import side_by_side
 from agents.workers.cluster import NodesLost, on_ray
+from tests.agents.evaluation.test_evaluation_workers import dies_once, fails
 
 
 @pytest.fixture
@@ -32,18 +32,6 @@ def slow(number, folder):
     (folder / f"{number}-{node}-{time.monotonic_ns()}").touch()
     time.sleep(1.0)
     return number, node
-
-
-def dies_once(path):
-    """Kills its own process the first time."""
-    if not path.exists():
-        path.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "done"
-
-
-def says(text):
-    raise ArithmeticError(text)
 
 
 def evaluated(directory, address):
@@ -84,7 +72,7 @@ def test_killed_workers_and_errors(cluster, tmp_path):
     with on_ray(made.address, 2) as submit:
         assert submit(dies_once, tmp_path / "mark").result(120) == "done"
         with pytest.raises(ArithmeticError, match="said there"):
-            submit(says, "said there").result(120)
+            submit(fails, "said there").result(120)
         assert submit(os.getcwd).result(120) == os.getcwd()
 
 

@@ -8,14 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibgym.policies.classical.design import (
-    DOUBLE_INTEGRATOR,
-    ackermann,
-    polynomial,
-    riccati,
-    sampled,
-    sampled_riccati,
-)
+from vibgym.policies.classical.design import DOUBLE_INTEGRATOR, ackermann, polynomial, riccati, sampled, sampled_riccati
 from vibgym.policies.classical.observer import Estimate, Observer
 from vibgym.policies.classical.state_space import StateFeedback
 

@@ -51,13 +51,6 @@ def test_saving_again_replaces_and_leaves_no_litter(tmp_path):
     assert len(list(tmp_path.iterdir())) == 3 and other.read_bytes() == b"mine"
 
 
-def test_two_sets_in_one_folder_do_not_touch_each_other(tmp_path):
-    save_set(tmp_path / "a.json", KIND, FIRST, {})
-    save_set(tmp_path / "b.json", KIND, FIRST, {})
-    save_set(tmp_path / "a.json", KIND, SECOND, {})
-    assert load_set(tmp_path / "b.json", KIND)[0]["a"].tolist() == FIRST["a"].tolist()
-
-
 @pytest.mark.parametrize("name, others", [
     ("align[12]", ("align1", "align2", "align[1]")), ("align*", ("align-x", "aligned")), ("a?b", ("axb", "a.b")),
     ("align", ("align-0123456789ab", "align-0123456789ab-0123456789ab")), ("align-0123456789ab", ("align",)),

@@ -8,13 +8,7 @@ import pytest
 from studies.accuracy.candidates import prepare_model
 from studies.accuracy.scenes import first_periods, scenes_from
 
-GOOD = {
-    "name": "one",
-    "worlds": 5,
-    "periods": 6,
-    "settle": 2,
-    "drive": {"kind": "random", "every": 2},
-}
+GOOD = {"name": "one", "worlds": 5, "periods": 6, "settle": 2, "drive": {"kind": "random", "every": 2}}
 
 
 def scene(**changes):

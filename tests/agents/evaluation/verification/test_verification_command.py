@@ -77,7 +77,7 @@ def test_published_and_verified(folder, capsys):
     assert code == 0 and errors == ""
     assert "6 of 6 published episodes came out the same when played again" in text
     assert "outside: " not in text and "different: " not in text and "version: " not in text
-    rows = list(csv.DictReader((folder / "all.csv").open(newline="")))
+    rows = list(csv.DictReader((folder / "all" / "verification.csv").open(newline="")))
     assert {row["study"] for row in rows} == {"report", "effects"} and {row["inside"] for row in rows} == {"True"}
     assert f"{len(rows)} of {len(rows)} figures" in text
     record = json.loads((folder / "out" / "report.json").read_text())
