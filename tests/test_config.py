@@ -10,8 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.training.train_settings import TrainSettings
-from agents.training.training_file import load_settings
 from vibgym import Part, Surface
 from vibgym.config import SurfaceSettings, load_yaml, parse, part_from, surface_from, to_si
 
@@ -87,18 +85,14 @@ BAD_SURFACES = [
     ({"rows": 2000, "columns": 2000}, "columns", "at most 1000000 elements"),
     ({"element_size_mm": 10**400}, "surface.element_size_mm", "a finite number"),
     ({"gravity": -9.81}, "gravity", "> 0"),
-    (
-        {"element_size": 0.026, "element_size_mm": 26},
-        "surface.element_size_mm",
-        "'element_size' once, not in two units",
-    ),
+    ({"element_size": 0.026, "element_size_mm": 26}, "surface.element_size_mm", "'element_size' once, not in two units"),
     ({"element_size_mm": 26, "element_size": 0.026}, "surface.element_size", "'element_size' once, not in two units"),
     ({"element_size_mm": "26"}, "surface.element_size_mm", "a number"),
     ({"element_size_mm": None}, "surface.element_size_mm", "a number"),
     ({"element_size_mm": True}, "surface.element_size_mm", "a number"),
     ({"element_size_deg": [1, "x"]}, "surface.element_size_deg", "a number"),
     ({"max_amplitude": 1.0}, "max_amplitude", "<= 0.000397"),
-]
+]  # fmt: skip
 BAD_PARTS = [
     ("gold", "parts", "'steel_block', 'aluminium_block'"),
     (3, "parts", "a mapping"),
@@ -110,11 +104,7 @@ BAD_PARTS = [
     ({"shape": "disc", "friction": 0.5}, "parts.radius", "needed for shape 'disc'"),
     ({"shape": "polygon", "friction": 0.5}, "parts.vertices", "needed for shape 'polygon'"),
     ({**FINE, "radius": 0.1}, "parts.radius", "not a field of shape 'rectangle'"),
-    (
-        {"shape": "disc", "radius": 0.1, "friction": 0.5, "vertices": []},
-        "parts.vertices",
-        "not a field of shape 'disc'",
-    ),
+    ({"shape": "disc", "radius": 0.1, "friction": 0.5, "vertices": []}, "parts.vertices", "not a field of shape 'disc'"),
     ({**FINE, "length_mm": 50}, "parts.length_mm", "once"),
     ({**FINE, "colour": "red"}, "parts.colour", "keys among shape"),
     ({**FINE, "name": 3}, "parts.name", "string"),
@@ -134,7 +124,7 @@ BAD_PARTS = [
     ({"shape": "polygon", "vertices": [[0, 0], [1, 1]], "friction": 0.5}, "vertices", "three corners"),
     ({"shape": "polygon", "vertices": [[0, 0], [1, 1], [1, 0], [0, 1]], "friction": 0.5}, "vertices", "simple polygon"),
     ({"shape": "polygon", "vertices_mm": [["a", 0]], "friction": 0.5}, "parts.vertices_mm", "a number"),
-]
+]  # fmt: skip
 
 
 def refused(error, field, allowed):
@@ -267,29 +257,3 @@ def test_missing_files_and_folders(tmp_path):
         with pytest.raises(ValueError, match="a readable file") as error:
             load_yaml(path)
         assert path.name in str(error.value)
-
-
-GOOD = "task: Rotate\nsteps: 1000\n"
-
-
-def test_training_settings(tmp_path):
-    settings = load_settings(written(tmp_path, GOOD + "ppo: {gamma: 0.9, net: [8]}\nenvironment: {action: field}\n"))
-    assert isinstance(settings, TrainSettings)
-    assert (settings.task, settings.steps, settings.own.gamma, settings.own.net) == ("Rotate", 1000, 0.9, [8])
-    assert settings.environment == {"action": "field"} and settings.own.n_steps == 32
-
-
-@pytest.mark.parametrize("text, field", [
-    ("steps: 5", "task"), ("task: Rotate", "steps"), ("task: Juggle\nsteps: 5", "task"),
-    (GOOD + "colour: red", "colour"), (GOOD + "worlds: 0", "worlds"), (GOOD + "worlds: 1.5", "worlds"),
-    (GOOD + "seed: -1", "seed"), (GOOD + "ppo: {gamma: 2}", "ppo.gamma"), (GOOD + "ppo: {gama: 0.9}", "ppo.gama"),
-    (GOOD + "ppo: {net: []}", "ppo.net"), (GOOD + "ppo: 3", "ppo"), (GOOD + "environment: 3", "environment"),
-    (GOOD + "output: 3", "output"), ("task: Rotate\nsteps: 1e3x", "steps"),
-])  # fmt: skip
-def test_bad_training_settings_name_file_and_field(tmp_path, text, field):
-    path = written(tmp_path, text)
-    with pytest.raises(ValueError) as error:
-        load_settings(path)
-    assert "\n" not in str(error.value)
-    where = str(error.value).split(": got ")[0].replace(": ", ".")
-    assert where == f"{path}.{field}"

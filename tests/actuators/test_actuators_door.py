@@ -1,4 +1,4 @@
-"""The door that all actuators go through: latency in periods, resets of single worlds, snapshots."""
+"""The door that all actuators go through: latency in periods, and resets of single worlds."""
 
 import gymnasium as gym
 import numpy as np

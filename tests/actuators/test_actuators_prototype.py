@@ -108,18 +108,6 @@ def test_shares_of_faults():
     assert abs(dead - 0.2) < 4 * math.sqrt(0.2 * 0.8 / n) and abs(sound - 0.7) < 4 * math.sqrt(0.7 * 0.3 / n)
 
 
-@pytest.mark.parametrize("periods, latency", [(1, 0), (1, 1), (1, 3), (4, 1), (4, 4), (4, 6), (3, 7)])
-def test_commands_take_effect_after_the_latency(periods, latency):
-    own = made(periods=periods, latency=latency)
-    seen = []
-    for step in range(6):
-        amplitude, _, lengths = done(own, command(1, 1e-5 * (step + 1)))
-        assert sum(lengths) == periods
-        seen += [each for each, length in zip(amplitude[:, 0, 0, 0], lengths) for _ in range(length)]
-    expected = [1e-5 * ((k - latency) // periods + 1) if k >= latency else 0.0 for k in range(6 * periods)]
-    assert seen == pytest.approx(expected, abs=1e-18)
-
-
 @pytest.mark.parametrize("periods", [1, 3])
 def test_latencies_that_differ_from_world_to_world(periods):
     many = PrototypeActuators(SURFACE, 4, periods, **PLAIN)

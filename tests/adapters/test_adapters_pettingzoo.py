@@ -16,25 +16,19 @@ from vibgym.adapters.pettingzoo import PartsParallelEnv
 FEW = {"max_episode_steps": 40}
 
 
-@pytest.mark.parametrize("action", ["wrench", "patch", "field"])
-def test_pettingzoo_api(action):
+@pytest.mark.parametrize("settings", [
+    *({"action": action} for action in ("wrench", "patch", "field")), {"randomize": {"parts": [2, 4]}},
+])  # fmt: skip
+def test_pettingzoo_api(settings):
+    settings = {**settings, **FEW}
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         # The test hands in an option of its own making.
         warnings.filterwarnings("ignore", message=".*options options are ignored")
-        parallel_api_test(vibgym.parallel_env("Sort", action=action, **FEW), num_cycles=100)
-        parallel_seed_test(lambda: vibgym.parallel_env("Singulate", action=action, **FEW), num_cycles=8)
-
-
-def test_pettingzoo_api_with_absent_parts():
-    settings = {"randomize": {"parts": [2, 4]}, **FEW}
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", message=".*options options are ignored")
-        # PettingZoo's test expects all possible agents in every episode, and says so.
-        warnings.filterwarnings("ignore", message="No agents present but not all possible_agents")
+        if "randomize" in settings:  # it expects all possible agents in every episode, and says so
+            warnings.filterwarnings("ignore", message="No agents present but not all possible_agents")
         parallel_api_test(vibgym.parallel_env("Sort", **settings), num_cycles=100)
-        parallel_seed_test(lambda: vibgym.parallel_env("Sort", **settings), num_cycles=8)
+        parallel_seed_test(lambda: vibgym.parallel_env("Singulate", **settings), num_cycles=8)
 
 
 @pytest.mark.parametrize("action", ["wrench", "patch"])

@@ -141,17 +141,14 @@ def _slow_change(part, pose, velocity, amplitude, phase):
     return mean_state(SURFACE, part, exact.pose[:, 0], exact.velocity[:, 0], amplitude, phase)[1]
 
 
-@pytest.mark.parametrize(
-    "name, bad",
-    [
-        ("pose", [[0.4, 0.1]]),
-        ("pose", [0.4, math.nan, 0.0]),
-        ("pose", [-0.1, 0.1, 0.0]),
-        ("velocity", "fast"),
-        ("wrench", [math.inf, 0, 0]),
-        ("order", 3),
-    ],
-)
+@pytest.mark.parametrize("name, bad", [
+    ("pose", [[0.4, 0.1]]),
+    ("pose", [0.4, math.nan, 0.0]),
+    ("pose", [-0.1, 0.1, 0.0]),
+    ("velocity", "fast"),
+    ("wrench", [math.inf, 0, 0]),
+    ("order", 3),
+])  # fmt: skip
 def test_bad_arguments_are_refused_by_name(name, bad):
     arguments = {"pose": [0.4, 0.1, 0.0], "velocity": 0.0, "wrench": 0.0, name: bad}
     with pytest.raises(ValueError, match=rf"^{name}: "):

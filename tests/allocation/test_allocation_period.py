@@ -119,20 +119,17 @@ def test_least_norm_is_that_of_the_pseudo_inverse(rank):
         assert np.abs(step - expected).max() < 1e-8 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize(
-    ("name", "bad", "message"),
-    [
-        ("over", "month", "^over: "),
-        ("corrections", -1, "^corrections: "),
-        ("corrections", 6, "^corrections: "),
-        ("order", 0, "^order: "),
-        ("threads", 0, "^threads: "),
-        ("surface", None, "^surface: "),
-        ("part", "block", "^part: "),
-        ("surface", Surface(horizontal_amplitude=3e-4), "always slide"),
-        ("part", Part.disc(0.02, friction=0.5, static_friction=5.0), "always slide"),
-    ],
-)
+@pytest.mark.parametrize(("name", "bad", "message"), [
+    ("over", "month", "^over: "),
+    ("corrections", -1, "^corrections: "),
+    ("corrections", 6, "^corrections: "),
+    ("order", 0, "^order: "),
+    ("threads", 0, "^threads: "),
+    ("surface", None, "^surface: "),
+    ("part", "block", "^part: "),
+    ("surface", Surface(horizontal_amplitude=3e-4), "always slide"),
+    ("part", Part.disc(0.02, friction=0.5, static_friction=5.0), "always slide"),
+])  # fmt: skip
 def test_bad_settings_are_refused_by_name(name, bad, message):
     with pytest.raises(ValueError, match=message):
         Inverse(**{"surface": SURFACE, "part": BLOCK, name: bad})

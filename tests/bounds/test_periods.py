@@ -15,9 +15,7 @@ from vibgym.physics.core.drive import cartesian_drive
 MOST = SURFACE.max_amplitude
 
 
-def advanced(
-    part: Part, pose: np.ndarray, velocity: np.ndarray, c: np.ndarray, s: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def advanced(part, pose, velocity, c, s):
     """By how much poses (n, 3) change in a period, and the velocities then."""
     simulator = Simulator(SURFACE, part, worlds=len(pose))
     simulator.reset(pose[:, None], velocity[:, None])
@@ -25,7 +23,7 @@ def advanced(
     return simulator.pose[:, 0] - pose, simulator.velocity[:, 0]
 
 
-def test_ways_are_those_of_the_simulator() -> None:
+def test_ways_are_those_of_the_simulator():
     random = np.random.default_rng(5)
     n, mu = 40, ALUMINIUM.friction
     velocity = np.column_stack([random.uniform(-0.2, 0.2, (n, 2)), np.zeros(n)])
@@ -46,7 +44,7 @@ def test_ways_are_those_of_the_simulator() -> None:
 
 
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL])
-def test_turns_are_those_of_the_simulator_and_hard_to_beat(part: Part) -> None:
+def test_turns_are_those_of_the_simulator_and_hard_to_beat(part):
     random = np.random.default_rng(6)
     turner = turner_for(SURFACE, part.friction, part.gyration, MOST, sample(part, SURFACE.element_size))
     scratch, side = scratch_for(turner), 2 * turner.reach + 1
@@ -81,7 +79,7 @@ def test_turns_are_those_of_the_simulator_and_hard_to_beat(part: Part) -> None:
     assert (best <= sign * after + 0.02 * strongest).all()
 
 
-def test_points_have_the_part_s_inertia() -> None:
+def test_points_have_the_part_s_inertia():
     shape = Part.polygon([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.05], [0, 0.05]], friction=0.5)
     for part in (ALUMINIUM, shape, Part.disc(0.02, friction=0.5)):
         points = sample(part, 0.026)
@@ -91,6 +89,6 @@ def test_points_have_the_part_s_inertia() -> None:
         assert np.hypot(*points.T).max() <= 1.05 * part.radius
 
 
-def test_controls_ask_for_both_ends() -> None:
+def test_controls_ask_for_both_ends():
     assert len(WEIGHTS) == len(SHARES)
     assert {tuple(each) for each in WEIGHTS} == {tuple(-each) for each in WEIGHTS} and 0.0 in SHARES

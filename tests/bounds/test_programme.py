@@ -1,7 +1,5 @@
 """Dynamic programming against a double integrator, whose best way is known, and interpolation against polynomials."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ KICK = STRONGEST * PERIOD  # m/s
 
 
 @pytest.fixture(scope="module")
-def integrator() -> Moves:
+def integrator():
     """A double integrator: speeds in steps of a quarter kick along the second axis, the same along the first one."""
     speed = np.arange(-8, 41) * KICK / 4.0
     push = np.linspace(-1.0, 1.0, 9) * STRONGEST
@@ -26,16 +24,16 @@ def integrator() -> Moves:
 
 
 @pytest.mark.parametrize("kicks", [0, 1, 3, 6])
-def test_braking_takes_the_known_way(integrator: Moves, kicks: int) -> None:
+def test_braking_takes_the_known_way(integrator, kicks):
     found = overshoots(integrator, 10, 1)
     np.testing.assert_allclose(found[:, 8 + 4 * kicks], (kicks * KICK) ** 2 / (2.0 * STRONGEST), atol=1e-12)
 
 
-def test_what_moves_back_does_not_overshoot(integrator: Moves) -> None:
+def test_what_moves_back_does_not_overshoot(integrator):
     assert (overshoots(integrator, 10, 1)[:, :9] == 0.0).all()
 
 
-def test_only_instants_count(integrator: Moves) -> None:
+def test_only_instants_count(integrator):
     # One look needs no brake; of two, three periods apart, the second sees what three periods of braking leave.
     fast = 8 + 4 * 8
     assert not overshoots(integrator, 1, 5).any()
@@ -44,14 +42,14 @@ def test_only_instants_count(integrator: Moves) -> None:
 
 
 @pytest.mark.parametrize("half", [1, 3, 7])
-def test_half_the_time_is_braking(integrator: Moves, half: int) -> None:
+def test_half_the_time_is_braking(integrator, half):
     # At the end the part may have half a kick left: braking then turns it round within a period, and nobody sees it in between.
     # So of 2 n pushes n are full ones ahead, one is half a push back and n - 1 are full ones back.
     value = furthest(integrator, overshoots(integrator, 12, 1), 0.0, 100.0, 2 * half)
     np.testing.assert_allclose(value[2 * half][:, 8], KICK * PERIOD * (half**2 + half / 2 - 0.25), rtol=1e-9)
 
 
-def test_what_may_overshoot_gets_further_and_a_price_only_loosens(integrator: Moves) -> None:
+def test_what_may_overshoot_gets_further_and_a_price_only_loosens(integrator):
     overshoot = overshoots(integrator, 12, 1)
     strict, cheap, wide = (
         furthest(integrator, overshoot, allowed, price, 8)[8, 2, 8]
@@ -60,10 +58,10 @@ def test_what_may_overshoot_gets_further_and_a_price_only_loosens(integrator: Mo
     assert strict <= cheap + 1e-12 and strict < wide
 
 
-def test_cubics_are_reproduced_and_edges_hold() -> None:
+def test_cubics_are_reproduced_and_edges_hold():
     i, j = np.meshgrid(np.arange(6.0), np.arange(7.0), indexing="ij")
 
-    def cubic(a: Any, b: Any) -> Any:
+    def cubic(a, b):
         return 0.3 * a**3 - a * b**2 + 0.1 * b**3 - 2.0 * a + 1.0
 
     value = cubic(i, j)
@@ -73,13 +71,13 @@ def test_cubics_are_reproduced_and_edges_hold() -> None:
     assert interpolated(value, False, 2.0, 9.0) == pytest.approx(cubic(2.0, 6.0), abs=1e-11)
 
 
-def test_a_cyclic_axis_closes() -> None:
+def test_a_cyclic_axis_closes():
     value = np.tile(np.cos(2.0 * np.pi * np.arange(24) / 24)[:, None], (1, 4))
     for at in (-0.5, 0.5, 23.5, 49.25):
         assert interpolated(value, True, at, 1.0) == pytest.approx(np.cos(2.0 * np.pi * at / 24), abs=3e-4)
 
 
-def test_the_best_control_wins() -> None:
+def test_the_best_control_wins():
     value = np.arange(16.0).reshape(4, 4)
     gain, reached = np.array([0.0, 5.0, -1.0]), np.array([[3.0, 3.0], [0.0, 0.0], [3.0, 3.0]])
     result = np.empty((4, 4))

@@ -1,7 +1,6 @@
 """The bound on time to goal: closed forms, symmetries, and attempts to beat it in the planar simulator."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,30 +25,30 @@ from vibgym.physics.core.drive import cartesian_drive, polar_drive
 
 MOST = SURFACE.max_amplitude
 HOLD = Hold(10, 1)
-ALIGN: dict[str, Any] = {
+ALIGN = {
     "position_tolerance": 0.002, "heading_tolerance": math.radians(3.0), "heading_period": math.pi
 }  # fmt: skip
 START = np.array([[0.3, 0.1, 0.4]])
 
 
-def bound(**settings: Any) -> TimeBound:
+def bound(**settings):
     return TimeBound(SURFACE, ALUMINIUM, **{**ALIGN, **settings})
 
 
-def test_every_period_of_a_long_way_adds_the_top_speed() -> None:
+def test_every_period_of_a_long_way_adds_the_top_speed():
     # 0.30438 m/s: the steady velocity at full amplitude, known from an independent integration (README).
     pace = way_reach(SURFACE, 0.6, MOST, 0.005, HOLD).pace / SURFACE.period
     assert 0.30438 * 0.9995 <= pace <= 0.30438 * 1.002
 
 
-def test_where_nothing_is_to_be_done_the_hold_is_left() -> None:
+def test_where_nothing_is_to_be_done_the_hold_is_left():
     inside = START + [[0.001, 0.001, math.radians(2.9)]]
     for stride, steps in ((1, 10), (4, 3), (10, 1)):
         assert bound(periods_per_step=stride).steps(START, inside).tolist() == [steps]
     assert bound(latency=3).steps(START, inside).tolist() == [10]  # nothing has to move
 
 
-def test_latency_and_longer_steps() -> None:
+def test_latency_and_longer_steps():
     far = START + [[0.3, 0.05, 0.5]]
     plain, late, long = (bound(**each) for each in ({}, {"latency": 2}, {"periods_per_step": 4}))
     assert late.steps(START, far) == plain.steps(START, far) + 2
@@ -60,7 +59,7 @@ def test_latency_and_longer_steps() -> None:
     assert long.seconds(START, far)[0] >= 0.3 / 0.31 - 0.02
 
 
-def test_more_to_do_never_takes_less_and_means_less() -> None:
+def test_more_to_do_never_takes_less_and_means_less():
     way, turn = np.linspace(0.0, 0.7, 200), np.linspace(0.0, 0.5 * math.pi, 200)
     by_way = bound().steps(START, START + np.column_stack([way, 0.0 * way, 0.0 * way]))
     by_turn = bound().steps(START, START + np.column_stack([0.0 * turn, 0.0 * turn, turn]))
@@ -71,7 +70,7 @@ def test_more_to_do_never_takes_less_and_means_less() -> None:
     assert (weak >= by_way).all() and (weak > by_way).mean() > 0.9
 
 
-def test_headings_are_wrapped_or_not() -> None:
+def test_headings_are_wrapped_or_not():
     goal = START + [[0.0, 0.0, math.radians(170.0)]]
     assert bound().steps(START, goal) == bound().steps(START, START + [[0.0, 0.0, math.radians(-10.0)]])
     assert bound(heading_period=0.0).steps(START, goal) > bound().steps(START, goal)
@@ -79,14 +78,14 @@ def test_headings_are_wrapped_or_not() -> None:
         assert bound(**free).steps(START, goal) == 10
 
 
-def test_left_and_right_are_alike_for_a_part_that_is_its_mirror_image() -> None:
+def test_left_and_right_are_alike_for_a_part_that_is_its_mirror_image():
     turn = np.linspace(-6.0, 6.0, 25)
     start = np.tile([0.3, 0.1, 0.0], (25, 1))
     steps = bound(heading_period=0.0).steps(start, start + np.column_stack([0.0 * turn, 0.0 * turn, turn]))
     np.testing.assert_array_equal(steps, steps[::-1])
 
 
-def test_starts_are_judged_one_by_one() -> None:
+def test_starts_are_judged_one_by_one():
     random = np.random.default_rng(2)
     start, goal = random.uniform(0.05, 0.15, (2, 30, 3))
     steps = bound().steps(start, goal)
@@ -94,7 +93,7 @@ def test_starts_are_judged_one_by_one() -> None:
 
 
 @pytest.mark.parametrize("direction", [0.3, 2.4])
-def test_no_phases_found_by_trying_get_further(direction: float) -> None:
+def test_no_phases_found_by_trying_get_further(direction):
     # All elements alike, for one part on its way: random changes of six periods' phases are kept where they help.
     random, worlds, periods, tolerance = np.random.default_rng(1), 160, 6, 0.005
     axes = np.array([[math.cos(direction), math.sin(direction)], [-math.sin(direction), math.cos(direction)]])
@@ -102,7 +101,7 @@ def test_no_phases_found_by_trying_get_further(direction: float) -> None:
     idle = SURFACE.idle_velocity(ALUMINIUM.friction)
     simulator = Simulator(SURFACE, ALUMINIUM, worlds=worlds)
 
-    def way(phases: np.ndarray) -> np.ndarray:
+    def way(phases):
         """Way at which the hold begins, less the price of being too fast for it."""
         simulator.reset([0.416, 0.104, 0.0], [*idle, 0.0])
         for phase in phases:
@@ -123,7 +122,7 @@ def test_no_phases_found_by_trying_get_further(direction: float) -> None:
     assert table.periods(np.array([direction]), 1.03 * got.max(keepdims=True))[0] == periods + 1
 
 
-def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator() -> None:
+def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
     # It takes at every period, for the part where it is, the control that is worth most; its place is left to itself.
     random, worlds, periods = np.random.default_rng(3), 10, 6
     points = sample(ALUMINIUM, SURFACE.element_size)
@@ -160,25 +159,22 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator() -> No
     assert PRICE > 1.0  # or what is too fast would have been worth it
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"position_tolerance": 0.0}, "position_tolerance: got 0.0"),
-        ({"heading_tolerance": -1.0}, "heading_tolerance: got -1.0"),
-        ({"heading_tolerance": math.nan}, "heading_tolerance: got nan"),
-        ({"heading_period": -1.0}, "heading_period: got -1.0"),
-        ({"hold": 0}, "hold: got 0"),
-        ({"periods_per_step": 0.5}, "periods_per_step: got 0.5"),
-        ({"amplitude": 1e-3}, "amplitude: got 0.001"),
-        ({"latency": -1}, "latency: got -1"),
-    ],
-)
-def test_bad_settings(settings: dict[str, Any], message: str) -> None:
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"position_tolerance": 0.0}, "position_tolerance: got 0.0"),
+    ({"heading_tolerance": -1.0}, "heading_tolerance: got -1.0"),
+    ({"heading_tolerance": math.nan}, "heading_tolerance: got nan"),
+    ({"heading_period": -1.0}, "heading_period: got -1.0"),
+    ({"hold": 0}, "hold: got 0"),
+    ({"periods_per_step": 0.5}, "periods_per_step: got 0.5"),
+    ({"amplitude": 1e-3}, "amplitude: got 0.001"),
+    ({"latency": -1}, "latency: got -1"),
+])  # fmt: skip
+def test_bad_settings(settings, message):
     with pytest.raises(ValueError, match=message):
         bound(**settings)
 
 
-def test_bad_scenes_and_poses() -> None:
+def test_bad_scenes_and_poses():
     with pytest.raises(ValueError, match="part: got 'friction 0.6 .*slide all the time"):
         TimeBound(Surface(horizontal_amplitude=1e-4), Part.disc(0.02, friction=0.6), position_tolerance=0.005)
     with pytest.raises(ValueError, match="part: got 'friction 0 "):

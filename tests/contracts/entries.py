@@ -10,14 +10,21 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 
 from tests.actuators.test_actuators_door import Weak
+from tests.sensing.test_effects import Drift, Jitter
 from tests.sensing.test_sensing_door import Shifted
+from tests.tasks.test_tasks_reward import Gentle, Quiet
 from vibgym.actuators import ACTUATORS
 from vibgym.envs import ACTIONS, OBSERVATIONS
-from vibgym.sensing import ESTIMATORS, SENSORS
+from vibgym.sensing import EFFECTS, ESTIMATORS, SENSORS
 from vibgym.tasks import TASKS
 
 IDS = tuple(name for name in gym.registry if name.startswith("vibgym/"))
-OWN = ((SENSORS, {"shifted": Shifted}), (ACTUATORS, {"weak": Weak}))
+OWN = (
+    (SENSORS, {"shifted": Shifted}),
+    (ACTUATORS, {"weak": Weak}),
+    (EFFECTS, {"drift": Drift, "jitter": Jitter}),
+    (TASKS, {"Quiet": Quiet, "Gentle": Gentle}),
+)
 """A user's, of which the contracts hold as well; registered for as long as a contract is tried."""
 
 LIMIT = 6
@@ -79,6 +86,10 @@ OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
         ONE, {"sensor": {"kind": "camera", "lines": "interlaced", "edge": "threshold", "delay": 2}, "observation": "camera"},
     ),
     "a statistical camera": (ONE, {"sensor": {"kind": "camera", "statistical": True, "delay": 1}, "observation": "camera"}),
+    "every effect": (
+        ONE, {"sensor": {"kind": "shifted", "bias": 1e-4, "dropout": 0.2, "noise": 1e-4, "drift": 0.01, "jitter": 1e-4,
+                         "delay": 2, "estimator": "kalman", "tell": ["age", "sigma"]}},
+    ),
     "three paths": (MOVING, {"action": "patch", "parts": ["steel_block", "aluminium_block", "steel_block"]}),
     "a path along": (MOVING, {"paths": {"heading": "along"}, "sensor": MODELLED, "actuators": "prototype"}),
     "a short path": (
@@ -127,6 +138,8 @@ ENTRIES = (
     *(Entry(of, name) for of, names in REGISTRIES.items() for name in names),
     Entry("sensor", "shifted"),
     Entry("actuators", "weak"),
+    Entry("task", "Quiet"),
+    Entry("task", "Gentle"),
 )
 
 

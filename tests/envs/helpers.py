@@ -6,12 +6,13 @@ import gymnasium as gym
 import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
+from vibgym.policies.task_info import TaskInfo
 
 TASKS = ("Transport", "Align", "Rotate")
-ACTIONS = ("element", "phasor", "patch", "field")
-OBSERVATIONS = ("state", "goal", "image")
 WALLS = ["left", "right", "bottom", "top"]
 SMALL = {"rows": 3, "columns": 4}  # parts fall off soon
+PIXEL = 0.026 / 6
+"""Width (m) of a pixel of the observation ``"image"`` of the default surface."""
 
 
 def single(task: str, **settings: Any) -> Any:
@@ -55,6 +56,16 @@ def put(env: Any, pose: Any, velocity: Any = None, world: int = 0) -> None:
 def goal(env: Any, world: int = 0) -> np.ndarray:
     """Goal pose of one world."""
     return env.unwrapped.core.episode.goal[world, 0].copy()
+
+
+def told(env: Any, seen: Any, name: str) -> np.ndarray:
+    """The numbers of a feature in state observations, (..., parts, width); see the environment's table."""
+    return TaskInfo.of(env).layout.numbers(seen, name)
+
+
+def pixel(x: float, y: float) -> tuple[int, int]:
+    """Row and column of the pixel at a point of the default surface."""
+    return 8 * 6 - 1 - int(y / PIXEL), int(x / PIXEL)
 
 
 def still(env: Any) -> np.ndarray:

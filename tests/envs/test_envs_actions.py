@@ -118,8 +118,7 @@ def test_field(seed):
 
 
 @pytest.mark.parametrize(
-    "index, sign, component",
-    [(0, 1, 0), (0, -1, 0), (1, 1, 1), (1, -1, 1), (5, 1, 2), (5, -1, 2)],
+    "index, sign, component", [(0, 1, 0), (0, -1, 0), (1, 1, 1), (1, -1, 1), (5, 1, 2), (5, -1, 2)]
 )
 def test_basic_fields_move_the_part_as_named(index, sign, component):
     env = single("Rotate", action="field")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.envs.helpers import SMALL, TASKS, batch, goal, put, single, still
+from tests.envs.helpers import SMALL, TASKS, batch, goal, put, single, sorted_pose, still
 
 BOUNDS = {
     "distance": (-1, 1),
@@ -76,11 +76,8 @@ def test_a_fall_ends_the_episode_without_success(task):
     put(env, goal(env))
     for _ in range(9):
         env.step(still(env))
-    env.unwrapped.core.episode.goal[0, 0, :2] = [
-        0.0,
-        0.1,
-    ]  # falls within tolerance of the goal, on what would be the tenth step
-    env.unwrapped.core.episode.goal[0, 0, 2] = 0.0
+    # It falls within tolerance of the goal, on what would be the tenth step.
+    env.unwrapped.core.episode.goal[0, 0] = [0.0, 0.1, 0.0]
     over_the_edge(env)
     seen, reward, terminated, truncated, info = env.step(still(env))
     assert terminated and not truncated and info["fallen"] and not info["is_success"]
@@ -89,23 +86,28 @@ def test_a_fall_ends_the_episode_without_success(task):
     assert env.observation_space.contains(seen)
 
 
-@pytest.mark.parametrize("observation", ["state", "goal", "image"])
-@pytest.mark.parametrize("task", TASKS)
+OBSERVED = [*((task, each) for task in TASKS for each in ("state", "goal", "image")),
+            *((task, each) for task in ("Sort", "Singulate") for each in ("state", "image"))]  # fmt: skip
+
+
+@pytest.mark.parametrize("task, observation", OBSERVED)
 def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
     env = single(task, action="phasor", observation=observation)
     env.reset(seed=1)
-    put(env, goal(env))
+    pose = goal(env) if task in TASKS else sorted_pose()
+    put(env, pose)
     for _ in range(9):
         env.step(still(env))
-    put(env, goal(env), [math.nan, 0.0, 0.0])
+    velocity = env.unwrapped.core.idle.copy()
+    velocity[-1, 0] = math.nan
+    put(env, pose, velocity)
     seen, reward, terminated, truncated, info = env.step(still(env))
     assert terminated and not truncated and info["diverged"] and not info["is_success"] and not info["fallen"]
-    assert env.observation_space.contains(seen)
+    assert env.observation_space.contains(seen)  # which holds nothing that is not finite, but for goals
     assert all(np.isfinite(value).all() for value in (seen.values() if observation == "goal" else [seen]))
-    numbers = [reward, info["position_error"], info.get("heading_error", 0.0), *info["reward_terms"].values()]
-    assert np.isfinite(numbers).all()
-    seen, info = env.reset()
-    assert not info["diverged"]
+    errors = [info[name] for name in ("position_error", "heading_error", "clearance") if name in info]
+    assert np.isfinite([reward, *errors, *info["reward_terms"].values()]).all()
+    assert not env.reset()[1]["diverged"]
     *_, info = env.step(still(env))
     assert not info["diverged"] and np.isfinite(env.unwrapped.core.simulator.velocity).all()
 
@@ -143,15 +145,9 @@ def test_step_limit_truncates_at_250(task):
     assert not info["is_success"] and not infos["final_info"]["is_success"].any()
 
 
-def test_other_step_limits():
-    env = batch("Align", 2, action="field", max_episode_steps=3, autoreset_mode="SameStep")
-    env.reset(seed=0)
-    assert [env.step(still(env))[3].tolist() for _ in range(6)] == [[False] * 2, [False] * 2, [True] * 2] * 2
-
-
 @pytest.mark.parametrize("surface", ["prototype", SMALL])
 @pytest.mark.parametrize("task", TASKS)
-def test_reward_is_the_sum_of_its_bounded_terms(task, surface):
+def test_terms_of_the_reward_keep_their_bounds(task, surface):
     env = single(task, action="field", surface=surface, max_episode_steps=60)
     env.action_space.seed(1)
     generator = np.random.default_rng(1)
@@ -162,10 +158,9 @@ def test_reward_is_the_sum_of_its_bounded_terms(task, surface):
         while not done:
             if generator.random() < 0.1:  # jumps, so that progress runs into its bounds
                 put(env, generator.uniform([0, 0, -20], [0.104, 0.078, 20]))
-            _, reward, terminated, truncated, info = env.step(push)
+            *_, terminated, truncated, info = env.step(push)
             terms = info["reward_terms"]
             assert list(terms) == list(BOUNDS)
-            assert reward == pytest.approx(math.fsum(terms.values()), abs=1e-12)
             for name, (low, high) in BOUNDS.items():
                 assert low <= terms[name] <= high, name
                 seen[name].add(terms[name])
@@ -209,11 +204,3 @@ def test_periods_per_step(periods):
         assert (seen == expected).all()
         assert slow.unwrapped.core.simulator.time == pytest.approx((step + 1) * periods * 0.04)
     assert slow.unwrapped.metadata["render_fps"] == round(25 / periods)
-
-
-def test_one_step_is_one_oscillation_period():
-    env = single("Rotate", surface={"frequency": 50.0})
-    env.reset(seed=0)
-    env.step(still(env))
-    assert env.unwrapped.core.simulator.time == pytest.approx(0.02)
-    assert env.unwrapped.metadata["render_fps"] == 50

@@ -8,7 +8,6 @@ import pytest
 from tests.envs.helpers import assert_same, batch, single
 from vibgym.allocation import phasors_for
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.paths import route
 
@@ -126,16 +125,6 @@ def test_bad_settings(settings, message):
     for make in (lambda: single("Follow", **settings), lambda: batch("Follow", 2, **settings)):
         with pytest.raises(ValueError, match=f"^{message}"):
             make()
-
-
-def test_other_tasks_have_no_paths():
-    with pytest.raises(ValueError, match="^paths: got .*; allowed: nothing for Align"):
-        single("Align", paths=SHORT)
-
-
-def test_open_loop_refuses_goals_that_move():
-    with pytest.raises(ValueError, match="^policy 'open_loop': got 'the task Follow'"):
-        make_policy("open_loop", TaskInfo.of(single("Follow", action="phasor")))
 
 
 def test_pictures_show_paths_and_moving_goals():

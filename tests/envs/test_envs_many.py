@@ -1,19 +1,15 @@
-"""Environments with several parts: checkers, batch against single environments, ends of episodes."""
+"""Environments with several parts: what is registered, ends of episodes, and what they tell."""
 
 import math
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 from tests.envs.helpers import WALLS, batch, put, single, sorted_pose, still
-from tests.envs.test_envs_parity import WORLDS, side_by_side
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
 from vibgym.physics.collision.hulls import all_gaps
 
 NAMES = {"Sort": 750, "SortTwelve": 1500, "SortThreeKinds": 750, "SortCrowded": 750, "Singulate": 500}
-MODES = list(AutoresetMode)
-SMALL = {"rows": 8, "columns": 14}  # parts fall off soon
 
 
 @pytest.mark.parametrize("name, limit", NAMES.items())
@@ -29,15 +25,6 @@ def test_registered(name, limit):
     task = env.unwrapped.core.task
     assert task.kinds == kinds and (np.bincount(task.kind) == parts // len(kinds)).all()
     assert task.kind[:2].tolist() == [0, 1]  # mixed, not one kind after the other
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_parts_that_fall(mode):
-    settings = {"action": "field", "surface": SMALL, "max_episode_steps": 60, "randomize": {"parts": [2, 4]}}
-    push = np.zeros((WORLDS, 6, 6), dtype=np.float32)
-    push[:, :, :2] = np.array([[1, 0], [0, -1], [-0.7, 0.7]])[:, None]
-    ends = side_by_side("Sort", mode, settings, lambda seen: push, 60)
-    assert ends["fallen"] >= 2 * WORLDS
 
 
 def test_sorted_parts_are_a_success_after_ten_steps():
@@ -106,22 +93,6 @@ def test_any_part_that_falls_ends_the_episode(task):
     assert env.observation_space.contains(seen)
 
 
-@pytest.mark.parametrize("observation", ["state", "image"])
-@pytest.mark.parametrize("task", ["Sort", "Singulate"])
-def test_a_diverged_world_ends_and_hands_on_no_bad_numbers(task, observation):
-    env = single(task, action="phasor", observation=observation)
-    env.reset(seed=1)
-    velocity = env.unwrapped.core.idle.copy()
-    velocity[2, 0] = math.nan
-    put(env, sorted_pose(), velocity=velocity)
-    seen, reward, terminated, _, info = env.step(still(env))
-    assert terminated and info["diverged"] and not info["is_success"] and not info["fallen"]
-    assert env.observation_space.contains(seen)
-    assert np.isfinite([reward, info["position_error"], info["clearance"], *info["reward_terms"].values()]).all()
-    assert not env.reset()[1]["diverged"]
-    assert not env.step(still(env))[4]["diverged"]
-
-
 BOUNDS = {
     "distance": (-1, 1),
     "inside": (-1, 1),
@@ -133,16 +104,14 @@ BOUNDS = {
 
 
 @pytest.mark.parametrize("name", ["SortThreeKinds", "Singulate"])
-def test_reward_is_the_sum_of_its_bounded_terms(name):
+def test_terms_of_the_reward_keep_their_bounds(name):
     env = batch(name, 12, action="field", max_episode_steps=25, randomize={"parts": [1, 6]})
     env.reset(seed=2)
     env.action_space.seed(1)
     seen = {term: set() for term in BOUNDS}
     for _ in range(60):
-        _, reward, _, _, info = env.step(env.action_space.sample())
-        terms = info["reward_terms"]
+        terms = env.step(env.action_space.sample())[4]["reward_terms"]
         assert [key for key in terms if not key.startswith("_")] == list(BOUNDS)
-        assert reward == pytest.approx(sum(terms[term] for term in BOUNDS), abs=1e-12)
         for term, (low, high) in BOUNDS.items():
             assert (terms[term] >= low).all() and (terms[term] <= high).all(), term
             seen[term] |= set(terms[term].tolist())

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from tests.envs.helpers import WALLS, batch, put, single, sorted_pose, still
+from tests.envs.helpers import WALLS, batch, pixel, put, single, sorted_pose, still, told
 from vibgym.physics.collision.hulls import all_gaps
 
 SIZE, WIDTH, HEIGHT, SPEED = 0.026, 0.832, 0.208, 2.7e-3 * 2 * math.pi * 25.0
-PIXEL = SIZE / 6
 DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "disc"}
 SQUARE = {"shape": "rectangle", "length": 0.04, "width": 0.04, "friction": 0.5, "name": "square"}
 PARTS = ["steel_block", DISC, SQUARE, "steel_block", DISC]
@@ -84,7 +83,7 @@ def test_state_table(task, slots):
                 assert rows[part] == pytest.approx(expected, abs=2e-6), (world, part)
             assert (rows[5:] == 0).all()
             counts.add(int(present[world].sum()))
-        fastest = max(fastest, np.abs(seen.reshape(worlds, -1, 20)[:, :, 14:17]).max())
+        fastest = max(fastest, np.abs(told(env, seen, "velocity")).max())
     assert counts == {1, 2, 3, 4, 5} and fastest > 0.2
 
 
@@ -95,21 +94,17 @@ def test_ways_outside_and_inside():
     pose[0, 0], pose[1, 0] = 0.4, 0.3
     put(env, pose)
     seen, *_ = env.step(still(env))
-    rows = seen.reshape(6, 20)
-    assert rows[0, 10] == pytest.approx((0.156 - 0.4) / WIDTH, abs=1e-3) and rows[0, 12] < -0.99
-    assert rows[1, 10] == pytest.approx((0.676 - 0.3) / WIDTH, abs=1e-3) and rows[1, 12] > 0.99
-    assert (rows[2:, 10:14] == 0).all() and (rows[:, [11, 13]] == 0).all()
+    far, near = told(env, seen, "way"), told(env, seen, "way_coarse")
+    # What lies between pose and observation, a circle of 0.2 mm, is 2.4e-4 of the table's width.
+    assert far[:2, 0] == pytest.approx([(0.156 - 0.4) / WIDTH, (0.676 - 0.3) / WIDTH], abs=1e-3)
+    assert near[0, 0] < -0.99 and near[1, 0] > 0.99
+    assert not far[2:].any() and not near[2:].any() and not far[:, 1].any() and not near[:, 1].any()
 
 
 def test_state_does_not_depend_on_further_slots():
     few, _ = single("SortCrowded").reset(seed=5)
     many, _ = single("SortCrowded", slots=12).reset(seed=5)
     assert many.shape == (240,) and (many[:120] == few).all() and (many[120:] == 0).all()
-
-
-def pixel(x, y):
-    """Row and column of the pixel at a point of the default surface."""
-    return 8 * 6 - 1 - int(y / PIXEL), int(x / PIXEL)
 
 
 def test_image():

@@ -58,16 +58,6 @@ def test_a_batch_has_the_same_bits_in_the_worlds_of_the_mask():
         seen, alone = env.step(action)[0], one.step(action[0])[0]
 
 
-def test_snapshots_keep_them():
-    env = single("Follow", action="field")
-    env.reset(seed=1, options={"paths": [OTHER]})
-    state = env.unwrapped.get_state()
-    first = env.step(np.zeros(env.action_space.shape, dtype=np.float32))[0]
-    env.reset(seed=2)
-    env.unwrapped.set_state(state)
-    assert_same(env.step(np.zeros(env.action_space.shape, dtype=np.float32))[0], first)
-
-
 MANY = [[100 + 20 * k, 60 + 30 * (k % 2)] for k in range(20)]
 
 

@@ -93,11 +93,7 @@ BAD = [
         {"randomize": {"gravity": [1, 2]}},
         r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, incline$",
     ),
-    (
-        "Sort",
-        {"randomize": {1: [1, 2]}},
-        "randomize: got 1; allowed: keys that are strings",
-    ),
+    ("Sort", {"randomize": {1: [1, 2]}}, "randomize: got 1; allowed: keys that are strings"),
     ("Align", {"randomize": [1, 2]}, "randomize: got .*None, or a mapping with keys among friction"),
     ("Align", {"randomize": {"friction": 1.5}}, r"randomize\['friction'\]: got 1.5; allowed: .low, high. with 0.01"),
     ("Align", {"randomize": {"friction": [1.5, 0.5]}}, r"randomize\['friction'\]\[1\]: got 0.5; allowed: .*>= 1.5"),
@@ -112,7 +108,7 @@ BAD = [
     ("Align", {"randomize": {"incline": "steep"}}, r"randomize\['incline'\]: got 'steep'"),
     ("Align", {"randomize": {"friction": [1, 6]}, "model": "averaged"}, r"randomize\['friction'\]: got .a factor 6 on"),
     ("Sort", {"randomize": {"mass": [0.1, 1]}, "parts": [STEEL, LIGHT]}, r"randomize\['mass'\]: got .part 0 .*part 1 "),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("task, settings, message", BAD, ids=lambda each: str(each)[:50])

@@ -18,10 +18,12 @@ import functools
 import os
 import random
 import time
+import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, seed, settings
 
@@ -54,6 +56,21 @@ def counted() -> dict[str, int]:
     result = dict(_counts)
     _counts.clear()
     return result
+
+
+@pytest.fixture(autouse=True)
+def numpy_warns_of_nothing() -> Iterator[None]:
+    """Numbers at the edge of what floats hold are allowed and may overflow; for the modules that import this."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        yield
+
+
+def places(data: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Paths to everything in mappings and lists."""
+    for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
+        yield (*above, key)
+        yield from places(data[key], (*above, key))
 
 
 def fuzz(*, examples: int, seconds_share: float = 1.0, seconds: float | None = None) -> Callable[[Any], Any]:

@@ -1,13 +1,9 @@
 """Bad arguments to what is public: it works, or one ValueError names the argument, and then nothing has changed."""
 
-from __future__ import annotations
-
 import copy
 import functools
 import math
 import re
-import warnings
-from collections.abc import Callable, Iterator
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -19,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.envs.helpers import assert_same
-from tests.fuzz.campaign import count, fuzz
+from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
 from vibgym import Part, Simulator, Surface, checks, config, fields
 from vibgym.actuators import actuators_from
 from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
@@ -30,11 +26,11 @@ from vibgym.bounds import TimeBound
 class Mute:
     """Fails whenever it is looked at."""
 
-    def __repr__(self) -> str:
+    def __repr__(self):
         raise RuntimeError("no repr")
 
 
-def recursive() -> list[Any]:
+def recursive():
     """A list that contains itself."""
     result: list[Any] = [1.0]
     result.append(result)
@@ -72,7 +68,7 @@ UNSPEAKABLE = {"a number of 5000 digits": 10**5000, "no repr": Mute(), "deep": D
 VALUES |= st.sampled_from(list(UNSPEAKABLE))
 
 
-def meant(value: Any) -> Any:
+def meant(value):
     """What stands behind one of the names."""
     return UNSPEAKABLE.get(value, value) if isinstance(value, str) else value
 
@@ -84,17 +80,17 @@ BOUND_OF_TIME = TimeBound(SURFACE, PART, position_tolerance=2e-3)
 BOX = {"pose": [0.08, 0.05, 0.0], "velocity": 0.0}
 
 
-def sensed(kind: str, **settings: Any) -> Any:
+def sensed(kind, **settings):
     """An environment with a sensor."""
     return gym.make("vibgym/Align-v0", sensor={"kind": kind, **settings})
 
 
-def estimated(kind: str, **settings: Any) -> Any:
+def estimated(kind, **settings):
     """An environment with an estimator."""
     return sensed("pose", estimator={"kind": kind, **settings})
 
 
-CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
+CALLS = {
     "Surface": (
         Surface,
         dict(rows=2, columns=2, element_size=0.03, horizontal_amplitude=2e-3, frequency=25.0, gravity=9.81, max_amplitude=1e-4),
@@ -210,15 +206,7 @@ CALLS: dict[str, tuple[Callable[..., Any], dict[str, Any]]] = {
 EVERY = [(name, argument) for name, (_, base) in CALLS.items() for argument in base]
 
 
-@pytest.fixture(autouse=True)
-def numpy_warns_of_nothing() -> Iterator[None]:
-    """Numbers at the edge of what floats hold are allowed and may overflow; what counts is how it ends."""
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        yield
-
-
-def refused(error: ValueError, *arguments: str) -> None:
+def refused(error, *arguments):
     """One short line that can be printed anywhere and names the argument, or another that no longer goes with it."""
     text = str(error)
     assert re.match(r"[^\n]+: got [^\n]*; allowed: [^\n]+", text), text
@@ -231,7 +219,7 @@ def refused(error: ValueError, *arguments: str) -> None:
 
 @fuzz(examples=300, seconds_share=1.0)
 @given(st.sampled_from(EVERY), VALUES)
-def test_constructors_and_functions(which: tuple[str, str], value: Any) -> None:
+def test_constructors_and_functions(which, value):
     name, argument = which
     function, base = CALLS[name]
     try:
@@ -244,7 +232,7 @@ def test_constructors_and_functions(which: tuple[str, str], value: Any) -> None:
         made.close()
 
 
-def test_every_argument_survives_the_worst_values() -> None:
+def test_every_argument_survives_the_worst_values():
     """The fuzzer's own table, each argument with what once gave a traceback."""
     odd = [None, np.zeros(3), recursive(), {}, {1: 2}, "\ud800", Mute(), DEEP, [[1]], [0, 0]]
     worst = [*odd, 10**400, 10**5000, Fraction(10**400), [10**400], math.nan, 2**63]
@@ -258,14 +246,14 @@ def test_every_argument_survives_the_worst_values() -> None:
 
 
 @pytest.fixture(autouse=True, scope="module")
-def none_outlives_the_tests() -> Iterator[None]:
+def none_outlives_the_tests():
     """pymunk's spaces cannot be freed once Python takes itself apart."""
     yield
     live.cache_clear()
     beginning.cache_clear()
 
 
-MACHINE: dict[str, Any] = {
+MACHINE = {
     "actuators": {"kind": "prototype", "latency": 2},
     "sensor": {"kind": "pose", "dropout": 0.2, "estimator": "model"},
     "randomize": {"friction": [0.9, 1.1], "dead_zone": [0.0, 1e-4]},
@@ -273,7 +261,7 @@ MACHINE: dict[str, Any] = {
 
 
 @functools.cache
-def live(kind: str) -> Any:
+def live(kind):
     """An environment or a simulator that has begun."""
     if kind == "simulator":
         made: Any = Simulator(SURFACE, [PART, PART], walls=["left"], worlds=2)
@@ -293,13 +281,13 @@ def live(kind: str) -> Any:
     return made
 
 
-def state_of(made: Any) -> Any:
+def state_of(made):
     """All that a refused call must leave alone."""
     return made.get_state() if isinstance(made, Simulator) else made.unwrapped.get_state()
 
 
 @functools.cache
-def beginning(kind: str) -> Any:
+def beginning(kind):
     """The snapshot that every example starts from."""
     return state_of(live(kind))
 
@@ -318,7 +306,7 @@ BOUND = [(kind, *method) for kind, methods in METHODS.items() for method in meth
 OPTIONS = st.dictionaries(st.sampled_from(["pose", "goal", "parts", "reset_mask", "x"]), VALUES, max_size=2)
 
 
-def call(kind: str, name: str, argument: str, rest: dict[str, Any], value: Any) -> None:
+def call(kind, name, argument, rest, value):
     """A method that is refused changes nothing."""
     made, before = live(kind), beginning(kind)
     target = made if name in ("reset", "step", "advance", "set_state") and hasattr(made, name) else made.unwrapped
@@ -336,21 +324,14 @@ def call(kind: str, name: str, argument: str, rest: dict[str, Any], value: Any) 
 
 @fuzz(examples=300, seconds_share=1.0)
 @given(st.sampled_from(BOUND), VALUES, OPTIONS)
-def test_methods(which: tuple[str, str, str, dict[str, Any]], value: Any, options: dict[str, Any]) -> None:
+def test_methods(which, value, options):
     kind, name, argument, rest = which
     call(kind, name, argument, rest, options if argument == "options" and isinstance(value, dict) else value)
 
 
-def places(state: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Paths to everything in a snapshot."""
-    for key in state if isinstance(state, dict) else range(len(state)) if isinstance(state, list) else ():
-        yield (*above, key)
-        yield from places(state[key], (*above, key))
-
-
 @fuzz(examples=200, seconds_share=1.0)
 @given(st.sampled_from(list(METHODS)), st.data(), VALUES | st.sampled_from(["without", "more"]))
-def test_damaged_snapshots(kind: str, data: st.DataObject, value: Any) -> None:
+def test_damaged_snapshots(kind, data, value):
     state = copy.deepcopy(beginning(kind))
     *above, last = data.draw(st.sampled_from(list(places(state))))
     owner = state
@@ -368,7 +349,7 @@ def test_damaged_snapshots(kind: str, data: st.DataObject, value: Any) -> None:
     call(kind, "set_state", "state", {}, state)
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numbers_of_numpy_are_numbers():
     for kind in (np.float16, np.float32, np.float64, np.longdouble, np.int8, np.int64, np.uint64):
         assert checks.number("x", kind(1)) == 1.0
     for kind in (np.int8, np.int64, np.uint64):

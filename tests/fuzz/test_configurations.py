@@ -1,17 +1,11 @@
 """Mutated configurations: they parse and prepare, or one line names the file, and the line or field, at once."""
 
-from __future__ import annotations
-
 import copy
 import re
 import tempfile
 import time
-import warnings
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 import yaml
 from hypothesis import given
@@ -22,7 +16,7 @@ from agents.training.ppo.algorithm import PPO
 from agents.training.training_file import load_settings
 from studies.accuracy import report
 from studies.accuracy import settings as accuracy_settings
-from tests.fuzz.campaign import count, fuzz
+from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
 
 ENVIRONMENT = """
   surface: {rows: 8, columns: 32, element_size_mm: 26, horizontal_amplitude_mm: 2.7, frequency: 25, gravity: 9.81}
@@ -38,7 +32,7 @@ ENVIRONMENT = """
 ZONES = "  zones: {block: [0, 0, 0.2, 0.2], disc: [0.3, 0, 0.5, 0.2], angle: [0.6, 0, 0.8, 0.2]}\n"
 
 
-def train(path: Path, output: Path) -> None:
+def train(path, output):
     """As far as ``python -m agents train`` can refuse the file."""
     settings = load_settings(path)
     if settings.worlds <= 1000:
@@ -48,7 +42,7 @@ def train(path: Path, output: Path) -> None:
             raise ValueError(f"{path}: environment: {error}") from None
 
 
-def evaluate(path: Path, output: Path) -> None:
+def evaluate(path, output):
     """As far as ``python -m agents evaluate`` can."""
     settings = evaluation.load_settings(path, output=str(output))
     try:
@@ -57,7 +51,7 @@ def evaluate(path: Path, output: Path) -> None:
         raise ValueError(f"{path}: {error}") from None
 
 
-def measure(path: Path, output: Path) -> None:
+def measure(path, output):
     """As far as ``python -m studies.accuracy`` can."""
     settings = accuracy_settings.load_settings(path, str(output))
     try:
@@ -66,7 +60,7 @@ def measure(path: Path, output: Path) -> None:
         raise ValueError(f"{path}: {error}") from None
 
 
-KINDS: dict[str, Callable[[Path, Path], None]] = {"agents": train, "evaluations": evaluate, "accuracy": measure}
+KINDS = {"agents": train, "evaluations": evaluate, "accuracy": measure}
 TEXTS = [(kind, each.read_text(encoding="utf-8")) for kind in KINDS for each in sorted(Path("configs", kind).glob("*"))]
 BLOCK = f"environment:{ENVIRONMENT}{ZONES}"
 TEXTS += [
@@ -99,15 +93,8 @@ SNIPPETS = [
 ]  # fmt: skip
 
 
-def places(data: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Paths to everything in a document."""
-    for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
-        yield (*above, key)
-        yield from places(data[key], (*above, key))
-
-
 @st.composite
-def documents(draw: st.DrawFn) -> tuple[str, bytes]:
+def documents(draw):
     """Kind and content of a mutated file."""
     kind, text = draw(st.sampled_from(TEXTS))
     if draw(st.booleans()):
@@ -137,7 +124,7 @@ def documents(draw: st.DrawFn) -> tuple[str, bytes]:
     return kind, bytes(content)
 
 
-def _mutate(draw: st.DrawFn, data: Any, where: tuple[Any, ...]) -> None:
+def _mutate(draw, data, where):
     *above, last = where
     owner = data
     for key in above:
@@ -160,14 +147,6 @@ def _mutate(draw: st.DrawFn, data: Any, where: tuple[Any, ...]) -> None:
         owner[last] = copy.deepcopy(data)
 
 
-@pytest.fixture(autouse=True)
-def numpy_warns_of_nothing() -> Iterator[None]:
-    """Numbers at the edge of what floats hold are allowed."""
-    with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")
-        yield
-
-
 @pytest.fixture(scope="module")
 def loaded(tmp_path_factory):
     """Kernels are loaded once a process; what a file takes is timed after that."""
@@ -177,7 +156,7 @@ def loaded(tmp_path_factory):
 @pytest.mark.usefixtures("loaded")
 @fuzz(examples=150, seconds_share=2.0)
 @given(documents())
-def test_mutated_files(document: tuple[str, bytes]) -> None:
+def test_mutated_files(document):
     kind, content = document
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mutated.yaml"

@@ -5,8 +5,6 @@ is looked at wherever a step of contacts ends, not only at the end of a period; 
 tests/physics/test_approach.py's.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st

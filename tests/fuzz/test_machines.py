@@ -1,7 +1,5 @@
 """Machines at random: the same bits for single, batch and restored environments, and numbers that are always finite."""
 
-from __future__ import annotations
-
 import pickle
 import warnings
 from typing import Any
@@ -33,16 +31,12 @@ OF_ACTUATORS = {
     "bandwidth": st.just([1.0, 30.0]),
     "stuck": st.just([0.0, 0.1]),
 }
-OF_WORLDS = {
-    "friction": st.just([0.9, 1.1]),
-    "mass": st.just([0.5, 1.5]),
-    "incline": st.just(0.005),
-}
+OF_WORLDS = {"friction": st.just([0.9, 1.1]), "mass": st.just([0.5, 1.5]), "incline": st.just(0.005)}
 ESTIMATORS = ["none", "kalman", "model", {"kind": "model", "model": "auto"}]
 
 
 @st.composite
-def machines(draw: st.DrawFn) -> tuple[str, dict[str, Any]]:
+def machines(draw):
     """A task, and arguments of its environment."""
     task = draw(st.sampled_from(["Align", "Rotate", "Transport", "Follow", "Sort", "SortCrowded", "Singulate"]))
     several = task not in ("Align", "Rotate", "Transport", "Follow")
@@ -71,7 +65,7 @@ def machines(draw: st.DrawFn) -> tuple[str, dict[str, Any]]:
     return task, settings
 
 
-def assert_finite(got: Any) -> None:
+def assert_finite(got):
     """All numbers, however deep."""
     if isinstance(got, dict | tuple | list):
         for each in got.values() if isinstance(got, dict) else got:
@@ -84,9 +78,7 @@ def assert_finite(got: Any) -> None:
 
 @fuzz(examples=4, seconds_share=1.0)
 @given(machines(), st.sampled_from(list(AutoresetMode)), st.integers(1, STEPS - 2), st.integers(0, 2**32 - 1))
-def test_single_batch_and_restored_alike(
-    machine: tuple[str, dict[str, Any]], mode: AutoresetMode, when: int, seed: int
-) -> None:
+def test_single_batch_and_restored_alike(machine, mode, when, seed):
     task, settings = machine
     with warnings.catch_warnings():  # Gymnasium's, of limits in steps that are several periods
         warnings.simplefilter("ignore")

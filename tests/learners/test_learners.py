@@ -70,10 +70,5 @@ def test_the_index_names_the_tested_versions():
     pins = dict(
         line.split("==") for file in lists for line in file.read_text(encoding="utf-8").splitlines() if "==" in line
     )
-    for name, package in {
-        "SB3 zoo": "rl_zoo3",
-        "TorchRL": "torchrl",
-        "RLlib": "ray[rllib]",
-        "skrl": "skrl",
-    }.items():
+    for name, package in {"SB3 zoo": "rl_zoo3", "TorchRL": "torchrl", "RLlib": "ray[rllib]", "skrl": "skrl"}.items():
         assert re.search(rf"\[{name}\]\(\w+\.md\) {re.escape(pins[package])} ", index), name

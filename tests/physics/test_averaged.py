@@ -265,16 +265,6 @@ def test_same_bits_for_threads_and_any_place_in_the_batch(knobs):
     assert np.abs(one.pose - given[0]).max() > 0.005
 
 
-def test_state_goes_on_bit_for_bit():
-    given = scene(6, seed=8)
-    first = averaged(given, 5)
-    second = Simulator(SURFACE, BLOCK, worlds=6, model="averaged")
-    second.set_state(first.get_state())
-    for simulator in (first, second):
-        simulator.advance(given[2], given[3], 3)
-    assert np.array_equal(first.pose, second.pose) and np.array_equal(first.velocity, second.velocity)
-
-
 def test_falling_over_the_border():
     simulator = Simulator(SURFACE, BLOCK, worlds=2, model="averaged")
     simulator.reset([[[0.015, 0.1, 0.0]], [[0.4, 0.1, 0.0]]], [-0.25, 0.0, 0.0])
@@ -319,14 +309,11 @@ def test_as_fast_as_the_table_and_faster(speed, direction):
     assert error < (0.03 if speed < 1.0 else 0.002)
 
 
-@pytest.mark.parametrize(
-    "surface, part",
-    [
-        (Surface(horizontal_amplitude=0.0), BLOCK),
-        (Surface(horizontal_amplitude=0.4e-3), BLOCK),
-        (SURFACE, Part.disc(0.02, friction=0.6, static_friction=5.0)),
-    ],
-)
+@pytest.mark.parametrize("surface, part", [
+    (Surface(horizontal_amplitude=0.0), BLOCK),
+    (Surface(horizontal_amplitude=0.4e-3), BLOCK),
+    (SURFACE, Part.disc(0.02, friction=0.6, static_friction=5.0)),
+])  # fmt: skip
 def test_scenes_that_may_stick_are_refused_with_a_way_out(surface, part):
     with pytest.raises(ValueError, match="model.*averaged.*model='planar'"):
         Simulator(surface, part, model="averaged")

@@ -102,6 +102,7 @@ def test_bad_arguments_are_refused(policy, named):
 
 @pytest.mark.parametrize("name, task, allowed", [
     ("open_loop", "Sort", "one part with a goal pose"), ("open_loop", "Singulate", "one part with a goal pose"),
+    ("open_loop", "Follow", "one part with a goal pose"),
 ])  # fmt: skip
 def test_policies_say_which_tasks_they_do_not_serve(name, task, allowed):
     with pytest.raises(ValueError, match=f"policy '{name}'.*{task}.*tasks.*{allowed}") as error:

@@ -1,7 +1,5 @@
 """One function plays episodes: the same as one by one, however many worlds; and one line for bad input."""
 
-from typing import Any
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -21,9 +19,7 @@ class Counting:
 
     action, observation = "field", "state"
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         count = np.zeros(len(observation)) if state is None else state.copy()
         count[episode_start] = 0.0
         action = np.zeros((len(observation), 6, 6), dtype=np.float32)  # of six parts
@@ -34,9 +30,7 @@ class Counting:
 class Bare:
     """A model that has ``predict`` alone."""
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.zeros((len(observation), 6), dtype=np.float32), state
 
 
@@ -59,10 +53,10 @@ def test_few_worlds_play_the_same_episodes(worlds):
     env = worlds_of("Sort", worlds, action="field", max_episode_steps=25)
     kept, begun = [], []
 
-    def began(fresh: np.ndarray, observation: Any, info: dict[str, Any]) -> None:
+    def began(fresh, observation, info):
         begun.append(int(fresh.sum()))
         if not kept:
-            kept.append(Ends(env.unwrapped, info, list(SEEDS)))  # type: ignore[arg-type]
+            kept.append(Ends(env.unwrapped, info, list(SEEDS)))
 
     episodes = Episodes(Counting(), env, SEEDS, began)
     for step in episodes:
@@ -79,13 +73,9 @@ BAD = {
     "no seeds": (("zero", "Align"), {"seeds": []}, "^seeds: got"),
     "no number": (("zero", "Align"), {"seeds": [1.5]}, "^seeds: got 1.5"),
     "worlds": (("zero", "Align"), {"seeds": [1], "num_envs": 3}, "^num_envs: got 3; allowed: nothing"),
-    "another action": (
-        (Counting(), "Align"),
-        {"seeds": [1], "action": "patch"},
-        "^action: got 'patch'; allowed: 'field'",
-    ),
+    "another action": ((Counting(), "Align"), {"seeds": [1], "action": "patch"}, "^action: got 'patch'; allowed: 'field'"),
     "no policy": (("hover", "Align"), {"seeds": [1]}, "^policy.kind: got 'hover'"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)

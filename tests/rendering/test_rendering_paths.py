@@ -1,7 +1,5 @@
 """Paths in pictures: sampled pixels, not whole images."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -17,11 +15,11 @@ LOST = np.full((2, 3), np.nan)
 
 
 @pytest.fixture(scope="module")
-def painter() -> SurfacePainter:
+def painter():
     return SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK] * 2, kinds=[0, 1])
 
 
-def test_each_part_has_a_line_in_its_colour(painter: SurfacePainter) -> None:
+def test_each_part_has_a_line_in_its_colour(painter):
     plain = painter.paint(dataclasses.replace(EMPTY, pose=LOST)).astype(int)
     drawn = painter.paint(dataclasses.replace(EMPTY, pose=LOST, paths=PATHS)).astype(int)
     changed = (plain != drawn).any(axis=-1)
@@ -37,7 +35,7 @@ def test_each_part_has_a_line_in_its_colour(painter: SurfacePainter) -> None:
     assert rows.min() >= pixel(0.5, 0.15)[0] - 4 and rows.max() <= pixel(0.2, 0.05)[0] + 4
 
 
-def test_lines_of_absent_parts_and_off_the_picture_are_left_out(painter: SurfacePainter) -> None:
+def test_lines_of_absent_parts_and_off_the_picture_are_left_out(painter):
     plain = painter.paint(dataclasses.replace(EMPTY, pose=LOST))
     scenery = Scenery(ROWS, COLUMNS, ELEMENT, (BLOCK, BLOCK), kinds=(0, 1))
     zeros = (np.zeros((2, 3)), np.zeros((ROWS, COLUMNS, 2)), np.zeros((0, 2, 2)), "")

@@ -1,13 +1,7 @@
 """The image observation's rasteriser against polygon areas, symmetry and a plain point-in-polygon test."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from vibgym.rendering import Marks, rasterise
 
@@ -17,23 +11,15 @@ BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) *
 ELL = np.array([[-20.0, -18.0], [40.0, -18.0], [40.0, 2.0], [0.0, 2.0], [0.0, 32.0], [-20.0, 32.0]]) * 1e-3
 
 
-def star(points: int, inner: float, radius: float = 0.04) -> np.ndarray:
+def star(points, inner, radius=0.04):
     angle = np.arange(2 * points) * np.pi / points
     length = np.where(np.arange(2 * points) % 2 == 0, radius, inner * radius)
     return length[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def rasterised(
-    pose: np.ndarray,
-    outlines: Sequence[np.ndarray],
-    value: Sequence[int],
-    present: np.ndarray | None = None,
-    goal: np.ndarray | None = None,
-    goal_value: np.ndarray | None = None,
-    zone: np.ndarray | None = None,
-    zone_value: Sequence[int] = (),
-    pixels: int = PIXELS,
-) -> np.ndarray:
+    pose, outlines, value, present=None, goal=None, goal_value=None, zone=None, zone_value=(), pixels=PIXELS
+):
     """Images (worlds, H, W, 3) of parts at ``pose`` (worlds, parts, 3); what was in the image before is noise."""
     shape = (len(pose), ROWS * pixels, COLUMNS * pixels, 3)
     image = np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
@@ -59,9 +45,7 @@ def rasterised(
     return image
 
 
-def draw(
-    pose: object, outline: np.ndarray = BLOCK, goal: object = None, goal_value: object = None, pixels: int = PIXELS
-) -> np.ndarray:
+def draw(pose, outline=BLOCK, goal=None, goal_value=None, pixels=PIXELS):
     """Images of one part with the value 255 at ``pose``, (3,) or (worlds, 3), and of its goal."""
     poses = np.atleast_2d(np.array(pose, dtype=np.float64))[:, None]
     goals = None if goal is None else np.atleast_2d(np.array(goal, dtype=np.float64))[:, None]
@@ -69,16 +53,16 @@ def draw(
     return rasterised(poses, [outline], [255], goal=goals, goal_value=values, pixels=pixels)
 
 
-def area_of(outline: np.ndarray) -> float:
+def area_of(outline):
     x, y = outline.T
     return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
 
-def perimeter_of(outline: np.ndarray) -> float:
+def perimeter_of(outline):
     return float(np.hypot(*(np.roll(outline, -1, axis=0) - outline).T).sum())
 
 
-def assert_area(image: np.ndarray, outline: np.ndarray, pixel: float) -> None:
+def assert_area(image, outline, pixel):
     """Only pixels that the border passes through may be wrong, and those err both ways."""
     area = np.count_nonzero(image[..., 0]) * pixel**2
     assert abs(area - area_of(outline)) <= 0.5 * pixel * perimeter_of(outline)
@@ -88,25 +72,12 @@ def assert_area(image: np.ndarray, outline: np.ndarray, pixel: float) -> None:
 @pytest.mark.parametrize("outline", [BLOCK, BLOCK[::-1], ELL, star(5, 0.4), star(32, 1.0)])
 @pytest.mark.parametrize("heading", [0.0, 0.3, np.pi / 2, -2.5])
 @pytest.mark.parametrize("pixels", [2, 8, 16])
-def test_area_is_that_of_the_polygon(outline: np.ndarray, heading: float, pixels: int) -> None:
+def test_area_is_that_of_the_polygon(outline, heading, pixels):
     image = draw([0.4, 0.1, heading], np.ascontiguousarray(outline), pixels=pixels)[0]
     assert_area(image, outline, ELEMENT / pixels)
 
 
-@settings(deadline=None, max_examples=60)
-@given(
-    st.floats(0.06, 0.77),
-    st.floats(0.06, 0.14),
-    st.floats(-10.0, 10.0),
-    st.integers(2, 9),
-    st.floats(0.2, 1.0),
-)
-def test_area_of_any_star(x: float, y: float, heading: float, points: int, inner: float) -> None:
-    outline = star(points, inner)
-    assert_area(draw([x, y, heading], outline)[0], outline, PIXEL)
-
-
-def inside(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
+def inside(points, outline):
     """Even-odd rule by ray casting, for points (..., 2)."""
     x, y = points[..., 0], points[..., 1]
     odd = np.zeros(x.shape, dtype=bool)
@@ -117,29 +88,9 @@ def inside(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
     return odd
 
 
-@settings(deadline=None, max_examples=60)
-@given(st.floats(-0.1, 0.9), st.floats(-0.1, 0.3), st.floats(-4.0, 4.0))
-def test_pixels_are_those_with_their_centre_inside(x: float, y: float, heading: float) -> None:
-    image = draw([x, y, heading], ELL)[0]
-    column, row = np.meshgrid(np.arange(COLUMNS * PIXELS), np.arange(ROWS * PIXELS))
-    away = np.stack([(column + 0.5) * PIXEL - x, (ROWS * PIXELS - row - 0.5) * PIXEL - y], axis=-1)
-    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
-    local = away @ turn
-    # Corners are rounded to 1/1024 pixel; leave out centres that close to the border.
-    sure = inside(local * 1.002, ELL) == inside(local * 0.998, ELL)
-    expected = inside(local, ELL)
-    wrong = (image[..., 0] == 255) != expected
-    assert not (wrong & sure).any()
-    assert wrong.sum() <= 2
-    radius = np.hypot(*ELL.T).max()
-    clear = np.minimum(np.abs(local[..., 0]), np.abs(np.abs(local[..., 1]) - 0.15 * radius)) > 1e-9
-    mark = (local[..., 0] > 0.0) & (np.abs(local[..., 1]) < 0.15 * radius) & (image[..., 0] == 255)
-    assert ((image[..., 2] == 255) == mark)[clear].all()
-
-
 @pytest.mark.parametrize("pose", [(0.2, 0.1, 0.7), (0.208, 0.104, 0.0), (0.1931, 0.0957, -2.2)])
 @pytest.mark.parametrize("step", [(1, 0), (0, 1), (-2, 1), (5, -1)])
-def test_moving_by_whole_elements_moves_pixels(pose: tuple[float, ...], step: tuple[int, int]) -> None:
+def test_moving_by_whole_elements_moves_pixels(pose, step):
     moved = (pose[0] + step[0] * ELEMENT, pose[1] + step[1] * ELEMENT, pose[2])
     before, after = draw(pose)[0], draw(moved)[0]
     expected = np.roll(before, (-step[1] * PIXELS, step[0] * PIXELS), axis=(0, 1))
@@ -148,7 +99,7 @@ def test_moving_by_whole_elements_moves_pixels(pose: tuple[float, ...], step: tu
 
 
 @pytest.mark.parametrize("outline", [ELL, star(5, 0.4)])
-def test_quarter_turn_turns_pixels(outline: np.ndarray) -> None:
+def test_quarter_turn_turns_pixels(outline):
     # About a corner shared by four pixels a quarter turn maps the pixels onto each other.
     centre, heading = 4 * ELEMENT, 0.377
     before, after = draw([[centre, centre, heading], [centre, centre, heading + np.pi / 2]], outline)
@@ -156,7 +107,7 @@ def test_quarter_turn_turns_pixels(outline: np.ndarray) -> None:
     np.testing.assert_array_equal(np.rot90(before[:, :window, 0]), after[:, :window, 0])
 
 
-def test_row_0_is_the_top_and_the_mark_points_ahead() -> None:
+def test_row_0_is_the_top_and_the_mark_points_ahead():
     image = draw([0.1, 0.18, np.pi / 2])[0]
     rows, columns = np.nonzero(image[..., 0])
     assert abs(rows.mean() + 0.5 - (0.208 - 0.18) / PIXEL) < 0.5
@@ -166,7 +117,7 @@ def test_row_0_is_the_top_and_the_mark_points_ahead() -> None:
     assert abs(mark_columns.mean() - columns.mean()) < 0.5
 
 
-def test_grid_is_a_checkerboard_from_the_origin() -> None:
+def test_grid_is_a_checkerboard_from_the_origin():
     grid = draw([0.4, 0.1, 0.0])[0, ..., 2]
     assert (grid[-PIXELS:, :PIXELS] == 64).all()
     assert (grid[-PIXELS:, PIXELS : 2 * PIXELS] == 128).all()
@@ -174,34 +125,8 @@ def test_grid_is_a_checkerboard_from_the_origin() -> None:
     assert np.count_nonzero(grid == 255) > 0
 
 
-def test_goal_has_its_own_channel_and_value() -> None:
-    image = draw([0.2, 0.1, 0.3], ELL, goal=[0.6, 0.1, -1.0], goal_value=[77])[0]
-    alone = draw([0.6, 0.1, -1.0], ELL)[0]
-    np.testing.assert_array_equal(image[..., 1] == 77, alone[..., 0] == 255)
-    assert set(np.unique(image[..., 1])) == {0, 77}
-    assert not draw([0.2, 0.1, 0.3])[0, ..., 1].any()
-
-
-@pytest.mark.parametrize("pose", [(np.nan, 0.1, 0.0), (0.1, np.inf, 0.0), (1e300, 0.1, 0.0), (-5.0, 0.1, 0.0)])
-def test_lost_parts_are_not_drawn(pose: tuple[float, ...]) -> None:
-    image = draw(pose, goal=pose, goal_value=[255])[0]
-    assert not image[..., :2].any()
-    assert not (image[..., 2] == 255).any()
-
-
-def test_overhanging_part_is_cut_at_the_border() -> None:
+def test_overhanging_part_is_cut_at_the_border():
     image = draw([0.0, 0.1, 0.0])[0]
     rows, columns = np.nonzero(image[..., 0])
     assert columns.min() == 0
     assert abs(len(rows) * PIXEL**2 - 0.5 * area_of(BLOCK)) < 0.5 * PIXEL * perimeter_of(BLOCK)
-
-
-def test_worlds_do_not_depend_on_each_other() -> None:
-    rng = np.random.default_rng(5)
-    poses = rng.uniform([0.0, 0.0, -3.0], [0.8, 0.2, 3.0], (12, 3))
-    goals = rng.uniform([0.0, 0.0, -3.0], [0.8, 0.2, 3.0], (12, 3))
-    values = rng.integers(0, 256, 12)
-    together = draw(poses, ELL, goals, values)
-    for world in range(12):
-        alone = draw(poses[world], ELL, goals[world], values[world : world + 1])
-        np.testing.assert_array_equal(together[world], alone[0])

@@ -1,9 +1,5 @@
 """The rasteriser with several parts, goals and zones against a point-in-polygon test of every pixel centre."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,12 +13,12 @@ OUTLINES = [BLOCK, ELL, 1.2 * BLOCK[::-1], star(5, 0.4)]
 ZONES = np.array([[0.0, 0.0, 5 * ELEMENT, ROWS * ELEMENT], [27 * ELEMENT, 0.0, COLUMNS * ELEMENT, ROWS * ELEMENT]])
 
 
-def centres() -> tuple[np.ndarray, np.ndarray]:
+def centres():
     """x and y of every pixel's centre, (H, W), m."""
     return np.meshgrid((np.arange(WIDTH) + 0.5) * PIXEL, (HEIGHT - np.arange(HEIGHT) - 0.5) * PIXEL)
 
 
-def expected(pose: np.ndarray, outlines: Sequence[np.ndarray], value: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def expected(pose, outlines, value):
     """Picture (H, W, 2) of channels 0 and 2 of one world, and where it is beyond doubt (H, W)."""
     x, y = centres()
     even = (np.floor(x / ELEMENT) + np.floor(y / ELEMENT)) % 2 == 0
@@ -43,9 +39,7 @@ def expected(pose: np.ndarray, outlines: Sequence[np.ndarray], value: Sequence[i
     return picture, sure
 
 
-def assert_as_expected(
-    image: np.ndarray, pose: np.ndarray, outlines: Sequence[np.ndarray], value: Sequence[int]
-) -> None:
+def assert_as_expected(image, pose, outlines, value):
     picture, sure = expected(pose, outlines, value)
     assert sure.mean() > 0.99
     np.testing.assert_array_equal(image[sure][:, [0, 2]], picture[sure])
@@ -56,7 +50,7 @@ POSE = st.tuples(st.floats(-0.05, 0.9), st.floats(-0.05, 0.25), st.floats(-4.0, 
 
 @settings(deadline=None, max_examples=60)
 @given(st.lists(POSE, min_size=len(OUTLINES), max_size=len(OUTLINES)))
-def test_pixels_are_those_with_their_centre_inside(poses: list[tuple[float, float, float]]) -> None:
+def test_pixels_are_those_with_their_centre_inside(poses):
     value = [40, 90, 40, 255]
     image = draw(np.array([poses]), OUTLINES, value)[0]
     assert_as_expected(image, np.array(poses), OUTLINES, value)
@@ -64,7 +58,7 @@ def test_pixels_are_those_with_their_centre_inside(poses: list[tuple[float, floa
 
 
 @pytest.mark.parametrize("depth", [0.3e-3, 0.01, 0.05])
-def test_overlap_leaves_no_holes_and_the_later_part_is_on_top(depth: float) -> None:
+def test_overlap_leaves_no_holes_and_the_later_part_is_on_top(depth):
     # The first part's wedge points into the second, which has to cover it too.
     pose = np.array([[0.4, 0.1, 0.0], [0.45 - depth, 0.103, 0.2]])
     together = draw(pose[None], [BLOCK, BLOCK], [60, 200])[0]
@@ -76,12 +70,12 @@ def test_overlap_leaves_no_holes_and_the_later_part_is_on_top(depth: float) -> N
     np.testing.assert_array_equal(together[~second], alone[0][~second])
 
 
-def test_part_over_itself_is_itself() -> None:
+def test_part_over_itself_is_itself():
     pose = np.array([[[0.4, 0.1, 0.4]] * 2])
     np.testing.assert_array_equal(draw(pose, [ELL, ELL], [60, 60]), draw(pose[:, :1], [ELL], [60]))
 
 
-def test_marks_stay_on_their_own_part() -> None:
+def test_marks_stay_on_their_own_part():
     # The second part lies where the first one's wedge would be, were it longer.
     pose = np.array([[0.4, 0.1, 0.0], [0.426, 0.1, np.pi]])
     image = draw(pose[None], [0.3 * BLOCK, BLOCK], [60, 200])[0]
@@ -91,7 +85,7 @@ def test_marks_stay_on_their_own_part() -> None:
     assert_as_expected(image, pose, [0.3 * BLOCK, BLOCK], [60, 200])
 
 
-def test_absent_and_lost_parts_are_as_if_they_were_not_there() -> None:
+def test_absent_and_lost_parts_are_as_if_they_were_not_there():
     rng = np.random.default_rng(3)
     pose = rng.uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0], (16, 4, 3))
     value = [10, 20, 30, 40]
@@ -107,7 +101,7 @@ def test_absent_and_lost_parts_are_as_if_they_were_not_there() -> None:
     assert not draw(pose, OUTLINES, value, present=np.zeros((16, 4), dtype=bool))[..., 0].any()
 
 
-def test_every_part_has_a_goal_of_its_own() -> None:
+def test_every_part_has_a_goal_of_its_own():
     rng = np.random.default_rng(4)
     pose, goal = (rng.uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0], (9, 4, 3)) for _ in range(2))
     goal_value, present = rng.integers(0, 256, (9, 4)).astype(np.uint8), rng.random((9, 4)) < 0.7
@@ -119,7 +113,7 @@ def test_every_part_has_a_goal_of_its_own() -> None:
     np.testing.assert_array_equal(image[..., [0, 2]], draw(pose, OUTLINES, [10, 20, 30, 40], present)[..., [0, 2]])
 
 
-def test_zones_fill_their_elements_and_only_channel_1() -> None:
+def test_zones_fill_their_elements_and_only_channel_1():
     pose = np.array([[[0.05, 0.1, 0.3]], [[0.4, 0.1, 0.3]]])
     image = draw(pose, [BLOCK], [255], zone=ZONES, zone_value=[100, 200])
     plain = draw(pose, [BLOCK], [255])
@@ -132,7 +126,7 @@ def test_zones_fill_their_elements_and_only_channel_1() -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(st.tuples(st.floats(-0.1, 0.9), st.floats(-0.1, 0.3)), st.tuples(st.floats(-0.1, 0.9), st.floats(-0.1, 0.3)))
-def test_zone_has_the_pixels_with_their_centre_inside(one: tuple[float, float], other: tuple[float, float]) -> None:
+def test_zone_has_the_pixels_with_their_centre_inside(one, other):
     low, high = np.minimum(one, other), np.maximum(one, other)
     image = draw(np.zeros((1, 0, 3)), [np.zeros((0, 2))], [0], zone=np.array([[*low, *high]]), zone_value=[7])[0]
     x, y = centres()
@@ -141,7 +135,7 @@ def test_zone_has_the_pixels_with_their_centre_inside(one: tuple[float, float], 
     np.testing.assert_array_equal((image[..., 1] == 7)[sure], (within > 0.0)[sure])
 
 
-def test_zones_side_by_side_share_no_pixel_and_leave_none_out() -> None:
+def test_zones_side_by_side_share_no_pixel_and_leave_none_out():
     # The common border runs through the centres of a column of pixels.
     middle = (120 + 0.5) * PIXEL
     left, right = [0.0, 0.0, middle, 0.208], [middle, 0.0, 0.832, 0.208]
@@ -152,7 +146,7 @@ def test_zones_side_by_side_share_no_pixel_and_leave_none_out() -> None:
     np.testing.assert_array_equal(images[0] + images[1], np.ones((HEIGHT, WIDTH)))
 
 
-def test_worlds_do_not_depend_on_each_other() -> None:
+def test_worlds_do_not_depend_on_each_other():
     pose = np.random.default_rng(5).uniform([0.0, 0.0, -3.0], [0.8, 0.2, 3.0], (8, 4, 3))
     value = [10, 20, 30, 40]
     together = draw(pose, OUTLINES, value, zone=ZONES, zone_value=[1, 2])

@@ -1,14 +1,10 @@
 """Human mode without a screen, and what importing the package costs."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +17,7 @@ BLOCK = np.array([[-25.0, -17.5], [25.0, -17.5], [25.0, 17.5], [-25.0, 17.5]]) *
 
 
 @pytest.fixture
-def window(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Window, np.ndarray]]:
+def window(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     painter = SurfacePainter(4, 6, 0.026, [BLOCK])
     shown = Window(painter, fps=500.0, title="test")
@@ -31,7 +27,7 @@ def window(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Window, np.ndarray
     shown.close()
 
 
-def test_opens_on_the_first_frame_and_shows_it(window: tuple[Window, np.ndarray]) -> None:
+def test_opens_on_the_first_frame_and_shows_it(window):
     shown, frame = window
     assert not shown.is_open
     shown.show(frame)
@@ -45,7 +41,7 @@ def test_opens_on_the_first_frame_and_shows_it(window: tuple[Window, np.ndarray]
     assert not pygame.display.get_init()
 
 
-def test_user_may_close_it(window: tuple[Window, np.ndarray]) -> None:
+def test_user_may_close_it(window):
     shown, frame = window
     shown.show(frame)
     pygame.event.post(pygame.event.Event(pygame.QUIT))
@@ -55,7 +51,7 @@ def test_user_may_close_it(window: tuple[Window, np.ndarray]) -> None:
     assert not pygame.display.get_init()
 
 
-def test_survives_a_display_that_someone_else_closed(window: tuple[Window, np.ndarray]) -> None:
+def test_survives_a_display_that_someone_else_closed(window):
     shown, frame = window
     shown.show(frame)
     pygame.display.quit()
@@ -63,7 +59,7 @@ def test_survives_a_display_that_someone_else_closed(window: tuple[Window, np.nd
     assert not shown.is_open
 
 
-def test_close_before_show_keeps_it_closed(window: tuple[Window, np.ndarray]) -> None:
+def test_close_before_show_keeps_it_closed(window):
     shown, frame = window
     shown.close()
     shown.show(frame)
@@ -71,7 +67,7 @@ def test_close_before_show_keeps_it_closed(window: tuple[Window, np.ndarray]) ->
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda window: pickle.loads(pickle.dumps(window))])
-def test_copies_open_for_themselves_unless_closed_for_good(window: tuple[Window, np.ndarray], copied: Any) -> None:
+def test_copies_open_for_themselves_unless_closed_for_good(window, copied):
     shown, frame = window
     shown.show(frame)
     again = copied(shown)
@@ -86,7 +82,7 @@ def test_copies_open_for_themselves_unless_closed_for_good(window: tuple[Window,
     assert not closed.is_open
 
 
-def test_keeps_to_its_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keeps_to_its_rate(monkeypatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     painter = SurfacePainter(4, 6, 0.026, [])
     shown = Window(painter, fps=50.0, title="test")
@@ -99,13 +95,13 @@ def test_keeps_to_its_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     assert time.perf_counter() - start > 0.08
 
 
-def run(code: str) -> str:
+def run(code):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout.strip()
 
 
-def test_import_costs_no_pygame() -> None:
+def test_import_costs_no_pygame():
     assert run("import sys, vibgym.rendering as r; dir(r); print('pygame' in sys.modules)") == "False"
     assert (
         run("import sys; from vibgym.rendering import View, rasterise, Window; print('pygame' in sys.modules)")
@@ -113,7 +109,7 @@ def test_import_costs_no_pygame() -> None:
     )
 
 
-def test_without_pygame_the_error_says_what_to_install() -> None:
+def test_without_pygame_the_error_says_what_to_install():
     code = """
 import sys
 sys.modules["pygame"] = None
@@ -126,7 +122,7 @@ except ImportError as error:
     assert "pip install vibgym[render]" in run(code)
 
 
-def test_unknown_names_are_refused() -> None:
+def test_unknown_names_are_refused():
     import vibgym.rendering
 
     with pytest.raises(AttributeError, match="nothing_like_it"):

@@ -1,9 +1,6 @@
 """Pictures of several kinds of parts with their zones, trails and walls: sampled pixels, not whole images."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,16 +17,16 @@ POSES = np.array([[0.2, 0.05, 0.0], [0.3, 0.15, 0.0], [0.45, 0.05, 0.0], [0.6, 0
 LOST = np.full((4, 3), np.nan)
 
 
-def paint(painter: SurfacePainter, **changes: Any) -> np.ndarray:
+def paint(painter, **changes):
     return painter.paint(dataclasses.replace(EMPTY, **{"pose": LOST, **changes})).astype(int)
 
 
 @pytest.fixture(scope="module")
-def painter() -> SurfacePainter:
+def painter():
     return SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK] * 4, kinds=[1, 0, 3, 1])
 
 
-def test_parts_have_the_colours_of_their_kinds(painter: SurfacePainter) -> None:
+def test_parts_have_the_colours_of_their_kinds(painter):
     picture = paint(painter, pose=POSES)
     for pose, kind in zip(POSES, (1, 0, 3, 1), strict=True):
         assert looks_like(picture, (pose[0] - 0.01, pose[1]), colours.PARTS[kind])
@@ -45,7 +42,7 @@ def test_parts_have_the_colours_of_their_kinds(painter: SurfacePainter) -> None:
     assert not any(changed[pixel(x, y)] for x, y in POSES[[0, 2, 3], :2])
 
 
-def test_zone_tints_its_elements_and_no_others(painter: SurfacePainter) -> None:
+def test_zone_tints_its_elements_and_no_others(painter):
     plain, zoned = paint(painter), paint(painter, zones=ZONES)
     for zone in ZONES:
         colour = np.array(colours.PARTS[zone.kind])
@@ -63,7 +60,7 @@ def test_zone_tints_its_elements_and_no_others(painter: SurfacePainter) -> None:
     assert rows.min() >= pixel(0.0, HEIGHT)[0] - 1 and rows.max() <= pixel(0.0, 0.0)[0] + 1
 
 
-def test_zone_has_a_dashed_border_and_its_label(painter: SurfacePainter) -> None:
+def test_zone_has_a_dashed_border_and_its_label(painter):
     zoned = paint(painter, zones=ZONES)
     column = pixel(5 * ELEMENT, 0.1)[1] - 2
     rows = np.arange(pixel(0.0, 0.18)[0], pixel(0.0, 0.02)[0])
@@ -82,7 +79,7 @@ def test_zone_has_a_dashed_border_and_its_label(painter: SurfacePainter) -> None
     assert (tag > 200).all(axis=-1).mean() > 0.04, "the writing is light on a dark kind"
 
 
-def test_zone_of_a_kind_without_parts_and_label_without_room(painter: SurfacePainter) -> None:
+def test_zone_of_a_kind_without_parts_and_label_without_room(painter):
     high = (10 * ELEMENT + 0.012, 0.1)
     one, two = (paint(painter, zones=(Zone((10 * ELEMENT, 0.0), high, 6, text),)) for text in ("", "far too long"))
     np.testing.assert_array_equal(one, two)
@@ -90,7 +87,7 @@ def test_zone_of_a_kind_without_parts_and_label_without_room(painter: SurfacePai
     assert one[middle][1] < paint(painter)[middle][1] - 20, "kind 6 has the colour of kind 2"
 
 
-def test_zones_lie_under_parts_and_off_the_table_do_no_harm(painter: SurfacePainter) -> None:
+def test_zones_lie_under_parts_and_off_the_table_do_no_harm(painter):
     pose = np.vstack([[[0.07, 0.1, 0.3]], LOST[1:]])
     assert looks_like(paint(painter, pose=pose, zones=ZONES), (0.065, 0.1), colours.PARTS[1])
     far = tuple(Zone((at, at), (at + 0.5, at + 0.5), 0, "far") for at in (-1e12, -2.0, 2.0, 1e12))
@@ -99,7 +96,7 @@ def test_zones_lie_under_parts_and_off_the_table_do_no_harm(painter: SurfacePain
     assert paint(painter, zones=(Zone((-1e9, -1e9), (1e9, 1e9), 0, "all"),)).shape == paint(painter).shape
 
 
-def test_trails_have_the_colours_of_their_parts(painter: SurfacePainter) -> None:
+def test_trails_have_the_colours_of_their_parts(painter):
     along = np.linspace(0.1, 0.7, 200)
     trails = [np.stack([along, np.full(200, y)], axis=1) for y in (0.04, 0.09, 0.143, 0.17)]
     plain, drawn = paint(painter), paint(painter, trails=trails)
@@ -117,7 +114,7 @@ def test_trails_have_the_colours_of_their_parts(painter: SurfacePainter) -> None
 
 
 @pytest.mark.parametrize("walls", [("left",), ("right",), ("bottom",), ("top",), ("left", "top"), ("right", "bottom")])
-def test_walls_are_dark_bars_outside_the_surface(walls: tuple[str, ...]) -> None:
+def test_walls_are_dark_bars_outside_the_surface(walls):
     picture = paint(SurfacePainter(ROWS, COLUMNS, ELEMENT, [], walls=walls), pose=np.zeros((0, 3)))
     plain = paint(SurfacePainter(ROWS, COLUMNS, ELEMENT, []), pose=np.zeros((0, 3)))
     out = 0.006
@@ -142,7 +139,7 @@ def test_walls_are_dark_bars_outside_the_surface(walls: tuple[str, ...]) -> None
     assert corner is None or looks_like(picture, corner, colours.INK), "walls that meet leave no gap"
 
 
-def seen(colour: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def seen(colour, matrix):
     """CIELAB of sRGB ``colour`` (..., 3), 0 to 255, as seen through a colour deficiency's ``matrix``."""
     share = np.asarray(colour) / 255.0
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
@@ -156,20 +153,14 @@ def seen(colour: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 # Machado, Oliveira and Fernandes 2009, full severity.
 SIGHT = {
     "normal": np.eye(3),
-    "no red": np.array(
-        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
-    ),
-    "no green": np.array(
-        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]]
-    ),
-    "no blue": np.array(
-        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]]
-    ),
-}
+    "no red": np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]),
+    "no green": np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.01182, 0.04294, 0.968881]]),
+    "no blue": np.array([[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.3039]]),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("matrix", SIGHT.values(), ids=SIGHT.keys())
-def test_kinds_are_told_apart_by_every_kind_of_sight(matrix: np.ndarray) -> None:
+def test_kinds_are_told_apart_by_every_kind_of_sight(matrix):
     kinds = seen(np.array(colours.PARTS), matrix)
     between = np.linalg.norm(kinds[:, None] - kinds, axis=-1)
     assert between[~np.eye(len(kinds), dtype=bool)].min() > 20.0
@@ -181,36 +172,30 @@ def test_kinds_are_told_apart_by_every_kind_of_sight(matrix: np.ndarray) -> None
     assert away.min() > 18.0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        ({"kinds": [0]}, "kinds"),
-        ({"kinds": [0, -1]}, r"kinds\[1\]"),
-        ({"kinds": [0, 1.5]}, r"kinds\[1\]"),
-        ({"colours": [(1, 2, 3)]}, "colours"),
-        ({"walls": ["left", "middle"]}, r"walls\[1\].*'middle'.*'bottom'"),
-    ],
-)
-def test_bad_arguments_are_refused(arguments: dict[str, Any], named: str) -> None:
+@pytest.mark.parametrize(("arguments", "named"), [
+    ({"kinds": [0]}, "kinds"),
+    ({"kinds": [0, -1]}, r"kinds\[1\]"),
+    ({"kinds": [0, 1.5]}, r"kinds\[1\]"),
+    ({"colours": [(1, 2, 3)]}, "colours"),
+    ({"walls": ["left", "middle"]}, r"walls\[1\].*'middle'.*'bottom'"),
+])  # fmt: skip
+def test_bad_arguments_are_refused(arguments, named):
     with pytest.raises(ValueError, match=named):
         SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, BLOCK], **arguments)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (((0.0, 0.0), (0.1, 0.0), 0), "high"),
-        (((0.0, np.nan), (0.1, 0.1), 0), "low"),
-        (((0.0, 0.0), (0.1, 0.1, 0.1), 0), "high"),
-        (((0.0, 0.0), (0.1, 0.1), -1), "kind"),
-    ],
-)
-def test_bad_zones_are_refused(arguments: tuple[Any, ...], named: str) -> None:
+@pytest.mark.parametrize(("arguments", "named"), [
+    (((0.0, 0.0), (0.1, 0.0), 0), "high"),
+    (((0.0, np.nan), (0.1, 0.1), 0), "low"),
+    (((0.0, 0.0), (0.1, 0.1, 0.1), 0), "high"),
+    (((0.0, 0.0), (0.1, 0.1), -1), "kind"),
+])  # fmt: skip
+def test_bad_zones_are_refused(arguments, named):
     with pytest.raises(ValueError, match=f"^{named}:"):
         Zone(*arguments)
 
 
-def test_one_trail_for_each_part_or_none(painter: SurfacePainter) -> None:
+def test_one_trail_for_each_part_or_none(painter):
     with pytest.raises(ValueError, match="trails: got '2 trails'"):
         paint(painter, trails=[np.zeros((0, 2))] * 2)
     view = View(LOST, REST)

@@ -114,25 +114,22 @@ def test_shipped_parts():
         shipped_part("brick")
 
 
-@pytest.mark.parametrize(
-    "corners, order",
-    [
-        ([[0, 0], [1, 0], [1, 1], [0, 1]], 4),
-        ([[0, 0], [2, 0], [2, 1], [0, 1]], 2),
-        ([[0, 0], [3, 0], [0, 1]], 1),
-        (L_SHAPE, 1),
-        (C_SHAPE, 1),
-        (regular(3), 3),
-        (regular(5), 5),
-        (regular(7), 7),
-        (star(5), 5),
-        (star(6), 6),
-        ([[0, 0], [1, 0], [2, 0], [2, 2], [0, 2]], 4),  # a square with one more corner on an edge is a square
-        ([[0, 0], [0.5, 0], [2, 0], [2, 1], [1, 1], [0.3, 1], [0, 1]], 2),
-        ([[0, 0], [3, 0], [4, 1], [1, 1]], 2),  # parallelogram
-        ([[0, 0], [1, 0], [1, 1.0001], [0, 1.0001]], 2),  # nearly a square
-    ],
-)
+@pytest.mark.parametrize("corners, order", [
+    ([[0, 0], [1, 0], [1, 1], [0, 1]], 4),
+    ([[0, 0], [2, 0], [2, 1], [0, 1]], 2),
+    ([[0, 0], [3, 0], [0, 1]], 1),
+    (L_SHAPE, 1),
+    (C_SHAPE, 1),
+    (regular(3), 3),
+    (regular(5), 5),
+    (regular(7), 7),
+    (star(5), 5),
+    (star(6), 6),
+    ([[0, 0], [1, 0], [2, 0], [2, 2], [0, 2]], 4),  # a square with one more corner on an edge is a square
+    ([[0, 0], [0.5, 0], [2, 0], [2, 1], [1, 1], [0.3, 1], [0, 1]], 2),
+    ([[0, 0], [3, 0], [4, 1], [1, 1]], 2),  # parallelogram
+    ([[0, 0], [1, 0], [1, 1.0001], [0, 1.0001]], 2),  # nearly a square
+])  # fmt: skip
 def test_symmetry(corners, order):
     part = Part.polygon(corners, friction=0.5)
     assert part.symmetry == order

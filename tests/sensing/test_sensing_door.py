@@ -1,4 +1,4 @@
-"""The door that every sensor goes through: delay in periods, resets of single worlds, snapshots, and who gets to know what."""
+"""The door that every sensor goes through: delay in periods, and who gets to know what."""
 
 import gymnasium as gym
 import numpy as np

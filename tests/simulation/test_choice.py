@@ -135,11 +135,8 @@ UNSEEN = {
         Surface(rows=12, columns=12, element_size=0.05, horizontal_amplitude=6e-3, frequency=12.0),
         Part.disc(0.04, friction=0.25),
     ),
-    "stick and slip": (
-        Surface(horizontal_amplitude=6e-4, max_amplitude=3e-4),
-        Part.rectangle(0.06, 0.03, friction=0.9),
-    ),
-}
+    "stick and slip": (Surface(horizontal_amplitude=6e-4, max_amplitude=3e-4), Part.rectangle(0.06, 0.03, friction=0.9)),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", UNSEEN)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from studies.accuracy.reference import integrate
+from tests.simulation.helpers import random_fields
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
@@ -23,12 +24,6 @@ def inclined(surface, part, incline, velocity=None, pose=(0.3, 0.1, 0.0), **keyw
     simulator.reset(pose, velocity)
     simulator.set_conditions(slice(None), incline=incline)
     return simulator
-
-
-def fields(surface, worlds, seed):
-    random = np.random.default_rng(seed)
-    shape = (worlds, surface.rows, surface.columns)
-    return surface.max_amplitude * random.random(shape), random.uniform(-math.pi, math.pi, shape)
 
 
 # -- a still, inclined table ---------------------------------------------------------------------------------------------
@@ -128,7 +123,7 @@ def test_against_the_independent_reference(slope, share, frequency, switches):
     """Sliding, and sticking and slipping, on random elements."""
     incline = slope * np.array([math.cos(2.0), math.sin(2.0)])
     surface = Surface(rows=4, columns=8, frequency=frequency)
-    amplitude, phase = fields(surface, 1, 5)
+    amplitude, phase = random_fields(surface, 1, 5)
     amplitude *= share
     start, velocity = [0.1, 0.05, 0.4], [0.0, surface.table_speed, 0.0]
     known = integrate(
@@ -164,7 +159,7 @@ def test_averaged_against_planar_under_incline():
     pose = random.uniform([0.2, 0.06, -3.0], [0.6, 0.15, 3.0], (worlds, 3))[:, None]
     incline = 0.3 * np.stack([np.cos(np.arange(worlds)), np.sin(np.arange(worlds))], axis=1)
     friction = random.uniform(0.8, 1.2, (worlds, 1))
-    amplitude, phase = fields(SURFACE, worlds, 1)
+    amplitude, phase = random_fields(SURFACE, worlds, 1)
 
     def ends(model, conditions, **knobs):
         simulator = Simulator(SURFACE, part, worlds=worlds, model=model, **knobs)
@@ -193,44 +188,30 @@ def copies(parts, worlds, friction, mass):
     """Parts made with the first world's factors."""
     return [
         dataclasses.replace(
-            part,
-            friction=f * part.friction,
-            static_friction=f * part.static_friction,
-            mass=m * part.mass,
+            part, friction=f * part.friction, static_friction=f * part.static_friction, mass=m * part.mass
         )
         for part, f, m in zip(parts, friction, mass, strict=True)
     ]
 
 
-@pytest.mark.parametrize("model", ["planar", "averaged"])
-@pytest.mark.parametrize("factor", [0.3, 1.3, 2.1])
-def test_a_factor_on_friction_is_a_part_made_so(factor, model):
+STICKY = Surface(frequency=8.0)
+
+
+@pytest.mark.parametrize("surface, model, factor", [
+    *((SURFACE, model, factor) for model in ("planar", "averaged") for factor in (0.3, 1.3, 2.1)), (STICKY, "planar", 0.7),
+])  # fmt: skip
+def test_a_factor_on_friction_is_a_part_made_so(surface, model, factor):
+    """Sliding, and sticking and slipping."""
     worlds = 9
-    amplitude, phase = fields(SURFACE, worlds, 2)
+    amplitude, phase = random_fields(surface, worlds, 2)
     velocity = np.random.default_rng(4).normal(0.0, 1.0, (worlds, 1, 3)) * [0.1, 0.1, 3.0]
     made = copies([BLOCK], worlds, [factor], [1.0])
-    one, other = (
-        Simulator(SURFACE, BLOCK, worlds=worlds, model=model),
-        Simulator(SURFACE, made, worlds=worlds, model=model),
-    )
+    one, other = (Simulator(surface, part, worlds=worlds, model=model) for part in (BLOCK, made))
     for each in (one, other):
         each.reset([0.3, 0.1, 0.5], velocity)
     one.set_conditions(slice(None), friction=factor)
     for each in (one, other):
         each.advance(amplitude, phase, 5)
-    same(one, other)
-
-
-def test_sticking_and_slipping_too():
-    surface, worlds = Surface(frequency=8.0), 8
-    amplitude, phase = fields(surface, worlds, 2)
-    made = copies([BLOCK], worlds, [0.7], [1.0])
-    one, other = Simulator(surface, BLOCK, worlds=worlds), Simulator(surface, made, worlds=worlds)
-    for each in (one, other):
-        each.reset([0.3, 0.1, 0.5])
-    one.set_conditions(slice(None), friction=0.7)
-    for each in (one, other):
-        each.advance(0.5 * amplitude, phase, 4)
     same(one, other)
 
 
@@ -243,7 +224,7 @@ def test_parts_in_touch_with_factors_are_parts_made_so(friction, mass):
     made, worlds = copies(parts, 1, friction, mass), 3
     pose = [[0.20, 0.10, 0.3], [0.26, 0.10, 0.0], [0.32, 0.10, 1.0], [0.04, 0.05, 0.0]]
     velocity = [[0.3, 0.0, 2.0], [-0.2, 0.0, 0.0], [-0.3, 0.05, -4.0], [-0.5, 0.0, 0.0]]
-    amplitude, phase = fields(SURFACE, worlds, 6)
+    amplitude, phase = random_fields(SURFACE, worlds, 6)
     one, other = (Simulator(SURFACE, each, walls=["left"], worlds=worlds) for each in (parts, made))
     for each in (one, other):
         each.reset(pose, velocity)
@@ -262,7 +243,7 @@ def test_a_world_of_its_own_conditions_does_not_see_the_others():
     incline = random.normal(0.0, 0.5, (worlds, 2))
     usual = np.arange(worlds) % 4 == 0
     friction[usual], mass[usual], incline[usual] = 1.0, 1.0, 0.0
-    amplitude, phase = fields(SURFACE, worlds, 9)
+    amplitude, phase = random_fields(SURFACE, worlds, 9)
 
     def run(chosen, threads=1, conditions=True):
         simulator = Simulator(SURFACE, parts, worlds=len(chosen), threads=threads)

@@ -7,10 +7,10 @@ import pickle
 import numpy as np
 import pytest
 
+from tests.simulation.helpers import random_fields, same, snapshot
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial, uniform
 from vibgym.scene.hulls import WALLS, gaps_between
-from vibgym.simulation.threads import available_threads
 
 SURFACE = Surface()
 STEEL = Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel")
@@ -22,21 +22,6 @@ L_SHAPE = Part.polygon(
 SMALL = Part.disc(0.005, friction=0.6, name="small")
 MIXED = [STEEL, ALUMINIUM, DISC, L_SHAPE]
 CORNER = uniform(math.radians(225)).drive(SURFACE)
-
-
-def random_fields(worlds, seed=0):
-    rng = np.random.default_rng(seed)
-    shape = (worlds, SURFACE.rows, SURFACE.columns)
-    return rng.uniform(0.0, SURFACE.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
-
-
-def snapshot(simulator, worlds=slice(None)):
-    state = simulator.get_state()
-    return {name: np.asarray(value)[worlds] for name, value in state.items() if name != "periods"}
-
-
-def same(one, other):
-    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
 
 
 def grid(parts):
@@ -54,7 +39,7 @@ def pushed(parts, worlds=1, periods=0, **keywords):
     pose[..., 2] += rng.choice([0.0, math.pi], (worlds, len(parts)))
     simulator.reset(pose, rng.uniform(-1, 1, pose.shape) * [0.1, 0.1, 1.0])
     if periods:
-        simulator.advance(*random_fields(worlds), periods)
+        simulator.advance(*random_fields(SURFACE, worlds), periods)
     return simulator
 
 
@@ -69,7 +54,7 @@ def test_parts_far_apart_are_alone():
     pose[..., 0] = np.linspace(0.08, 0.75, 6) + rng.uniform(-0.003, 0.003, (worlds, 6))
     pose[..., 1], pose[..., 2] = rng.uniform(0.08, 0.12, (worlds, 6)), rng.uniform(-3, 3, (worlds, 6))
     velocity = rng.uniform(-1, 1, pose.shape) * [0.05, 0.05, 5.0]
-    fields = random_fields(worlds)
+    fields = random_fields(SURFACE, worlds)
     together = Simulator(SURFACE, parts, worlds=worlds)
     together.reset(pose, velocity)
     together.advance(*fields, 3)
@@ -105,7 +90,7 @@ def test_walls_far_away_change_nothing():
     plain, walled = Simulator(SURFACE, STEEL, worlds=4), Simulator(SURFACE, STEEL, worlds=4, walls=WALLS)
     for simulator in (plain, walled):
         simulator.reset([0.4, 0.1, 0.3], [0.1, 0.0, 4.0])
-        simulator.advance(*random_fields(4), 5)
+        simulator.advance(*random_fields(SURFACE, 4), 5)
     assert same(snapshot(plain), snapshot(walled))
 
 
@@ -123,42 +108,39 @@ def crowd():
     return snapshot(simulator)
 
 
+def of(found, worlds):
+    """Some worlds of a snapshot."""
+    return {name: value[worlds] if value.ndim else value for name, value in found.items()}
+
+
 def again(index, threads=1):
     """The worlds ``index`` of the crowd, in that order, in a simulator of their own."""
     index = np.asarray(index)
     whole = pushed(MIXED * 2, WORLDS, walls=["left", "bottom"])
-    amplitude, phase = random_fields(WORLDS)
+    amplitude, phase = random_fields(SURFACE, WORLDS)
     simulator = Simulator(SURFACE, MIXED * 2, worlds=len(index), walls=["left", "bottom"], threads=threads)
     simulator.reset(whole.pose[index], whole.velocity[index])
     simulator.advance(amplitude[index], phase[index], 6)
     return snapshot(simulator)
 
 
-@pytest.mark.parametrize("world", [0, 1, 17, 63])
-def test_one_world_alone(crowd, world):
-    assert same(again([world]), {name: value[[world]] for name, value in crowd.items()})
+ORDER = np.random.default_rng(5).permutation(WORLDS)
+COMPANY = {
+    **{f"world {world} alone": ([world], 1) for world in (0, 1, 17, 63)}, "another order": (ORDER, 1),
+    "many times": ([7] * 20, 1), "two threads": (range(WORLDS), 2), "four threads": (range(WORLDS), 4),
+}  # fmt: skip
 
 
-def test_order_of_worlds(crowd):
-    order = np.random.default_rng(5).permutation(WORLDS)
-    assert same(again(order), {name: value[order] for name, value in crowd.items()})
-
-
-def test_same_world_many_times(crowd):
-    index = np.full(20, 7)
-    assert same(again(index), {name: value[index] for name, value in crowd.items()})
-
-
-@pytest.mark.parametrize("threads", [2, 4])
-def test_threads(crowd, threads):
-    assert available_threads() >= 1
-    assert same(again(range(WORLDS), threads), crowd)
+@pytest.mark.parametrize("case", COMPANY)
+def test_worlds_in_other_company(crowd, case):
+    index, threads = COMPANY[case]
+    assert same(again(index, threads), of(crowd, list(index)))
 
 
 def test_contacts_elsewhere(crowd):
     """A world between others that have no contacts at all."""
     whole = pushed(MIXED * 2, WORLDS, walls=["left", "bottom"])
-    amplitude, phase = random_fields(WORLDS)
+    amplitude, phase = random_fields(SURFACE, WORLDS)
     pose, velocity = np.array(whole.pose[:5]), np.array(whole.velocity[:5])
     amplitude, phase = amplitude[:5].copy(), phase[:5].copy()
     for world in (0, 1, 3, 4):
@@ -168,12 +150,12 @@ def test_contacts_elsewhere(crowd):
     simulator = Simulator(SURFACE, MIXED * 2, worlds=5, walls=["left", "bottom"])
     simulator.reset(pose, velocity)
     simulator.advance(amplitude, phase, 6)
-    assert same(snapshot(simulator, [2]), {name: value[[2]] for name, value in crowd.items()})
+    assert same(snapshot(simulator, [2]), of(crowd, [2]))
 
 
 def test_periods_one_by_one():
     at_once, one_by_one = pushed(MIXED * 2, 16), pushed(MIXED * 2, 16)
-    fields = random_fields(16)
+    fields = random_fields(SURFACE, 16)
     at_once.advance(*fields, 5)
     for _ in range(5):
         one_by_one.advance(*fields)

@@ -84,16 +84,13 @@ def test_a_corner_turns_into_a_wall_that_the_part_leaves():
 # -- energy ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "length, width, restitution, friction",
-    [
-        (0.05, 0.04, 1.0, 0.3),
-        (0.05, 0.04, 0.9, 1.0),
-        (0.1, 0.004, 0.8, 1.0),
-        (0.05, 0.04, 1.0, 0.0),
-        (0.08, 0.01, 0.2, 3.0),
-    ],
-)
+@pytest.mark.parametrize("length, width, restitution, friction", [
+    (0.05, 0.04, 1.0, 0.3),
+    (0.05, 0.04, 0.9, 1.0),
+    (0.1, 0.004, 0.8, 1.0),
+    (0.05, 0.04, 1.0, 0.0),
+    (0.08, 0.01, 0.2, 3.0),
+])  # fmt: skip
 @pytest.mark.parametrize("ratio", [1.0, 1000.0])
 def test_no_impact_gains_energy(length, width, restitution, friction, ratio):
     """Newton's ratio of velocities gains up to 60 % in one impact of these. Free flight between them, so nothing hides it."""

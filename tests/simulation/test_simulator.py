@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from shapely.geometry import Point, Polygon, box
 
+from tests.simulation.helpers import same, snapshot
 from vibgym import Part, Simulator, Surface
 from vibgym.physics.core.records import State
 
@@ -23,16 +24,6 @@ def scene(seed=0, worlds=WORLDS):
     velocity = rng.uniform([-0.1, -0.1, -8], [0.1, 0.1, 8], (worlds, 3))[:, None]
     shape = (worlds, 8, 32)
     return pose, velocity, rng.uniform(0, SURFACE.max_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)
-
-
-def snapshot(simulator):
-    state = simulator.get_state()
-    state["time"] = simulator.time
-    return {name: np.array(value) for name, value in state.items()}
-
-
-def same(one, other):
-    return one.keys() == other.keys() and all(np.array_equal(one[name], other[name]) for name in one)
 
 
 def run(part, given, periods=12, worlds=None, **keywords):
@@ -86,15 +77,12 @@ def test_mean_velocity_is_that_of_the_last_period():
     assert same(snapshot(longer), snapshot(simulator))
 
 
-@pytest.mark.parametrize(
-    "amplitude, phase",
-    [
-        (1e-4, 0.3),
-        (np.full((32,), 1e-4), np.full((8, 1), 0.3)),
-        (np.full((WORLDS, 1, 1), 1e-4), np.full((1, 8, 32), 0.3)),
-        (np.full((8, 32), 1e-4)[::-1, ::-1], np.asfortranarray(np.full((8, 32), 0.3))),
-    ],
-)
+@pytest.mark.parametrize("amplitude, phase", [
+    (1e-4, 0.3),
+    (np.full((32,), 1e-4), np.full((8, 1), 0.3)),
+    (np.full((WORLDS, 1, 1), 1e-4), np.full((1, 8, 32), 0.3)),
+    (np.full((8, 32), 1e-4)[::-1, ::-1], np.asfortranarray(np.full((8, 32), 0.3))),
+])  # fmt: skip
 def test_broadcasting(amplitude, phase):
     pose, velocity = [0.4, 0.1, 0.2], [0.01, 0.0, 1.0]
     full = (WORLDS, 8, 32)
@@ -151,34 +139,15 @@ def test_a_bad_neighbour_changes_nothing():
         assert np.array_equal(snapshot(simulator)[name][others], expected[name][others])
 
 
-def test_state_goes_on_bit_for_bit():
-    pose, velocity, amplitude, phase = scene(4)
-    simulator = run(BLOCK, (pose, velocity, amplitude, phase), 7)
-    saved = simulator.get_state()
-    kept = {name: np.array(value) for name, value in saved.items()}
-    simulator.advance(amplitude, phase, 9)
-    expected = snapshot(simulator)
-    assert not np.array_equal(expected["pose"], saved["pose"])
-    for target in (simulator, Simulator(SURFACE, BLOCK, worlds=WORLDS, threads=1)):
-        target.set_state(saved)
-        target.advance(amplitude, phase, 4)
-        target.advance(amplitude, phase, 5)
-        assert same(expected, snapshot(target))
-    assert all(np.array_equal(kept[name], saved[name]) for name in kept)  # nobody wrote into what was handed out
-
-
 # -- falling -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "pose, velocity",
-    [
-        ([0.01, 0.1, 0], [-2, 0, 0]),
-        ([0.825, 0.1, 0], [2, 0, 0]),
-        ([0.4, 0.005, 0], [0, -2, 0]),
-        ([0.4, 0.2, 0], [0, 2, 0]),
-    ],
-)
+@pytest.mark.parametrize("pose, velocity", [
+    ([0.01, 0.1, 0], [-2, 0, 0]),
+    ([0.825, 0.1, 0], [2, 0, 0]),
+    ([0.4, 0.005, 0], [0, -2, 0]),
+    ([0.4, 0.2, 0], [0, 2, 0]),
+])  # fmt: skip
 def test_a_part_over_the_border_falls_and_stays(pose, velocity):
     simulator = Simulator(SURFACE, BLOCK)
     simulator.reset(pose, velocity)
@@ -212,27 +181,24 @@ HOOK = Part.polygon([[0, 0], [0.1, 0], [0.1, 0.006], [0.006, 0.006], [0.006, 0.1
 X, Y = SURFACE.width - 0.001, SURFACE.depth - 0.001
 
 
-@pytest.mark.parametrize(
-    "part, pose, falls",
-    [
-        (C_SHAPE, [0.001, 0.1, 0.0], False),  # the back beyond the border; both arms hold it
-        (C_SHAPE, [X, 0.1, 0.0], False),  # the arms' tips beyond it; the back and the stumps hold it
-        (
-            C_SHAPE,
-            [0.4, 0.001, 0.0],
-            True,
-        ),  # half the back and one arm are left: the hull's edge runs 5 mm beside the centre
-        (C_SHAPE, [0.4, Y, 0.0], True),
-        (C_SHAPE, [0.4, 0.001, math.pi / 2], False),
-        (C_SHAPE, [X, 0.1, 1.0], False),
-        (HOOK, [0.001, 0.001, math.pi], True),  # on a corner of the surface: the middle of the hook is left
-        (HOOK, [X, Y, 0.0], True),
-        (HOOK, [0.001, 0.001, 0.0], True),  # nothing is left
-        (HOOK, [0.4, 0.001, 0.0], True),
-        (HOOK, [0.4, 0.001, 1.25 * math.pi], False),  # the corner up, both arms' stumps below
-        (HOOK, [0.4, 0.1, 0.7], False),
-    ],
-)
+@pytest.mark.parametrize("part, pose, falls", [
+    (C_SHAPE, [0.001, 0.1, 0.0], False),  # the back beyond the border; both arms hold it
+    (C_SHAPE, [X, 0.1, 0.0], False),  # the arms' tips beyond it; the back and the stumps hold it
+    (
+        C_SHAPE,
+        [0.4, 0.001, 0.0],
+        True,
+    ),  # half the back and one arm are left: the hull's edge runs 5 mm beside the centre
+    (C_SHAPE, [0.4, Y, 0.0], True),
+    (C_SHAPE, [0.4, 0.001, math.pi / 2], False),
+    (C_SHAPE, [X, 0.1, 1.0], False),
+    (HOOK, [0.001, 0.001, math.pi], True),  # on a corner of the surface: the middle of the hook is left
+    (HOOK, [X, Y, 0.0], True),
+    (HOOK, [0.001, 0.001, 0.0], True),  # nothing is left
+    (HOOK, [0.4, 0.001, 0.0], True),
+    (HOOK, [0.4, 0.001, 1.25 * math.pi], False),  # the corner up, both arms' stumps below
+    (HOOK, [0.4, 0.1, 0.7], False),
+])  # fmt: skip
 def test_a_non_convex_part_falls_when_its_centre_leaves_the_hull_of_what_is_supported(part, pose, falls):
     x, y, heading = pose
     c, s = math.cos(heading), math.sin(heading)

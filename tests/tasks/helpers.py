@@ -29,10 +29,3 @@ class Judge:
         self.state.pose[...], self.state.mean_velocity[...] = pose, mean_velocity
         self.state.fallen[...], self.state.diverged[...] = fallen, diverged
         self.scoring.score()
-
-
-def assert_only(judge: Judge, world: int, before: int) -> None:
-    """All worlds but one still have the value that every number had before."""
-    others = np.arange(len(judge.state.pose)) != world
-    for values in (*judge.episode, *judge.relations):
-        assert (values[others] == np.array(before).astype(values.dtype)).all()

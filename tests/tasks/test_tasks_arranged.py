@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.tasks.helpers import Judge, assert_only
+from tests.tasks.helpers import Judge
 from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, MIXED, SIX, STEEL, SURFACE, distances
 from vibgym.tasks import TASKS, Singulate, Sort
 
@@ -187,18 +187,3 @@ def test_a_whole_episode_costs_less_than_a_fall():
     for limit, settings in ENVIRONMENTS.values():
         cost = TASKS[settings["task"]].TERMS
         assert limit * cost["time"][1] <= cost["fallen"][1]
-
-
-@pytest.mark.parametrize("name", ARRANGED)
-def test_begin_touches_the_given_worlds_only(name):
-    task = ARRANGED[name](SURFACE, SIX)
-    start = task.start(np.random.default_rng(0).random((4, task.draws)))
-    judge = Judge(task, 4)
-    judge.state.pose[...] = start.pose
-    for values in (*judge.episode, *judge.relations):
-        values[...] = 7
-    judge.begin(type(start)(*(each[2:3] for each in start)), [2])
-    assert_only(judge, 2, before=7)
-    result = judge.episode
-    assert not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all()
-    assert result.present[2].all() and result.reward[2] == 0.0

@@ -148,22 +148,6 @@ def test_success_comes_ten_periods_after_the_end_and_not_without_the_way():
         assert judge.episode.success.tolist() == [step >= periods + 9, False]
 
 
-def test_several_worlds_begin_alone():
-    task = Follow(SURFACE, [BLOCK, STEEL])
-    start = task.start(np.random.default_rng(0).random((3, task.draws)))
-    judge = Judged(task, 3)
-    judge.begin(start)
-    for _ in range(5):
-        judge.score(judge.episode.goal)
-    own = {name: values.copy() for name, values in judge.scoring.own_state().items()}
-    goal = judge.episode.goal.copy()
-    judge.begin(type(start)(*(each[1:2] for each in start)), [1])
-    for name, values in judge.scoring.own_state().items():
-        assert (values[[0, 2]] == own[name][[0, 2]]).all()
-    assert (judge.episode.goal[[0, 2]] == goal[[0, 2]]).all() and (judge.episode.goal[1] == start.goal[1]).all()
-    assert judge.scoring.own_state()["clock"].tolist() == [5, 0, 5]
-
-
 def test_parts_start_at_rest_where_their_paths_begin():
     task = Follow(SURFACE, [BLOCK, STEEL, BLOCK])
     start = task.start(np.random.default_rng(1).random((20, task.draws)))

@@ -124,20 +124,6 @@ def test_terms_of_a_part_are_its_own(name, spread):
     assert successes > 0 or name != "Align"
 
 
-def test_a_fresh_start_of_some_worlds_leaves_the_others():
-    task, generator = CASES["Sort"](), np.random.default_rng(0)
-    present, pose = np.ones((WORLDS, 5), dtype=bool), scattered(generator, 5)
-    judge = Judge(task, WORLDS)
-    judge.begin(Start(pose, present, np.zeros_like(pose)))
-    judge.score(scattered(generator, 5))
-    reward = judge.episode.part_reward.copy()
-    assert reward.all()
-    judge.begin(Start(pose[:2], present[:2], np.zeros_like(pose[:2])), [1, 4])
-    assert not judge.episode.part_reward[[1, 4]].any() and not judge.episode.part_terms[[1, 4]].any()
-    others = np.setdiff1d(np.arange(WORLDS), [1, 4])
-    assert (judge.episode.part_reward[others] == reward[others]).all()
-
-
 def test_a_longer_hold():
     for hold, steps in ((3, 3), (25, 25), (24, 12)):
         periods = hold // steps

@@ -1,14 +1,9 @@
 """Rewards of a task's own: the kernels' numbers in NumPy, terms by hand, weights, and what is refused."""
 
-import copy
-import pickle
-
-import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from tests.envs.helpers import SMALL, assert_same
+from tests.envs.helpers import assert_same
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
 from vibgym.tasks import TASKS, Align, Sort, Task
 from vibgym.tasks.episode import QUANTITIES
@@ -127,35 +122,6 @@ def test_a_reward_of_its_own_terms_alone(names):
     *_, info = env.step(np.zeros(env.action_space.shape))
     assert info["reward_terms"]["fallen"].tolist() == [0.0, -3.0, 0.0, 0.0]  # the worst part's, not the mean
     assert info["parts"]["reward_terms"]["fallen"].sum() == -3.0
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-@pytest.mark.parametrize("task", ["Quiet", "Gentle"])
-def test_batches_copies_and_snapshots_go_on_with_the_same_bits(names, task, mode):
-    settings = {"action": "field", "surface": SMALL} if task == "Quiet" else {"action": "field"}
-    if task == "Gentle":
-        settings["randomize"] = {"parts": [2, 5]}
-    native = VibgymVectorEnv(task, num_envs=3, autoreset_mode=mode, max_episode_steps=9, **settings)
-    sync = SyncVectorEnv([lambda: gym.wrappers.TimeLimit(VibgymEnv(task, **settings), 9)] * 3, autoreset_mode=mode)
-    assert_same(native.reset(seed=1), sync.reset(seed=1))
-    for k, action in enumerate(actions(native, 24).astype(np.float32)):
-        if k == 13:
-            state, twin = copy.deepcopy(native.get_state()), pickle.loads(pickle.dumps(native))
-            again = VibgymVectorEnv(task, num_envs=3, autoreset_mode=mode, max_episode_steps=9, **settings)
-            again.set_state(state)
-        got = native.step(action)
-        assert_same(got, sync.step(action))
-        if k >= 13:
-            for other in (twin, again):
-                assert_same(other.step(action), got)
-        done = got[2] | got[3]
-        if mode is AutoresetMode.DISABLED and done.any():
-            mask = {"reset_mask": done.copy()}
-            begun = native.reset(options=mask)
-            assert_same(sync.reset(options={"reset_mask": done.copy()}), begun)
-            if k >= 13:
-                for other in (twin, again):
-                    assert_same(other.reset(options={"reset_mask": done.copy()}), begun)
 
 
 def test_a_goal_observation_keeps_its_reward(names):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.tasks.helpers import Judge, assert_only
+from tests.tasks.helpers import Judge
 from vibgym import Part, Surface
 from vibgym.tasks import Align, Rotate, Start, Transport
 
@@ -130,18 +130,6 @@ def test_rotate_does_not_wrap(part, goal, heading):
 @given(goal=st.floats(-4, 4), heading=st.floats(-50, 50))
 def test_transport_leaves_the_heading_free(goal, heading):
     assert heading_error("Transport", BLOCK, goal, heading) == 0.0
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_begin_touches_the_given_worlds_only(task):
-    made = TASKS[task](Surface(), [BLOCK])
-    judge = Judge(made, 4)
-    for values in (*judge.episode, *judge.relations):
-        values[...] = 7
-    judge.begin(made.start(np.random.default_rng(0).random((1, made.draws))), [2])
-    assert_only(judge, 2, before=7)
-    result = judge.episode
-    assert not result.success[2] and not result.ended[2] and (result.terms[2] == 0).all() and result.reward[2] == 0.0
 
 
 @pytest.mark.parametrize("task", TASKS)

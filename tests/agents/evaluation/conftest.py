@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation.cost import Cost, measure
+from agents.evaluation.cost import measure
 from vibgym import Surface
 
 STATE_ERROR = slice(8, 10)  # tanh of goal minus centre in 50 mm, see the environment's table
@@ -21,9 +20,7 @@ class Pusher:
     action, observation = "field", "state"
     name = "pusher"
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         seen = np.asarray(observation)
         action = np.zeros((*seen.shape[:-1], 1, 6), dtype=np.float32)
         action[..., 0, 0:2] = seen[..., STATE_ERROR] - 0.8 * seen[..., 15:17]
@@ -35,9 +32,7 @@ class Counting(Pusher):
 
     name = "counting"
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         seen = np.asarray(observation)
         count = np.zeros(len(seen)) if state is None else state.copy()
         count[episode_start] = 0.0
@@ -51,14 +46,12 @@ class Still(Pusher):
 
     name = "still <&>"
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         return np.zeros((len(observation), 1, 6), dtype=np.float32), state
 
 
 @pytest.fixture(scope="session")
-def found(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
+def found(tmp_path_factory):
     """Results of three policies on two tasks."""
     directory: Path = tmp_path_factory.mktemp("evaluation") / "new" / "report"
     settings = evaluation.settings_from(
@@ -75,7 +68,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
 
 
 @pytest.fixture(scope="session")
-def written(found: evaluation.Results) -> Path:
+def written(found):
     """Directory with the files of these results."""
     return evaluation.write(found, quiet=True).parent
 
@@ -86,9 +79,7 @@ class Shepherd:
     action, observation = "field", "state"
     name = "shepherd"
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         seen = np.asarray(observation)
         blocks = seen.reshape(*seen.shape[:-1], -1, 20)
         near = np.maximum(0.8 - blocks[..., 17:18], 0.0)  # tanh of the distance in largest element sizes
@@ -104,15 +95,13 @@ class Shepherd:
 class LazyShepherd(Shepherd):
     """Leaves the parts where they are."""
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> Any:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
         action, state = super().predict(observation)
         return 0.0 * action, state
 
 
 @pytest.fixture(scope="session")
-def several(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
+def several(tmp_path_factory):
     """Results on tasks for several parts beside one for one part, and a small measurement of the cost of a period."""
     directory: Path = tmp_path_factory.mktemp("several") / "report"
     settings = evaluation.settings_from(
@@ -136,12 +125,12 @@ def several(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
         return evaluation.evaluate(evaluation.prepare(settings), quiet=True)
 
 
-def small_cost(quiet: bool) -> Cost:
+def small_cost(quiet):
     """Up to four parts on the prototype."""
     return measure(quiet, counts=(1, 2, 4), surfaces=[Surface()], policies=["local_field"], repetitions=2)
 
 
 @pytest.fixture(scope="session")
-def written_several(several: evaluation.Results) -> Path:
+def written_several(several):
     """Directory with the files of these results."""
     return evaluation.write(several, quiet=True).parent

@@ -17,16 +17,13 @@ PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "
 
 
 @pytest.mark.parametrize("task", POSE_TASKS)
-@pytest.mark.parametrize(
-    ("content", "settings"),
-    [
-        ("local_field", {}),
-        ("local_field", PROTOTYPE),
-        ("vibgym/policies/trained/shipped/{}.json", {}),
-        ("vibgym/policies/trained/shipped/{}-prototype.json", PROTOTYPE),
-    ],
-)
-def test_no_policy_beats_the_bound(task: str, content: str, settings: dict) -> None:
+@pytest.mark.parametrize(("content", "settings"), [
+    ("local_field", {}),
+    ("local_field", PROTOTYPE),
+    ("vibgym/policies/trained/shipped/{}.json", {}),
+    ("vibgym/policies/trained/shipped/{}-prototype.json", PROTOTYPE),
+])  # fmt: skip
+def test_no_policy_beats_the_bound(task, content, settings):
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.format(task.lower()), TaskInfo.of(env, task))
     found = rollout(policy, task, seeds=range(FRESH + 5000, FRESH + 5040), keep=Measures, **settings)
@@ -36,7 +33,7 @@ def test_no_policy_beats_the_bound(task: str, content: str, settings: dict) -> N
     assert np.median(multiple) < {"Transport": 1.1, "Align": 1.15, "Rotate": 1.5}[task]  # else it would say little
 
 
-def test_the_report_tells_multiples(found: evaluation.Results) -> None:
+def test_the_report_tells_multiples(found):
     for row in found.rows:
         rollout = found.rollouts[Trial(row.task, row.hardware, row.policy)]
         assert (rollout.bound > 0.4 - 1e-9).all() and (rollout.bound < 4.0).all()
@@ -50,33 +47,27 @@ def test_the_report_tells_multiples(found: evaluation.Results) -> None:
     assert still.split(" | ")[column] == "–" and float(pusher.split(" | ")[column]) > 1.0
 
 
-@pytest.mark.parametrize(
-    ("task", "settings"),
-    [
-        ("Sort", {}),
-        ("Transport", {"model": "averaged"}),
-        ("Transport", {"randomize": {"friction": [0.8, 1.2]}}),
-        ("Transport", {"randomize": {"incline": 0.01}}),
-        ("Transport", {"surface": Surface(horizontal_amplitude=3e-4)}),
-    ],
-)
-def test_where_no_bound_is_known(task: str, settings: dict) -> None:
+@pytest.mark.parametrize(("task", "settings"), [
+    ("Sort", {}),
+    ("Transport", {"model": "averaged"}),
+    ("Transport", {"randomize": {"friction": [0.8, 1.2]}}),
+    ("Transport", {"randomize": {"incline": 0.01}}),
+    ("Transport", {"surface": Surface(horizontal_amplitude=3e-4)}),
+])  # fmt: skip
+def test_where_no_bound_is_known(task, settings):
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=3, **settings)
     env.reset(seed=0)
-    assert np.isnan(least_times(env.unwrapped)).all()  # type: ignore[arg-type]
+    assert np.isnan(least_times(env.unwrapped)).all()
 
 
-@pytest.mark.parametrize(
-    ("actuators", "amplitude", "latency"),
-    [
-        ({}, 0.25e-3, 1),
-        ({"gain_spread": 0.0}, 0.2e-3, 1),
-        ({"gain_spread": 0.0, "latency": 4}, 0.2e-3, 4),
-        ({"gain_spread": 0.0, "stuck": 0.1}, 0.25e-3, 0),
-        ({"gain_spread": 0.0, "stuck": [[0, 0, 1e-4, 0.0]]}, 0.25e-3, 0),
-    ],
-)
-def test_what_hardware_can_do_at_most(actuators: dict, amplitude: float, latency: int) -> None:
+@pytest.mark.parametrize(("actuators", "amplitude", "latency"), [
+    ({}, 0.25e-3, 1),
+    ({"gain_spread": 0.0}, 0.2e-3, 1),
+    ({"gain_spread": 0.0, "latency": 4}, 0.2e-3, 4),
+    ({"gain_spread": 0.0, "stuck": 0.1}, 0.25e-3, 0),
+    ({"gain_spread": 0.0, "stuck": [[0, 0, 1e-4, 0.0]]}, 0.25e-3, 0),
+])  # fmt: skip
+def test_what_hardware_can_do_at_most(actuators, amplitude, latency):
     made = {"kind": "prototype", "limit": 0.2e-3, **actuators}
     env = gym.make_vec("vibgym/Transport-v0", num_envs=2, surface=Surface(max_amplitude=0.25e-3), actuators=made)
     base = env.unwrapped
@@ -84,7 +75,7 @@ def test_what_hardware_can_do_at_most(actuators: dict, amplitude: float, latency
     assert (base.core.actuators.most_amplitude, base.core.actuators.least_latency) == (amplitude, latency)
 
 
-def test_what_is_drawn_counts_with_what_helps_most() -> None:
+def test_what_is_drawn_counts_with_what_helps_most():
     drawn = {"limit": [0.15e-3, 0.22e-3], "latency": [2, 3]}
     made = {"kind": "prototype", "gain_spread": 0.0}
     env = gym.make_vec("vibgym/Transport-v0", num_envs=2, actuators=made, randomize=drawn)

@@ -1,20 +1,16 @@
 """The command line: exit codes, and one line for bad input."""
 
-from __future__ import annotations
-
 import csv
-import errno
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 
 from agents import __main__ as command
 from agents.locks import one_run
+from tests.commands import file_at, fill_the_disk, folder_at, refusal, said_in_one_line, saved
 
-GOOD: dict[str, Any] = {
+GOOD = {
     "tasks": ["Rotate"],
     "policies": ["zero", {"name": "steered", "kind": "local_field"}],
     "episodes": 3,
@@ -23,9 +19,9 @@ GOOD: dict[str, Any] = {
     "animations": False,
 }
 
-EFFECTS: dict[str, Any] = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
+EFFECTS = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
 
-BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+BAD = {
     "unknown key": ({"taks": ["Rotate"]}, ["taks", "tasks"]),
     "unknown task": ({"tasks": ["Stack"]}, ["tasks.0", "Stack", "Rotate", "Sort"]),
     "task of wrong type": ({"tasks": [3]}, ["tasks.0", "3"]),
@@ -73,10 +69,7 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
     "environment value": ({"environment": {"parts": ["brick"]}}, ["parts", "brick", "steel_block"]),
     "surface value": ({"environment": {"surface": {"rows": -3}}}, ["rows", "-3"]),
     "no hardware": ({"hardware": {}}, ["evaluation.hardware", "{}", "at least 1"]),
-    "hardware that is none": (
-        {"hardware": {"a": "prototype"}},
-        ["evaluation.hardware.a", "'prototype'", "'actuators'"],
-    ),
+    "hardware that is none": ({"hardware": {"a": "prototype"}}, ["evaluation.hardware.a", "'prototype'", "'actuators'"]),
     "hardware of another key": ({"hardware": {"a": {"walls": []}}}, ["evaluation.hardware.a", "walls", "'sensor'"]),
     "hardware without a name": ({"hardware": {"": {}}}, ["evaluation.hardware", "''", "printable"]),
     "hardware of an unknown kind": (
@@ -125,70 +118,49 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
         ["evaluation.effects.policies.0", "actuators", "'sensor'"],
     ),
     "confidence": ({"confidence": 95}, ["confidence", "95"]),
-}
-
-
-def save(directory: Path, changes: dict[str, Any]) -> Path:
-    path = directory / "mine.yaml"
-    content = {**GOOD, "output": str(directory / "out"), **changes}
-    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
-    return path
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The one line on stderr of a command that refuses its input."""
-    assert command.main([*arguments, "--quiet"]) == 2
-    caught = capsys.readouterr()
-    assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
-    return caught.err
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_settings(case, tmp_path, capsys):
     changes, words = BAD[case]
-    path = save(tmp_path, changes)
-    line = refusal(capsys, "evaluate", str(path))
+    path = saved(tmp_path, GOOD, **changes)
+    line = refusal(capsys, command.main, "evaluate", str(path))
     assert line.startswith(f"{path}: ")
     for word in words:
         assert word in line
     assert not (tmp_path / "out").exists()
 
 
-def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert str(tmp_path / "none.yaml") in refusal(capsys, "evaluate", str(tmp_path / "none.yaml"))
+def test_bad_files(tmp_path, capsys):
+    assert str(tmp_path / "none.yaml") in refusal(capsys, command.main, "evaluate", str(tmp_path / "none.yaml"))
     path = tmp_path / "bad.yaml"
     for content in ("tasks: [Rotate", "- a\n- list\n", "tasks: !!python/object/apply:os.getcwd []\n", "\x00"):
         path.write_text(content)
-        assert str(path) in refusal(capsys, "evaluate", str(path))
+        assert str(path) in refusal(capsys, command.main, "evaluate", str(path))
 
 
-def test_bad_arguments(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = str(save(tmp_path, {}))
-    assert "--episodes" in refusal(capsys, "evaluate", path, "--episodes", "0")
-    assert "--gif TASK" in refusal(capsys, "evaluate", path, "--gif", "Align", "zero", str(tmp_path / "a.gif"))
-    assert "--gif POLICY" in refusal(capsys, "evaluate", path, "--gif", "Rotate", "nobody", str(tmp_path / "a.gif"))
+def test_bad_arguments(tmp_path, capsys):
+    path = str(saved(tmp_path, GOOD))
+    assert "--episodes" in refusal(capsys, command.main, "evaluate", path, "--episodes", "0")
+    assert "--gif TASK" in refusal(
+        capsys, command.main, "evaluate", path, "--gif", "Align", "zero", str(tmp_path / "a.gif")
+    )
+    assert "--gif POLICY" in refusal(
+        capsys, command.main, "evaluate", path, "--gif", "Rotate", "nobody", str(tmp_path / "a.gif")
+    )
     film = ["--gif", "Rotate", "zero", str(tmp_path / "a.gif"), "--gif-hardware", "prototype"]
-    assert "--gif-hardware: got 'prototype'; allowed: 'ideal'" in refusal(capsys, "evaluate", path, *film)
-    assert "--gif-hardware" in refusal(capsys, "evaluate", path, *film[-2:])
+    assert "--gif-hardware: got 'prototype'; allowed: 'ideal'" in refusal(capsys, command.main, "evaluate", path, *film)
+    assert "--gif-hardware" in refusal(capsys, command.main, "evaluate", path, *film[-2:])
     (tmp_path / "file").write_text("")
-    assert "output" in refusal(capsys, "evaluate", path, "--output", str(tmp_path / "file" / "below"))
+    assert "output" in refusal(capsys, command.main, "evaluate", path, "--output", str(tmp_path / "file" / "below"))
     for arguments in ([], ["fly"], ["evaluate"], ["evaluate", path, "--episodes", "many"]):
         with pytest.raises(SystemExit) as stop:
             command.main(arguments)
         assert stop.value.code == 2
 
 
-def file_at(path: Path) -> Path:
-    path.write_text("mine")
-    return path
-
-
-def folder_at(path: Path) -> Path:
-    path.mkdir(parents=True)
-    return path
-
-
-BAD_PLACES: dict[str, tuple[Any, str]] = {
+BAD_PLACES = {
     "a file": (lambda folder: ("--output", file_at(folder / "file")), "evaluation.output"),
     "overlong": (lambda folder: ("--output", folder / ("x" * 300)), "evaluation.output"),
     "NUL": (lambda folder: ("--output", folder / "a\0b"), "evaluation.output"),
@@ -208,41 +180,37 @@ BAD_PLACES: dict[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("case", BAD_PLACES)
-def test_bad_places(
-    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_places(case, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("agents.evaluation.evaluate", lambda *_: pytest.fail("runs"))
     make, named = BAD_PLACES[case]
-    path = save(tmp_path, {})
+    path = saved(tmp_path, GOOD)
     option, place = make(tmp_path)
     arguments = [option, *(("Rotate", "zero") if option == "--gif" else ()), str(place)]
-    line = refusal(capsys, "evaluate", str(path), *arguments)
+    line = refusal(capsys, command.main, "evaluate", str(path), *arguments)
     assert line.startswith(f"{path}: {named}: got ") and len(line) < 500
     assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
 
 
-def test_policies_that_are_no_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_policies_that_are_no_files(tmp_path, capsys):
     folder_at(tmp_path / "policy.json")
     for place in (tmp_path / "policy.json", tmp_path / ("x" * 300 + ".json"), tmp_path / "a\0.json"):
-        line = refusal(capsys, "evaluate", str(save(tmp_path, {"policies": [str(place)]})))
+        line = refusal(capsys, command.main, "evaluate", str(saved(tmp_path, GOOD, policies=[str(place)])))
         assert "policies" in line and str(tmp_path) in line
 
 
-def test_a_second_evaluation_in_a_directory_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = save(tmp_path, {})
+def test_a_second_evaluation_in_a_directory_is_refused(tmp_path, capsys):
+    path = saved(tmp_path, GOOD)
     (tmp_path / "out").mkdir()
     with one_run(tmp_path / "out"):
-        assert f"evaluation.output: got '{tmp_path / 'out'}'" in refusal(capsys, "evaluate", str(path))
-        assert f"process {os.getpid()} on host" in refusal(capsys, "evaluate", str(path))
+        assert f"evaluation.output: got '{tmp_path / 'out'}'" in refusal(capsys, command.main, "evaluate", str(path))
+        assert f"process {os.getpid()} on host" in refusal(capsys, command.main, "evaluate", str(path))
     assert os.listdir(tmp_path / "out") == []
 
 
-def test_a_full_disk_leaves_the_old_report_and_its_film(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_the_old_report_and_its_film(tmp_path, capsys, monkeypatch):
     from agents.evaluation.report import report_page
 
-    path, film = save(tmp_path, {"policies": [{"name": "=still", "kind": "zero"}]}), tmp_path / "film" / "hero.gif"
+    path, film = saved(tmp_path, GOOD, policies=[{"name": "=still", "kind": "zero"}]), tmp_path / "film" / "hero.gif"
     arguments = ["evaluate", str(path), "--episodes", "2", "--gif", "Rotate", "=still", str(film), "--quiet"]
     monkeypatch.setattr(report_page, "page", lambda *_: "first")  # drawing takes most of the time
     assert command.main(arguments) == 0
@@ -254,27 +222,18 @@ def test_a_full_disk_leaves_the_old_report_and_its_film(
     assert '"policy": "=still"' in (tmp_path / "out" / "results.json").read_text()
     capsys.readouterr()
 
-    def late(*_: Any) -> str:
-        flush, calls = os.fsync, []
-
-        def full(handle: int) -> None:
-            calls.append(handle)
-            if len(calls) == 4:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            flush(handle)
-
-        monkeypatch.setattr(os, "fsync", full)
+    def late(*_):
+        fill_the_disk(monkeypatch, room=3)
         return "second"
 
     monkeypatch.setattr(report_page, "page", late)
     assert command.main(arguments) == 1
-    caught = capsys.readouterr()
-    assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err
+    assert "No space left" in said_in_one_line(capsys)
     assert {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()} == before
 
 
-def test_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, gif = save(tmp_path, {}), tmp_path / "film" / "hero.gif"
+def test_whole_command(tmp_path, capsys):
+    path, gif = saved(tmp_path, GOOD), tmp_path / "film" / "hero.gif"
     arguments = ["--output", str(tmp_path / "there"), "--episodes", "2", "--gif", "Rotate", "steered", str(gif)]
     assert command.main(["evaluate", str(path), *arguments, "--quiet"]) == 0
     caught = capsys.readouterr()
@@ -286,18 +245,18 @@ def test_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert not (tmp_path / "out").exists()
 
 
-def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*arguments: Any) -> None:
+def test_interruption(tmp_path, capsys, monkeypatch):
+    def interrupted(*arguments):
         raise KeyboardInterrupt
 
     for place in ("evaluate", "prepare"):
         monkeypatch.setattr(f"agents.evaluation.{place}", interrupted)
-        assert command.main(["evaluate", str(save(tmp_path, {})), "--quiet"]) == 130
+        assert command.main(["evaluate", str(saved(tmp_path, GOOD)), "--quiet"]) == 130
         line = capsys.readouterr().err
         assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
 
 
-def test_shipped_settings_are_sound() -> None:
+def test_shipped_settings_are_sound():
     from agents import evaluation
 
     for path in sorted(Path("configs/evaluations").glob("*.yaml")):

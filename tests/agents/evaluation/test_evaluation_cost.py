@@ -1,7 +1,5 @@
 """What one period costs: scenes, exponents, and that every case is timed."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -17,7 +15,7 @@ from vibgym.scene.hulls import gaps_between
 LARGE = Surface(rows=32, columns=64)
 
 
-def blocks(surface: Surface, count: int) -> tuple[list, int]:
+def blocks(surface, count):
     rows = cost.heap_rows(surface, count)
     return [part_from(cost.BLOCKS[kind]) for kind in cost.block_kinds(count, rows)], rows
 
@@ -25,7 +23,7 @@ def blocks(surface: Surface, count: int) -> tuple[list, int]:
 @pytest.mark.parametrize(
     ("surface", "count"), [*((LARGE, n) for n in (2, 3, 8, 31, 64)), *((Surface(), n) for n in (2, 3, 8, 31))]
 )
-def test_a_heap_is_in_touch_all_round(surface: Surface, count: int) -> None:
+def test_a_heap_is_in_touch_all_round(surface, count):
     parts, rows = blocks(surface, count)
     pose = cost.heaped(surface, parts, rows)
     gaps = gaps_between(parts, pose[None])[0]
@@ -35,7 +33,7 @@ def test_a_heap_is_in_touch_all_round(surface: Surface, count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 16, 64])
-def test_parts_apart_keep_the_rule_and_meet_nobody(count: int) -> None:
+def test_parts_apart_keep_the_rule_and_meet_nobody(count):
     parts, _ = blocks(LARGE, count)
     pose = cost.apart(LARGE, parts)
     assert pose is not None
@@ -46,21 +44,21 @@ def test_parts_apart_keep_the_rule_and_meet_nobody(count: int) -> None:
     assert statistics["contact"] == 0 and statistics["free"] + statistics["near"] == cost.WARM_UP + cost.PERIODS
 
 
-def test_a_heap_is_timed_with_contacts() -> None:
+def test_a_heap_is_timed_with_contacts():
     parts, rows = blocks(LARGE, 8)
     bench = cost.Simulating(LARGE, parts, cost.heaped(LARGE, parts, rows))
     bench.seconds()
     assert bench.simulator.statistics["contact"] == cost.WARM_UP + cost.PERIODS
 
 
-def test_counts_without_room_are_left_out() -> None:
+def test_counts_without_room_are_left_out():
     parts, _ = blocks(Surface(), 17)
     assert cost.apart(Surface(), parts) is None
     found = cost.measure(quiet=True, counts=(2, 17), surfaces=[Surface()], policies=[], repetitions=1)
     assert [curve.parts for curve in found.curves] == [(2,), (2,)]
 
 
-def test_exponent_is_that_of_the_power_law() -> None:
+def test_exponent_is_that_of_the_power_law():
     counts = (1, 2, 4, 8, 16, 32, 64)
     for power in (0.0, 1.0, 1.7):
         seconds = tuple(3e-6 * n**power if n >= 8 else 1.0 for n in counts)  # fewer parts do not count
@@ -68,14 +66,14 @@ def test_exponent_is_that_of_the_power_law() -> None:
     assert cost.Curve("simulation", 8, 32, False, counts[:5], (1.0,) * 5).exponent is None
 
 
-def test_words_for_exponents() -> None:
+def test_words_for_exponents():
     assert cost_figure.growth(1.0) == "in proportion to the parts, not to the pairs"
     assert "slowly than the number of parts" in cost_figure.growth(0.6)
     assert "faster than the parts" in cost_figure.growth(1.4)
     assert "pairs, or faster" in cost_figure.growth(2.1)
 
 
-def test_values_and_section() -> None:
+def test_values_and_section():
     curve = cost.Curve("planner", 8, 32, False, (8, 16, 32), (1e-3, 2e-3, 4e-3))
     found = cost.Cost(0.04, 3, (curve,))
     values = json.loads(json.dumps(found.as_values()))
@@ -86,7 +84,7 @@ def test_values_and_section() -> None:
     assert section["plot"].startswith("data:image/png;base64,")
 
 
-def test_measured_in_a_process_of_its_own() -> None:
+def test_measured_in_a_process_of_its_own():
     found = cost.measure_alone(quiet=True, counts=(1, 2), repetitions=1)
     kinds = {(curve.what, curve.rows, curve.touching): curve.parts for curve in found.curves}
     assert kinds == {

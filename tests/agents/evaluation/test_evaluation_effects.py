@@ -1,11 +1,7 @@
 """The study of which effect breaks whom: its numbers against rollouts of their own, and where it is shown."""
 
-from __future__ import annotations
-
 import json
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,16 +14,12 @@ from tests.agents.evaluation.conftest import Pusher, Shepherd, Still
 from vibgym.policies.rollout import Ends, Outcomes, rollout
 
 OFF = {"kind": "prototype", "dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
-CASES: dict[str, dict[str, Any]] = {
-    "none": {},
-    "latency": {"actuators": {**OFF, "latency": 4}},
-    "all dead": {"actuators": {**OFF, "dead": 1.0}},
-}
+CASES = {"none": {}, "latency": {"actuators": {**OFF, "latency": 4}}, "all dead": {"actuators": {**OFF, "dead": 1.0}}}
 SENSOR = {"kind": "pose", "noise": 0.0, "delay": 5}
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
+def study(tmp_path_factory):
     """Results with a study of two policies, one of them with another sensor besides."""
     settings = evaluation.settings_from(
         {
@@ -50,17 +42,17 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
 
 
 @pytest.fixture(scope="module")
-def table(study: evaluation.Results) -> evaluation.Effects:
+def table(study):
     assert study.effects is not None
     return study.effects
 
 
 @pytest.fixture(scope="module")
-def files(study: evaluation.Results) -> Path:
+def files(study):
     return evaluation.write(study, quiet=True).parent
 
 
-def test_cells_are_those_of_rollouts(table: evaluation.Effects) -> None:
+def test_cells_are_those_of_rollouts(table):
     cells = {(cell.case, cell.policy): cell for cell in table.cells}
     assert list(cells) == [(case, policy) for case in CASES for policy in ("pusher", "late <eyes>", "still <&>")]
     for case, arguments in CASES.items():
@@ -75,7 +67,7 @@ def test_cells_are_those_of_rollouts(table: evaluation.Effects) -> None:
 
 
 @pytest.mark.parametrize("task", ["Transport", "Singulate"])
-def test_outcomes_are_those_of_a_rollout(task: str) -> None:
+def test_outcomes_are_those_of_a_rollout(task):
     policy = Pusher() if task == "Transport" else Shepherd()
     whole, ends = (rollout(policy, task, seeds=[5, 6, 7], keep=keep) for keep in (Log, Ends))
     for name in Outcomes.__dataclass_fields__:
@@ -83,12 +75,12 @@ def test_outcomes_are_those_of_a_rollout(task: str) -> None:
     assert len(set(ends.steps.tolist())) > 1
 
 
-def test_seeds_are_the_first_ones(table: evaluation.Effects) -> None:
+def test_seeds_are_the_first_ones(table):
     assert table.seeds == (300, 301, 302, 303, 304, 305)
     assert {cell.episodes for cell in table.cells} == {6}
 
 
-def test_episodes_from_the_command_line_bound_those_of_the_study() -> None:
+def test_episodes_from_the_command_line_bound_those_of_the_study():
     data = {
         "tasks": ["Transport"],
         "policies": ["zero"],
@@ -99,25 +91,24 @@ def test_episodes_from_the_command_line_bound_those_of_the_study() -> None:
         assert [len(job.seeds) for job in study.values()] == [expected]
 
 
-def test_json(study: evaluation.Results, files: Path) -> None:
+def test_json(study, files):
     content = json.loads((files / "results.json").read_text(encoding="utf-8"))
     found = content["effects"]
     assert found["task"] == "Transport" and found["seeds"] == list(range(300, 306)) and found["cases"] == CASES
     assert [(each["case"], each["policy"], each["successes"]) for each in found["results"]] == [
-        (cell.case, cell.policy, cell.successes)
-        for cell in study.effects.cells  # type: ignore[union-attr]
+        (cell.case, cell.policy, cell.successes) for cell in study.effects.cells
     ]
     assert len(content["results"]) == 2 and content["settings"]["effects"]["episodes"] == 6
 
 
-def test_summary(study: evaluation.Results) -> None:
+def test_summary(study):
     text = evaluation.summary_table(study).split("\n\n")[-1].splitlines()
     assert text[0] == "| Transport: effect | pusher | late <eyes> | still <&> |"
     assert len(text) == 5 and {line.count("|") for line in text} == {5}
     assert re.fullmatch(r"\| none \| \d+\.\d % \(\d\.\d\d s\) \| .* \| 0\.0 % \|", text[2])
 
 
-def test_page(table: evaluation.Effects, files: Path) -> None:
+def test_page(table, files):
     text = (files / "report.html").read_text(encoding="utf-8")
     section = text[text.index('id="effects"') : text.index('id="reading"')]
     assert 'href="#effects"' in text and "late &lt;eyes&gt;" in section and "<eyes>" not in section
@@ -129,8 +120,8 @@ def test_page(table: evaluation.Effects, files: Path) -> None:
         assert f"background:{tables.colour(cell.success_rate)}" in section
 
 
-def test_colour_tells_success_from_failure() -> None:
-    def opacity(share: float) -> tuple[str, float]:
+def test_colour_tells_success_from_failure():
+    def opacity(share):
         hue, _, alpha = tables.colour(share).removesuffix(")").rpartition(", ")
         return hue, float(alpha)
 

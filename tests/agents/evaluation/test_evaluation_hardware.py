@@ -1,11 +1,7 @@
 """One evaluation on several machines: which runs where, and what the files say of it."""
 
-from __future__ import annotations
-
 import csv
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +16,7 @@ from vibgym.policies.rollout import rollout
 BROKEN = {"kind": "prototype", "dead": 1.0, "latency": 0}
 LATE = {"kind": "prototype", "dead_zone": 0.0, "gain_spread": 0.0, "phase_spread": 0.0, "latency": 3}
 
-DATA: dict[str, Any] = {
+DATA = {
     "tasks": ["Transport", "Align"],
     "policies": [{"name": "still", "policy": Still(), "hardware": ["ideal"]}, Pusher()],
     "episodes": 6,
@@ -36,7 +32,7 @@ DATA: dict[str, Any] = {
 
 
 @pytest.fixture(scope="module")
-def machines(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
+def machines(tmp_path_factory):
     """Results of two policies on two tasks and three machines."""
     directory = tmp_path_factory.mktemp("machines")
     settings = evaluation.settings_from({**DATA, "output": str(directory)})
@@ -44,11 +40,11 @@ def machines(tmp_path_factory: pytest.TempPathFactory) -> evaluation.Results:
 
 
 @pytest.fixture(scope="module")
-def files(machines: evaluation.Results) -> Path:
+def files(machines):
     return evaluation.write(machines, quiet=True).parent
 
 
-def test_what_runs_where(machines: evaluation.Results) -> None:
+def test_what_runs_where(machines):
     assert list(machines.rollouts) == [
         ("Transport", "ideal", "still"),
         ("Transport", "ideal", "pusher"),
@@ -63,7 +59,7 @@ def test_what_runs_where(machines: evaluation.Results) -> None:
     assert machines.rollouts[Trial("Transport", "broken", "pusher")].seeds == (300, 301, 302, 303)
 
 
-def test_starts_and_goals_are_the_same_on_all_hardware(machines: evaluation.Results) -> None:
+def test_starts_and_goals_are_the_same_on_all_hardware(machines):
     plain = machines.rollouts[Trial("Transport", "ideal", "pusher")]
     for hardware in ("broken", "late"):
         other = machines.rollouts[Trial("Transport", hardware, "pusher")]
@@ -72,7 +68,7 @@ def test_starts_and_goals_are_the_same_on_all_hardware(machines: evaluation.Resu
         np.testing.assert_array_equal(other.poses[:, 0], plain.poses[:count, 0])
 
 
-def test_a_machine_whose_elements_are_all_dead_does_what_no_command_does(machines: evaluation.Results) -> None:
+def test_a_machine_whose_elements_are_all_dead_does_what_no_command_does(machines):
     broken, still = (
         machines.rollouts[Trial("Transport", "broken", "pusher")],
         machines.rollouts[Trial("Transport", "ideal", "still")],
@@ -81,7 +77,7 @@ def test_a_machine_whose_elements_are_all_dead_does_what_no_command_does(machine
     assert machines.rollouts[Trial("Transport", "ideal", "pusher")].success.sum() >= 3  # else this has shown little
 
 
-def test_same_numbers_as_on_that_hardware_alone(machines: evaluation.Results) -> None:
+def test_same_numbers_as_on_that_hardware_alone(machines):
     alone = rollout(Pusher(), "Align", seeds=range(300, 306), keep=Log, actuators=LATE)
     together = machines.rollouts[Trial("Align", "late", "pusher")]
     np.testing.assert_array_equal(alone.poses, together.poses)
@@ -90,12 +86,12 @@ def test_same_numbers_as_on_that_hardware_alone(machines: evaluation.Results) ->
     assert first > 1e-4  # the latency shows
 
 
-def test_comparisons_stay_on_one_machine(machines: evaluation.Results) -> None:
+def test_comparisons_stay_on_one_machine(machines):
     found = [(each.task, each.hardware, each.first, each.second) for each in machines.comparisons]
     assert found == [("Transport", "ideal", "still", "pusher"), ("Align", "ideal", "still", "pusher")]
 
 
-def test_tables(machines: evaluation.Results, files: Path) -> None:
+def test_tables(machines, files):
     for name, count in (("results.csv", 7), ("episodes.csv", 6 + 6 + 4 + 6 + 3 * 6)):
         with (files / name).open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
@@ -114,7 +110,7 @@ def test_tables(machines: evaluation.Results, files: Path) -> None:
     assert summary[4].startswith("| Transport | broken | pusher | 0.0 % |")
 
 
-def test_page(machines: evaluation.Results, files: Path) -> None:
+def test_page(machines, files):
     text = (files / "report.html").read_text(encoding="utf-8")
     words = " ".join(text.split())
     assert 'id="hardware"' in text and 'href="#hardware"' in text
@@ -127,7 +123,7 @@ def test_page(machines: evaluation.Results, files: Path) -> None:
     assert text.count('<article class="card') == len(machines.rollouts)
 
 
-def test_one_machine_is_not_spoken_of(written: Path, found: evaluation.Results) -> None:
+def test_one_machine_is_not_spoken_of(written, found):
     """Of the evaluation of other tests, where nothing is said of hardware."""
     text = (written / "report.html").read_text(encoding="utf-8")
     body = text[text.index("</style>") :]
@@ -138,14 +134,14 @@ def test_one_machine_is_not_spoken_of(written: Path, found: evaluation.Results) 
     assert content["settings"]["hardware"] == {"ideal": {}}
 
 
-def test_the_only_machine_is_called_what_it_is() -> None:
+def test_the_only_machine_is_called_what_it_is():
     data = {"tasks": ["Transport"], "policies": ["zero"]}
     assert [each.name for each in evaluation.settings_from(data).machines()] == ["ideal"]
     data |= {"environment": {"actuators": LATE}}
     assert [each.name for each in evaluation.settings_from(data).machines()] == ["own"]
 
 
-def test_fewer_episodes_from_the_command_line_are_those_of_all_hardware() -> None:
+def test_fewer_episodes_from_the_command_line_are_those_of_all_hardware():
     settings = evaluation.settings_from(DATA, episodes=5)
     jobs = evaluation.prepare(settings).jobs
     assert {trial.hardware: len(job.seeds) for trial, job in jobs.items()} == {"ideal": 5, "broken": 4, "late": 5}
@@ -153,14 +149,10 @@ def test_fewer_episodes_from_the_command_line_are_those_of_all_hardware() -> Non
     assert {len(job.seeds) for job in jobs.values()} == {3}
 
 
-def test_hardware_lies_over_the_environment() -> None:
+def test_hardware_lies_over_the_environment():
     environment = {"surface": "prototype", "actuators": "ideal", "randomize": {"parts": [1, 3], "friction": [1, 2]}}
     over = laid_over(environment, {"actuators": BROKEN, "randomize": {"friction": [0.9, 1.1]}})
-    assert over == {
-        "surface": "prototype",
-        "actuators": BROKEN,
-        "randomize": {"parts": [1, 3], "friction": [0.9, 1.1]},
-    }
+    assert over == {"surface": "prototype", "actuators": BROKEN, "randomize": {"parts": [1, 3], "friction": [0.9, 1.1]}}
     assert environment["randomize"] == {"parts": [1, 3], "friction": [1, 2]}
     assert laid_over({"randomize": {"parts": [1, 3]}}, {"randomize": None}) == {"randomize": None}
     assert with_sensor({}, {}) == {}
@@ -169,7 +161,7 @@ def test_hardware_lies_over_the_environment() -> None:
     assert with_sensor({"sensor": noisy}, {"estimator": "model"})["sensor"] == {**noisy, "estimator": "model"}
 
 
-def test_a_film_of_any_hardware(tmp_path: Path) -> None:
+def test_a_film_of_any_hardware(tmp_path):
     settings = evaluation.settings_from({**DATA, "output": str(tmp_path)})
     for hardware, expected in ((None, "ideal"), ("late", "late")):
         film = evaluation.prepare(settings, evaluation.Gif("Align", "pusher", tmp_path / "a.gif", hardware)).film

@@ -1,9 +1,5 @@
 """Hardware in words: what is said follows from the settings, and nothing is said of what does nothing."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
 
 from agents.evaluation import machine
@@ -11,9 +7,9 @@ from vibgym import Surface
 from vibgym.actuators import ACTUATORS, Actuators
 
 SURFACE = Surface()
-OFF: dict[str, Any] = {"kind": "prototype", "dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
+OFF = {"kind": "prototype", "dead_zone": 0.0, "latency": 0, "gain_spread": 0.0, "phase_spread": 0.0}
 
-ACTUATOR_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
+ACTUATOR_CASES = {
     "hard": ({"dead_zone_mm": 0.1}, "hard dead zone of 0.1 mm", "less than 0.1 mm does not move at all"),
     "soft": ({"dead_zone": 2e-4, "dead_zone_form": "soft"}, "soft dead zone of 0.2 mm", "0.2 mm moves less than told"),
     "limit": ({"limit": 2.5e-4}, "at most 0.25 mm", "more than 0.25 mm."),
@@ -25,7 +21,7 @@ ACTUATOR_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
     "share": ({"dead": 0.02}, "2 % of the elements dead", "2 % of the elements, drawn at random, can never move."),
     "list": ({"stuck": [[0, 1, 1e-4, 0.0]]}, "1 of 256 elements stuck", "1 of 256 elements can only move"),
 }
-SENSOR_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
+SENSOR_CASES = {
     "noise": ({"noise": [1e-4, 0.0]}, "noise of 0.1 mm", "off by 0.1 mm (standard deviation"),
     "both": ({"noise": {"position_mm": 0.2, "heading_deg": 0.4}}, "noise of 0.2 mm and 0.4°", "off by 0.2 mm and 0.4°"),
     "bias": ({"noise": 0.0, "bias": 1e-3}, "bias of 1 mm", "share an error of 1 mm"),
@@ -41,7 +37,7 @@ SENSOR_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
 
 
 @pytest.mark.parametrize("case", ACTUATOR_CASES)
-def test_actuators(case: str) -> None:
+def test_actuators(case):
     settings, short, sentence = ACTUATOR_CASES[case]
     off = {key: value for key, value in OFF.items() if f"{key}_mm" not in settings and f"{key}_deg" not in settings}
     environment = {"actuators": {**off, **settings}}
@@ -51,7 +47,7 @@ def test_actuators(case: str) -> None:
 
 
 @pytest.mark.parametrize("case", SENSOR_CASES)
-def test_sensor(case: str) -> None:
+def test_sensor(case):
     settings, short, sentence = SENSOR_CASES[case]
     environment = {"sensor": {"kind": "pose", **settings}}
     assert machine.summary(environment, SURFACE) == short
@@ -59,7 +55,7 @@ def test_sensor(case: str) -> None:
     assert first == machine.IDEAL[0] and len(others) == 1 and sentence in others[0]
 
 
-CAMERA_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
+CAMERA_CASES = {
     "usual": ({}, "camera, 752 x 285 pixels, grey-level edges", "An image has 752 x 285 pixels."),
     "statistics": (
         {"statistical": True, "lines": "all"}, "statistics of a camera, 752 x 570 pixels, grey-level edges",
@@ -76,20 +72,20 @@ CAMERA_CASES: dict[str, tuple[dict[str, Any], str, str]] = {
 
 
 @pytest.mark.parametrize("case", CAMERA_CASES)
-def test_camera(case: str) -> None:
+def test_camera(case):
     settings, short, sentence = CAMERA_CASES[case]
     environment = {"sensor": {"kind": "camera", **settings}}
     assert machine.summary(environment, SURFACE) == short
     assert sentence in " ".join(machine.sentences(environment, SURFACE))
 
 
-def test_ideal() -> None:
+def test_ideal():
     for environment in ({}, {"actuators": "ideal", "sensor": {"kind": "ideal"}}, {"actuators": OFF}):
         assert tuple(machine.sentences(environment, SURFACE)) == machine.IDEAL
         assert machine.summary(environment, SURFACE) == "ideal"
 
 
-def test_defaults_are_spoken_of() -> None:
+def test_defaults_are_spoken_of():
     environment = {"actuators": "prototype", "sensor": "pose"}
     assert machine.summary(environment, SURFACE) == (
         "hard dead zone of 0.1 mm, spread of 5 % and 5°, latency of 1 period (40 ms), noise of 0.1 mm and 0.2°"
@@ -97,7 +93,7 @@ def test_defaults_are_spoken_of() -> None:
     assert len(machine.sentences(environment, SURFACE)) == 4
 
 
-def test_what_is_drawn_for_every_episode() -> None:
+def test_what_is_drawn_for_every_episode():
     drawn = {"friction": [0.9, 1.1], "dead_zone": [5e-5, 1.5e-4], "incline_deg": [0.0, 0.5], "parts": [1, 3]}
     found = machine.sentences({"randomize": drawn}, SURFACE)[2:]
     assert (
@@ -112,12 +108,12 @@ def test_what_is_drawn_for_every_episode() -> None:
     ]
 
 
-def test_actuators_of_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_actuators_of_ones_own(monkeypatch):
     class Coarse(Actuators):
-        def __init__(self, *scene: Any, least: float = 1e-4, **base: Any) -> None:
+        def __init__(self, *scene, least=1e-4, **base):
             super().__init__(*scene, **base)
 
-        def realise(self, phasors: Any) -> None:
+        def realise(self, phasors):
             pass
 
     monkeypatch.setitem(ACTUATORS._items, "coarse", Coarse)

@@ -1,12 +1,8 @@
 """A task of one's own, registered from outside, is evaluated and compared as those that are shipped."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math
-from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -26,14 +22,14 @@ class Park(PoseTask):
     FACTS = ("is_success", "position_error", "fallen", "diverged")
     draws = 2
 
-    def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def draw(self, uniform):
         """Starts anywhere without turning, goals at the left."""
         start = np.column_stack([self.somewhere(uniform), np.zeros(len(uniform))])
         return start, np.tile([0.06, 0.5 * self.surface.depth, 0.0], (len(uniform), 1))
 
 
 @pytest.fixture
-def park(monkeypatch: pytest.MonkeyPatch) -> None:
+def park(monkeypatch):
     """``mine/Park-v0`` and ``Park-v0``, for one test."""
     monkeypatch.setattr(TASKS, "_items", {**TASKS, "Park": Park})
     for name in ("mine/Park-v0", "Park-v0"):
@@ -41,12 +37,12 @@ def park(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setitem(gym.registry, name, spec)
 
 
-def asked(folder: Path, **changes: Any) -> dict[str, Any]:
+def asked(folder, **changes):
     common = {"policies": ["zero", "local_field"], "episodes": 3, "resamples": 100, "output": str(folder)}
     return {"tasks": ["mine/Park-v0", "Align"], **common, **changes}
 
 
-def test_evaluated_with_effects_and_pages(park: None, tmp_path: Path) -> None:
+def test_evaluated_with_effects_and_pages(park, tmp_path):
     effects = {
         "task": "mine/Park-v0",
         "policies": ["local_field"],
@@ -65,7 +61,7 @@ def test_evaluated_with_effects_and_pages(park: None, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "results.json").read_text())["tasks"]["mine/Park-v0"]["name"] == "Park"
 
 
-def test_compared(park: None, tmp_path: Path) -> None:
+def test_compared(park, tmp_path):
     matrix = {
         "name": "elsewhere",
         "task": "Park-v0",
@@ -80,7 +76,7 @@ def test_compared(park: None, tmp_path: Path) -> None:
     assert not math.isnan(found.rows[1].time_iqm_s)
 
 
-def test_what_is_not_registered_is_refused(tmp_path: Path) -> None:
+def test_what_is_not_registered_is_refused(tmp_path):
     with pytest.raises(
         ValueError, match=r"^evaluation.tasks.0: got 'mine/Park-v0'; allowed: 'Transport', .*registered"
     ):

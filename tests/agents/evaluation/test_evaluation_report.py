@@ -1,16 +1,12 @@
 """The files: whole, complete, and readable without a network."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import io
 import json
-import os
 import re
 import warnings
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +19,6 @@ from agents.evaluation import animation
 from agents.evaluation.figures import new_figure
 from agents.evaluation.records import Trial
 from agents.evaluation.report import plots_of_episodes, report_page
-from vibgym.files import write_atomically
 
 
 class Links(HTMLParser):
@@ -31,14 +26,14 @@ class Links(HTMLParser):
 
     VOID = {"meta", "img", "source", "br", "link"}
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.loads: list[str] = []
         self.targets: set[str] = set()
         self.anchors: list[str] = []
         self.open: list[str] = []
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         values = dict(attrs)
         assert tag not in ("script", "link", "iframe")
         self.targets |= {value for value in [values.get("id")] if value}
@@ -47,11 +42,11 @@ class Links(HTMLParser):
         if tag not in self.VOID:
             self.open.append(tag)
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         assert self.open.pop() == tag
 
 
-def test_page_opens_offline(written: Path) -> None:
+def test_page_opens_offline(written):
     text = (written / "report.html").read_text(encoding="utf-8")
     page = Links()
     page.feed(text)
@@ -62,7 +57,7 @@ def test_page_opens_offline(written: Path) -> None:
     assert len(text) < 15e6
 
 
-def test_page_says_what_was_found(found: evaluation.Results, written: Path) -> None:
+def test_page_says_what_was_found(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
     assert "still &lt;&amp;&gt;" in text and "still <&>" not in text
     assert "Does &lt;nothing&gt; &amp; says so." in text
@@ -72,7 +67,7 @@ def test_page_says_what_was_found(found: evaluation.Results, written: Path) -> N
         assert f"Seed {found.rollouts[Trial(row.task, row.hardware, row.policy)].film.seed}" in text
 
 
-def test_bold_differences_are_those_that_are_clear(found: evaluation.Results, written: Path) -> None:
+def test_bold_differences_are_those_that_are_clear(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
     intervals = [each.success_interval for each in report_page.against_best(found)]
     intervals += [each.time_interval for each in report_page.against_best(found) if each.time_interval is not None]
@@ -81,9 +76,7 @@ def test_bold_differences_are_those_that_are_clear(found: evaluation.Results, wr
 
 
 @pytest.mark.parametrize("name", ["$\\frac$", "a $b$ c", "_hidden", "%s \\n {x}", "<b>&\"'", "µ → 中文 😀"])
-def test_a_name_is_drawn_as_it_is_written(
-    found: evaluation.Results, monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
+def test_a_name_is_drawn_as_it_is_written(found, monkeypatch, name):
     """No formula, which would fail or look otherwise, no mark that hides it from the legend."""
     rollouts = {
         Trial(task, machine, name if each == "pusher" else each): one
@@ -103,8 +96,8 @@ def test_a_name_is_drawn_as_it_is_written(
     assert not any(text.get_parse_math() for text in drawn[0].findobj(Text) if text.get_text())
 
 
-def test_json_holds_everything(found: evaluation.Results, written: Path) -> None:
-    def refuse(constant: str) -> None:
+def test_json_holds_everything(found, written):
+    def refuse(constant):
         raise AssertionError(f"{constant} is not JSON")
 
     content = json.loads((written / "results.json").read_text(encoding="utf-8"), parse_constant=refuse)
@@ -117,7 +110,7 @@ def test_json_holds_everything(found: evaluation.Results, written: Path) -> None
     assert content["tasks"]["Align"]["position_tolerance"] == 0.002
 
 
-def test_csv_rows(found: evaluation.Results, written: Path) -> None:
+def test_csv_rows(found, written):
     with (written / "results.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert [(row["task"], row["hardware"], row["policy"]) for row in rows] == list(found.rollouts)
@@ -130,13 +123,13 @@ def test_csv_rows(found: evaluation.Results, written: Path) -> None:
     np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
 
 
-def test_summary_table(found: evaluation.Results) -> None:
+def test_summary_table(found):
     head, rule, *lines = evaluation.summary_table(found).splitlines()
     assert len(lines) == 6 and len({line.count("|") for line in (head, rule, *lines)}) == 1
     assert lines[0].startswith("| Transport | still <&> | 0.0 % | 0.0 to 36.9 % | – | ")
 
 
-def test_only_the_files_are_left(written: Path) -> None:
+def test_only_the_files_are_left(written):
     assert sorted(path.name for path in written.iterdir()) == [
         "episodes.csv",
         "report.html",
@@ -145,25 +138,8 @@ def test_only_the_files_are_left(written: Path) -> None:
     ]
 
 
-def test_failure_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "report.html"
-    write_atomically(path, "old")
-
-    def full(handle: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        write_atomically(path, "new " * 10_000)
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-    monkeypatch.undo()
-    write_atomically(path, "new")
-    assert path.read_text() == "new"
-
-
 @pytest.mark.parametrize("most", [10**9, 60_000, 25_000, 1])
-def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most: int) -> None:
+def test_a_film_takes_the_best_quality_that_fits(found, most):
     film = found.rollouts[Trial("Align", "ideal", "counting")].film
     frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04)
     sizes = [len(animation.webp(frames, interval, size)) for size in (10**9, most, 1)]
@@ -172,7 +148,7 @@ def test_a_film_takes_the_best_quality_that_fits(found: evaluation.Results, most
         assert image.n_frames == len(frames) > animation.SAMPLE and image.info["loop"] == 0
 
 
-def test_gif(found: evaluation.Results) -> None:
+def test_gif(found):
     film = found.rollouts[Trial("Align", "ideal", "pusher")].film
     frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04, 300)
     assert len(frames) <= animation.MOST_FRAMES and frames[0].dtype == np.uint8

@@ -1,20 +1,16 @@
 """Batched records against single environments, and what is recorded."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents import evaluation
 from agents.evaluation.log import WATCHED_AMONG, farthest_goal
 from agents.evaluation.records import Trial
 
 
-def alone(policy: Any, task: str, seed: int) -> dict[str, Any]:
+def alone(policy, task, seed):
     """The same episode in an environment of its own."""
     env = gym.make(f"vibgym/{task}-v0", action=policy.action, observation=policy.observation)
     observation, info = env.reset(seed=seed)
@@ -31,7 +27,7 @@ def alone(policy: Any, task: str, seed: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", ["pusher", "counting"])
 @pytest.mark.parametrize("task", ["Transport", "Align"])
-def test_same_numbers_as_single_environments(found: evaluation.Results, task: str, name: str) -> None:
+def test_same_numbers_as_single_environments(found, task, name):
     rollout = found.rollouts[Trial(task, "ideal", name)]
     policy = dict(zip(found.settings.named_policies(), found.settings.policies, strict=True))[name]
     for k, seed in enumerate(rollout.seeds[:4]):
@@ -52,7 +48,7 @@ def test_same_numbers_as_single_environments(found: evaluation.Results, task: st
         assert np.isnan(each).all()
 
 
-def test_times_and_outcomes(found: evaluation.Results) -> None:
+def test_times_and_outcomes(found):
     still, pusher = (
         found.rollouts[Trial("Transport", "ideal", "still <&>")],
         found.rollouts[Trial("Transport", "ideal", "pusher")],
@@ -69,7 +65,7 @@ def test_times_and_outcomes(found: evaluation.Results) -> None:
     assert np.isnan(still.path_efficiency).all()
 
 
-def test_all_policies_meet_the_same_starts_and_goals(found: evaluation.Results) -> None:
+def test_all_policies_meet_the_same_starts_and_goals(found):
     for task in found.settings.tasks:
         first, *others = (rollout for key, rollout in found.rollouts.items() if key[0] == task)
         for other in others:
@@ -78,7 +74,7 @@ def test_all_policies_meet_the_same_starts_and_goals(found: evaluation.Results) 
             assert first.film.seed == other.film.seed
 
 
-def test_film_is_the_watched_episode(found: evaluation.Results) -> None:
+def test_film_is_the_watched_episode(found):
     for rollout in found.rollouts.values():
         film = rollout.film
         world = rollout.seeds.index(film.seed)
@@ -90,7 +86,7 @@ def test_film_is_the_watched_episode(found: evaluation.Results) -> None:
     assert found.rollouts[Trial("Align", "ideal", "pusher")].film.phasors[1].any()
 
 
-def test_the_farthest_of_the_first_worlds_is_watched() -> None:
+def test_the_farthest_of_the_first_worlds_is_watched():
     env = gym.make_vec("vibgym/Transport-v0", num_envs=WATCHED_AMONG + 20)
     _, info = env.reset(seed=5)
     nothing = np.zeros(WATCHED_AMONG + 20)
@@ -100,7 +96,7 @@ def test_the_farthest_of_the_first_worlds_is_watched() -> None:
     assert farthest_goal(heap.unwrapped, info["touching"]) == info["touching"][:WATCHED_AMONG].argmax()
 
 
-def test_rates_leave_the_first_step_out(found: evaluation.Results) -> None:
+def test_rates_leave_the_first_step_out(found):
     timing = found.rollouts[Trial("Transport", "ideal", "still <&>")].timing
     assert timing.world_steps == 8 * 249
     assert timing.total == pytest.approx(timing.policy + timing.environment)

@@ -1,9 +1,5 @@
 """Which policies run on which tasks, and how often."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
 
 from agents import evaluation
@@ -11,11 +7,11 @@ from agents.evaluation import words
 from tests.agents.evaluation.conftest import Pusher, Shepherd
 
 
-def settings(**changes: Any) -> evaluation.EvaluationSettings:
+def settings(**changes):
     return evaluation.settings_from({"tasks": ["Transport", "Sort"], "policies": ["zero"], "first_seed": 9, **changes})
 
 
-def test_episodes_of_a_task() -> None:
+def test_episodes_of_a_task():
     found = settings(episodes=5, task_episodes={"Sort": 2})
     assert found.seed_list() == found.seed_list("Transport") == [9, 10, 11, 12, 13]
     assert found.seed_list("Sort") == [9, 10]
@@ -24,13 +20,13 @@ def test_episodes_of_a_task() -> None:
     assert len(settings().seed_list("Sort")) == 100
 
 
-def test_episodes_from_the_command_line_are_those_of_all_tasks() -> None:
+def test_episodes_from_the_command_line_are_those_of_all_tasks():
     data = {"tasks": ["Transport", "Sort"], "policies": ["zero"], "episodes": 5, "task_episodes": {"Sort": 3}}
     found = evaluation.settings_from(data, episodes=4)
     assert len(found.seed_list("Transport")) == len(found.seed_list("Sort")) == 4
 
 
-def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
+def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves():
     prepared = evaluation.prepare(
         settings(
             policies=[
@@ -56,7 +52,7 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves() -> None:
     assert [(task, policy) for task, _, policy in prepared.jobs] == pairs
 
 
-def test_every_environment_can_be_evaluated() -> None:
+def test_every_environment_can_be_evaluated():
     prepared = evaluation.prepare(settings(tasks=["SortThreeKinds", "SortCrowded"], policies=["local_field"]))
     facts = prepared.tasks["SortThreeKinds"]
     assert facts.kinds == ("steel_block", "aluminium_block", "disc") and facts.step_limit == 750
@@ -72,13 +68,13 @@ def test_every_environment_can_be_evaluated() -> None:
     )
 
 
-def test_one_error_names_what_does_not_fit() -> None:
+def test_one_error_names_what_does_not_fit():
     with pytest.raises(ValueError, match=r"policies \(open_loop on Sort\)"):
         evaluation.prepare(settings(policies=["zero", {"kind": "open_loop", "tasks": ["Sort"]}]))
 
 
 @pytest.mark.parametrize("name", ["\ud800", "a\nb", "", "x" * 41, "\x1b[2J", "\u202ebackwards", 3])
-def test_names_that_nothing_can_show_are_refused_before_anything_runs(name: Any) -> None:
+def test_names_that_nothing_can_show_are_refused_before_anything_runs(name):
     with pytest.raises(ValueError, match=r"^policies.0.name: got .*printable characters$"):
         settings(policies=[{"kind": "zero", "name": name}])
     if isinstance(name, str):
@@ -91,7 +87,7 @@ def test_names_that_nothing_can_show_are_refused_before_anything_runs(name: Any)
             settings(policies=[f"{name * 2}.json"])
 
 
-def test_what_is_asked_in_words() -> None:
+def test_what_is_asked_in_words():
     tasks = evaluation.prepare(settings(tasks=["Transport", "Align", "Sort", "Singulate"])).tasks
     assert {name: words.asked(info) for name, info in tasks.items()} == {
         "Transport": "within 5 mm",
@@ -103,7 +99,7 @@ def test_what_is_asked_in_words() -> None:
     assert words.facts(tasks["Sort"], 5)["position_tolerance"] is None
 
 
-def test_a_model_may_be_told_what_it_speaks() -> None:
+def test_a_model_may_be_told_what_it_speaks():
     mapping = {"policy": Pusher(), "action": "field", "name": "told"}
     (entry,) = settings(policies=[mapping]).entries()
     assert entry.name == "told" and set(entry.content) == {"policy", "action"}

@@ -1,13 +1,10 @@
 """Tasks for several parts: the numbers against counts of their own from the recorded poses, and the files."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json
 import math
 import re
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +14,7 @@ from shapely import affinity
 
 from agents import evaluation
 from agents.evaluation import animation
-from agents.evaluation.log import SERIES, Log, Rollout
+from agents.evaluation.log import SERIES, Log
 from agents.evaluation.records import Trial
 from tests.agents.evaluation.conftest import Shepherd
 from vibgym.policies.rollout import rollout
@@ -25,7 +22,7 @@ from vibgym.policies.rollout import rollout
 PAIRS = [Trial(task, "ideal", policy) for policy in ("shepherd", "lazy shepherd") for task in ("Sort", "Singulate")]
 
 
-def distances(found: evaluation.Results, task: str, poses: np.ndarray) -> np.ndarray:
+def distances(found, task, poses):
     """Distances (steps, pairs) between the outlines, m; 0 where they overlap, inf of absent parts."""
     outlines = [shapely.Polygon(part.outline) for part in found.tasks[task].parts]
     one, other = np.triu_indices(len(outlines), 1)
@@ -39,18 +36,18 @@ def distances(found: evaluation.Results, task: str, poses: np.ndarray) -> np.nda
     return result
 
 
-def over_time(rollout: Rollout, name: str) -> np.ndarray:
+def over_time(rollout, name):
     values = rollout.over_time(name)
     assert values is not None
     return values
 
 
-def poses_of(rollout: Rollout, episode: int) -> np.ndarray:
+def poses_of(rollout, episode):
     return rollout.poses[episode, : rollout.steps[episode] + 1]
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_collisions_and_clearance_from_the_poses(several: evaluation.Results, pair: Trial) -> None:
+def test_collisions_and_clearance_from_the_poses(several, pair):
     rollout = several.rollouts[pair]
     for episode in range(3):
         poses = poses_of(rollout, episode)
@@ -65,7 +62,7 @@ def test_collisions_and_clearance_from_the_poses(several: evaluation.Results, pa
     np.testing.assert_array_equal(rollout.clearance, everything.astype(np.float64))
 
 
-def test_there_were_collisions(several: evaluation.Results) -> None:
+def test_there_were_collisions(several):
     assert (
         several.rollouts[Trial("Sort", "ideal", "shepherd")].collisions.sum() > 0
     )  # else the test above has shown little
@@ -76,7 +73,7 @@ def test_there_were_collisions(several: evaluation.Results) -> None:
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_throughput_from_the_poses(several: evaluation.Results, pair: Trial) -> None:
+def test_throughput_from_the_poses(several, pair):
     rollout, task = several.rollouts[pair], several.tasks[pair[0]]
     for episode, steps in enumerate(rollout.steps):
         last = poses_of(rollout, episode)[-2:].astype(np.float64)
@@ -98,7 +95,7 @@ def test_throughput_from_the_poses(several: evaluation.Results, pair: Trial) -> 
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_paths(several: evaluation.Results, pair: Trial) -> None:
+def test_paths(several, pair):
     rollout, task = several.rollouts[pair], several.tasks[pair[0]]
     for episode in range(len(rollout.seeds)):
         places = poses_of(rollout, episode)[..., :2].astype(np.float64)
@@ -120,7 +117,7 @@ def test_paths(several: evaluation.Results, pair: Trial) -> None:
             assert math.isnan(efficiency)
 
 
-def test_same_numbers_as_single_environments(several: evaluation.Results) -> None:
+def test_same_numbers_as_single_environments(several):
     rollout, policy = several.rollouts[Trial("Sort", "ideal", "shepherd")], Shepherd()
     for k, seed in enumerate(rollout.seeds[:2]):
         env = gym.make("vibgym/Sort-v0", action="field", observation="state")
@@ -137,13 +134,13 @@ def test_same_numbers_as_single_environments(several: evaluation.Results) -> Non
         assert rollout.returns[k] == pytest.approx(total, rel=1e-12, abs=1e-12)
 
 
-def test_some_succeed_and_some_do_not(several: evaluation.Results) -> None:
+def test_some_succeed_and_some_do_not(several):
     """Else the tests of this file have shown little."""
     assert sum(several.rollouts[pair].success.sum() for pair in PAIRS) >= 3
     assert not several.rollouts[Trial("Sort", "ideal", "lazy shepherd")].success.any()
 
 
-def test_absent_parts_leave_no_trace() -> None:
+def test_absent_parts_leave_no_trace():
     found = rollout(Shepherd(), "Sort", seeds=range(12), keep=Log, randomize={"parts": [1, 3]})
     present = np.isfinite(found.poses[:, 0, :, 0])
     counts = present.sum(axis=1)
@@ -154,7 +151,7 @@ def test_absent_parts_leave_no_trace() -> None:
     assert (found.parts_done[found.success] == counts[found.success]).all()
 
 
-def test_panels_show_what_a_task_has(several: evaluation.Results) -> None:
+def test_panels_show_what_a_task_has(several):
     said = {
         pair: [name for name in SERIES if rollout.over_time(name) is not None]
         for pair, rollout in several.rollouts.items()
@@ -170,7 +167,7 @@ def test_panels_show_what_a_task_has(several: evaluation.Results) -> None:
         np.testing.assert_array_equal(last, each.position_error.astype(np.float32))
 
 
-def test_columns(several: evaluation.Results, written_several: Path) -> None:
+def test_columns(several, written_several):
     with (written_several / "episodes.csv").open(newline="", encoding="utf-8") as file:
         episodes = list(csv.DictReader(file))
     assert list(episodes[0])[-4:] == ["parts_done", "throughput_parts_per_s", "collisions", "clearance_m"]
@@ -190,7 +187,7 @@ def test_columns(several: evaluation.Results, written_several: Path) -> None:
     assert rows["Transport", "pusher"]["collisions_mean"] == "" == row["heading_error_median_rad"]
 
 
-def test_json(several: evaluation.Results, written_several: Path) -> None:
+def test_json(several, written_several):
     content = json.loads((written_several / "results.json").read_text(encoding="utf-8"))
     assert content["tasks"]["Sort"]["episodes"] == 6 and content["tasks"]["Transport"]["zones"] == {}
     assert content["tasks"]["Sort"]["zones"]["steel_block"] == pytest.approx([0.0, 0.0, 0.156, 0.208])
@@ -205,7 +202,7 @@ def test_json(several: evaluation.Results, written_several: Path) -> None:
     assert curves["simulation", False]["parts"] == [1, 2, 4] and curves["simulation", True]["parts"] == [2, 4]
 
 
-def test_page(several: evaluation.Results, written_several: Path) -> None:
+def test_page(several, written_several):
     text = (written_several / "report.html").read_text(encoding="utf-8")
     for task in ("Transport", "Sort", "Singulate", "cost", "results"):
         assert f'href="#{task}"' in text and f'id="{task}"' in text
@@ -222,7 +219,7 @@ def test_page(several: evaluation.Results, written_several: Path) -> None:
     assert text.count("data:image/webp") == len(several.rollouts)
 
 
-def test_summary_has_a_table_of_its_own(several: evaluation.Results) -> None:
+def test_summary_has_a_table_of_its_own(several):
     goals, together = evaluation.summary_table(several).split("\n\n")
     assert len(goals.splitlines()) == 3 and len(together.splitlines()) == 6
     for table in (goals, together):
@@ -230,7 +227,7 @@ def test_summary_has_a_table_of_its_own(several: evaluation.Results) -> None:
     assert "throughput" in together.splitlines()[0] and "heading" not in together
 
 
-def test_pictures_show_zones_and_trails(several: evaluation.Results) -> None:
+def test_pictures_show_zones_and_trails(several):
     film = several.rollouts[Trial("Sort", "ideal", "shepherd")].film
     frames, _ = animation.frames_of(film, several.scenery["Sort"], 0.04, 520)
     assert (frames[0] != frames[-1]).any()

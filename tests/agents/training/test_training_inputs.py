@@ -12,6 +12,7 @@ from agents import __main__ as command
 from agents.training import checkpoint
 from agents.training.train import train
 from agents.training.training_file import load_settings
+from tests.commands import files_in, refusal
 from tests.policies.helpers import info_of
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION, load_trained
@@ -53,19 +54,6 @@ def copied(trained, tmp_path):
     return config, run
 
 
-def files_in(folder):
-    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file() and ".lock" not in path.name}
-
-
-def refused(capsys, *arguments):
-    """The one line with which the command line refuses."""
-    capsys.readouterr()
-    assert command.main(["train", *map(str, arguments), "--quiet"]) == 2
-    caught = capsys.readouterr()
-    assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
-    return caught.err
-
-
 OTHERS = {
     "another task": (("task: Align", "task: Transport"), "other task"),
     "another surface": (("field}", "field, surface: {rows: 12, columns: 16}}"), "other environment"),
@@ -73,6 +61,7 @@ OTHERS = {
     "another network": (("net: [8]", "net: [9]"), "other ppo"),
     "blind": (("net: [8]", "blind: [position], net: [8]"), "other ppo"),
     "another seed": (("seed: 3", "seed: 4"), "other seed"),
+    "another number of worlds": (("worlds: 8", "worlds: 16"), "other worlds"),
 }
 
 
@@ -82,7 +71,7 @@ def test_checkpoints_of_other_runs_are_refused(copied, capsys, case):
     (old, new), named = OTHERS[case]
     config.write_text(TEXT.replace(old, new, 1))
     before = files_in(run)
-    line = refused(capsys, config, "--output", run)
+    line = refusal(capsys, command.main, "train", config, "--output", run)
     assert str(run / "checkpoint.json") in line and named in line and files_in(run) == before
 
 
@@ -98,13 +87,16 @@ def test_a_checkpoint_of_another_number_of_parts_is_refused(tmp_path, capsys):
     train(config, run, quiet=True)
     before = files_in(run)
     write(3)
-    assert "other environment" in refused(capsys, config, "--output", run) and files_in(run) == before
+    assert (
+        "other environment" in refusal(capsys, command.main, "train", config, "--output", run)
+        and files_in(run) == before
+    )
     # The policy, too: by itself, and as a beginning.
     policy = run / "policy.json"
     with pytest.raises(ValueError, match="policy.json: parts: got 2; allowed: 3"):
         load_trained(policy, info_of("Sort", parts=["steel_block", "aluminium_block", "steel_block"]))
     config.write_text(config.read_text() + f"start: {policy}\n")
-    line = refused(capsys, config, "--output", tmp_path / "other")
+    line = refusal(capsys, command.main, "train", config, "--output", tmp_path / "other")
     assert "policy.json: parts: got 2; allowed: 3" in line and not (tmp_path / "other").exists()
 
 
@@ -132,7 +124,7 @@ def test_damaged_files_are_refused(copied, capsys, name, damage):
         output = run.parent / "other"
         config.write_text(f"{TEXT}start: {path}\n")
     before = files_in(run.parent)
-    line = refused(capsys, config, "--output", output)
+    line = refusal(capsys, command.main, "train", config, "--output", output)
     expected = {"truncated": "not JSON", "version": "'version': "}.get(damage, "SHA-256")
     assert str(path) in line and expected in line and files_in(run.parent) == before
 
@@ -158,7 +150,7 @@ def test_policies_that_do_not_fit_are_no_beginning(trained, tmp_path, capsys, ca
     policy = trained[1] / "policy.json"
     config.write_text(TEXT.replace(old, new, 1) + f"start: {policy}\n")
     before = files_in(trained[1])
-    line = refused(capsys, config, "--output", tmp_path / "next")
+    line = refusal(capsys, command.main, "train", config, "--output", tmp_path / "next")
     assert re.search(named, line) and str(config) in line
     assert not (tmp_path / "next").exists() and files_in(trained[1]) == before
 
@@ -167,7 +159,7 @@ def test_files_that_are_none_are_no_beginning(trained, tmp_path, capsys):
     config = tmp_path / "next.yaml"
     for start, named in ((tmp_path / "none.json", "readable"), (trained[1] / "checkpoint.json", "vibgym-checkpoint")):
         config.write_text(f"{TEXT}start: {start}\n")
-        assert named in refused(capsys, config, "--output", tmp_path / "next")
+        assert named in refusal(capsys, command.main, "train", config, "--output", tmp_path / "next")
     assert not (tmp_path / "next").exists()
 
 
@@ -231,7 +223,7 @@ def test_lessons_ppo_and_the_learning_curve_end_to_end(tmp_path):
 def test_experts_that_cannot_teach_are_refused(tmp_path, capsys, expert, named):
     config = tmp_path / "wrench.yaml"
     config.write_text(IMITATED.replace("{kind: pose, action: wrench}", expert))
-    line = refused(capsys, config, "--output", tmp_path / "run")
+    line = refusal(capsys, command.main, "train", config, "--output", tmp_path / "run")
     assert re.search(named, line) and not (tmp_path / "run").exists()
 
 
@@ -247,7 +239,7 @@ def test_experts_that_cannot_teach_are_refused(tmp_path, capsys, expert, named):
 def test_settings_that_do_not_go_together_are_refused(tmp_path, capsys, old, new, named):
     config = tmp_path / "bad.yaml"
     config.write_text(TEXT.replace(old, new, 1))
-    line = refused(capsys, config, "--output", tmp_path / "run")
+    line = refusal(capsys, command.main, "train", config, "--output", tmp_path / "run")
     assert re.search(named, line) and str(config) in line and not (tmp_path / "run").exists()
 
 
@@ -257,12 +249,12 @@ def test_an_element_network_has_to_see_where_elements_lie(tmp_path, capsys):
         "net: [8]", "network: elements, blind: [element], net: [8]", 1
     )
     config.write_text(text)
-    assert "ppo.network: got 'elements'; allowed: 'parts': it is blind" in refused(
-        capsys, config, "--output", tmp_path / "run"
+    assert "ppo.network: got 'elements'; allowed: 'parts': it is blind" in refusal(
+        capsys, command.main, "train", config, "--output", tmp_path / "run"
     )
 
 
 def test_rows_cannot_be_turned_without_a_way(tmp_path, capsys):
     config = tmp_path / "bad.yaml"
     config.write_text(TEXT.replace("net: [8]", "turned: true, blind: [way_far], net: [8]", 1))
-    assert "'way_far' among them" in refused(capsys, config, "--output", tmp_path / "run")
+    assert "'way_far' among them" in refusal(capsys, command.main, "train", config, "--output", tmp_path / "run")

@@ -139,23 +139,20 @@ def test_a_run_begins_with_a_correction_of_the_same_base_alone(config, run):
         PPO(other).begin_with(model)
 
 
-@pytest.mark.parametrize(
-    "old, new, message",
-    [
-        ("{kind: pose}", "pose", "residual.base"),
-        ("{kind: pose}", "{law: pose}", "residual.base.*'kind'"),
-        ("{kind: pose}", "{kind: residual, path: x.json}", "residual.base.*no correction"),
-        ("{kind: pose}", "{kind: nobody}", "residual: policy.kind.*nobody"),
-        ("{kind: pose}", "{kind: pose, action: phasor}", "residual: base.action: got 'phasor'"),
-        ("scale: 0.3", "scale: 0", "residual.scale: got 0"),
-        ("scale: 0.3", "size: 0.3", "residual.size"),
-        ("ppo: {", "ppo: {remembers: true, ", "ppo.remembers: got True; allowed: False with 'residual'"),
-        ("ppo: {", "ppo: {turned: true, ", "ppo.turned"),
-        ("ppo: {", "ppo: {network: pixels, ", "ppo.network"),
-        ("{action: wrench}", "{action: patch}", "environment.action: got 'patch'"),
-        ("    worlds", "    imitation: {expert: pose}\n    worlds", "imitation: got 'pose'; allowed: None"),
-    ],
-)
+@pytest.mark.parametrize("old, new, message", [
+    ("{kind: pose}", "pose", "residual.base"),
+    ("{kind: pose}", "{law: pose}", "residual.base.*'kind'"),
+    ("{kind: pose}", "{kind: residual, path: x.json}", "residual.base.*no correction"),
+    ("{kind: pose}", "{kind: nobody}", "residual: policy.kind.*nobody"),
+    ("{kind: pose}", "{kind: pose, action: phasor}", "residual: base.action: got 'phasor'"),
+    ("scale: 0.3", "scale: 0", "residual.scale: got 0"),
+    ("scale: 0.3", "size: 0.3", "residual.size"),
+    ("ppo: {", "ppo: {remembers: true, ", "ppo.remembers: got True; allowed: False with 'residual'"),
+    ("ppo: {", "ppo: {turned: true, ", "ppo.turned"),
+    ("ppo: {", "ppo: {network: pixels, ", "ppo.network"),
+    ("{action: wrench}", "{action: patch}", "environment.action: got 'patch'"),
+    ("    worlds", "    imitation: {expert: pose}\n    worlds", "imitation: got 'pose'; allowed: None"),
+])  # fmt: skip
 def test_bad_settings(config, old, new, message):
     with pytest.raises(ValueError, match=message):
         PPO(config(old, new)).make_env()

@@ -115,6 +115,10 @@ def test_a_file_of_one_run_has_no_agents(tmp_path):
         load_settings(path, "Align/ideal")
     with pytest.raises(ValueError, match="one.yaml.seed: got -1"):
         load_settings(path, seed=-1)
+    for text, needed in (("task: Align", "steps"), ("steps: 5", "task")):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=f"one.yaml.{needed}: got"):
+            load_settings(path)
 
 
 FOLDER = Path(__file__).parents[3] / "configs" / "agents"

@@ -2,15 +2,9 @@
 
 import copy
 import csv
-import errno
-import json
 import math
 import os
 import re
-import signal
-import subprocess
-import sys
-import time
 
 import gymnasium as gym
 import numpy as np
@@ -25,6 +19,7 @@ from agents.training.ppo import algorithm
 from agents.training.progress import Progress
 from agents.training.train import train
 from agents.training.training_file import load_settings
+from tests.commands import file_at, files_in, fill_the_disk, folder_at, said_in_one_line
 from tests.envs.helpers import single
 from tests.policies.helpers import info_of
 from vibgym.envs import VibgymEnv
@@ -149,6 +144,7 @@ def test_an_interruption_says_what_the_checkpoint_holds(config, tmp_path, monkey
 
 
 def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, monkeypatch):
+    """To the same end as without: see test_training_resume.py."""
     run = tmp_path / "run"
     monkeypatch.setattr("agents.training.train.Progress", Interrupted)
     with pytest.raises(KeyboardInterrupt, match="2048 steps are saved"):
@@ -156,150 +152,9 @@ def test_ctrl_c_and_a_restart_go_on_from_the_last_checkpoint(config, tmp_path, m
     monkeypatch.undo()
     assert steps_of(run) == 2048  # the last whole checkpoint before 2500
     assert not (run / "policy.json").exists()
-    saved, _ = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
-
-    began = {}
-    start = Progress._on_training_start
-
-    def watch(self):
-        start(self)
-        began["steps"] = self.num_timesteps
-        began["weights"] = self.model.policy.actor.mean.weight.detach().numpy().copy()
-        began["adam"] = copy.deepcopy(self.model.policy.optimizer.state_dict()["state"])
-
-    monkeypatch.setattr(Progress, "_on_training_start", watch)
     train(config, run, quiet=True)
-    assert began["steps"] == 2048
-    assert (began["weights"] == saved["policy.actor.mean.weight"]).all()
-    assert (began["adam"][0]["exp_avg"].numpy() == saved["adam.policy.optimizer.0.exp_avg"]).all()
-    assert float(began["adam"][0]["step"]) == float(saved["adam.policy.optimizer.0.step"].ravel()[0]) > 0
     assert steps_of(run) == 8192
     assert (run / "log-from-0" / "progress.csv").exists() and (run / "log-from-2048" / "progress.csv").exists()
-    after, _ = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
-    assert (after["policy.actor.mean.weight"] != saved["policy.actor.mean.weight"]).any()
-
-
-def test_a_restored_model_goes_on_exactly_as_the_saved_one(config, tmp_path):
-    """Weights and optimizer are complete: the next update is the same."""
-    settings = load_settings(config)
-
-    def update(model):
-        generator = torch.Generator().manual_seed(0)
-        for parameter in model.policy.parameters():
-            parameter.grad = torch.randn(parameter.shape, generator=generator)
-        model.policy.optimizer.step()
-        return [parameter.detach().clone() for parameter in model.policy.parameters()]
-
-    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
-    update(model), update(model)
-    checkpoint.save(tmp_path, model, settings, 12.5)
-    other = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
-    assert checkpoint.restore(tmp_path, other, settings) == 12.5
-    for a, b in zip(update(model), update(other), strict=True):
-        assert torch.equal(a, b)
-
-
-def test_sigkill_leaves_files_that_load_and_the_run_goes_on(tmp_path):
-    config, run = tmp_path / "long.yaml", tmp_path / "run"
-    config.write_text(TEXT.replace("steps: 8192", "steps: 100000000"))
-    code = (
-        f"from pathlib import Path; from agents.training.train import train; train(Path({str(config)!r}), "
-        f"Path({str(run)!r}), quiet=True)"
-    )
-    process = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-    )
-    try:
-        deadline = time.monotonic() + 120
-        while not (run / "checkpoint.json").exists() or steps_of_or_zero(run) < 4096:
-            assert process.poll() is None, process.stderr.read().decode()
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-        with pytest.raises(ValueError, match=f"^output: got .*{run}.*process {process.pid} on host .* since 20"):
-            train(config, run, quiet=True)
-        assert process.poll() is None
-    finally:
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-        process.stderr.close()
-    assert (run / ".vibgym.lock").exists()  # which locks nothing now
-    killed_at = steps_of(run)
-    assert killed_at >= 4096 and killed_at % 1024 == 0
-    config.write_text(TEXT.replace("steps: 8192", f"steps: {killed_at + 1024}"))  # a longer or shorter run may go on
-    train(config, run, quiet=True)
-    assert steps_of(run) == killed_at + 1024 and (run / "policy.json").exists()
-    assert not [path for path in run.iterdir() if path.name.startswith(".")]
-
-
-def steps_of_or_zero(run):
-    """While another process is writing: the tensors may be exchanged between reading both files."""
-    try:
-        return json.loads((run / "checkpoint.json").read_text())["steps"]
-    except FileNotFoundError:
-        return 0
-
-
-@pytest.mark.parametrize("old, new, named", [
-    ("seed: 3", "seed: 4", "seed"), ("worlds: 32", "worlds: 64", "worlds"), ("n_epochs: 1", "n_epochs: 2", "ppo"),
-    ("action: patch", "action: field", "environment"), ("task: Rotate", "task: Align", "task"),
-])  # fmt: skip
-def test_a_checkpoint_of_other_settings_is_refused(trained, tmp_path, old, new, named):
-    _, run = trained
-    before = {path.name: path.read_bytes() for path in run.glob("*.*")}
-    other = tmp_path / "other.yaml"
-    other.write_text(TEXT.replace(old, new))
-    with pytest.raises(ValueError, match=f"checkpoint.json.*other {named}';.*same settings"):
-        train(other, run, quiet=True)
-    assert {path.name: path.read_bytes() for path in run.glob("*.*")} == before
-
-
-def test_a_damaged_checkpoint_is_refused_by_name(config, tmp_path):
-    settings = load_settings(config)
-    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
-    checkpoint.save(tmp_path / "run", model, settings, 1.0)
-    (tensors,) = (tmp_path / "run").glob("*.safetensors")
-    data = bytearray(tensors.read_bytes())
-    data[-1] ^= 255
-    tensors.write_bytes(bytes(data))
-    weights = [parameter.clone() for parameter in model.policy.parameters()]
-    with pytest.raises(ValueError, match="checkpoint.json.*SHA-256"):
-        train(config, tmp_path / "run", quiet=True)
-    with pytest.raises(ValueError, match="checkpoint.json.*SHA-256"):
-        checkpoint.restore(tmp_path / "run", model, settings)
-    assert all(torch.equal(a, b) for a, b in zip(weights, model.policy.parameters(), strict=True))
-
-
-@pytest.mark.parametrize("name, change", [
-    (ADAM + ".0.exp_avg", None), (ADAM + ".1.exp_avg_sq", lambda value: value[:1]), ("policy.actor.log_std.bias", None),
-    ("policy.actor.mean.weight", lambda value: value.T),
-])  # fmt: skip
-def test_a_checkpoint_of_another_network_is_refused(trained, tmp_path, name, change):
-    path, run = trained
-    settings = load_settings(path)
-    tensors, record = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
-    value = tensors.pop(name)
-    if change is not None:
-        tensors[name] = change(value)
-    kept = {key: record[key] for key in ("settings", "steps", "seconds")}
-    save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept, checkpoint.VERSION)
-    model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
-    before = [parameter.clone() for parameter in model.policy.parameters()]
-    with pytest.raises(ValueError, match="checkpoint.json.*another network"):
-        checkpoint.restore(tmp_path, model, settings)
-    assert all(torch.equal(a, b) for a, b in zip(before, model.policy.parameters(), strict=True))
-    assert model.num_timesteps == 0
-
-
-def test_bad_files_write_nothing(tmp_path):
-    config = tmp_path / "bad.yaml"
-    for text, named in (("task: Rotate", "steps"), (TEXT.replace("patch", "swing"), "action")):
-        config.write_text(text)
-        with pytest.raises(ValueError, match=named):
-            train(config, tmp_path / "run", quiet=True)
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("task", ["Sort", "SortTwelve", "mine/Park-v0", "Park"])
@@ -350,6 +205,8 @@ def test_unknown_tasks_are_refused(tmp_path, task):
       for value in ("0", "-1", "1000000000000", "1" + 400 * "0")],
     *[(f"{name}: {value}", name) for name in ("worlds", "steps", "checkpoint_steps", "seed")
       for value in ("-1", "100000000000000000", "1" + 400 * "0")],
+    ("colour: red", "colour"), ("worlds: 1.5", "worlds"), ("environment: 3", "environment"), ("output: 3", "output"),
+    ("steps: 1e3x", "steps"),
 ])  # fmt: skip
 def test_settings_that_cannot_work_are_refused_by_name(tmp_path, text, named):
     config, name = tmp_path / "bad.yaml", text.partition(":")[0]
@@ -366,10 +223,6 @@ def test_rollouts_too_short_and_too_large_are_refused(config, tmp_path, worlds, 
     with pytest.raises(ValueError, match=f"tiny.yaml: ppo.n_steps: got {steps}; allowed"):
         train(config, tmp_path / "run", quiet=True)
     assert not (tmp_path / "run").exists()
-
-
-def files_in(folder):
-    return {str(path): path.read_bytes() for path in folder.glob("*.*")}
 
 
 def test_a_diverged_training_keeps_the_last_good_files(tmp_path, capsys):
@@ -419,43 +272,41 @@ def test_what_is_not_finite_is_not_written(config, tmp_path, where, number):
     assert files_in(tmp_path) == before
 
 
-@pytest.mark.parametrize("number", [math.nan, math.inf, 1e300])
-@pytest.mark.parametrize(
-    "name",
-    [
-        "policy.actor.log_std.bias",
-        "policy.critic.value.bias",
-        "adam.policy.optimizer.0.exp_avg",
-        "adam.policy.optimizer.2.exp_avg_sq",
-        "adam.policy.optimizer.1.step",
-    ],
-)
-def test_a_checkpoint_that_is_not_finite_is_refused(trained, tmp_path, name, number):
+NOT_FINITE = [(name, number) for number in (math.nan, math.inf, 1e300) for name in (
+    "policy.actor.log_std.bias", "policy.critic.value.bias", ADAM + ".0.exp_avg", ADAM + ".2.exp_avg_sq", ADAM + ".1.step",
+)]  # fmt: skip
+
+
+def with_last(number):
+    def change(value):
+        value = value.astype(np.float64)
+        value.flat[-1] = number
+        return value
+
+    return change
+
+
+@pytest.mark.parametrize("name, change, named", [
+    (ADAM + ".0.exp_avg", None, "another network"), (ADAM + ".1.exp_avg_sq", lambda value: value[:1], "another network"),
+    ("policy.actor.log_std.bias", None, "another network"),
+    ("policy.actor.mean.weight", lambda value: value.T, "another network"),
+    *((name, with_last(to), f"tensors: got 'NaN or infinity in {name}'; allowed: .*float32") for name, to in NOT_FINITE),
+])  # fmt: skip
+def test_a_checkpoint_of_another_network_or_that_is_not_finite_is_refused(trained, tmp_path, name, change, named):
     path, run = trained
     settings = load_settings(path)
     tensors, record = load_set(run / "checkpoint.json", checkpoint.KIND, checkpoint.VERSION)
-    tensors[name] = tensors[name].astype(np.float64)
-    tensors[name].flat[-1] = number
+    value = tensors.pop(name)
+    if change is not None:
+        tensors[name] = change(value)
     kept = {key: record[key] for key in ("settings", "steps", "seconds")}
     save_set(tmp_path / "checkpoint.json", checkpoint.KIND, tensors, kept, checkpoint.VERSION)
     model = algorithm.PPO(settings).make_model(algorithm.PPO(settings).make_env())
     before = copy.deepcopy(model.policy.state_dict())
-    with pytest.raises(
-        ValueError, match=f"checkpoint.json: tensors: got 'NaN or infinity in {name}'; allowed: .*float32"
-    ):
+    with pytest.raises(ValueError, match=f"checkpoint.json.*{named}"):
         checkpoint.restore(tmp_path, model, settings)
     assert all(torch.equal(value, before[key]) for key, value in model.policy.state_dict().items())
     assert not model.policy.optimizer.state_dict()["state"] and model.num_timesteps == 0
-
-
-def file_at(path):
-    path.write_text("mine")
-    return path
-
-
-def folder_at(path):
-    path.mkdir()
-    return path
 
 
 BAD_PLACES = {
@@ -483,9 +334,8 @@ def test_bad_places_are_refused_before_training(config, tmp_path, monkeypatch, c
     option, place = BAD_PLACES[case](tmp_path)
     arguments = ["train", str(config), "--output", str(tmp_path / "runs"), option, str(place), "--quiet"]
     assert command.main(arguments) == 2
-    caught = capsys.readouterr()
-    assert caught.out == "" and caught.err.count("\n") == 1 and len(caught.err) < 400
-    assert re.match(rf"({option}|{option[2:]}): got ", caught.err)
+    line = said_in_one_line(capsys)
+    assert len(line) < 400 and re.match(rf"({option}|{option[2:]}): got ", line)
     assert not (tmp_path / "file").exists() or (tmp_path / "file").read_text() == "mine"
     assert not list(tmp_path.rglob("*.safetensors")) and not list(tmp_path.rglob("log-from-*"))
 
@@ -500,22 +350,19 @@ def test_a_full_disk_ends_training_in_one_line(config, tmp_path, monkeypatch, ca
     run = tmp_path / "run"
     config.write_text(TEXT.replace("steps: 8192", "steps: 1024"))
     assert command.main(["train", str(config), "--output", str(run), "--quiet"]) == 0
-    before = files_in(run)
+    before = files_in(run, "*.*")  # not those of logs
     config.write_text(TEXT.replace("steps: 8192", "steps: 4096"))
     save = checkpoint.save
 
-    def full(handle):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     def while_full(*arguments):
-        monkeypatch.setattr(os, "fsync", full)
+        fill_the_disk(monkeypatch)
         save(*arguments)
 
     monkeypatch.setattr(checkpoint, "save", while_full)
     assert command.main(["train", str(config), "--output", str(run), "--quiet"]) == 1
     line = capsys.readouterr().err
     assert line.count("\n") == 1 and "1024 steps are saved" in line and "No space left" in line
-    assert files_in(run) == before and steps_of(run) == 1024
+    assert files_in(run, "*.*") == before and steps_of(run) == 1024
 
 
 def test_policies_that_two_runs_write_beside_each_other_wait_for_each_other(config, tmp_path, monkeypatch):
@@ -531,13 +378,6 @@ def test_policies_that_two_runs_write_beside_each_other_wait_for_each_other(conf
     monkeypatch.setattr(algorithm.PPO, "save_policy", watched)
     path = train(config, tmp_path / "run", quiet=True, policy=tmp_path / "policies" / "p.json")
     assert held == [path] and sorted(each.suffix for each in path.parent.iterdir()) == [".json", ".safetensors"]
-
-
-def test_two_runs_of_one_file_are_the_same(config, tmp_path):
-    config.write_text(TEXT.replace("steps: 8192", "steps: 2048"))
-    runs = [train(config, tmp_path / name, quiet=True) for name in ("a", "b")]
-    first, second = (load_set(path, POLICY, VERSION)[0] for path in runs)
-    assert all((first[name] == second[name]).all() for name in first)
 
 
 def test_models_are_plain_ppo(config):

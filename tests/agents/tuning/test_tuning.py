@@ -1,6 +1,5 @@
 """Tuning: the same study whatever happens to it on the way."""
 
-import errno
 import json
 import os
 import re
@@ -14,12 +13,13 @@ from sqlalchemy.engine import Engine
 import vibgym
 from agents import __main__ as command
 from agents import locks
-from agents.tuning import page
 from agents.tuning import study as studies
+from agents.tuning import tuning_page
 from agents.tuning.study import STUDY, best, proposed
 from agents.tuning.trial import Tried
 from agents.tuning.tune import tune
 from agents.tuning.tuning_settings import Tuning
+from tests.commands import fill_the_disk
 from vibgym.files import write_together
 
 SETTINGS = {
@@ -166,15 +166,11 @@ def test_studies_that_do_not_belong_are_refused_and_stay(tmp_path, capsys, monke
 def test_a_full_disk_ends_tuning_in_one_line_and_it_goes_on(tmp_path, capsys, monkeypatch, full):
     config, folder = written(tmp_path, trials=2), tmp_path / "s"
     arguments = ["tune", str(config), "--output", str(folder), "--quiet", "--processes", "1"]
-    no_space = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def tried(path, agent, number, values, *_):
         if full == "trial":
             write_together({folder / "x": "x"})
         return Tried(number, values, "complete", 1.0 + number, {})
-
-    def stop(*_, **__):
-        raise no_space
 
     monkeypatch.setattr(studies, "run_trial", tried)
     with monkeypatch.context() as patch:
@@ -190,11 +186,10 @@ def test_a_full_disk_ends_tuning_in_one_line_and_it_goes_on(tmp_path, capsys, mo
             event.listen(Engine, "connect", small)
         elif full == "trial":
             real = studies.write_atomically  # of the settings, after which nothing goes on the disk any more
-            patch.setattr(studies, "write_atomically", lambda *a: (real(*a), patch.setattr(os, "fsync", stop)))
+            patch.setattr(studies, "write_atomically", lambda *a: (real(*a), fill_the_disk(patch)))
         else:
-            patch.setattr(
-                page, "write_together", lambda contents: (patch.setattr(os, "fsync", stop), write_together(contents))
-            )
+            write = lambda contents: (fill_the_disk(patch), write_together(contents))  # noqa: E731
+            patch.setattr(tuning_page, "write_together", write)
         try:
             assert command.main(arguments) == 1
         finally:

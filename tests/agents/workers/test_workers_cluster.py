@@ -1,13 +1,8 @@
 """Work on Ray: the same results, whatever dies meanwhile."""
 
-from __future__ import annotations
-
 import csv
 import os
-import signal
 import time
-from pathlib import Path
-from typing import Any
 
 import pytest
 import ray
@@ -16,6 +11,7 @@ from agents import __main__ as command
 from agents import evaluation
 from agents.workers import side_by_side
 from agents.workers.cluster import NodesLost, on_ray
+from tests.agents.evaluation.test_evaluation_workers import dies_once, fails
 
 
 @pytest.fixture
@@ -30,7 +26,7 @@ def cluster():
     made.shutdown()
 
 
-def slow(number: int, folder: Path) -> tuple[int, str]:
+def slow(number, folder):
     """Leaves a mark that says where it is done when it begins."""
     node = ray.get_runtime_context().get_node_id()
     (folder / f"{number}-{node}-{time.monotonic_ns()}").touch()
@@ -38,19 +34,7 @@ def slow(number: int, folder: Path) -> tuple[int, str]:
     return number, node
 
 
-def dies_once(path: Path) -> str:
-    """Kills its own process the first time."""
-    if not path.exists():
-        path.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "done"
-
-
-def says(text: str) -> None:
-    raise ArithmeticError(text)
-
-
-def evaluated(directory: Path, address: str | None) -> tuple[bytes, list[dict[str, str]]]:
+def evaluated(directory, address):
     """CSV files of an evaluation; of results without rates, which are what a machine has just managed."""
     settings = evaluation.settings_from(
         {
@@ -69,7 +53,7 @@ def evaluated(directory: Path, address: str | None) -> tuple[bytes, list[dict[st
     return (page.parent / "episodes.csv").read_bytes(), rows
 
 
-def test_a_node_that_is_killed_costs_a_retry(cluster: Any, tmp_path: Path) -> None:
+def test_a_node_that_is_killed_costs_a_retry(cluster, tmp_path):
     made, nodes = cluster
     with on_ray(made.address, 2) as submit:
         asked = [submit(slow, number, tmp_path) for number in range(12)]
@@ -83,16 +67,16 @@ def test_a_node_that_is_killed_costs_a_retry(cluster: Any, tmp_path: Path) -> No
     assert len({node for _, node in found}) <= 2 and len(list(tmp_path.iterdir())) >= 12
 
 
-def test_killed_workers_and_errors(cluster: Any, tmp_path: Path) -> None:
+def test_killed_workers_and_errors(cluster, tmp_path):
     made, _ = cluster
     with on_ray(made.address, 2) as submit:
         assert submit(dies_once, tmp_path / "mark").result(120) == "done"
         with pytest.raises(ArithmeticError, match="said there"):
-            submit(says, "said there").result(120)
+            submit(fails, "said there").result(120)
         assert submit(os.getcwd).result(120) == os.getcwd()
 
 
-def test_nodes_that_are_lost_for_good_end_it_with_an_error(cluster: Any, tmp_path: Path) -> None:
+def test_nodes_that_are_lost_for_good_end_it_with_an_error(cluster, tmp_path):
     made, nodes = cluster
     with on_ray(made.address, 2, lost_after=3.0) as submit:
         assert submit(abs, -1).result(120) == 1
@@ -103,13 +87,13 @@ def test_nodes_that_are_lost_for_good_end_it_with_an_error(cluster: Any, tmp_pat
             asked.result(120)
 
 
-def test_an_evaluation_is_the_same_on_a_cluster(cluster: Any, tmp_path: Path) -> None:
+def test_an_evaluation_is_the_same_on_a_cluster(cluster, tmp_path):
     made, _ = cluster
     assert evaluated(tmp_path / "here", None) == evaluated(tmp_path / "there", made.address)
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere", "host:port"])
-def test_unreachable_clusters_are_refused(address: str) -> None:
+def test_unreachable_clusters_are_refused(address):
     began = time.monotonic()
     with pytest.raises(ValueError, match=f"--ray: got '{address}'; allowed: 'local', 'auto'"), side_by_side(2, address):
         pass
@@ -120,8 +104,8 @@ def test_unreachable_clusters_are_refused(address: str) -> None:
     "Token authentication is enabled but no authentication token was found",
     "Token authentication is enabled but the authentication token is invalid or incorrect.",
 ])  # fmt: skip
-def test_a_cluster_that_refuses_the_token_says_how_to_hand_it_on(monkeypatch: pytest.MonkeyPatch, said: str) -> None:
-    def refuses(*arguments: Any, **more: Any) -> None:
+def test_a_cluster_that_refuses_the_token_says_how_to_hand_it_on(monkeypatch, said):
+    def refuses(*arguments, **more):
         raise ray.exceptions.AuthenticationError(said)
 
     monkeypatch.setattr(ray, "init", refuses)
@@ -135,19 +119,15 @@ def test_a_cluster_that_refuses_the_token_says_how_to_hand_it_on(monkeypatch: py
     ["evaluate", "configs/evaluations/quick.yaml"], ["compare", "configs/comparisons/quick.yaml"], ["verify"],
     ["tune", "configs/tuning/align.yaml"], ["train", "configs/agents/ppo.yaml", "--agent", "Align/ideal", "--seeds", "0", "1"],
 ])  # fmt: skip
-def test_commands_refuse_unreachable_clusters_in_one_line(
-    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_refuse_unreachable_clusters_in_one_line(arguments, tmp_path, capsys):
     output = [] if arguments[0] == "verify" else ["--output", str(tmp_path / "out")]
     assert command.main([*arguments, *output, "--quiet", "--ray", "127.0.0.1:1"]) == 2
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1 and said[0].startswith("--ray: got '127.0.0.1:1'; allowed: 'local', 'auto'")
 
 
-def test_a_command_whose_cluster_is_lost_ends_in_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def lost(*arguments: Any, **more: Any) -> None:
+def test_a_command_whose_cluster_is_lost_ends_in_one_line(monkeypatch, capsys):
+    def lost(*arguments, **more):
         raise NodesLost("the cluster has had no processor for 60 s")
 
     monkeypatch.setattr(evaluation, "evaluate", lost)

@@ -1,15 +1,11 @@
 """Kernels are compiled once a node, by whoever comes first."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
-
-import pytest
 
 from agents.workers import cluster
 
@@ -48,7 +44,7 @@ with event.install_listener("numba:compile", Listener()):
 """
 
 
-def started(folder: Path, number: int, seconds: float) -> list[subprocess.Popen[bytes]]:
+def started(folder, number, seconds):
     """Workers, all at once."""
     (folder / "small.py").write_text(SMALL)
     path = os.pathsep.join([str(folder), os.getcwd()])
@@ -57,12 +53,12 @@ def started(folder: Path, number: int, seconds: float) -> list[subprocess.Popen[
     return [subprocess.Popen(command, cwd=folder, env=environment) for _ in range(number)]
 
 
-def of(folder: Path, what: str) -> list[int]:
+def of(folder, what):
     """Processes that have left this mark."""
     return [int(path.name.partition("-")[2]) for path in folder.glob(f"{what}-*")]
 
 
-def test_workers_that_start_at_once_compile_once(tmp_path: Path) -> None:
+def test_workers_that_start_at_once_compile_once(tmp_path):
     workers = started(tmp_path, 3, 2.0)
     assert [each.wait(120) for each in workers] == [0, 0, 0]
     assert len(of(tmp_path, "began")) == 3
@@ -70,7 +66,7 @@ def test_workers_that_start_at_once_compile_once(tmp_path: Path) -> None:
     assert len(list((tmp_path / "cache").rglob("small.twice-*.nbc"))) == 1
 
 
-def test_what_a_killed_worker_has_not_compiled_another_one_does(tmp_path: Path) -> None:
+def test_what_a_killed_worker_has_not_compiled_another_one_does(tmp_path):
     (first,) = started(tmp_path, 1, 600.0)
     deadline = time.monotonic() + 120.0
     while not of(tmp_path, "warming"):
@@ -82,7 +78,7 @@ def test_what_a_killed_worker_has_not_compiled_another_one_does(tmp_path: Path) 
     assert second.wait(120) == 0 and of(tmp_path, "compiled") == [second.pid]
 
 
-def test_work_on_a_cluster_waits_for_the_kernels(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_work_on_a_cluster_waits_for_the_kernels(monkeypatch, tmp_path):
     order: list[str] = []
     monkeypatch.chdir(os.getcwd())
     monkeypatch.setattr(cluster, "compiled", lambda: order.append("compiled"))

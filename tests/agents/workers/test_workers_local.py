@@ -33,7 +33,7 @@ def _two_processors():
         pytest.skip("with one processor all work is done by whoever asks for it")
 
 
-def runs(pid: int) -> bool:
+def runs(pid):
     """Whether there is such a process that has not ended."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2][0] != "Z"

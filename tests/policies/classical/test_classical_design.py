@@ -8,14 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibgym.policies.classical.design import (
-    DOUBLE_INTEGRATOR,
-    ackermann,
-    polynomial,
-    riccati,
-    sampled,
-    sampled_riccati,
-)
+from vibgym.policies.classical.design import DOUBLE_INTEGRATOR, ackermann, polynomial, riccati, sampled, sampled_riccati
 from vibgym.policies.classical.observer import Estimate, Observer
 from vibgym.policies.classical.state_space import StateFeedback
 
@@ -105,16 +98,13 @@ def test_poles_that_no_controller_can_have_are_refused(poles):
             Observer(T, poles=poles)
 
 
-@pytest.mark.parametrize(
-    "arguments, told",
-    [
-        ({"state_weights": [0.0, 1.0]}, r"state_weights\[0\]: got 0.0; allowed: a finite number > 0"),
-        ({"state_weights": [1.0, -1.0]}, r"state_weights\[1\]: got -1.0; allowed: a finite number > 0"),
-        ({"state_weights": [1.0]}, r"state_weights: got \[1.0\]; allowed: 2 weights > 0"),
-        ({"state_weights": [1.0, 1.0], "control_weight": 0.0}, r"control_weight: got 0.0"),
-        ({"state_weights": [1.0, 1.0], "poles": [-1.0, -1.0]}, r"poles: got .*either poles or state_weights"),
-    ],
-)
+@pytest.mark.parametrize("arguments, told", [
+    ({"state_weights": [0.0, 1.0]}, r"state_weights\[0\]: got 0.0; allowed: a finite number > 0"),
+    ({"state_weights": [1.0, -1.0]}, r"state_weights\[1\]: got -1.0; allowed: a finite number > 0"),
+    ({"state_weights": [1.0]}, r"state_weights: got \[1.0\]; allowed: 2 weights > 0"),
+    ({"state_weights": [1.0, 1.0], "control_weight": 0.0}, r"control_weight: got 0.0"),
+    ({"state_weights": [1.0, 1.0], "poles": [-1.0, -1.0]}, r"poles: got .*either poles or state_weights"),
+])  # fmt: skip
 def test_weights_that_are_not_positive_are_refused(arguments, told):
     with pytest.raises(ValueError, match=f"^{told}"):
         StateFeedback(**arguments)

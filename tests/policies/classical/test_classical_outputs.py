@@ -37,15 +37,12 @@ def test_wrenches_ask_for_the_pushes_that_phasors_make(hardware):
     assert np.median(way) > 0.03 and np.median(off) < 0.04 * np.median(way)
 
 
-@pytest.mark.parametrize(
-    "task, kind, hardware, most",
-    [
-        ("Align", "pose", {}, 1.5),
-        ("Align", "lqr", HARDWARE, 1.8),
-        ("Rotate", "pose", HARDWARE, 0.9),
-        ("Transport", "local_field", {}, 1.5),
-    ],
-)
+@pytest.mark.parametrize("task, kind, hardware, most", [
+    ("Align", "pose", {}, 1.5),
+    ("Align", "lqr", HARDWARE, 1.8),
+    ("Rotate", "pose", HARDWARE, 0.9),
+    ("Transport", "local_field", {}, 1.5),
+])  # fmt: skip
 def test_parts_reach_their_goals(task, kind, hardware, most):
     policy = make_policy({"kind": kind, "action": "wrench"}, info_of(task, **hardware))
     outcome = episodes(policy, task, 40, **hardware)

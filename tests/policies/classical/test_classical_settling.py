@@ -168,18 +168,3 @@ def test_it_does_so_on_other_hardware(change):
 def test_several_parts_reach_their_places_on_the_prototype(task, name):
     outcome = episodes(make_policy(name, info_of(task, **HARDWARE)), task, 12, **HARDWARE)
     assert outcome.success == 12 and outcome.collisions < 1.0
-
-
-@pytest.mark.parametrize("task, name", [("Align", "local_field"), ("Sort", "planner")])
-def test_a_world_gets_the_same_actions_alone_and_in_a_batch(task, name):
-    """To the bit: near a dead zone a rounding error may be another choice of elements."""
-    env = batch(task, 12, action="phasor", **HARDWARE)
-    policy = make_policy(name, TaskInfo.of(env))
-    rows, _ = env.reset(seed=5)
-    together, alone = None, [None] * 12
-    for _ in range(25):
-        actions, together = policy.predict(rows, together)
-        for world, row in enumerate(rows):
-            action, alone[world] = policy.predict(row, alone[world])
-            assert (action == actions[world]).all()
-        rows, *_ = env.step(actions)

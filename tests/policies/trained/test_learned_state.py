@@ -87,15 +87,6 @@ def test_damaged_tensors_are_refused(tmp_path, change, match):
         load_trained(path, info_of())
 
 
-@pytest.mark.parametrize("changes, match", [
-    ({"tasks": ["Rotate"]}, r"tasks: got \['Rotate'\]; allowed: .*'Align'"), ({"action": "wave"}, "action: got 'wave'"),
-    ({"action": "patch"}, "mean"), ({"columns": [["way", 2]]}, "columns"), ({"action": None}, "action"),
-])  # fmt: skip
-def test_files_for_others_are_refused(tmp_path, changes, match):
-    with pytest.raises(ValueError, match=f"policy.json: {match}"):
-        load_trained(write(tmp_path / "policy.json", **changes), info_of())
-
-
 def test_other_observations_are_refused(tmp_path):
     policy = make_policy(str(write(tmp_path / "policy.json")), info_of())
     with pytest.raises(ValueError, match="^observation: got .*; allowed: shape"):

@@ -140,18 +140,6 @@ def test_final_observations_have_it_too_and_new_episodes_forget():
         assert (final["parts"][0, at : at + 3] != seen["parts"][world, 0, at : at + 3]).any()
 
 
-def test_one_observation_is_a_batch_of_one():
-    env = worlds("Align", 2)
-    info = TaskInfo.of(env)
-    policy = ResidualPolicy(info, make_policy(POSE, info), Constant(info, 0.7))
-    seen, _ = env.reset(seed=3)
-    together, memory = policy.predict(seen)
-    alone, _ = policy.predict({name: each[0] for name, each in seen.items()})
-    assert (alone == together[0]).all() and memory.learned == 1
-    again, memory = policy.predict(seen, memory, np.array([True, False]))
-    assert again.shape == (2, 3) and memory.learned == 2
-
-
 def test_bad_input():
     info = info_of("Align", action="wrench")
     pose = make_policy(POSE, info)
@@ -184,14 +172,6 @@ def replace_observation(policy):
     policy = type(policy)(policy.info, law="pose", action="wrench")
     policy.observation = "image"
     return policy
-
-
-def test_the_table_of_a_row_is_whole():
-    info = info_of("Sort", action="wrench")
-    rows = with_base(info.parts_layout)
-    starts = np.cumsum([0, *(row.width for row in rows)])
-    assert [row.start for row in rows] == starts[:-1].tolist()
-    assert [row.name for row in with_base(info_of("Align", action="wrench").parts_layout)][-1] == "base"
 
 
 def written(path, info, layout, **record):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.envs.helpers import batch, single
+from tests.envs.helpers import single
 from tests.policies.classical.test_classical_protocol import observations
 from tests.policies.helpers import SURFACE, info_of
 from vibgym import Surface
@@ -116,24 +116,13 @@ def test_unsuitable_files_are_refused(tmp_path):
         load_schedule(path, info_of("Align"))
 
 
-@pytest.mark.parametrize(
-    "fields, seconds, message",
-    [
-        ([FIELD], (0.1, 0.2), "fields: got 'shape"),
-        ([FIELD], (-0.1,), "seconds: got "),
-        ([], (), "seconds: got "),
-        ([[math.nan, *FIELD[1:]]], (0.1,), "fields: got "),
-        ([[*FIELD[:6], 0.0]], (0.1,), "fields: reach: got "),
-    ],
-)
+@pytest.mark.parametrize("fields, seconds, message", [
+    ([FIELD], (0.1, 0.2), "fields: got 'shape"),
+    ([FIELD], (-0.1,), "seconds: got "),
+    ([], (), "seconds: got "),
+    ([[math.nan, *FIELD[1:]]], (0.1,), "fields: got "),
+    ([[*FIELD[:6], 0.0]], (0.1,), "fields: reach: got "),
+])  # fmt: skip
 def test_bad_schedules_are_refused(fields, seconds, message):
     with pytest.raises(ValueError, match=message):
         schedule(fields if len(fields) else np.zeros((0, len(COLUMNS))), seconds)
-
-
-def test_worlds_do_not_depend_on_how_many_there_are():
-    policy, env = SchedulePolicy(info_of("Align"), schedule()), batch("Align", 5, action="phasor")
-    seen, _ = env.reset(seed=0)
-    many, _ = policy.predict(seen, None, np.ones(5, bool))
-    one, _ = policy.predict(seen[:1], None, np.ones(1, bool))
-    assert (many[0] == one[0]).all()

@@ -1,4 +1,4 @@
-"""The camera as a sensor: flags, parity, snapshots, bad input, and its statistics."""
+"""The camera as a sensor: flags, bad input, and its statistics."""
 
 import math
 
@@ -78,16 +78,6 @@ def test_velocities_are_differences_of_poses():
     sensor.look(state_of([[[0.208, 0.098, 0.04]]]))
     assert sensor.due.mean_velocity == pytest.approx((sensor.due.pose - before) / 0.04)
     assert sensor.due.mean_velocity[0, 0] == pytest.approx([0.2, -0.05, 1.0], abs=0.1)
-
-
-def test_a_slower_camera_looks_less_often():
-    sensor = camera([BLOCK], [[[0.2, 0.1, 0.0]]], rate=12.5)
-    seen = []
-    for k in range(1, 5):
-        sensor.look(state_of([[[0.2 + 0.004 * k, 0.1, 0.0]]]))
-        seen.append(bool(sensor.due.seen[0, 0]))
-    assert seen == [False, True, False, True]
-    assert sensor.due.mean_velocity[0, 0, 0] == pytest.approx(0.1, abs=0.005)
 
 
 def test_the_image_is_the_one_that_is_due():

@@ -1,22 +1,18 @@
 """The command: exit codes, one line for bad input, and a whole small report."""
 
-from __future__ import annotations
-
 import csv
-import errno
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 
 from agents import locks
 from studies.accuracy import __main__ as command
 from studies.accuracy import mujoco_scene, page, report, settings, tables
+from tests.commands import fill_the_disk, refusal, said_in_one_line, saved
 
-GOOD: dict[str, Any] = {
+GOOD = {
     "rounds": 2,
     "peer_worlds": 1,
     "orders": False,
@@ -40,7 +36,7 @@ GOOD: dict[str, Any] = {
     ],
 }
 
-BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+BAD = {
     "unknown key": ({"model": []}, ["report.model", "models"]),
     "no scenes": ({"scenes": []}, ["report.scenes"]),
     "no models": ({"models": None}, ["report.models", "nothing"]),
@@ -63,71 +59,52 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
 }
 
 
-def save(directory: Path, changes: dict[str, Any]) -> Path:
-    path = directory / "mine.yaml"
-    content = {**GOOD, "output": str(directory / "out"), **changes}
-    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
-    return path
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The one line on stderr of a command that refuses its input."""
-    assert command.main([*arguments, "--quiet"]) == 2
-    caught = capsys.readouterr()
-    assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
-    return caught.err
-
-
 @pytest.mark.parametrize("case", BAD)
-def test_bad_settings(case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_settings(case, tmp_path, capsys):
     changes, words = BAD[case]
-    path = save(tmp_path, changes)
-    line = refusal(capsys, str(path))
+    path = saved(tmp_path, GOOD, **changes)
+    line = refusal(capsys, command.main, str(path))
     assert line.startswith(f"{path}: ")
     for word in words:
         assert word in line
     assert not (tmp_path / "out").exists()
 
 
-def test_lists_of_knobs_that_multiply_beyond_measure(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_lists_of_knobs_that_multiply_beyond_measure(tmp_path, capsys):
     many = {"model": "planar", "steps": [5] * 200, "substeps": [4] * 200, "pieces": [1] * 200}
-    line = refusal(capsys, str(save(tmp_path, {"models": [many]})))
+    line = refusal(capsys, command.main, str(saved(tmp_path, GOOD, models=[many])))
     assert "models.0: got 'lists of 8000000 combinations'" in line
 
 
-def test_bad_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert str(tmp_path / "none.yaml") in refusal(capsys, str(tmp_path / "none.yaml"))
+def test_bad_files(tmp_path, capsys):
+    assert str(tmp_path / "none.yaml") in refusal(capsys, command.main, str(tmp_path / "none.yaml"))
     path = tmp_path / "bad.yaml"
     for content in ("scenes: [a", "- a\n- list\n", "\x00"):
         path.write_text(content)
-        assert str(path) in refusal(capsys, str(path))
+        assert str(path) in refusal(capsys, command.main, str(path))
     (tmp_path / "file").write_text("")
-    good = str(save(tmp_path, {}))
-    assert "output" in refusal(capsys, good, "--output", str(tmp_path / "file" / "below"))
+    good = str(saved(tmp_path, GOOD))
+    assert "output" in refusal(capsys, command.main, good, "--output", str(tmp_path / "file" / "below"))
     with pytest.raises(SystemExit) as stop:
         command.main([])
     assert stop.value.code == 2
 
 
 @pytest.mark.parametrize("place", ["file", "x" * 300, "a\0b", "a\ud800", "/proc/vibgym", "taken", "kept"])
-def test_bad_places(
-    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_places(place, tmp_path, capsys, monkeypatch):
     """A file, names that no file system takes, a directory in the place of the table, and another run's directory."""
     monkeypatch.setattr(report, "run", lambda *_: pytest.fail("runs"))
     (tmp_path / "file").write_text("mine")
     (tmp_path / "taken" / "results.csv").mkdir(parents=True)
     (tmp_path / "kept").mkdir()
-    path = save(tmp_path, {})
+    path = saved(tmp_path, GOOD)
     with locks.one_run(tmp_path / "kept"):
-        line = refusal(capsys, str(path), "--output", str(tmp_path / place))
+        line = refusal(capsys, command.main, str(path), "--output", str(tmp_path / place))
     assert line.startswith(f"{path}: output: got ") and (tmp_path / "file").read_text() == "mine"
     assert (f"process {os.getpid()} on host" in line) == (place == "kept")
 
 
-def test_a_full_disk_leaves_the_old_report(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_leaves_the_old_report(tmp_path, capsys, monkeypatch):
     """Nothing is measured here, and nothing drawn: it is about the files."""
     out = tmp_path / "out"
     text = {"page": "old", "csv_text": "old", "json_text": "old"}
@@ -135,41 +112,33 @@ def test_a_full_disk_leaves_the_old_report(
         monkeypatch.setattr(page, name, lambda _, name=name: text[name])
     monkeypatch.setattr(report, "run", lambda *_: None)
     monkeypatch.setattr(tables, "summary", lambda _: "")
-    path = str(save(tmp_path, {}))
+    path = str(saved(tmp_path, GOOD))
     assert command.main([path, "--quiet"]) == 0
     capsys.readouterr()
-    flush, calls = os.fsync, []
 
-    def full(handle: int) -> None:
-        calls.append(handle)
-        if len(calls) == 2:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        flush(handle)
-
-    def measured(*_: Any) -> None:
+    def measured(*_):
         text.update(dict.fromkeys(text, "new"))
-        monkeypatch.setattr(os, "fsync", full)
+        fill_the_disk(monkeypatch, room=1)
 
     monkeypatch.setattr(report, "run", measured)
     assert command.main([path, "--quiet"]) == 1
-    caught = capsys.readouterr()
-    assert caught.out == "" and caught.err.count("\n") == 1 and "No space left" in caught.err
+    assert "No space left" in said_in_one_line(capsys)
     names = ("report.html", "results.csv", "results.json")
     assert {each.name: each.read_text() for each in out.iterdir()} == dict.fromkeys(names, "old")
 
 
-def test_interruption(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*arguments: Any) -> None:
+def test_interruption(tmp_path, capsys, monkeypatch):
+    def interrupted(*arguments):
         raise KeyboardInterrupt
 
     for place in ("run", "prepare"):
         monkeypatch.setattr(report, place, interrupted)
-        assert command.main([str(save(tmp_path, {})), "--quiet"]) == 130
+        assert command.main([str(saved(tmp_path, GOOD)), "--quiet"]) == 130
         line = capsys.readouterr().err
         assert line.startswith("interrupted: whatever was written") and line.count("\n") == 1
 
 
-def test_shipped_settings_are_sound(tmp_path: Path) -> None:
+def test_shipped_settings_are_sound(tmp_path):
     for path in sorted(Path("configs/accuracy").glob("*.yaml")):
         prepared = report.prepare(settings.load_settings(path, str(tmp_path)))
         assert prepared.candidates and prepared.scenes
@@ -177,14 +146,14 @@ def test_shipped_settings_are_sound(tmp_path: Path) -> None:
     assert len(prepared.scenes) >= 6  # the shipped set
 
 
-def test_whole_report(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whole_report(tmp_path, capsys, monkeypatch):
     """Every candidate of every scene is in the files; what is missing is named with its reason."""
 
-    def missing() -> None:
+    def missing():
         raise ImportError("the MuJoCo scene needs MuJoCo: pip install vibgym[mujoco]")
 
     monkeypatch.setattr(mujoco_scene, "load_mujoco", missing)
-    assert command.main([str(save(tmp_path, {})), "--output", str(tmp_path / "there"), "--quiet"]) == 0
+    assert command.main([str(saved(tmp_path, GOOD)), "--output", str(tmp_path / "there"), "--quiet"]) == 0
     caught = capsys.readouterr()
     assert caught.err == "" and str(tmp_path / "there" / "report.html") in caught.out
     assert "| stick | 1.0 mm of trajectory | planar" in caught.out

@@ -1,9 +1,6 @@
 """Errors, fronts, costs at equal error, and a measurement of made-up candidates."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,7 +24,7 @@ FINEST = TruthSettings(steps=32, substeps=2, pieces=2)
 
 
 @given(POINTS)
-def test_pareto_by_brute_force(points: list[tuple[float, float]]) -> None:
+def test_pareto_by_brute_force(points):
     costs, values = [c for c, _ in points], [e for _, e in points]
     front = errors.pareto(costs, values)
     finite = [p for p in points if all(map(math.isfinite, p))]
@@ -36,7 +33,7 @@ def test_pareto_by_brute_force(points: list[tuple[float, float]]) -> None:
 
 
 @given(POINTS, st.floats(1e-6, 1e6))
-def test_cheapest_by_brute_force(points: list[tuple[float, float]], tolerance: float) -> None:
+def test_cheapest_by_brute_force(points, tolerance):
     found = errors.cheapest([c for c, _ in points], [e for _, e in points], tolerance)
     within = [c for c, e in points if math.isfinite(c) and e <= tolerance]
     assert (found is None) == (not within)
@@ -45,7 +42,7 @@ def test_cheapest_by_brute_force(points: list[tuple[float, float]], tolerance: f
 
 
 @given(POINTS, st.floats(1e-6, 1e6))
-def test_cost_at_an_error_lies_between_points_that_reach_it_and_do_not(points: Any, error: float) -> None:
+def test_cost_at_an_error_lies_between_points_that_reach_it_and_do_not(points, error):
     costs, values = [c for c, _ in points], [e for _, e in points]
     cost, sure = errors.cost_at(costs, values, error), errors.cheapest(costs, values, error)
     assert (cost is None) == (sure is None)
@@ -55,7 +52,7 @@ def test_cost_at_an_error_lies_between_points_that_reach_it_and_do_not(points: A
         assert cost >= max(worse, default=costs[sure]) * (1 - 1e-12)
 
 
-def test_cost_on_a_power_law_is_exact() -> None:
+def test_cost_on_a_power_law_is_exact():
     """A method of fourth order costs error**(-1/4), between its settings too; none is extrapolated."""
     costs = [1.0, 2.0, 4.0, 8.0]
     values = [1e-2 * cost**-4 for cost in costs]
@@ -69,14 +66,14 @@ def test_cost_on_a_power_law_is_exact() -> None:
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
-def test_strong_error_is_what_the_farthest_point_moves() -> None:
+def test_strong_error_is_what_the_farthest_point_moves():
     """|dx| + R |dtheta| bounds every point of the circle, and for small turns some point gets there."""
     rng = np.random.default_rng(0)
     truth = rng.normal(size=(20, 3))
     pose = truth + 1e-4 * rng.normal(size=(20, 3))
     around = np.linspace(0.0, 2.0 * math.pi, 721)
 
-    def circle(at: np.ndarray) -> np.ndarray:
+    def circle(at):
         angle = at[:, 2:] + around
         return np.stack([at[:, :1] + 0.03 * np.cos(angle), at[:, 1:2] + 0.03 * np.sin(angle)])
 
@@ -85,13 +82,13 @@ def test_strong_error_is_what_the_farthest_point_moves() -> None:
     assert (farthest <= found * (1 + 1e-9)).all() and farthest == pytest.approx(found, rel=1e-3)
 
 
-def test_strong_error_of_failures_and_discs() -> None:
+def test_strong_error_of_failures_and_discs():
     pose, truth = np.array([[3e-3, 4e-3, 2.0], [math.nan, 0.0, 0.0]]), np.zeros((2, 3))
     assert errors.strong_errors(pose, truth, 0.0).tolist() == [5e-3, math.inf]
     assert errors.spread(np.array([1.0, 2.0, math.inf])) == (2.0, math.inf, math.inf)
 
 
-def test_weak_error() -> None:
+def test_weak_error():
     rng = np.random.default_rng(1)
     truth = rng.normal(size=(4000, 2))
     for angle, factor in ((0.1, 1.0), (0.0, 0.97), (-0.2, 1.1)):
@@ -105,7 +102,7 @@ def test_weak_error() -> None:
     assert errors.weak_error(np.zeros((1, 2)), np.zeros((1, 2))) == 0.0
 
 
-def test_rate_difference_covers_as_often_as_it_says() -> None:
+def test_rate_difference_covers_as_often_as_it_says():
     """Pairs of which 5 % are gained and 15 % lost: the interval holds -0.1 in about 95 of 100 samples."""
     rng = np.random.default_rng(2)
     covered = 0
@@ -119,7 +116,7 @@ def test_rate_difference_covers_as_often_as_it_says() -> None:
     assert 0.93 < covered / 1500 < 0.98
 
 
-def test_order_of_a_power_law() -> None:
+def test_order_of_a_power_law():
     assert fitted_order((8, 16, 32), tuple(3.0 * n**-3.5 for n in (8, 16, 32))) == pytest.approx(3.5)
     assert math.isnan(fitted_order((8, 16), (1e-3, 0.0)))
 
@@ -127,13 +124,13 @@ def test_order_of_a_power_law() -> None:
 # -- measuring ---------------------------------------------------------------------------------------------------------
 
 
-def made_up(method: str, change: Any, worlds: int = 4, **more: Any) -> Candidate:
+def made_up(method, change, worlds=4, **more):
     """A candidate that takes the planar outcome of a few worlds and changes it."""
 
-    def prepare(scene: Any) -> Any:
+    def prepare(scene):
         truth = prepare_model(scene, "planar", FINEST.model_dump(include={"steps", "substeps", "pieces"}))()
 
-        def run() -> Outcome:
+        def run():
             pose, fallen = truth.pose[:worlds].copy(), truth.fallen[:worlds].copy()
             trouble = change(pose, fallen) or ()
             none = np.zeros(worlds, dtype=bool)
@@ -144,11 +141,11 @@ def made_up(method: str, change: Any, worlds: int = 4, **more: Any) -> Candidate
     return Candidate(method, {}, prepare, compiled=False, **more)
 
 
-def refuse(scene: Any) -> Any:
+def refuse(scene):
     raise ValueError("scene: got it; allowed: another\none")
 
 
-def test_worlds_that_a_model_does_not_vouch_for_are_counted() -> None:
+def test_worlds_that_a_model_does_not_vouch_for_are_counted():
     """At the table's speed slip passes through zero, which the averaged model is not certified for and says so."""
     table = Surface().table_speed
     [scene] = scenes_from(
@@ -161,7 +158,7 @@ def test_worlds_that_a_model_does_not_vouch_for_are_counted() -> None:
 
 
 @pytest.fixture(scope="module")
-def result() -> ladder.SceneResult:
+def result():
     [scene] = scenes_from(
         [
             {
@@ -172,13 +169,13 @@ def result() -> ladder.SceneResult:
         [1e-3, 1e-6], [0.5],
     )  # fmt: skip
 
-    def shift(pose: np.ndarray, fallen: np.ndarray) -> None:
+    def shift(pose, fallen):
         pose[:, 0] += 1e-4
 
-    def fall(pose: np.ndarray, fallen: np.ndarray) -> None:
+    def fall(pose, fallen):
         fallen[1] = True
 
-    def lose(pose: np.ndarray, fallen: np.ndarray) -> tuple[str, ...]:
+    def lose(pose, fallen):
         pose[2:] = math.nan
         return ("gave up", "gave up")
 
@@ -193,11 +190,11 @@ def result() -> ladder.SceneResult:
     return ladder.measure(scene, candidates, FINEST, rounds=3)
 
 
-def row(result: ladder.SceneResult, method: str) -> ladder.Row:
+def row(result, method):
     return next(each for each in result.rows if each.candidate.method == method)
 
 
-def test_rows(result: ladder.SceneResult) -> None:
+def test_rows(result):
     shifted = row(result, "shifted")
     assert shifted.strong == pytest.approx((1e-4, 1e-4, 1e-4), rel=1e-6)
     assert shifted.worlds == 4 and shifted.cost == pytest.approx(1e3 / 4) and shifted.usable
@@ -208,7 +205,7 @@ def test_rows(result: ladder.SceneResult) -> None:
     assert planar.timings == 3 and planar.worlds == 8 and planar.strong_step == planar.strong and 0 < planar.weak < 0.05
 
 
-def test_model_error_and_step_error_bound_the_whole(result: ladder.SceneResult) -> None:
+def test_model_error_and_step_error_bound_the_whole(result):
     averaged = row(result, "averaged, order 2")
     model = next(each for each in result.models if each.method == "averaged, order 2")
     assert averaged.strong_step is not None
@@ -216,7 +213,7 @@ def test_model_error_and_step_error_bound_the_whole(result: ladder.SceneResult) 
     assert model.strong.worst > 1e-5 and averaged.strong_step.worst > 1e-7
 
 
-def test_failures_are_named_and_off_the_front(result: ladder.SceneResult) -> None:
+def test_failures_are_named_and_off_the_front(result):
     assert row(result, "falling").failures == {"fell, though it does not": 1}
     assert row(result, "losing").failures == {"gave up": 2} and row(result, "losing").weak == math.inf
     assert row(result, "refusing").refused == "scene: got it; allowed: another one"
@@ -230,7 +227,7 @@ def test_failures_are_named_and_off_the_front(result: ladder.SceneResult) -> Non
     assert "refusing" in [method for method, _ in page.absent(result)]
 
 
-def test_choices_and_comparisons(result: ladder.SceneResult) -> None:
+def test_choices_and_comparisons(result):
     loose, tight, weak = comparisons.choices(result)
     assert (
         loose.row is not None and not loose.row.candidate.peer and loose.by_method["shifted"] is row(result, "shifted")
@@ -250,10 +247,10 @@ def test_choices_and_comparisons(result: ladder.SceneResult) -> None:
 # -- auto --------------------------------------------------------------------------------------------------------------
 
 
-def test_promises_kept_and_broken_are_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_promises_kept_and_broken_are_told_apart(monkeypatch):
     """With made-up evidence that praises the first-order model: what it says is held against what the model does."""
 
-    def row(model: str, knobs: dict[str, int], error: float, cost: float) -> dict[str, Any]:
+    def row(model, knobs, error, cost):
         return {
             "model": model,
             "knobs": knobs,

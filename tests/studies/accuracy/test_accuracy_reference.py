@@ -31,17 +31,14 @@ def random_field(surface, seed):
 # -- area integrals ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "twist",
-    [
-        [0.4, 0.1, 0.0],
-        [0.4, 0.1, 3.0],
-        [0.1, -0.2, 300.0],
-        [0.0, 0.0, -1.0],
-        [0.0025, 0.0, 0.1],
-        [0.2, 0.0, 0.2 / 0.67],
-    ],
-)
+@pytest.mark.parametrize("twist", [
+    [0.4, 0.1, 0.0],
+    [0.4, 0.1, 3.0],
+    [0.1, -0.2, 300.0],
+    [0.0, 0.0, -1.0],
+    [0.0025, 0.0, 0.1],
+    [0.2, 0.0, 0.2 / 0.67],
+])  # fmt: skip
 @pytest.mark.parametrize("part", [BLOCK, L_SHAPE], ids=["block", "L"])
 def test_friction_over_a_cut_area_equals_a_dense_sum(part, twist):
     """The slip centre lies far away, inside, on the centre of mass, near an edge, just this side of the closed form's end."""
@@ -97,15 +94,12 @@ def test_a_disc_about_its_centre_and_a_clockwise_ring():
         assert abs(force_x) + abs(force_y) < 1e-13
 
 
-@pytest.mark.parametrize(
-    "pose, depth",
-    [
-        ([0.4, 0.1, 0.0], 0.0175),  # all of it rests: half the width
-        ([0.01, 0.1, 0.0], 0.01),  # over the left border
-        ([0.4, 0.208 + 0.003, 0.0], -0.003),
-        ([2.0, 0.1, 0.0], -BLOCK.radius),
-    ],
-)
+@pytest.mark.parametrize("pose, depth", [
+    ([0.4, 0.1, 0.0], 0.0175),  # all of it rests: half the width
+    ([0.01, 0.1, 0.0], 0.01),  # over the left border
+    ([0.4, 0.208 + 0.003, 0.0], -0.003),
+    ([2.0, 0.1, 0.0], -BLOCK.radius),
+])  # fmt: skip
 def test_support(pose, depth):
     assert Cutter(Surface(), BLOCK).support(*pose) == pytest.approx(depth, abs=1e-12)
 
@@ -250,17 +244,14 @@ def test_translation_by_whole_elements_changes_nothing():
     assert second.pose - first.pose == pytest.approx(np.tile([7 * 0.026, 0, 0], (4, 1)), abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "part, pose, spin, position, heading",
-    [
-        (BLOCK, [0.31, 0.093, 0.4], 0.0, 1e-6, 1e-5),
-        (L_SHAPE, [0.47, 0.111, -2.0], 3.0, 1e-6, 1e-4),
-        (Part.disc(0.02, friction=0.7), [0.2, 0.1, 0.0], -3.0, 1e-6, 1e-4),
-        (Part.rectangle(0.008, 0.006, friction=0.6), [0.26, 0.078, 0.1], 3.0, 5e-6, 1e-3),  # smaller than an element
-        (BLOCK, [0.012, 0.09, 1.0], 1.0, 5e-6, 1e-4),  # overhangs the border
-        (BLOCK, [0.5, 0.1, 0.0], 30.0, 5e-6, 1e-3),
-    ],
-)
+@pytest.mark.parametrize("part, pose, spin, position, heading", [
+    (BLOCK, [0.31, 0.093, 0.4], 0.0, 1e-6, 1e-5),
+    (L_SHAPE, [0.47, 0.111, -2.0], 3.0, 1e-6, 1e-4),
+    (Part.disc(0.02, friction=0.7), [0.2, 0.1, 0.0], -3.0, 1e-6, 1e-4),
+    (Part.rectangle(0.008, 0.006, friction=0.6), [0.26, 0.078, 0.1], 3.0, 5e-6, 1e-3),  # smaller than an element
+    (BLOCK, [0.012, 0.09, 1.0], 1.0, 5e-6, 1e-4),  # overhangs the border
+    (BLOCK, [0.5, 0.1, 0.0], 30.0, 5e-6, 1e-3),
+])  # fmt: skip
 def test_against_the_planar_model(part, pose, spin, position, heading):
     """Two codes that share nothing; the planar one far finer than it is used: what differs is its cells and cuts."""
     surface, periods = Surface(), 5

@@ -1,9 +1,6 @@
 """Scenes from mappings: what they draw, what they refuse, and when a run counts as a success."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,21 +8,15 @@ import pytest
 from studies.accuracy.candidates import prepare_model
 from studies.accuracy.scenes import first_periods, scenes_from
 
-GOOD: dict[str, Any] = {
-    "name": "one",
-    "worlds": 5,
-    "periods": 6,
-    "settle": 2,
-    "drive": {"kind": "random", "every": 2},
-}
+GOOD = {"name": "one", "worlds": 5, "periods": 6, "settle": 2, "drive": {"kind": "random", "every": 2}}
 
 
-def scene(**changes: Any) -> Any:
+def scene(**changes):
     given = {key: value for key, value in {**GOOD, **changes}.items() if value is not None}
     return scenes_from([given])[0]
 
 
-BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
+BAD = {
     "unknown key": ({"partt": "steel_block"}, ["scenes.0.partt", "keys among", "part"]),
     "no drive": ({"drive": None}, ["scenes.0.drive", "nothing"]),
     "unknown drive": ({"drive": {"kind": "waltz"}}, ["scenes.0.drive.kind", "waltz", "random"]),
@@ -58,7 +49,7 @@ BAD: dict[str, tuple[dict[str, Any], list[str]]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_scene(case: str) -> None:
+def test_bad_scene(case):
     changes, words = BAD[case]
     with pytest.raises(ValueError) as caught:
         scene(**changes)
@@ -68,12 +59,12 @@ def test_bad_scene(case: str) -> None:
         assert word in line
 
 
-def test_names_are_unique() -> None:
+def test_names_are_unique():
     with pytest.raises(ValueError, match=r"^scenes\.1\.name: got 'one'"):
         scenes_from([GOOD, GOOD])
 
 
-def test_drives_last_as_long_as_asked_for() -> None:
+def test_drives_last_as_long_as_asked_for():
     changing, held = scene(periods=7), scene(drive={"kind": "random"})
     assert [each.periods for each in changing.segments] == [2, 2, 2, 1] and changing.periods == 7
     assert not changing.held and held.held
@@ -86,7 +77,7 @@ def test_drives_last_as_long_as_asked_for() -> None:
     assert (scene(seed=1).pose[:, 0] != changing.pose[:, 0]).all()
 
 
-def test_random_phasors_fill_the_ring_evenly() -> None:
+def test_random_phasors_fill_the_ring_evenly():
     """Of an even density in a ring, the square of the radius is even: its mean is the middle of the squares."""
     drawn = scene(worlds=60, drive={"kind": "random", "strength": 0.9, "least_strength": 0.5}).segments[0].amplitude
     share = drawn / scene().surface.max_amplitude
@@ -97,7 +88,7 @@ def test_random_phasors_fill_the_ring_evenly() -> None:
     )
 
 
-def test_starts() -> None:
+def test_starts():
     still = scene(start={"velocity": "rest", "spin": [3.0, 3.0], "x": [0.2, 0.2], "heading_deg": [90, 90]})
     assert still.velocity.tolist() == [[0.0, 0.0, 3.0]] * 5
     assert still.pose[:, 0].tolist() == [0.2] * 5 and still.pose[:, 2] == pytest.approx(math.pi / 2)
@@ -106,7 +97,7 @@ def test_starts() -> None:
     assert idle.velocity[0, :2] == pytest.approx(idle.surface.idle_velocity(idle.part.friction))
 
 
-def test_success_by_hand() -> None:
+def test_success_by_hand():
     met = scene(success={"line": [0.4, 0.1, math.pi / 2], "within_mm": 5, "heading_within_deg": 10}).success
     pose = [
         [0.4, 0.3, math.pi / 2],  # anywhere along the line
@@ -120,7 +111,7 @@ def test_success_by_hand() -> None:
     assert near(np.array([[0.403, 0.104, 9.0], [0.404, 0.104, 0.0]])).tolist() == [True, False]
 
 
-def test_a_beginning_is_the_beginning() -> None:
+def test_a_beginning_is_the_beginning():
     """The first periods of a scene end where the whole one was after so many."""
     whole = scene(settle=0, periods=5)
     short = first_periods(whole, 3, 2)
@@ -129,5 +120,5 @@ def test_a_beginning_is_the_beginning() -> None:
     assert (prepare_model(first_periods(whole, 2, 5), "planar", {})().pose == settled).all()
 
 
-def test_sliding_is_known() -> None:
+def test_sliding_is_known():
     assert scene().slides and not scene(surface={"horizontal_amplitude": 3e-4}).slides

@@ -142,19 +142,16 @@ def test_the_command_writes_schedules_and_a_page(tmp_path):
     assert record["training"]["seed"] in (1, 2) and record["training"]["hardware"] == "ideal"
 
 
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("parts: [cube]", "parts: got "),
-        ("friction: [1.1, 0.9]", r"friction\[1\]: got 0.9"),
-        ("goal: [0.4, 0.1]", "goal: got "),
-        ("goal: [-0.4, 0.1, 0.0]", "goal: x: got -0.4"),
-        ("goal: [0.9, 0.1, 0.0]", "goal: x: got 0.9"),
-        ("seeds: [1, 1]", "seeds: got "),
-        ("hardware: [dream]", "hardware.0: got 'dream'"),
-        ("speed: 3", "speed: got 3; allowed: keys among"),
-    ],
-)
+@pytest.mark.parametrize("text, message", [
+    ("parts: [cube]", "parts: got "),
+    ("friction: [1.1, 0.9]", r"friction\[1\]: got 0.9"),
+    ("goal: [0.4, 0.1]", "goal: got "),
+    ("goal: [-0.4, 0.1, 0.0]", "goal: x: got -0.4"),
+    ("goal: [0.9, 0.1, 0.0]", "goal: x: got 0.9"),
+    ("seeds: [1, 1]", "seeds: got "),
+    ("hardware: [dream]", "hardware.0: got 'dream'"),
+    ("speed: 3", "speed: got 3; allowed: keys among"),
+])  # fmt: skip
 def test_bad_configurations_are_refused_before_anything_is_written(tmp_path, capsys, text, message):
     config = tmp_path / "bad.yaml"
     config.write_text(text)

@@ -96,15 +96,12 @@ def test_the_transient():
         assert 1.0 < one.ripple / radius < 2.0
 
 
-@pytest.mark.parametrize(
-    "parameter, values",
-    [
-        ("horizontal_amplitude", [0.5e-3, 5e-3]),
-        ("frequency", [11.0, 60.0]),
-        ("amplitude", [1e-4]),
-        ("phase", [0.0, 1.0]),
-    ],
-)
+@pytest.mark.parametrize("parameter, values", [
+    ("horizontal_amplitude", [0.5e-3, 5e-3]),
+    ("frequency", [11.0, 60.0]),
+    ("amplitude", [1e-4]),
+    ("phase", [0.0, 1.0]),
+])  # fmt: skip
 def test_the_simulator_gives_the_equations_velocities(parameter, values):
     """Fig. 3.9."""
     expected = steady_velocity.solved(parameter, values)

@@ -1,7 +1,5 @@
 """Interquartile means, resampling and power against closed forms and independent computations."""
 
-from __future__ import annotations
-
 import functools
 import math
 
@@ -19,7 +17,7 @@ from agents.evaluation.statistics import success_interval
 LEVEL, POWER, DRAWS = 0.95, 0.8, 2000
 
 
-def sample(time: np.ndarray, limit: float = 10.0, bound: float = 1.0, first_seed: int = 0) -> Sample:
+def sample(time, limit=10.0, bound=1.0, first_seed=0):
     """Of times (runs, episodes), nan where an episode fails."""
     runs, episodes = time.shape
     no = np.zeros((runs, episodes), dtype=bool)
@@ -37,7 +35,7 @@ def sample(time: np.ndarray, limit: float = 10.0, bound: float = 1.0, first_seed
     )
 
 
-def test_iqm_is_the_mean_of_the_middle_half() -> None:
+def test_iqm_is_the_mean_of_the_middle_half():
     assert iqm(np.array([9.0, 1.0, 2.0, 100.0, 3.0, 4.0, -50.0, 5.0])) == pytest.approx((2 + 3 + 4 + 5) / 4)
     values = np.random.default_rng(0).normal(size=1003)
     ordered = np.sort(values)
@@ -45,7 +43,7 @@ def test_iqm_is_the_mean_of_the_middle_half() -> None:
 
 
 @pytest.mark.parametrize("shape", [(1, 40), (3, 17), (4, 5)])
-def test_a_weighted_iqm_is_that_of_the_cells_written_out(shape: tuple[int, int]) -> None:
+def test_a_weighted_iqm_is_that_of_the_cells_written_out(shape):
     table = np.random.default_rng(1).exponential(size=shape).round(1)  # with ties
     for weight in weights(*shape, 50):
         counts = weight.astype(int)
@@ -55,14 +53,14 @@ def test_a_weighted_iqm_is_that_of_the_cells_written_out(shape: tuple[int, int])
         np.testing.assert_allclose(found, expected)
 
 
-def test_weights_draw_whole_rows_and_columns() -> None:
+def test_weights_draw_whole_rows_and_columns():
     weight = next(iter(weights(3, 7, 100))).reshape(-1, 3, 7)
     rows, columns = weight.sum(axis=2) / 7, weight.sum(axis=1) / 3
     np.testing.assert_allclose(weight, rows[:, :, None] * columns[:, None, :])
     assert (rows.sum(axis=1) == 3).all() and (columns.sum(axis=1) == 7).all()
 
 
-def test_one_run_is_the_usual_bootstrap() -> None:
+def test_one_run_is_the_usual_bootstrap():
     values = np.random.default_rng(2).normal(3.0, 2.0, (1, 300))
     draws = drawn(mean_of(values), 1, 300, 9999)
     assert draws.std() == pytest.approx(values.std() / math.sqrt(300), rel=0.03)
@@ -71,7 +69,7 @@ def test_one_run_is_the_usual_bootstrap() -> None:
     assert ours == pytest.approx(theirs.standard_error, rel=0.06)
 
 
-def test_runs_that_share_hard_episodes_are_no_more_of_them() -> None:
+def test_runs_that_share_hard_episodes_are_no_more_of_them():
     # Variance of the pigeonhole bootstrap of rows that are copies: that of one row, not a third of it.
     row = np.random.default_rng(4).normal(size=(1, 200))
     one = drawn(mean_of(row), 1, 200, 9999).std()
@@ -83,14 +81,14 @@ def test_runs_that_share_hard_episodes_are_no_more_of_them() -> None:
     assert drawn(mean_of(apart), 3, 200, 9999).std() == pytest.approx(expected, rel=0.03)
 
 
-def test_mean_where_counts_what_is_counted() -> None:
+def test_mean_where_counts_what_is_counted():
     table, counted = np.array([[1.0, 2.0, 30.0]]), np.array([[True, True, False]])
     statistic = mean_where(table, counted)
     np.testing.assert_allclose(statistic(np.array([[1.0, 1.0, 1.0], [0.0, 3.0, 0.0]])), [1.5, 2.0])
     assert np.isnan(statistic(np.array([[0.0, 0.0, 3.0]]))).all()
 
 
-def test_success_of_runs_that_all_succeed_has_the_exact_interval_of_one() -> None:
+def test_success_of_runs_that_all_succeed_has_the_exact_interval_of_one():
     found = success_interval(np.ones((3, 100), dtype=bool), LEVEL, DRAWS)
     assert (found.method, found.high) == ("Clopper-Pearson", 1.0)
     assert found.low == pytest.approx(0.025 ** (1 / 100))
@@ -99,7 +97,7 @@ def test_success_of_runs_that_all_succeed_has_the_exact_interval_of_one() -> Non
     assert interval_of(np.full((2, 9), 1.2), LEVEL, DRAWS, iqm, iqm_of) is None
 
 
-def test_power_of_the_sign_test_without_episodes_against_it_has_a_closed_form() -> None:
+def test_power_of_the_sign_test_without_episodes_against_it_has_a_closed_form():
     # At 5 % six discordant pairs of six are the fewest that count: P(Binomial(n, d) >= 6) = power.
     for pairs in (30, 200):
         found = detectable_success(0.0, pairs, LEVEL, POWER)
@@ -109,7 +107,7 @@ def test_power_of_the_sign_test_without_episodes_against_it_has_a_closed_form() 
     assert math.isnan(detectable_success(0.5, 100, LEVEL, POWER))
 
 
-def test_power_of_the_sign_test_agrees_with_simulation_and_with_connor() -> None:
+def test_power_of_the_sign_test_agrees_with_simulation_and_with_connor():
     rng, pairs, other, gap = np.random.default_rng(5), 120, 0.05, 0.10
     counts = rng.multinomial(pairs, [other + gap, other, 1.0 - 2.0 * other - gap], size=4000)
     pvalue = functools.cache(lambda one, both: stats.binomtest(one, both).pvalue)
@@ -122,7 +120,7 @@ def test_power_of_the_sign_test_agrees_with_simulation_and_with_connor() -> None
     assert needed == pytest.approx(4000, rel=0.04)
 
 
-def test_smallest_mean_difference_is_found_with_the_power_asked() -> None:
+def test_smallest_mean_difference_is_found_with_the_power_asked():
     pairs, deviation, rng = 12, 0.3, np.random.default_rng(6)
     smallest = detectable_mean(deviation, pairs, LEVEL, POWER)
     drawn_pairs = rng.normal(smallest, deviation, (20_000, pairs))
@@ -135,11 +133,11 @@ def test_smallest_mean_difference_is_found_with_the_power_asked() -> None:
     assert math.isnan(detectable_mean(0.0, 10, LEVEL, POWER)) and math.isnan(detectable_mean(1.0, 1, LEVEL, POWER))
 
 
-def compared(first: np.ndarray, second: np.ndarray):  # type: ignore[no-untyped-def]
+def compared(first, second):
     return difference(("Align", "ideal"), ("a", "b"), (sample(first), sample(second)), LEVEL, POWER, DRAWS)
 
 
-def test_a_paired_difference_is_narrower_than_either_interval() -> None:
+def test_a_paired_difference_is_narrower_than_either_interval():
     rng = np.random.default_rng(7)
     hard = rng.uniform(1.0, 3.0, (1, 200))
     found = compared(hard + 0.05 + rng.normal(0.0, 0.02, (1, 200)), hard)
@@ -152,7 +150,7 @@ def test_a_paired_difference_is_narrower_than_either_interval() -> None:
     assert math.isnan(found.collisions.value) and found.both == 200
 
 
-def test_several_runs_against_one() -> None:
+def test_several_runs_against_one():
     rng = np.random.default_rng(8)
     hard = rng.uniform(1.0, 3.0, (1, 150))
     runs = hard + np.array([[0.0], [0.1], [0.2]]) + rng.normal(0.0, 0.01, (3, 150))
@@ -169,13 +167,13 @@ def test_several_runs_against_one() -> None:
     assert same.time.interval is None and same.iqm.interval is None
 
 
-def test_a_failure_counts_as_the_longest_episode() -> None:
+def test_a_failure_counts_as_the_longest_episode():
     times = np.array([[1.0, 1.0, np.nan, np.nan, np.nan, np.nan, np.nan, np.nan]])
     assert sample(times).limited_time.tolist() == [[1.0, 1.0] + 6 * [10.0]]
     assert compared(times, np.ones((1, 8))).iqm.value == pytest.approx(9.0)
 
 
-def test_a_comparison_needs_the_same_episodes() -> None:
+def test_a_comparison_needs_the_same_episodes():
     one, other = sample(np.ones((1, 4))), sample(np.ones((1, 4)), first_seed=9)
     with pytest.raises(ValueError, match="same seeds"):
         difference(("Align", "ideal"), ("a", "b"), (one, other), LEVEL, POWER, DRAWS)
@@ -183,7 +181,7 @@ def test_a_comparison_needs_the_same_episodes() -> None:
         difference(("Align", "ideal"), ("a", "b"), (one, sample(np.ones((2, 4)))), LEVEL, POWER, DRAWS)
 
 
-def test_profiles_rise_to_the_success_rate_within_their_bands() -> None:
+def test_profiles_rise_to_the_success_rate_within_their_bands():
     rng = np.random.default_rng(9)
     times = rng.exponential(1.0, (2, 60)) + 1.0
     times[:, :6] = np.nan

@@ -1,19 +1,16 @@
 """Publish and verify: what is published comes out again, and what is falsified is found and named."""
 
-from __future__ import annotations
-
 import csv
 import json
-import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 
 from agents import __main__ as command
 from agents.provenance import digest
+from tests.commands import files_in, fill_the_disk, refusal
 
 SHIPPED = Path("vibgym/policies/trained/shipped")
 EFFECTS = {"task": "Align", "policies": ["learned"], "cases": {"noise": {"sensor": "pose"}}}
@@ -21,7 +18,7 @@ SMALL = ["--episodes", "4", "--again", "2", "--processes", "1", "--quiet"]
 
 
 @pytest.fixture(scope="session")
-def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def original(tmp_path_factory):
     """Directory with a small evaluation, its settings and policy, published in ``out``."""
     folder = tmp_path_factory.mktemp("published")
     for path in (SHIPPED / "align.json", *SHIPPED.glob("align-6*.safetensors")):
@@ -46,26 +43,26 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(original, tmp_path, monkeypatch):
     """A copy of it, to be spoilt; the current directory."""
     shutil.copytree(original, tmp_path / "copy")
     monkeypatch.chdir(tmp_path / "copy")
     return tmp_path / "copy"
 
 
-def verified(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+def verified(capsys, *arguments):
     capsys.readouterr()
     code = command.main(["verify", *arguments, *SMALL])
     return code, *capsys.readouterr()
 
 
-def rewritten(path: Path, old: str, new: str) -> None:
+def rewritten(path, old, new):
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new))
 
 
-def test_what_is_shipped_comes_out_again(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_shipped_comes_out_again(capsys):
     code, text, _ = verified(capsys, "--task", "Align", "--policy", "local_field")
     assert code == 0, text
     assert (
@@ -75,7 +72,7 @@ def test_what_is_shipped_comes_out_again(capsys: pytest.CaptureFixture[str]) -> 
     )
 
 
-def test_published_and_verified(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_published_and_verified(folder, capsys):
     code, text, errors = verified(capsys, "out", "--output", "all")
     assert code == 0 and errors == ""
     assert "6 of 6 published episodes came out the same when played again" in text
@@ -89,7 +86,7 @@ def test_published_and_verified(folder: Path, capsys: pytest.CaptureFixture[str]
     assert len((folder / "out" / "episodes.csv").read_text().splitlines()) == 1 + 3 * 16
 
 
-def test_a_policy_that_is_worse_than_published_lies_outside(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_policy_that_is_worse_than_published_lies_outside(folder, capsys):
     record = json.loads((folder / "out" / "report.json").read_text())
     policies = record["settings"]["policies"]
     policies[1] = {"name": "learned", "kind": "zero"}
@@ -102,7 +99,7 @@ def test_a_policy_that_is_worse_than_published_lies_outside(folder: Path, capsys
     assert "outside: effects, Align, noise, learned: success" in text
 
 
-def falsified_figure(out: Path) -> str:
+def falsified_figure(out):
     lines = (out / "figures.csv").read_text().splitlines(keepends=True)
     index = next(k for k, line in enumerate(lines) if line.startswith("report,Align,ideal,zero,success_rate,16,0.0,"))
     lines[index] = lines[index].replace(",16,0.0,", ",16,0.5,")
@@ -110,7 +107,7 @@ def falsified_figure(out: Path) -> str:
     return "out/figures.csv: Align, ideal, zero: success_rate is 0.5; 0 follows from the episodes"
 
 
-def falsified_figure_and_digest(out: Path) -> str:
+def falsified_figure_and_digest(out):
     said = falsified_figure(out)
     record = json.loads((out / "report.json").read_text())
     record["digests"]["files"]["figures.csv"] = digest((out / "figures.csv").read_bytes())
@@ -118,33 +115,33 @@ def falsified_figure_and_digest(out: Path) -> str:
     return said
 
 
-def edited_episodes(out: Path) -> str:
+def edited_episodes(out):
     rewritten(out / "episodes.csv", "report,Align,ideal,zero,8,0,0,", "report,Align,ideal,zero,8,1,0,")
     return "out/episodes.csv: edited since it was published"
 
 
-def edited_settings(out: Path) -> str:
+def edited_settings(out):
     rewritten(out / "report.json", '"first_seed": 7', '"first_seed": 8')
     return "out/report.json: settings: edited since they were published"
 
 
-def other_policy(out: Path) -> str:
+def other_policy(out):
     rewritten(out.parent / "align.json", '"version": 2', '"version":  2')
     return "align.json: another file since results were published"
 
 
-def other_tensors(out: Path) -> str:
+def other_tensors(out):
     path = next(out.parent.glob("align-*.safetensors"))
     path.write_bytes(path.read_bytes()[:-1] + b"\0")
     return f"{path.name}: another file since results were published"
 
 
-def missing_policy(out: Path) -> str:
+def missing_policy(out):
     (out.parent / "align.json").unlink()
     return "align.json: gone since results were published"
 
 
-def other_config(out: Path) -> str:
+def other_config(out):
     rewritten(out.parent / "mine.yaml", "episodes: 16", "episodes: 17")
     return "mine.yaml: asks for other episodes"
 
@@ -154,7 +151,7 @@ def other_config(out: Path) -> str:
     [falsified_figure, falsified_figure_and_digest, edited_episodes, edited_settings]
     + [other_policy, other_tensors, missing_policy, other_config],
 )
-def test_what_is_changed_is_named(spoil: Any, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_changed_is_named(spoil, folder, capsys):
     said = spoil(folder / "out")
     code, text, errors = verified(capsys, "out", "--policy", "zero")
     assert code == 1 and errors == "" and text.endswith("\nnot verified\n")
@@ -162,7 +159,7 @@ def test_what_is_changed_is_named(spoil: Any, folder: Path, capsys: pytest.Captu
     assert ("nothing was played" in text) == (spoil in (other_tensors, missing_policy))
 
 
-def test_other_versions_are_named_and_no_fault(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_versions_are_named_and_no_fault(folder, capsys):
     record = json.loads((folder / "out" / "report.json").read_text())
     now, record["versions"]["numpy"] = record["versions"]["numpy"], "1.0"
     (folder / "out" / "report.json").write_text(json.dumps(record))
@@ -170,7 +167,7 @@ def test_other_versions_are_named_and_no_fault(folder: Path, capsys: pytest.Capt
     assert code == 0 and f"version: numpy 1.0, here {now}\n" in text
 
 
-BAD: dict[str, tuple[Any, list[str], list[str]]] = {
+BAD = {
     "nowhere": (None, ["nowhere"], ["nowhere/report.json", "No such file"]),
     "no JSON": (lambda out: (out / "report.json").write_text("{"), ["out"], ["out/report.json", "not JSON"]),
     "wrong version": (
@@ -201,43 +198,29 @@ BAD: dict[str, tuple[Any, list[str], list[str]]] = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_input(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input(case, folder, capsys):
     spoil, arguments, words = BAD[case]
     if spoil is not None:
         spoil(folder / "out")
-    assert command.main(["verify", "--quiet", *arguments]) == 2
-    text, line = capsys.readouterr()
-    assert text == "" and line.count("\n") == 1
+    line = refusal(capsys, command.main, "verify", *arguments)
     for word in words:
         assert word in line
 
 
-def test_only_a_run_of_the_same_settings_is_published(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = {path.name: path.read_bytes() for path in (folder / "out").iterdir()}
+def test_only_a_run_of_the_same_settings_is_published(folder, capsys):
+    before = files_in(folder / "out")
     rewritten(folder / "mine.yaml", "first_seed: 7", "first_seed: 8")
     for arguments, words in (
         ([], ["run/results.json", "first_seed", "a run of mine.yaml"]),
         (["--run", "nowhere"], ["nowhere/results.json", "an evaluation that has been run"]),
     ):
-        assert command.main(["publish", "mine.yaml", "--output", "out", *arguments]) == 2
-        text, line = capsys.readouterr()
-        assert text == "" and line.count("\n") == 1 and all(word in line for word in words)
-    assert {path.name: path.read_bytes() for path in (folder / "out").iterdir()} == before
+        line = refusal(capsys, command.main, "publish", "mine.yaml", "--output", "out", *arguments)
+        assert all(word in line for word in words)
+    assert files_in(folder / "out") == before
 
 
-def test_a_full_disk_leaves_what_was_published(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    before = {path.name: path.read_bytes() for path in (folder / "out").iterdir()}
-    flush, calls = os.fsync, []
-
-    def full(handle: int) -> None:
-        calls.append(handle)
-        if len(calls) > 5:
-            raise OSError(28, "No space left on device")
-        flush(handle)
-
-    monkeypatch.setattr(os, "fsync", full)
+def test_a_full_disk_leaves_what_was_published(folder, capsys, monkeypatch):
+    before = files_in(folder / "out")
+    fill_the_disk(monkeypatch, room=5)
     assert command.main(["publish", "mine.yaml", "--output", "out"]) == 1
-    assert "No space left" in capsys.readouterr().err
-    assert {path.name: path.read_bytes() for path in (folder / "out").iterdir()} == before
+    assert "No space left" in capsys.readouterr().err and files_in(folder / "out") == before

@@ -1,0 +1,56 @@
+"""What the tests of commands share: refusals in one line, places that nothing can be written to, a disk that is full."""
+
+import errno
+import os
+
+import yaml
+
+
+def refusal(capsys, main, *arguments):
+    """The one line on stderr of a command that refuses its input."""
+    capsys.readouterr()
+    assert main([*map(str, arguments), "--quiet"]) == 2
+    return said_in_one_line(capsys)
+
+
+def said_in_one_line(capsys):
+    """What a command that failed has said, which is nothing else."""
+    caught = capsys.readouterr()
+    assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
+    return caught.err
+
+
+def saved(directory, content, **changes):
+    """A file of settings that write into ``out`` beside it; without those that are None."""
+    path = directory / "mine.yaml"
+    content = {**content, "output": str(directory / "out"), **changes}
+    path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
+    return path
+
+
+def file_at(path):
+    path.write_text("mine")
+    return path
+
+
+def folder_at(path):
+    path.mkdir(parents=True)
+    return path
+
+
+def files_in(folder, which="**/*"):
+    """What the files of a folder hold, but for locks."""
+    return {str(path): path.read_bytes() for path in folder.glob(which) if path.is_file() and ".lock" not in path.name}
+
+
+def fill_the_disk(monkeypatch, room=0):
+    """From now on so many more files reach the disk, and no other."""
+    flush, calls = os.fsync, []
+
+    def full(handle):
+        calls.append(handle)
+        if len(calls) > room:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        flush(handle)
+
+    monkeypatch.setattr(os, "fsync", full)
