@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agents.command_line import Room, run_one_of
 from vibgym import interrupts
 
 interrupts.start_command()
+
+from agents.command_line import Room, run_one_of  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
 
 ROOMS = {
     "evaluate": Room("agents.evaluation.commands", "run policies on tasks and write a report"),

@@ -6,11 +6,12 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from agents import command_line
-from agents.command_line import Command
 from vibgym import checks, interrupts
 
 interrupts.start_command()
+
+from agents import command_line  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
+from agents.command_line import Command  # noqa: E402
 
 
 def progress(text: str) -> None:

@@ -9,11 +9,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from agents import command_line
-from agents.command_line import Command
 from vibgym import interrupts
 
 interrupts.start_command()
+
+from agents import command_line  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
+from agents.command_line import Command  # noqa: E402
 
 
 def sensorless_arguments(parser: argparse.ArgumentParser) -> None:

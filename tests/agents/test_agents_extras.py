@@ -43,4 +43,5 @@ def test_extras_are_those_of_the_project():
     names = {"h5py": "minari[hdf5]"}  # which brings it
     for package, extra in EXTRAS.items():
         name = names.get(package, package.replace("_", "-"))
-        assert any(each.startswith(name) for each in extras[extra]), package
+        brought = extras[extra] + (extras["policies"] if "vibgym[policies]" in extras[extra] else [])
+        assert any(each.startswith(name) for each in brought), package

@@ -62,7 +62,7 @@ MANY = [[100 + 20 * k, 60 + 30 * (k % 2)] for k in range(20)]
 
 
 @pytest.mark.parametrize("task, paths, told", [
-    ("Follow", [{**OTHER, "radius_mm": 200}], r"^options\['paths'\]\[0\]: got .*lies wholly on the surface"),
+    ("Follow", [{**OTHER, "radius_mm": 200}], r"^options\['paths'\]\[0\].radius: got .*lies wholly on the surface"),
     ("Follow", [{**LINE, "speed": 0.5}], r"^options\['paths'\]\[0\]\.speed: got 0.5"),
     ("Follow", [LINE, OTHER], r"^options\['paths'\]: got '2 paths'; allowed: one for each of 1 parts"),
     ("Follow", {"shapes": ["circle"]}, r"^options\['paths'\]: got .*a list with a mapping for each part"),

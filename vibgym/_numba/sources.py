@@ -11,6 +11,9 @@ import hashlib
 import re
 from pathlib import Path
 
+_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?: .*)?\n)+", re.MULTILINE)
+"""What only the type checker reads: nothing runs by it, and ``vibgym/__init__.py`` names half the package so."""
+
 _IMPORT = re.compile(r"^ *(?:from|import) ([\w.]+)(?: import (\([^)]*\)|.*))?", re.MULTILINE)
 
 
@@ -22,7 +25,7 @@ def _imported(file: str, module: str) -> tuple[Path, ...]:
     roots = {__name__.partition(".")[0]: Path(__file__).parents[__name__.count(".")], name: own.parents[depth]}
     found, todo = {own}, [own]
     while todo:
-        for imported, names in _IMPORT.findall(todo.pop().read_text(encoding="utf-8")):
+        for imported, names in _IMPORT.findall(_TYPES.sub("", todo.pop().read_text(encoding="utf-8"))):
             first = imported.partition(".")[0]
             if first not in roots:
                 continue

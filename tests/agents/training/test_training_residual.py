@@ -9,7 +9,7 @@ import torch
 
 from agents.training.judging import Judge, play
 from agents.training.ppo.algorithm import PPO
-from agents.training.table import tabulate
+from agents.training.table import Places, tabulate
 from agents.training.train import train
 from agents.training.training_file import load_settings
 from tests.policies.helpers import info_of
@@ -90,7 +90,7 @@ def test_the_file_says_what_it_corrects(run):
 
 
 def test_the_table_plays_the_hybrid(run, tmp_path):
-    rows = tabulate(run[0], ["Align/hybrid"], [0], 2, tmp_path / "table.csv", tmp_path / "shipped")
+    rows = tabulate(run[0], ["Align/hybrid"], [0], 2, Places(tmp_path, ship=tmp_path / "shipped"))
     assert rows[0]["success"] == 1.0  # as the base alone does; the network alone would not
     shipped = tmp_path / "shipped" / "align-hybrid.json"
     assert json.loads(shipped.read_text())["residual"]["scale"] == 0.3

@@ -82,5 +82,5 @@ def test_work_on_a_cluster_waits_for_the_kernels(monkeypatch, tmp_path):
     order: list[str] = []
     monkeypatch.chdir(os.getcwd())
     monkeypatch.setattr(cluster, "compiled", lambda: order.append("compiled"))
-    cluster._in_directory(str(tmp_path), order.append, ("work",))
+    cluster._in_directory(str(tmp_path), (), order.append, ("work",))
     assert order == ["compiled", "work"] and Path.cwd() == tmp_path.resolve()

@@ -14,6 +14,7 @@ from agents.training.table import shipped_name
 from agents.training.train_settings import TrainSettings
 from agents.training.training_file import agents_in, load_settings
 from tests.policies.helpers import DISC, FRESH, episodes, info_of
+from vibgym.envs.named import environment_id
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
@@ -78,7 +79,7 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
     task, each = row["agent"].partition("/")[0], scenes(settings)
     success = []
     for number, scene in enumerate(each):
-        env = gym.make_vec(settings.environment_name, num_envs=1, action=record(name)["action"], **scene)
+        env = gym.make_vec(environment_id(settings.task), num_envs=1, action=record(name)["action"], **scene)
         info = TaskInfo.of(env)
         policy = shipped(name, info)
         count = (SINGLE if len(info.parts) == 1 else CROWD) // len(each)
