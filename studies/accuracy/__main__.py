@@ -6,12 +6,13 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from vibgym import checks, interrupts
+from vibgym import interrupts
 
 interrupts.start_command()
 
 from agents import command_line  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
 from agents.command_line import Command  # noqa: E402
+from vibgym import checks  # noqa: E402
 
 
 def progress(text: str) -> None:
