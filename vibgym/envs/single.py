@@ -237,7 +237,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
         core = self.core
-        self._check_open(self._closed)
+        if self._closed or not core.began:
+            self._check_open(self._closed)
         checked = core.action.check(action, None)
         if self._viewer is not None:
             checked = checked.copy()  # the picture is of this step, whatever the caller does to the array

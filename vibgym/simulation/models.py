@@ -48,10 +48,14 @@ class Planar(NoContacts):
     def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
         rows, at = np.arange(start, stop), state.address
-        self._setups.lend(lambda setup: slide_rows(rows, setup.address, drive, at, periods, NO_PATHS, 0))
+        self._setups.lend(_slide, rows, drive, at, periods)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """It covers all."""
+
+
+def _slide(setup: Pinned[FixedScene], rows: np.ndarray, drive: Drive, state: int, periods: int) -> None:
+    slide_rows(rows, setup.address, drive, state, periods, NO_PATHS, 0)
 
 
 def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:

@@ -42,14 +42,14 @@ class Pool(Generic[Tool]):
         self._make = make
         self._free = deque([make()])  # a bad setting shows at once
 
-    def lend(self, work: Callable[[Tool], Result]) -> Result:
-        """What ``work`` makes of a tool that nobody else uses meanwhile."""
+    def lend(self, work: Callable[..., Result], *more: Any) -> Result:
+        """What ``work(tool, *more)`` makes of a tool that nobody else uses meanwhile."""
         try:
             tool = self._free.pop()
         except IndexError:
             tool = self._make()
         try:
-            return work(tool)
+            return work(tool, *more)
         finally:
             self._free.append(tool)
 
