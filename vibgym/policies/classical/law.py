@@ -11,6 +11,7 @@ sees the parts from their goals, which stand still there, and what it wants come
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ LONGEST_LEAD = 10.0
 """s, most that :func:`lead_of` looks for."""
 
 
-class Law:
+class Law(ABC):
     """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part and several.
 
     One without memory is :meth:`wanted` alone.
@@ -40,6 +41,7 @@ class Law:
         """Memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
         return ()
 
+    @abstractmethod
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
         """Mean accelerations that the parts want (batch, parts, 3), m/s^2 and rad/s^2, and the new memory.
 
@@ -51,7 +53,6 @@ class Law:
             turn: (batch, parts) rad, likewise.
             memory: of :meth:`initial`, or what the last call made of it.
         """
-        raise NotImplementedError
 
     def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
         """The memory, after it is known what accelerations (batch, parts, 3) the elements can give the parts.
