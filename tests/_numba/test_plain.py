@@ -53,12 +53,12 @@ def contacts():
 
 
 def foreign():
-    from vibgym.physics.collision.solver import enter, leave
+    from vibgym.physics.collision.solver import enter_bodies
     from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
 
     space = ContactSpace(Surface(), [BLOCK, DISC], [])
-    enter(space.solver, impact_properties_of([BLOCK, DISC]), np.array([2.0, 3.0]))
-    leave(space.solver)
+    solver, factor = space.solver, np.array([2.0, 3.0])
+    enter_bodies(solver, solver.spaces[0], impact_properties_of([BLOCK, DISC]), factor, np.arange(2), 2)
     return [body.mass for body in space._bodies]
 
 

@@ -9,14 +9,15 @@ from vibgym import Part, Surface
 from vibgym._numba.jit import jit
 from vibgym._numba.reference import reference
 from vibgym.physics.collision import approach
-from vibgym.physics.collision.coupling import Encounter, FixedEncounter, new_contacts, place_parts
+from vibgym.physics.collision.coupling import Encounter, FixedEncounter, new_contacts
 from vibgym.physics.collision.hulls import wall_gap
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.records import new_state
 from vibgym.physics.planar.workspace import FixedScene, Scene, new_workspace
 from vibgym.scene.hulls import gaps_between, hulls_of
-from vibgym.scene.parts import bodies_of
+from vibgym.scene.parts import bodies_of, kinds_of
 from vibgym.simulation.contact_space import ContactSpace, impact_properties_of
+from vibgym.simulation.multibody import coupling_of
 from vibgym.simulation.schemes import planar_schemes
 
 SURFACE = Surface(16, 16, 0.05, 0.0)
@@ -28,9 +29,10 @@ SAMPLES = 80
 
 @jit
 def placed_safe_step(encounter, pairs, h):
-    """Place the parts, then ask how long they may go on; returns that, and whether anything may touch by then."""
+    """How long parts that have not been looked at yet may go on, and whether anything may touch by then."""
     encounter = reference(encounter)
-    place_parts(encounter)
+    approach.parts_moved(encounter)
+    encounter.contacts.clear[:] = -math.inf
     step = approach.safe_step(encounter, pairs, pairs.shape[0], h, SHORTEST)
     return step.h, step.touching
 
@@ -39,16 +41,18 @@ def encounter_of(parts, walls):
     """An encounter of these parts, none of them fallen, whose poses and velocities are set by :func:`enter`."""
     table, bodies, hulls = SURFACE.table(walls), bodies_of(parts), hulls_of(parts)
     schemes = planar_schemes(SURFACE, parts, walls)
-    workspace = new_workspace(table, bodies, schemes.together, len(parts))
+    scheme = max(schemes.alone, key=lambda scheme: scheme.substeps)
+    workspace = new_workspace(table, bodies, scheme, len(parts))
+    workspace.part[: len(parts)] = np.arange(len(parts))
     space = ContactSpace(SURFACE, parts, walls)
     state = new_state(1, len(parts))
     fixed = FixedEncounter(
-        FixedScene(table, bodies, schemes.together, workspace), hulls, space.solver, impact_properties_of(parts),
-        new_contacts(len(parts), hulls), schemes.couplings, schemes.bend, OVERLAP, schemes.walls,
+        FixedScene(table, bodies, scheme, workspace), hulls, space.solver, impact_properties_of(parts),
+        new_contacts(len(parts), hulls), coupling_of(kinds_of(parts)[0], schemes), schemes.walls,
     )  # fmt: skip
     drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)
-    scene = Scene(table, bodies, schemes.together, drive, state, workspace)
-    return space, Encounter(scene, *fixed[1:])
+    scene = Scene(table, bodies, scheme, drive, state, workspace)
+    return space, Encounter(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, 0.0, schemes.walls)
 
 
 def enter(encounter, pose, velocity):

@@ -1,8 +1,10 @@
 """pymunk's contact solver, as the kernels call it: the only place that knows pymunk.
 
-One space serves one world at a time. It is built once, with all parts and walls; the kernel puts a world's poses and
-velocities in, steps it by the addresses of the library's own functions, and takes the parts out again
-(:mod:`vibgym.physics.collision.coupling`), so that every world finds it in the same condition.
+A space serves one island of parts at a time. Bodies and shapes are made once, of all parts and walls; the kernel puts those of an
+island in, steps the space by the addresses of the library's own functions, and takes them out again
+(:mod:`vibgym.physics.collision.coupling`), so that every island finds it empty. The order in which the library goes through
+shapes is that of the numbers that they are given, from 0 on: it keeps them in hash tables with more places than shapes. These
+tables grow and never shrink, and each step goes through all of them; so there are several spaces, for islands of different sizes.
 """
 
 from __future__ import annotations
@@ -39,14 +41,18 @@ MOST_MASS_RATIO = 2000.0
 KEPT_PER_SECOND = 1e-150
 """Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
 
+ROOM = 12
+"""Shapes that the smallest space is for, and each other one for four times as many as the one before: what the library's tables hold
+before they grow."""
+
 MATERIALS = 31
 """Different coefficients of friction that walls can tell apart: bits of pymunk's shape filter."""
 
 
 class ContactSpace:
-    """A pymunk space with the parts of a world and the walls.
+    """pymunk spaces for the parts of a world and the walls.
 
-    Contacts in it do not rebound: :mod:`vibgym.physics.collision.impact_sequence` does that. Friction of a contact between two
+    Contacts in them do not rebound: :mod:`vibgym.physics.collision.impact_sequence` does that. Friction of a contact between two
     parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
 
     Args:
@@ -64,12 +70,8 @@ class ContactSpace:
         if walls and len(materials) > MATERIALS:
             allowed = f"at most {MATERIALS} different values of contact_friction on a surface with walls"
             raise checks.refuse("parts", f"{len(materials)} values", allowed)
-        slop = min(SLOP, 0.05 * check_parts(parts))
-        self.space = space = pymunk.Space()
-        space.collision_slop = slop
-        space.collision_bias = KEPT_PER_SECOND
+        check_parts(parts)
         self._bodies, self._shapes, owner = [], [], [0]
-        fixed = _wall_shapes(space, surface, walls, materials)
         for part in parts:
             body = pymunk.Body(part.mass, part.mass * part.gyration)
             bit = 1 << materials.index(part.contact_friction) % 32 if walls else 1
@@ -79,15 +81,26 @@ class ContactSpace:
                 self._shapes.append(shape)
             owner.append(len(self._shapes))
             self._bodies.append(body)
-            space.add(body)
-        space.add(*self._shapes)
-        space.remove(*self._shapes)  # hash tables have grown now to what they will be: their order never changes again
-        self._keep: list[Any] = []
-        self.solver = self._solver(len(parts), np.array(owner), fixed, slop)
+        rooms = [ROOM]
+        while rooms[-1] < len(self._shapes):
+            rooms.append(4 * rooms[-1])
+        self._spaces = [pymunk.Space() for _ in rooms]
+        for space in self._spaces:
+            space.collision_bias = KEPT_PER_SECOND
+        bars = [_wall_shapes(space, surface, walls, materials) for space in self._spaces]
+        self._keep: list[Any] = [bars]
+        self.solver = self._solver(
+            spaces=np.array([_address(space._space) for space in self._spaces]),
+            room=np.array(rooms),
+            owner=np.array(owner),
+            material=np.array([materials.index(part.contact_friction) for part in parts]),
+            bars=np.array([[[_address(bar._shape) if bar else 0 for bar in each] for each in some] for some in bars]),
+            raised=np.zeros((len(WALLS), len(materials)), np.bool_),
+        )
 
-    def _solver(self, n: int, owner: np.ndarray, fixed: int, slop: float) -> Solver:
-        """Addresses of all that kernels call and hand over, for ``n`` parts."""
-        data = np.zeros(6 * n + 8)  # the library grows its arrays when they are nearly full: never let it
+    def _solver(self, **more: np.ndarray) -> Solver:
+        """Addresses of all that kernels call and hand over."""
+        data = np.zeros(6 * len(self._bodies) + 8)  # the library grows its arrays when they are nearly full: never let it
         floats = ffi.new("pmFloatArray *")
         floats.arr, floats.max, floats.num = ffi.from_buffer("cpFloat[]", data), 1 << 30, 0
         integers = ffi.new("pmIntArray *")
@@ -101,18 +114,20 @@ class ContactSpace:
 
         place, speed = lib.POSITION | lib.ANGLE, lib.VELOCITY | lib.ANGULAR_VELOCITY
         return Solver(
-            space=_address(self.space._space),
             step=_function("cpSpaceStep", "int64", "float64"),
             each=_function("cpSpaceEachBody", "int64", "int64", "int64"),
             put=_place("pmSpaceBodySetIteratorFuncBatched"),
             take=_place("pmSpaceBodyGetIteratorFuncBatched"),
             update=_function("cpBodyUpdatePosition", "int64", "float64"),
+            add_body=_function("cpSpaceAddBody", "int64", "int64"),
+            remove_body=_function("cpSpaceRemoveBody", "int64", "int64"),
             add=_function("cpSpaceAddShape", "int64", "int64"),
             remove=_function("cpSpaceRemoveShape", "int64", "int64"),
             number_from=_function("cpSpaceSetShapeIDCounter", "int64", "int64"),
             set_mass=_function("cpBodySetMass", "int64", "float64"),
             set_moment=_function("cpBodySetMoment", "int64", "float64"),
             set_rounds=_function("cpSpaceSetIterations", "int64", "int64"),
+            set_slop=_function("cpSpaceSetCollisionSlop", "int64", "float64"),
             last_step=_function("cpSpaceSetCurrentTimeStep", "int64", "float64"),
             put_all=batch(place | speed),
             put_velocity=batch(speed),
@@ -122,9 +137,7 @@ class ContactSpace:
             cursor=np.frombuffer(ffi.buffer(floats, 4), dtype=np.int32),
             bodies=np.array([_address(body._body) for body in self._bodies]),
             shapes=np.array([_address(shape._shape) for shape in self._shapes]),
-            owner=owner,
-            fixed=fixed,
-            slop=slop,
+            **more,
         )
 
     def __reduce__(self) -> Any:
@@ -132,11 +145,8 @@ class ContactSpace:
         return ContactSpace, self._made_of
 
 
-def check_parts(parts: Sequence[Part]) -> float:
+def check_parts(parts: Sequence[Part]) -> None:
     """Refuse parts that contacts cannot be relied on for.
-
-    Returns:
-        Width of the narrowest part, m.
 
     Raises:
         ValueError: one is too thin, or much heavier than another.
@@ -149,7 +159,11 @@ def check_parts(parts: Sequence[Part]) -> float:
             "parts", f"part {parts.index(thinnest)} ({thinnest.name!r}), {1e3 * width:.3g} mm wide", allowed
         )
     check_masses("parts", parts, np.array([part.mass for part in parts]))
-    return width
+
+
+def slop_of(part: Part) -> float:
+    """Overlap of a part that the solver leaves alone, m."""
+    return min(SLOP, 0.05 * narrowest_width(part.outline))
 
 
 def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> None:
@@ -208,8 +222,10 @@ def _inset(piece: np.ndarray) -> np.ndarray:
     return piece + INSET * way / np.maximum(np.hypot(way[:, 0], way[:, 1]) / 100.0, 1.0)[:, None]
 
 
-def _wall_shapes(space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]) -> int:
-    """Add the walls, once for each material, as thick bars outside the surface; returns how many shapes that makes."""
+def _wall_shapes(
+    space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]
+) -> list[list[pymunk.Shape | None]]:
+    """The walls of a space, in the order of all of them, once for each material, as thick bars outside the surface."""
     width, height = surface.width, surface.depth
     thick = max(width, height)
     bars = {
@@ -218,14 +234,13 @@ def _wall_shapes(space: pymunk.Space, surface: Surface, walls: Sequence[str], ma
         "bottom": (-thick, -thick, width + thick, 0.0),
         "top": (-thick, height, width + thick, height + thick),
     }
-    shapes = []
-    for name in WALLS:
+    shapes: list[list[pymunk.Shape | None]] = [[None] * len(materials) for _ in WALLS]
+    for wall, name in enumerate(WALLS):
         for index, friction in enumerate(materials if name in walls else ()):
             low_x, low_y, high_x, high_y = bars[name]
             corners = [(low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y)]
             bar = pymunk.Poly(space.static_body, corners)
             bar.friction = math.sqrt(friction)
             bar.filter = pymunk.ShapeFilter(mask=1 << index)
-            shapes.append(bar)
-    space.add(*shapes)
-    return len(shapes)
+            shapes[wall][index] = bar
+    return shapes

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
 from vibgym._numba.reference import Pinned
 from vibgym.physics.collision.broad_phase import CONTACT, FREE, NEAR
-from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, FixedEncounter, new_contacts
+from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, Coupling, FixedEncounter, new_contacts
 from vibgym.physics.collision.multibody import (
     CALLS,
     COUNTS,
@@ -23,9 +24,9 @@ from vibgym.physics.core.records import State
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
-from vibgym.scene.parts import bodies_of
+from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.simulation.conditions import Conditions
-from vibgym.simulation.contact_space import ContactSpace, check_masses, impact_properties_of
+from vibgym.simulation.contact_space import ContactSpace, check_masses, impact_properties_of, slop_of
 from vibgym.simulation.protocol import NO_PATHS, Setup
 from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
 from vibgym.simulation.threads import Pool
@@ -41,7 +42,7 @@ class Multibody:
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
-        self._setup, self._bend = setup, schemes.bend
+        self._setup, self._bend = setup, min(schemes.bend)
         self._buffers = Pool(partial(ContactBuffers, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
@@ -52,21 +53,21 @@ class Multibody:
         def work(buffers: ContactBuffers) -> None:
             prospect = buffers.prospect(stop - start)
             together, seen, at, first = buffers.together.address, prospect.address, state.address, start * buffers.parts
-            buffers.contacts.deepest[0] = self._smallest_gap[start]
+            buffers.contacts.deepest[1] = self._smallest_gap[start]
             rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
             try:
                 for _ in range(periods):
-                    near, touching = broad_phase(start, stop, together, at, seen)
+                    near = broad_phase(start, stop, together, at, seen)
                     for kind, alone in enumerate(buffers.alone):
                         if count[kind]:
                             chosen = rows[kind, : count[kind]]
                             slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
-                    if near or touching:
+                    if near:
                         resolve(start, stop, together, drive, at, seen, self.counts)
                     else:
                         self.counts[start:stop, FREE] += 1
             finally:
-                self._smallest_gap[start] = buffers.contacts.deepest[0]
+                self._smallest_gap[start] = buffers.contacts.deepest[1]
 
         self._buffers.lend(work)
 
@@ -110,16 +111,15 @@ class ContactBuffers:
         table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts)
         self.parts = len(setup.parts)
         self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
-        friction = FixedScene(
-            table, bodies, schemes.together, new_workspace(table, bodies, schemes.together, self.parts)
-        )
+        most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # working arrays are for the longest steps
+        friction = FixedScene(table, bodies, most, new_workspace(table, bodies, most, self.parts))
         self.contacts = new_contacts(self.parts, setup.hulls)
         together = FixedEncounter(
             friction, setup.hulls, self._space.solver, impact_properties_of(setup.parts), self.contacts,
-            schemes.couplings, schemes.bend, schemes.overlap, schemes.walls,
+            coupling_of(kinds_of(setup.parts)[0], schemes), schemes.walls,
         )  # fmt: skip
         self.together = Pinned(FIXED_ENCOUNTER, together)
-        workspace = new_workspace(table, bodies, schemes.together, LANES)
+        workspace = new_workspace(table, bodies, most, LANES)
         self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in schemes.alone]
         self._steps = np.array([scheme.steps for scheme in schemes.alone])
         self._prospects: dict[int, Pinned[Prospect]] = {}
@@ -129,3 +129,15 @@ class ContactBuffers:
         if worlds not in self._prospects:
             self._prospects[worlds] = Pinned(PROSPECT, new_prospect(worlds, self.parts, self._steps))
         return self._prospects[worlds]
+
+
+def coupling_of(kinds: Sequence[Part], schemes: PlanarSchemes) -> Coupling:
+    """How finely friction and contacts take turns, for the kernels."""
+    return Coupling(
+        steps=np.array([scheme.steps for scheme in schemes.alone]),
+        substeps=np.array([scheme.substeps for scheme in schemes.alone]),
+        bend=np.array(schemes.bend),
+        overlap=np.array(schemes.overlap),
+        slop=np.array([slop_of(kind) for kind in kinds]),
+        fewest=schemes.fewest,
+    )

@@ -39,13 +39,12 @@ CONTACT_STEPS = 10
 
 
 class PlanarSchemes(NamedTuple):
-    """Schemes of the planar model: each kind's own without contacts, and what goes for all with them."""
+    """Schemes of the planar model: each kind's own, and what goes for it where there are contacts."""
 
     alone: tuple[Scheme, ...]  # one a kind
-    together: Scheme  # of all parts where there are contacts
-    couplings: int  # fewest steps of the coupling from cut to cut
-    bend: float  # m that ``mu g h^2`` may be in such a step ``h``; infinite: the number of steps does not depend on friction
-    overlap: float  # m that an impact may add to the overlap of two parts
+    fewest: int  # steps of the coupling in a period
+    bend: tuple[float, ...]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: the number does not depend on friction
+    overlap: tuple[float, ...]  # m that an impact may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 
 
@@ -94,24 +93,23 @@ def planar_schemes(
 
     ``contact_steps``: fewest steps of the coupling in a period with contacts; ``"auto"``: ten, or as many as keep what friction
     adds to an overlap in a step small. ``contact_overlap``: m, how far parts may run into one another before the solver sees
-    the impact; steps are cut short for it. Both are finer for parts that are not much larger than the overlaps.
+    the impact; steps are cut short for it. Both are finer for parts that are not much larger than the overlaps, and for what
+    they meet.
     """
-    half_width = 0.5 * min(narrowest_width(kind.outline) for kind in kinds)
-    overlap = min(CONTACT_OVERLAP, half_width / 50.0)
+    half_widths = [0.5 * narrowest_width(kind.outline) for kind in kinds]
+    overlaps = [min(CONTACT_OVERLAP, half_width / 50.0) for half_width in half_widths]
     if not (isinstance(contact_overlap, str) and contact_overlap == "auto"):
-        overlap = checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)
+        overlaps = [checks.number("contact_overlap (or 'auto')", contact_overlap, least=2e-6, most=1e-4)] * len(kinds)
     alone = [planar_scheme(surface, part, steps=steps, substeps=substeps, pieces=pieces) for part in kinds]
-    finest = max(alone, key=lambda scheme: scheme.steps)
-    coupled, bend = chosen("contact_steps", contact_steps, most=MOST_STEPS), math.inf
+    coupled, bends = chosen("contact_steps", contact_steps, most=MOST_STEPS), [math.inf] * len(kinds)
     if coupled is None:
-        coupled, bend = CONTACT_STEPS, min(FRICTION_OVERLAP, 0.25 * half_width)
-        check_contact_steps("parts", surface, max(part.friction for part in kinds), 0.0, bend)
+        coupled, bends = CONTACT_STEPS, [min(FRICTION_OVERLAP, 0.25 * half_width) for half_width in half_widths]
+        check_contact_steps("parts", surface, max(part.friction for part in kinds), 0.0, min(bends))
     return PlanarSchemes(
         alone=tuple(alone),
-        together=finest,
-        couplings=math.ceil(coupled / finest.steps),
-        bend=bend,
-        overlap=overlap,
+        fewest=coupled,
+        bend=tuple(bends),
+        overlap=tuple(overlaps),
         walls=sum(1 << WALLS.index(name) for name in walls),
     )
 
@@ -120,7 +118,7 @@ def check_contact_steps(argument: str, surface: Surface, friction: float, inclin
     """Refuse friction (and an incline, m/s^2) that contacts would need too many steps of a period for;
     ``bend``: see ``PlanarSchemes``.
 
-    The kernels find the number of steps for each world (:func:`vibgym.physics.collision.coupling.couplings_needed`).
+    The kernels find the number of steps for each island (:func:`vibgym.physics.collision.islands.run_island`).
     """
     needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
     if not needed <= MOST_STEPS:

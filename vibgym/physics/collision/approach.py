@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from vibgym._numba.jit import borrowing
-from vibgym.physics.collision.hulls import A_FACE, B_FACE, farthest, hull_contact, wall_direction
+from vibgym.physics.collision.hulls import A_FACE, B_FACE, farthest, hull_contact, place_hulls, wall_direction
 from vibgym.physics.core.records import friction_in, incline_size
 from vibgym.physics.planar.pressure_moments import LANES
 
@@ -27,20 +27,22 @@ class Approach(NamedTuple):
     h: float  # s, its length
     touching: bool  # whether any pair may touch in it
     impact: bool  # whether such a pair comes together faster than ``RESTING``
+    nearest: float  # m, gap of the pair at hand, or less, at the start of the step
 
 
 @borrowing
-def part_motion(workspace, part):
-    """x, y, and velocity x, y and spin of a part."""
-    pose, velocity, lane = workspace.pose[part // LANES], workspace.velocity[part // LANES], part % LANES
+def part_motion(workspace, slot):
+    """x, y, and velocity x, y and spin of the part in a slot."""
+    pose, velocity, lane = workspace.pose[slot // LANES], workspace.velocity[slot // LANES], slot % LANES
     return pose[lane], pose[LANES + lane], velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane]
 
 
 @borrowing
-def pull_on(encounter, part):
+def pull_on(encounter, slot):
     """Friction's acceleration of a part, which straight lines leave out, m/s^2."""
     scene = encounter.scene
-    return 2.0 * friction_in(scene.bodies, scene.state, scene.workspace.world[part], part) * scene.table.gravity
+    friction = friction_in(scene.bodies, scene.state, encounter.world, scene.workspace.part[slot])
+    return 2.0 * friction * scene.table.gravity
 
 
 @borrowing
@@ -50,13 +52,53 @@ def arm_of(hulls, part):
 
 
 @borrowing
+def look_ahead(encounter, h):
+    """Write how far any point of a part may get in a step of ``h`` s before contacts push it into ``contacts.ahead``."""
+    scene, contacts = encounter.scene, encounter.contacts
+    incline = incline_size(scene.state, encounter.world)
+    for slot in range(encounter.parts):
+        part = scene.workspace.part[slot]
+        _, _, vx, vy, spin = part_motion(scene.workspace, slot)
+        radius, gyration = encounter.hulls.radius[part], scene.bodies.gyration[scene.bodies.kind[part]]
+        pull = pull_on(encounter, slot) * (1.0 + radius * radius / gyration) + incline
+        contacts.ahead[slot] = (math.sqrt(vx * vx + vy * vy) + radius * abs(spin)) * h + 0.5 * pull * h * h
+
+
+@borrowing
+def stays_clear(contacts, pair, i, j):
+    """Whether two parts, or a part and a wall, that were apart when they were last looked at cannot meet in this step."""
+    used, ahead = contacts.gone[i], contacts.ahead[i]
+    if j >= 0:
+        used, ahead = used + contacts.gone[j], ahead + contacts.ahead[j]
+    return contacts.clear[pair] - used > ahead
+
+
+@borrowing
+def place_slot(encounter, slot):
+    """Place the hulls of the part in a slot, unless they are."""
+    contacts = encounter.contacts
+    if not contacts.fresh[slot]:
+        contacts.fresh[slot] = True
+        at, lane = encounter.scene.workspace.pose[slot // LANES], slot % LANES
+        part = encounter.scene.workspace.part[slot]
+        place_hulls(encounter.hulls, part, at[lane], at[LANES + lane], at[2 * LANES + lane], contacts.placed)
+
+
+@borrowing
+def parts_moved(encounter):
+    """Parts have moved: none is placed any more."""
+    for slot in range(encounter.parts):
+        encounter.contacts.fresh[slot] = False
+
+
+@borrowing
 def meet(encounter, approach, gap, later, pull, curve, shortest, pair):
     """Take a gap into account that shrinks to ``later`` in the step where everything goes straight on.
 
     Args:
         pull, curve: m/s^2, what friction and the circles on which corners go may bend that.
     """
-    h, touching, impact = approach
+    h, touching, impact, nearest = approach
     if later < 0.5 * (pull + curve) * h * h:
         touching = encounter.contacts.close[pair] = True
         if gap - later > RESTING * h:
@@ -71,21 +113,24 @@ def meet(encounter, approach, gap, later, pull, curve, shortest, pair):
         # Where the chord less ``curve t^2 / 2`` is down to the lowest.
         slope = change / along
         h = max(min(h, (slope + math.sqrt(slope * slope + 2.0 * curve * (gap - lowest))) / curve), shortest)
-    return Approach(h, touching, impact)
+    return Approach(h, touching, impact, min(nearest, gap))
 
 
 @borrowing
-def meet_wall(encounter, approach, shortest, pair, part, wall):
+def meet_wall(encounter, approach, shortest, pair, slot, wall):
     """Take a part and a wall into account."""
-    table, hulls, placed = encounter.scene.table, encounter.hulls, encounter.contacts.placed
-    x, y, vx, vy, spin = part_motion(encounter.scene.workspace, part)
-    nx, ny, border = wall_direction(table, wall)
-    scene = encounter.scene
-    pull = pull_on(encounter, part) + incline_size(scene.state, scene.workspace.world[part])
+    scene, hulls, placed = encounter.scene, encounter.hulls, encounter.contacts.placed
+    part = scene.workspace.part[slot]
+    x, y, vx, vy, spin = part_motion(scene.workspace, slot)
+    nx, ny, border = wall_direction(scene.table, wall)
+    pull = pull_on(encounter, slot) + incline_size(scene.state, encounter.world)
     curve, h = spin * spin * arm_of(hulls, part), approach.h
+    clear = border - (nx * x + ny * y) - hulls.radius[part]
     # Also what goes away from the wall may first turn a corner into it.
-    if border - (nx * x + ny * y) > hulls.radius[part] + max(nx * vx + ny * vy, 0.0) * h + 0.5 * pull * h * h:
-        return approach
+    if clear > max(nx * vx + ny * vy, 0.0) * h + 0.5 * pull * h * h:
+        return Approach(h, approach.touching, approach.impact, clear)
+    place_slot(encounter, slot)
+    approach = Approach(h, approach.touching, approach.impact, math.inf)
     for a in range(hulls.owner[part], hulls.owner[part + 1]):
         h = approach.h
         gap = border - farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, 0.0)
@@ -96,21 +141,25 @@ def meet_wall(encounter, approach, shortest, pair, part, wall):
 
 @borrowing
 def meet_part(encounter, approach, shortest, pair, i, j):
-    """Take two parts into account."""
-    hulls, placed = encounter.hulls, encounter.contacts.placed
+    """Take the parts in two slots into account."""
+    hulls, placed, part = encounter.hulls, encounter.contacts.placed, encounter.scene.workspace.part
+    one, other = part[i], part[j]
     xi, yi, ui, wi, si = part_motion(encounter.scene.workspace, i)
     xj, yj, uj, wj, sj = part_motion(encounter.scene.workspace, j)
     h = approach.h
     pull = pull_on(encounter, i) + pull_on(encounter, j)  # an inclined table accelerates both alike
     dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
-    speed = math.sqrt(du * du + dw * dw)
-    clear = hulls.radius[i] + hulls.radius[j] + speed * h + 0.5 * pull * h * h
-    if dx * dx + dy * dy > clear * clear:
-        return approach
-    arm_i, arm_j, away = arm_of(hulls, i), arm_of(hulls, j), math.sqrt(dx * dx + dy * dy) + speed * h
+    speed, distance = math.sqrt(du * du + dw * dw), math.sqrt(dx * dx + dy * dy)
+    clear = distance - hulls.radius[one] - hulls.radius[other]
+    if clear > speed * h + 0.5 * pull * h * h:
+        return Approach(h, approach.touching, approach.impact, clear)
+    place_slot(encounter, i)
+    place_slot(encounter, j)
+    approach = Approach(h, approach.touching, approach.impact, math.inf)
+    arm_i, arm_j, away = arm_of(hulls, one), arm_of(hulls, other), distance + speed * h
     relative = (sj - si) * (sj - si)
-    for a in range(hulls.owner[i], hulls.owner[i + 1]):
-        for b in range(hulls.owner[j], hulls.owner[j + 1]):
+    for a in range(hulls.owner[one], hulls.owner[one + 1]):
+        for b in range(hulls.owner[other], hulls.owner[other + 1]):
             h = approach.h
             gap, nx, ny, owner = hull_contact(hulls, placed, a, b)
             # An edge takes its normal along when its part turns: seen from there, only the other hull moves, and goes on a
@@ -142,19 +191,25 @@ def safe_step(encounter, pairs, n, h, shortest):
     corners go, ``SLOWLY`` times as much, at any instant of the step. What friction's acceleration adds, at most
     ``2 mu g h^2``, is for ``h`` to keep small.
 
+    A pair is looked at again only when both have come so far, or become so fast, that they might meet.
+
     Args:
         pairs: of which ``n`` may come to touch.
         h, shortest: s, longest and shortest step.
     """
-    away = encounter.scene.workspace.away
-    approach = Approach(h, False, False)
+    away, contacts = encounter.scene.workspace.away, encounter.contacts
+    approach = Approach(h, False, False, math.inf)
+    look_ahead(encounter, h)
     for pair in range(n):
-        encounter.contacts.close[pair] = encounter.contacts.impact[pair] = False
+        contacts.close[pair] = contacts.impact[pair] = False
         i, j = pairs[pair, 0], pairs[pair, 1]
-        if away[i] or (j >= 0 and away[j]):
+        if away[i] or (j >= 0 and away[j]) or stays_clear(contacts, pair, i, j):
             continue
+        used = contacts.gone[i]
         if j < 0:
             approach = meet_wall(encounter, approach, shortest, pair, i, -1 - j)
         else:
             approach = meet_part(encounter, approach, shortest, pair, i, j)
+            used += contacts.gone[j]
+        contacts.clear[pair] = approach.nearest + used
     return approach

@@ -45,9 +45,11 @@ class RelativeMotion(NamedTuple):
 
 
 @borrowing
-def weigh_parts(properties, factor):
-    """Set what the parts of a world weigh, by the factors (parts,) on their masses."""
-    for p in range(factor.shape[0]):
+def weigh_parts(encounter):
+    """Set what the parts weigh, by the factors on their masses."""
+    properties, factor = encounter.properties, encounter.scene.state.mass[encounter.world]
+    for slot in range(encounter.parts):
+        p = encounter.scene.workspace.part[slot]
         mass = factor[p] * properties.mass[p]
         properties.inverse_mass[p] = 1.0 / mass
         properties.inverse_inertia[p] = 1.0 / (mass * properties.gyration[p])
@@ -55,7 +57,7 @@ def weigh_parts(properties, factor):
 
 @borrowing
 def relative_motion(scene, i, j, span):
-    """The relative motion of two bodies at a contact; ``j`` is a part, or ``-1 - wall``."""
+    """The relative motion of two bodies at a contact: the part in slot ``i``, and that in ``j``, or a wall, ``-1 - wall``."""
     x, y, vx, vy, spin = part_motion(scene.workspace, i)
     ux, uy, turning = spin * (span.y - y) - vx, -spin * (span.x - x) - vy, -spin
     if j >= 0:
@@ -82,18 +84,19 @@ def fastest_impact(encounter, pairs, n, hit):
         Number of the pair, -1 if there is none, and the span of its contact.
     """
     scene, hulls, contacts = encounter.scene, encounter.hulls, encounter.contacts
+    part = scene.workspace.part
     chosen, where, fastest = -1, Span(0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0), -RESTING
     for pair in range(n):
         i, j = pairs[pair, 0], pairs[pair, 1]
         if not contacts.close[pair] or not (contacts.impact[pair] or hit[i] or (j >= 0 and hit[j])):
             continue
-        others = 1 if j < 0 else hulls.owner[j + 1] - hulls.owner[j]
-        for a in range(hulls.owner[i], hulls.owner[i + 1]):
+        others = 1 if j < 0 else hulls.owner[part[j] + 1] - hulls.owner[part[j]]
+        for a in range(hulls.owner[part[i]], hulls.owner[part[i] + 1]):
             for b in range(others):
                 if j < 0:
                     span = wall_span(scene.table, hulls, contacts.placed, a, -1 - j)
                 else:
-                    span = hull_span(hulls, contacts.placed, a, hulls.owner[j] + b)
+                    span = hull_span(hulls, contacts.placed, a, hulls.owner[part[j]] + b)
                 speed = closing_speed(scene, i, j, span)
                 if speed < fastest:
                     chosen, where, fastest = pair, span, speed
@@ -101,29 +104,30 @@ def fastest_impact(encounter, pairs, n, hit):
 
 
 @borrowing
-def mobility_at(encounter, part, span):
-    """Mobility of a part at a contact."""
-    x, y, _, _, _ = part_motion(encounter.scene.workspace, part)
+def mobility_at(encounter, slot, span):
+    """Mobility of the part in a slot at a contact."""
+    x, y, _, _, _ = part_motion(encounter.scene.workspace, slot)
     rx, ry = span.x - x, span.y - y
-    properties = encounter.properties
+    properties, part = encounter.properties, encounter.scene.workspace.part[slot]
     normal, tangent = span.nx * rx + span.ny * ry, span.nx * ry - span.ny * rx
     return mobility_of(properties.inverse_mass[part], properties.inverse_inertia[part], normal, tangent)
 
 
 @borrowing
-def apply_impulse(encounter, part, span, normal, tangential, turn):
-    """Change a part's velocity by an impulse at a contact; returns the largest change of a point's, m/s."""
+def apply_impulse(encounter, slot, span, normal, tangential, turn):
+    """Change the velocity of a slot's part by an impulse at a contact; returns the largest change of a point's, m/s."""
     workspace, properties = encounter.scene.workspace, encounter.properties
-    x, y, _, _, _ = part_motion(workspace, part)
+    part = workspace.part[slot]
+    x, y, _, _, _ = part_motion(workspace, slot)
     px, py = normal * span.nx - tangential * span.ny, normal * span.ny + tangential * span.nx
     moment = (span.x - x) * py - (span.y - y) * px + turn
-    velocity, lane = workspace.velocity[part // LANES], part % LANES
+    velocity, lane = workspace.velocity[slot // LANES], slot % LANES
     dx, dy = properties.inverse_mass[part] * px, properties.inverse_mass[part] * py
     spin = properties.inverse_inertia[part] * moment
     velocity[lane] += dx
     velocity[LANES + lane] += dy
     velocity[2 * LANES + lane] += spin
-    encounter.scene.state.sticking[workspace.world[part], workspace.part[part]] = False
+    encounter.scene.state.sticking[encounter.world, part] = False
     return max(abs(dx), abs(dy), encounter.hulls.radius[part] * abs(spin))
 
 
@@ -139,8 +143,9 @@ def resolve_impacts(encounter, pairs, n, jolt):
         Whether there was any impact, and whether any part was marked.
     """
     scene, properties, hit = encounter.scene, encounter.properties, encounter.contacts.hit
-    for p in range(hit.shape[0]):
-        hit[p] = False
+    part = scene.workspace.part
+    for slot in range(encounter.parts):
+        hit[slot] = False
     any_impact, marked = False, False
     for _ in range(MOST_IMPACTS + IMPACTS_A_PAIR * n):
         pair, span = fastest_impact(encounter, pairs, n, hit)
@@ -149,22 +154,22 @@ def resolve_impacts(encounter, pairs, n, jolt):
         i, j = pairs[pair, 0], pairs[pair, 1]
         met = relative_motion(scene, i, j, span)
         mobility, other = mobility_at(encounter, i, span), Mobility(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        restitution, friction = properties.restitution[i], properties.friction[i]
+        restitution, friction = properties.restitution[part[i]], properties.friction[part[i]]
         if j >= 0:
             other = mobility_at(encounter, j, span)
-            restitution = (restitution * properties.restitution[j]) ** 0.5
-            friction = (friction * properties.friction[j]) ** 0.5
+            restitution = (restitution * properties.restitution[part[j]]) ** 0.5
+            friction = (friction * properties.friction[part[j]]) ** 0.5
         impulse = impact_impulse(
             both(mobility, other), met.approach, met.slip, met.turning, span.low, span.high, restitution, friction
         )
         any_impact = True
         for end in range(2):
-            part, sign = (i, -1.0) if end == 0 else (j, 1.0)
-            if part >= 0:
+            slot, sign = (i, -1.0) if end == 0 else (j, 1.0)
+            if slot >= 0:
                 change = apply_impulse(
-                    encounter, part, span, sign * impulse.normal, sign * impulse.tangential, sign * impulse.turn
+                    encounter, slot, span, sign * impulse.normal, sign * impulse.tangential, sign * impulse.turn
                 )
-                hit[part] = True
+                hit[slot] = True
                 if change > jolt:
-                    scene.workspace.stale[part] = marked = True
+                    scene.workspace.stale[slot] = marked = True
     return any_impact, marked
