@@ -200,6 +200,16 @@ def inlined(function: Any) -> Any:
     return _kernel(function, _nrt=False, forceinline=True)
 
 
+def exact(function: Any) -> Any:
+    """Like :func:`borrowing`, but without fast-math: numbers are rounded as the source says, on every processor alike."""
+    return _kernel(function, _nrt=False, fastmath=False)
+
+
+def exact_inlined(function: Any) -> Any:
+    """Like :func:`exact`, for functions that are to become part of their caller."""
+    return _kernel(function, _nrt=False, fastmath=False, forceinline=True)
+
+
 def cache_folder(kernel: Any = None) -> str | None:
     """Where a kernel is kept once it is compiled, by default one of this file's package; None: nowhere."""
     if not options.CACHE:

@@ -2,7 +2,8 @@
 
 ``jit`` compiles a function in nopython mode with the project's options (:mod:`vibgym._numba.options`). ``borrowing`` is for
 functions that only look at arrays which their callers hold, ``inlined`` for those that must be compiled into their caller's
-loop so that it can be vectorised. ``VIBGYM_CACHE=0`` switches the cache off, and ``NUMBA_CACHE_DIR`` says where it is.
+loop so that it can be vectorised. ``exact`` and ``exact_inlined`` are for those that work on eight doubles at a time
+(:mod:`vibgym._numba.vector`). ``VIBGYM_CACHE=0`` switches the cache off, and ``NUMBA_CACHE_DIR`` says where it is.
 """
 
 from __future__ import annotations
@@ -10,8 +11,8 @@ from __future__ import annotations
 from vibgym._numba.options import PLAIN
 
 if PLAIN:
-    from vibgym._numba.plain import borrowing, cache_folder, inlined, jit
+    from vibgym._numba.plain import borrowing, cache_folder, exact, exact_inlined, inlined, jit
 else:
-    from vibgym._numba.compiler import borrowing, cache_folder, inlined, jit
+    from vibgym._numba.compiler import borrowing, cache_folder, exact, exact_inlined, inlined, jit
 
-__all__ = ["borrowing", "cache_folder", "inlined", "jit"]
+__all__ = ["borrowing", "cache_folder", "exact", "exact_inlined", "inlined", "jit"]

@@ -42,26 +42,35 @@ def cache_folder(kernel: Any = None) -> str | None:
     return folder if options.CACHE and os.access(folder, os.W_OK) else None
 
 
-def jit(function: Any) -> Any:
-    """Compile ``function`` in nopython mode with the project's options.
-
-    numba looks for cached kernels by their file alone. So each state of what the file imports has a folder of its own.
-    """
+def _compiled(function: Any, more: Any) -> Any:
+    """numba looks for cached kernels by their file alone. So each state of what the file imports has a folder of its own."""
+    settings = {**options.OPTIONS, **more}
     file, folder = function.__code__.co_filename, cache_folder()
     if folder is None and options.CACHE:
         options.warn_about_cache("no folder that may be written")
     if folder is None or not os.path.isfile(file):
-        return numba.njit(**options.OPTIONS)(function)
+        return numba.njit(**settings)(function)
     before = config.CACHE_DIR
     digest = sources(file, function.__module__)
     config.CACHE_DIR = os.path.join(folder, f"plain-{digest[:16]}")
     try:
-        return numba.njit(cache=True, **options.OPTIONS)(function)
+        return numba.njit(cache=True, **settings)(function)
     finally:
         config.CACHE_DIR = before
 
 
+def jit(function: Any) -> Any:
+    """Compile ``function`` in nopython mode with the project's options."""
+    return _compiled(function, {})
+
+
+def exact(function: Any) -> Any:
+    """Likewise without fast-math."""
+    return _compiled(function, {"fastmath": False})
+
+
 borrowing = inlined = jit
+exact_inlined = exact
 
 
 @jit

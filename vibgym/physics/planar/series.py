@@ -1,16 +1,16 @@
 """Friction on eight parts at a time, as a series in the moments of the pressure, in steps of Kutta's 3/8 rule.
 
 Even weights suit a periodic drive. :mod:`vibgym.physics.planar.points` takes the same rule on one part and sums over contact
-points: the stages stand there a second time, since those here must be one loop over lanes to become vector instructions.
+points.
 """
 
 from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym._numba.jit import borrowing, exact
+from vibgym._numba.vector import LANES, load, maximum, minimum, spread, store
 from vibgym.physics.core.records import body_incline
-from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.wrench import expanded_wrench
 
 LARGEST_VARIATION = 0.45
@@ -28,68 +28,59 @@ def limits(table, body):
     return (LARGEST_VARIATION / body.radius) ** 2, SMALLEST_SLIP * harshest
 
 
-@borrowing
-def kutta_lanes(moments, gravity, speed, h, c, s, pose, velocity, own, lanes):
-    """One step of Kutta's 3/8 rule for every lane.
+@exact
+def slide_by_series(table, step, moments, pose, velocity, own):
+    """All substeps of a step for every lane.
 
     Args:
         moments: flat (row, lane), of the pressure.
-        gravity, speed: of the table.  h: s.
-        c, s: cos wt and sin wt at the four stages.
         pose, velocity: flat (3, lane), changed in place.
-        own: flat (6, lane): largest ``(omega / |u|)^2`` and smallest ``|u|^2`` so far, brought up to date; friction, one over
-            the inertia per mass (m^-2), and the incline x and y (m/s^2). In one array, since the compiler gives up vectorising
-            where many may overlap.
+        own: flat (6, lane): largest ``(omega / |u|)^2`` and smallest ``|u|^2`` in the step, overwritten; friction, friction
+            over the inertia per mass (m^-2), and the incline x and y (m/s^2).
     """
-    third, eighth = h / 3.0, h / 8.0
-    c0, c1, c2, c3 = c
-    s0, s1, s2, s3 = s
-    for j in range(lanes):
-        m, t = own[2 * LANES + j], own[3 * LANES + j]
-        px, py = own[4 * LANES + j], own[5 * LANES + j]
-        g = m * gravity
-        vx, vy, spin = velocity[j], velocity[LANES + j], velocity[2 * LANES + j]
-        ax, ay, aw, square, varies = expanded_wrench(
-            moments, j, g, -m * c0, m * s0, -speed * s0 - vx, speed * c0 - vy, spin
-        )
-        least, most = square, varies
-        ax, ay, aw = ax + px, ay + py, aw * t
-        bx, by, bw, square, varies = expanded_wrench(
-            moments, j, g, -m * c1, m * s1,
-            -speed * s1 - (vx + third * ax), speed * c1 - (vy + third * ay), spin + third * aw,
-        )  # fmt: skip
-        least, most = min(least, square), max(most, varies)
-        bx, by, bw = bx + px, by + py, bw * t
-        cx, cy, cw, square, varies = expanded_wrench(
-            moments, j, g, -m * c2, m * s2,
-            -speed * s2 - (vx + h * bx - third * ax), speed * c2 - (vy + h * by - third * ay),
-            spin + h * bw - third * aw,
-        )  # fmt: skip
-        least, most = min(least, square), max(most, varies)
-        cx, cy, cw = cx + px, cy + py, cw * t
-        dx, dy, dw, square, varies = expanded_wrench(
-            moments, j, g, -m * c3, m * s3,
-            -speed * s3 - (vx + h * (ax - bx + cx)), speed * c3 - (vy + h * (ay - by + cy)), spin + h * (aw - bw + cw),
-        )  # fmt: skip
-        dx, dy, dw = dx + px, dy + py, dw * t
-        own[j] = max(own[j], max(most, varies))
-        own[LANES + j] = min(own[LANES + j], min(least, square))
-        pose[j] += h * (vx + eighth * (ax + 2.0 * bx + cx))
-        pose[LANES + j] += h * (vy + eighth * (ay + 2.0 * by + cy))
-        pose[2 * LANES + j] += h * (spin + eighth * (aw + 2.0 * bw + cw))
-        velocity[j] = vx + eighth * (ax + 3.0 * (bx + cx) + dx)
-        velocity[LANES + j] = vy + eighth * (ay + 3.0 * (by + cy) + dy)
-        velocity[2 * LANES + j] = spin + eighth * (aw + 3.0 * (bw + cw) + dw)
-
-
-@borrowing
-def slide_by_series(table, step, moments, pose, velocity, own, lanes):
-    """All substeps of a step for every lane; see :func:`kutta_lanes`."""
-    cosine, sine, node = step.cosine, step.sine, step.node
-    for j in range(lanes):
-        own[j], own[LANES + j] = 0.0, math.inf
+    h, gravity, speed = step.h, table.gravity, table.speed
+    eighth = 0.125 * h
+    friction, turn = load(own, 2 * LANES), load(own, 3 * LANES)
+    px, py = load(own, 4 * LANES), load(own, 5 * LANES)
+    x, y, heading = load(pose, 0), load(pose, LANES), load(pose, 2 * LANES)
+    vx, vy, spin = load(velocity, 0), load(velocity, LANES), load(velocity, 2 * LANES)
+    least, most, node = spread(math.inf), spread(0.0), step.node
     for _ in range(step.substeps):
-        c = cosine[node], cosine[node + 1], cosine[node + 2], cosine[node + 3]
-        s = sine[node], sine[node + 1], sine[node + 2], sine[node + 3]
-        kutta_lanes(moments, table.gravity, table.speed, step.h, c, s, pose, velocity, own, lanes)
+        # What the last stages add to velocity, and those before them: the next adds ``h a``, less the first, and so on.
+        dx, dy, dw = spread(0.0), spread(0.0), spread(0.0)
+        ex, ey, ew = spread(0.0), spread(0.0), spread(0.0)
+        way_x, way_y, way_w = spread(0.0), spread(0.0), spread(0.0)  # a + 2 b + c of the accelerations at the stages
+        gain_x, gain_y, gain_w = spread(0.0), spread(0.0), spread(0.0)  # a + 3 b + 3 c + d
+        for stage in range(4):
+            c, s = step.cosine[node + stage], step.sine[node + stage]
+            ax, ay, aw, square, varies = expanded_wrench(
+                moments, gravity, -c, s, -speed * s - (vx + dx), speed * c - (vy + dy), spin + dw
+            )
+            least, most = minimum(least, square), maximum(most, varies)
+            ax, ay, aw = friction * ax + px, friction * ay + py, turn * aw
+            inner = 3.0 if stage == 1 or stage == 2 else 1.0
+            gain_x, gain_y, gain_w = gain_x + inner * ax, gain_y + inner * ay, gain_w + inner * aw
+            if stage == 3:
+                break
+            twice = 2.0 if stage == 1 else 1.0
+            way_x, way_y, way_w = way_x + twice * ax, way_y + twice * ay, way_w + twice * aw
+            # Stages begin with h / 3 a, with h b - h / 3 a, and with h (a - b + c) more than the step.
+            share, before = h / 3.0 if stage == 0 else h, 2.0 if stage == 2 else 0.0
+            dx, ex = share * ax - dx + before * ex, dx
+            dy, ey = share * ay - dy + before * ey, dy
+            dw, ew = share * aw - dw + before * ew, dw
+        x, y, heading = (
+            x + h * (vx + eighth * way_x),
+            y + h * (vy + eighth * way_y),
+            heading + h * (spin + eighth * way_w),
+        )
+        vx, vy, spin = vx + eighth * gain_x, vy + eighth * gain_y, spin + eighth * gain_w
         node += step.stride
+    store(pose, 0, x)
+    store(pose, LANES, y)
+    store(pose, 2 * LANES, heading)
+    store(velocity, 0, vx)
+    store(velocity, LANES, vy)
+    store(velocity, 2 * LANES, spin)
+    store(own, 0, most)
+    store(own, LANES, least)

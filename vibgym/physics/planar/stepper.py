@@ -11,20 +11,32 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
-from vibgym.physics.core.records import Motion, body_in, body_of
-from vibgym.physics.planar.cut import OFF, PLACED, place_part
-from vibgym.physics.planar.outline import NEGLIGIBLE_PIECE, cut_outline
-from vibgym.physics.planar.phasors import forget_phasors
-from vibgym.physics.planar.points import cuts_needed, slide_by_points
-from vibgym.physics.planar.pressure_moments import (
+from vibgym._numba.jit import borrowing, exact
+from vibgym._numba.vector import (
     LANES,
-    clear_pieces,
-    collect_pieces,
-    pressure_moments,
-    read_phasors,
+    bits,
+    floor,
+    load,
+    load_mask,
+    magnitude,
+    mask_of,
+    no,
+    select,
+    store,
+    store_mask,
 )
+from vibgym.physics.core.records import Motion, body_in, body_of, under_conditions
+from vibgym.physics.core.sincos import sincos
+from vibgym.physics.planar.cut import OFF, PLACED, place_part
+from vibgym.physics.planar.group_cut import MARGIN, cut_outlines
+from vibgym.physics.planar.outline import NEGLIGIBLE_PIECE
+from vibgym.physics.planar.phasors import forget_phasors
+from vibgym.physics.planar.points import MOST_TRAVEL, MOST_TURN, slide_by_points
+from vibgym.physics.planar.pressure_moments import pressure_moments
 from vibgym.physics.planar.series import limits, slide_by_series
+
+ELSEWHERE = -1e300
+"""First column of a window that has not been placed."""
 
 
 @borrowing
@@ -41,91 +53,175 @@ def finite_lane(values, lane):
 
 
 @borrowing
+def enter_shape(scene, slot, kind):
+    """Write down a kind's outline, and what of its shape the cut needs: radius and smallest piece (in elements), whether its
+    outline turns with it, and whether it cannot fall while its centre of mass is on the table."""
+    workspace, bodies, pitch = scene.workspace, scene.bodies, scene.table.element_size
+    g, lane = slot // LANES, slot % LANES
+    outline, shape = workspace.outline[g], workspace.shape[g]
+    first, last = bodies.first[kind], bodies.first[kind + 1] - 1
+    for k in range(workspace.corners):
+        for axis in range(2):
+            outline[(2 * k + axis) * LANES + lane] = bodies.outline[min(first + k, last), axis]
+    shape[lane] = bodies.radius[kind] / pitch * (1.0 + MARGIN)
+    shape[LANES + lane] = NEGLIGIBLE_PIECE * bodies.area[kind] / (pitch * pitch)
+    shape[2 * LANES + lane] = 1.0 if bodies.turns[kind] else 0.0
+    shape[3 * LANES + lane] = 1.0 if bodies.convex[kind] else 0.0
+    workspace.kind[slot] = kind
+
+
+@borrowing
 def enter_part(scene, slot, world, part, away):
     """Put a part into a slot; ``away``: it is not on the table, or the slot stays empty and only copies that part."""
     state, workspace = scene.state, scene.workspace
     g, lane = slot // LANES, slot % LANES
-    body = body_in(scene.bodies, state, world, part)
+    kind = scene.bodies.kind[part]
+    body = under_conditions(body_of(scene.bodies, kind), state, world, part)
     workspace.world[slot], workspace.part[slot], workspace.away[slot] = world, part, away
     workspace.most_square[slot], workspace.slow_rate[slot] = limits(scene.table, body)
     own = workspace.own[g]
-    own[2 * LANES + lane], own[3 * LANES + lane] = body.friction, 1.0 / body.gyration
+    own[2 * LANES + lane], own[3 * LANES + lane] = body.friction, body.friction / body.gyration
     own[4 * LANES + lane], own[5 * LANES + lane] = body.incline_x, body.incline_y
     for k in range(3):
         workspace.pose[g, k * LANES + lane] = state.pose[world, part, k]
         workspace.velocity[g, k * LANES + lane] = state.velocity[world, part, k]
+    if workspace.kind[slot] != kind:
+        enter_shape(scene, slot, kind)
+    workspace.base[g, lane] = ELSEWHERE
     forget_phasors(workspace.phasors, slot)
 
 
 @borrowing
-def cut_part(scene, slot, left, pushed):
-    """Cut what will lie under a slot's part after half of ``left`` s; how it takes its next steps depends on it.
+def take_away(scene, slot, fate):
+    """Take a part out of play that has fallen, or whose pose is no number."""
+    state, workspace = scene.state, scene.workspace
+    world = workspace.world[slot]
+    workspace.away[slot] = True
+    state.fallen[world, workspace.part[slot]] = fate == OFF
+    state.diverged[world] = state.diverged[world] or fate != OFF
 
-    Args:
-        pushed: whether others may push the part. Then it may be stopped before it falls, and may stick no longer.
-    """
-    table, state, workspace = scene.table, scene.state, scene.workspace
-    g, lane = slot // LANES, slot % LANES
-    world, part = workspace.world[slot], workspace.part[slot]
-    body = body_of(scene.bodies, scene.bodies.kind[part])
-    pose, velocity, cut = workspace.pose[g], workspace.velocity[g], workspace.cut
-    vx, vy, spin = velocity[lane], velocity[LANES + lane], velocity[2 * LANES + lane]
-    # Where the part will be in the middle of the step decides on what it rests.
-    x, y = pose[lane] + 0.5 * left * vx, pose[LANES + lane] + 0.5 * left * vy
-    heading = pose[2 * LANES + lane] + 0.5 * left * spin
-    fate = place_part(table, body, 1, x, y, heading, cut)
+
+@borrowing
+def settle(scene, slot, pushed):
+    """Whether a part is on the table in the pose at which it is to be cut, or, if others may push it, in the one that it has
+    now, which then takes its place; one that is not is taken out of play."""
+    table, workspace = scene.table, scene.workspace
+    lane, pose, middle = slot % LANES, workspace.pose[slot // LANES], workspace.middle
+    body = body_of(scene.bodies, workspace.kind[slot])
+    x, y = middle[lane], middle[LANES + lane]
+    fate = place_part(table, body, 1, x, y, middle[2 * LANES + lane], workspace.cut)
     on_elements = 0.0 <= x <= table.columns * table.element_size and 0.0 <= y <= table.rows * table.element_size
     if pushed and (fate == OFF or not on_elements):
-        x, y, heading = pose[lane], pose[LANES + lane], pose[2 * LANES + lane]
-        fate = place_part(table, body, 1, x, y, heading, cut)
-    by_points, held, inverse_area = False, 0, 0.0
-    if fate == PLACED:
-        by_points = scene.scheme.pieces > 0 or cuts_needed(table, left, vx, vy, spin) > 1
-        by_points = by_points or (state.sticking[world, part] and not pushed)
-        if not by_points:
-            pieces, rows, columns = workspace.pieces[g], workspace.rows, workspace.columns
-            corners = body.outline.shape[0]
-            smallest = NEGLIGIBLE_PIECE * body.area / (table.element_size * table.element_size)
-            cut_outline(cut.outline_x[:corners], cut.outline_y[:corners], cut.cells, cut.box)
-            held, area = collect_pieces(cut.cells, cut.box, table, x, y, smallest, pieces, rows, columns, lane)
-            read_phasors(scene.drive, world, rows, columns, held, workspace.phasors, slot, pieces, lane)
-            if held > 0:
-                inverse_area = 1.0 / area
-            else:
-                fate = OFF
-    workspace.by_points[slot] = by_points
-    workspace.held[g, lane], workspace.inverse_area[g, lane] = held, inverse_area
+        copy_lane(pose, middle, lane)
+        fate = place_part(table, body, 1, pose[lane], pose[LANES + lane], pose[2 * LANES + lane], workspace.cut)
     if fate != PLACED:
-        workspace.away[slot] = True
-        state.fallen[world, part] = fate == OFF
-        state.diverged[world] = state.diverged[world] or fate != OFF
+        take_away(scene, slot, fate)
+    return fate == PLACED
+
+
+@exact
+def choose_lanes(scene, g, active, left, pushed):
+    """Say where a group's parts will be after half of ``left`` s, and which of the active lanes take their next steps by
+    points and which by the series.
+
+    Returns:
+        The latter.
+    """
+    table, state, workspace, first = scene.table, scene.state, scene.workspace, g * LANES
+    pose, velocity, middle, shape = workspace.pose[g], workspace.velocity[g], workspace.middle, workspace.shape[g]
+    half, pitch = 0.5 * left, table.element_size
+    vx, vy, spin = load(velocity, 0), load(velocity, LANES), load(velocity, 2 * LANES)
+    # Where the part will be in the middle of the step decides on what it rests.
+    x, y = load(pose, 0) + half * vx, load(pose, LANES) + half * vy
+    heading = load(pose, 2 * LANES) + half * spin
+    store(middle, 0, x)
+    store(middle, LANES, y)
+    store(middle, 2 * LANES, heading)
+    width, depth = table.columns * pitch, table.rows * pitch
+    clear = select(load(shape, 3 * LANES) > 0.0, 0.0, load(shape, 0) * pitch)  # from the border: then it cannot fall
+    safe = (
+        (x >= clear) & (y >= clear) & (x <= width - clear) & (y <= depth - clear) & (magnitude(heading) < math.inf)
+        & (x >= table.left) & (y >= table.bottom) & (x <= table.right) & (y <= table.top)
+    )  # fmt: skip
+    placed = bits(active)
+    doubtful = placed & ~bits(safe)
+    for lane in range(LANES):
+        if doubtful >> lane & 1 and not settle(scene, first + lane, pushed):
+            placed &= ~(1 << lane)
+    stuck = 0
+    if not pushed:
+        for lane in range(LANES):
+            if state.sticking[workspace.world[first + lane], workspace.part[first + lane]]:
+                stuck |= 1 << lane
+    far = MOST_TRAVEL * pitch
+    by_points = (magnitude(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
+    if scene.scheme.pieces > 0:
+        by_points = active
+    on_table = mask_of(placed)
+    old = load_mask(workspace.by_points, first) & no(active)
+    store_mask(workspace.by_points, first, old | (by_points & on_table))
+    return on_table & no(by_points)
+
+
+@exact
+def place_in_window(scene, g, cutting):
+    """Place the window of every lane that is cut; returns the centres of mass in it, in elements, and the headings' cosine and
+    sine over the size of an element: noughts for all others."""
+    workspace, scale = scene.workspace, 1.0 / scene.table.element_size
+    middle, shape, base, known = workspace.middle, workspace.shape[g], workspace.base[g], workspace.known[g]
+    reach, old_x, old_y = load(shape, 0), load(base, 0), load(base, LANES)
+    x, y = load(middle, 0) * scale, load(middle, LANES) * scale
+    base_x, base_y = select(cutting, floor(x - reach), old_x), select(cutting, floor(y - reach), old_y)
+    moved = bits((base_x > old_x) | (base_x < old_x) | (base_y > old_y) | (base_y < old_y))
+    if moved != 0:
+        store(base, 0, base_x)
+        store(base, LANES, base_y)
+        for cell in range(known.shape[0]):
+            known[cell] &= ~moved
+    sine, cosine = sincos(load(middle, 2 * LANES) * load(shape, 2 * LANES))
+    return (
+        select(cutting, x - base_x, 0.0), select(cutting, y - base_y, 0.0),
+        select(cutting, cosine * scale, 0.0), select(cutting, sine * scale, 0.0),
+    )  # fmt: skip
+
+
+@exact
+def cut_group(scene, g, left, pushed):
+    """Cut what will lie under a group's stale parts after half of ``left`` s; how they take their next steps depends on it.
+
+    Args:
+        pushed: whether others may push the parts. Then they may be stopped before they fall, and may stick no longer.
+    """
+    workspace, first = scene.workspace, g * LANES
+    stale = load_mask(workspace.stale, first)
+    if bits(stale) == 0:
+        return
+    store_mask(workspace.stale, first, no(stale) & stale)
+    active = stale & no(load_mask(workspace.away, first))
+    held = load_mask(workspace.held, first) & no(stale)
+    if bits(active) != 0:
+        cutting = choose_lanes(scene, g, active, left, pushed)
+        if bits(cutting) != 0:
+            x, y, cosine, sine = place_in_window(scene, g, cutting)
+            box = cut_outlines(
+                workspace.outline[g], workspace.corners, x, y, cosine, sine, cutting, workspace.across, workspace.cells,
+                workspace.crossings,
+            )  # fmt: skip
+            smallest = load(workspace.shape[g], LANES)
+            supported = pressure_moments(scene, g, x, y, smallest, box, cutting)
+            held = held | (cutting & supported)
+            lost = bits(cutting & no(supported))
+            for lane in range(LANES):
+                if lost >> lane & 1:
+                    take_away(scene, first + lane, OFF)
+    store_mask(workspace.held, first, held)
 
 
 @borrowing
 def cut_stale(scene, left, pushed):
-    """Cut what lies under every stale part, see :func:`cut_part`, and bring the moments of its group up to date."""
-    workspace = scene.workspace
-    for g in range(workspace.pose.shape[0]):
-        cut, most = False, 0
-        for lane in range(LANES):
-            slot = g * LANES + lane
-            if workspace.stale[slot]:
-                workspace.stale[slot] = False
-                if workspace.away[slot]:
-                    workspace.held[g, lane], workspace.inverse_area[g, lane] = 0, 0.0
-                else:
-                    cut_part(scene, slot, left, pushed)
-                cut = True
-            most = max(most, workspace.held[g, lane])
-        if cut and most > 0:
-            most += most % 2  # pieces are taken in twos
-            pieces = workspace.pieces[g]
-            for lane in range(LANES):
-                clear_pieces(pieces, lane, workspace.held[g, lane], most)
-            pressure_moments(
-                pieces, most, scene.table.element_size, workspace.inverse_area[g], workspace.moments[g], workspace.spare,
-                scene.scheme.lanes,
-            )  # fmt: skip
+    """Cut what lies under every stale part, see :func:`cut_group`, and bring the moments of its group up to date."""
+    for g in range(scene.workspace.pose.shape[0]):
+        cut_group(scene, g, left, pushed)
 
 
 @borrowing
@@ -152,44 +248,55 @@ def take_by_points(scene, step, slot):
         state.fallen[world, part] = True
 
 
-@borrowing
-def series_held(workspace, g, lane, h):
-    """Whether the series was good enough for a lane all along a step with substeps of ``h`` s."""
-    slot, own = g * LANES + lane, workspace.own[g]
-    slow = workspace.slow_rate[slot] * h
+@exact
+def series_held(workspace, g, h):
+    """Lanes for which the series was good enough all along a step with substeps of ``h`` s."""
+    first, own = g * LANES, workspace.own[g]
+    slow = load(workspace.slow_rate, first) * h
+    pose, velocity = workspace.pose[g], workspace.velocity[g]
+    place = load(pose, 0) + load(pose, LANES) + load(pose, 2 * LANES)
+    motion = load(velocity, 0) + load(velocity, LANES) + load(velocity, 2 * LANES)
     return (
-        own[lane] <= workspace.most_square[slot]
-        and own[LANES + lane] >= slow * slow
-        and finite_lane(workspace.pose[g], lane)
-        and finite_lane(workspace.velocity[g], lane)
-    )
+        (load(own, 0) <= load(workspace.most_square, first)) & (load(own, LANES) >= slow * slow)
+        & (magnitude(place + motion) < math.inf)
+    )  # fmt: skip
+
+
+@exact
+def slide_group(scene, g, step):
+    """Let friction alone move a group's parts for a step, by the series; returns bits of the lanes that must take it by points,
+    which have not moved."""
+    state, workspace, first = scene.state, scene.workspace, g * LANES
+    pose, velocity = workspace.pose[g], workspace.velocity[g]
+    here = no(load_mask(workspace.away, first))
+    by_points = here & load_mask(workspace.by_points, first)
+    if bits(load_mask(workspace.held, first)) == 0:
+        by_series = no(here) & here
+    else:
+        old_pose, old_velocity = workspace.old_pose[g], workspace.old_velocity[g]
+        for k in range(0, 3 * LANES, LANES):
+            store(old_pose, k, load(pose, k))
+            store(old_velocity, k, load(velocity, k))
+        slide_by_series(scene.table, step, workspace.moments[g], pose, velocity, workspace.own[g])
+        stuck = 0
+        for lane in range(LANES):
+            if state.sticking[workspace.world[first + lane], workspace.part[first + lane]]:
+                stuck |= 1 << lane
+        by_series = here & no(by_points | mask_of(stuck)) & series_held(workspace, g, step.h)
+        if bits(no(by_series)) != 0:
+            for k in range(0, 3 * LANES, LANES):
+                store(pose, k, select(by_series, load(pose, k), load(old_pose, k)))
+                store(velocity, k, select(by_series, load(velocity, k), load(old_velocity, k)))
+    return bits(here & no(by_series))
 
 
 @borrowing
 def apply_friction(scene, step):
     """Let friction alone move all parts for a step."""
-    state, workspace = scene.state, scene.workspace
-    for g in range(workspace.pose.shape[0]):
-        pose, velocity = workspace.pose[g], workspace.velocity[g]
-        old_pose, old_velocity = workspace.old_pose[g], workspace.old_velocity[g]
-        series = False
-        for lane in range(LANES):
-            series = series or workspace.held[g, lane] > 0
-        if series:
-            for k in range(3 * LANES):
-                old_pose[k], old_velocity[k] = pose[k], velocity[k]
-            slide_by_series(
-                scene.table, step, workspace.moments[g], pose, velocity, workspace.own[g], scene.scheme.lanes
-            )
-        for lane in range(LANES):
-            slot = g * LANES + lane
-            away = workspace.away[slot]
-            again = not away and (
-                workspace.by_points[slot] or state.sticking[workspace.world[slot], workspace.part[slot]]
-                or not series_held(workspace, g, lane, step.h)
-            )  # fmt: skip
-            if series and (away or again):
-                copy_lane(old_pose, pose, lane)
-                copy_lane(old_velocity, velocity, lane)
-            if again:
-                take_by_points(scene, step, slot)
+    for g in range(scene.workspace.pose.shape[0]):
+        again = slide_group(scene, g, step)
+        lane = 0
+        while again >> lane != 0:
+            if again >> lane & 1:
+                take_by_points(scene, step, g * LANES + lane)
+            lane += 1

@@ -10,8 +10,9 @@ from vibgym._numba.reference import Layout
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Bodies, Scheme, State, Table, body_of
 from vibgym.physics.planar.cut import Cut, cells_across, finest_split, new_cut
+from vibgym.physics.planar.group_cut import CELL, window
 from vibgym.physics.planar.phasors import Phasors, new_phasors
-from vibgym.physics.planar.pressure_moments import LANES, MOMENT_ROWS, PIECE_FIELDS
+from vibgym.physics.planar.pressure_moments import LANES, MOMENT_ROWS, PIECE
 
 
 class Step(NamedTuple):
@@ -28,9 +29,9 @@ class Step(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Parts that friction moves together: each has a slot, eight slots are a group, and a slot's place in it is its lane.
+    """Parts that friction moves together: each has a slot, ``LANES`` slots are a group, and a slot's place in it is its lane.
 
-    Arrays of a group are flat, with the lane as their inner index: the compiler vectorises loops over lanes.
+    Arrays of a group are flat, with the lane as their inner index (:mod:`vibgym._numba.vector`).
     """
 
     world: np.ndarray  # (slots,)
@@ -46,14 +47,22 @@ class Workspace(NamedTuple):
     old_velocity: np.ndarray
     begun_pose: np.ndarray  # of the period's start, for means and divergence
     begun_velocity: np.ndarray
-    own: np.ndarray  # (groups, 6 x lane), see vibgym.physics.planar.series.kutta_lanes
-    inverse_area: np.ndarray  # (groups, lane) one over the supported area, in cells
-    held: np.ndarray  # (groups, lane) number of pieces
-    pieces: np.ndarray  # (groups, piece x field x lane)
+    middle: np.ndarray  # (3 x lane) poses at which the group at hand is cut
+    own: np.ndarray  # (groups, 6 x lane), see vibgym.physics.planar.series.slide_by_series
+    kind: np.ndarray  # (slots,) whose outline and shape are written down, -1: nobody's
+    outline: np.ndarray  # (groups, corner x 2 x lane) m
+    shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.enter_shape
+    corners: int  # of the outline with the most
+    across: int  # elements along a side of the window that holds any part
+    base: np.ndarray  # (groups, 2 x lane) column and row of the window's first element
+    known: np.ndarray  # (groups, across x across) lanes whose phasors in the window have been read, a bit each
+    phasor_c: np.ndarray  # (groups, across x across x lane) m/s^2
+    phasor_s: np.ndarray
+    cells: np.ndarray  # (across x across x field x lane), see vibgym.physics.planar.group_cut.cut_outlines
+    crossings: np.ndarray  # (across x lane)
+    pieces: np.ndarray  # (across x across x field x lane), see vibgym.physics.planar.pressure_moments.collect_pieces
+    held: np.ndarray  # (slots,) bool: by elements that the moments are of
     moments: np.ndarray  # (groups, row x lane)
-    spare: np.ndarray  # (row x lane)
-    rows: np.ndarray  # (pieces,) elements under the part at hand
-    columns: np.ndarray
     cosine: np.ndarray  # (4 x substeps) of a step whose times are in no table
     sine: np.ndarray
     cut: Cut
@@ -90,7 +99,8 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
     slots = groups * LANES
     body = getattr(body_of, "py_func", body_of)  # it is Python itself under NUMBA_DISABLE_JIT
     kinds = [body(bodies, kind) for kind in range(len(bodies.area))]
-    across = max(cells_across(table, body, 1) for body in kinds)
+    across = max(window(body.radius / table.element_size) for body in kinds)
+    cells = across * across
     finest = max(cells_across(table, body, scheme.pieces or finest_split(table, body)) for body in kinds)
     corners = max(len(body.outline) for body in kinds)
 
@@ -114,16 +124,24 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         old_velocity=lanes(3),
         begun_pose=lanes(3),
         begun_velocity=lanes(3),
+        middle=np.zeros(3 * LANES),
         own=lanes(6),
-        inverse_area=lanes(1),
-        held=np.zeros((groups, LANES), np.int64),
-        pieces=lanes((across * across + 1) * PIECE_FIELDS),
+        kind=np.full(slots, -1),
+        outline=lanes(2 * corners),
+        shape=lanes(4),
+        corners=corners,
+        across=across,
+        base=lanes(2),
+        known=np.zeros((groups, cells), np.int64),
+        phasor_c=lanes(cells),
+        phasor_s=lanes(cells),
+        cells=np.zeros(cells * CELL),
+        crossings=np.zeros(across * LANES),
+        pieces=np.zeros(cells * PIECE),
+        held=flags(),
         moments=lanes(MOMENT_ROWS),
-        spare=np.zeros(MOMENT_ROWS * LANES),
-        rows=np.zeros(across * across, np.int64),
-        columns=np.zeros(across * across, np.int64),
         cosine=np.zeros(4 * scheme.substeps + 4),
         sine=np.zeros(4 * scheme.substeps + 4),
         cut=new_cut(corners, finest),
-        phasors=new_phasors(slots, across),
+        phasors=new_phasors(slots, max(cells_across(table, body, 1) for body in kinds)),
     )

@@ -12,12 +12,10 @@ so that force and torque need the pressure's moments only. The motion does not d
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from vibgym._numba.jit import borrowing, inlined
-from vibgym.physics.planar.pressure_moments import LANES
+from vibgym._numba.jit import borrowing, exact_inlined
+from vibgym._numba.vector import LANES, inverse_root, load
 
 _TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table, where friction has no direction
 
@@ -61,25 +59,34 @@ _A1, _A2, _A3, _A4 = -1 / 2, -1 / 8, -1 / 16, -5 / 128
 _B1, _B2, _B3, _B4 = 1 / 2, 3 / 8, 5 / 16, 35 / 128
 
 
-@inlined
-def expanded_wrench(moments, j, gravity, cosine, sine, ux, uy, spin):
-    """Force and torque of lane ``j`` from the moments of its pressure.
+@exact_inlined
+def combined(moments, row, gravity, cosine, sine):
+    """A moment of the pressure at an instant."""
+    return (
+        gravity * load(moments, row * LANES) + cosine * load(moments, (row + 1) * LANES)
+        + sine * load(moments, (row + 2) * LANES)
+    )  # fmt: skip
+
+
+@exact_inlined
+def expanded_wrench(moments, gravity, cosine, sine, ux, uy, spin):
+    """Force and torque of eight parts from the moments of their pressure.
 
     The series is cut off after the fourth order of ``omega r / |u|`` in force, and the third in torque. Terms are grouped by
     the angle ``k = a - b`` that they turn with: in the frame of slip each is a polynomial in ``omega / |u|`` alone.
 
     Args:
         moments: flat (row, lane) from :func:`vibgym.physics.planar.pressure_moments.pressure_moments`.
-        gravity, cosine, sine: of the pressure, ``g``, ``-cos wt`` and ``sin wt``, all times the friction coefficient.
+        gravity, cosine, sine: of the pressure, ``g``, ``-cos wt`` and ``sin wt``.
         ux, uy: velocity of the table relative to the centre of mass, m/s.
         spin: angular velocity of the part, rad/s.
 
     Returns:
-        Force x and y per mass (m/s^2), torque per mass (m^2/s^2), ``|u|^2``, and ``(omega / |u|)^2``, from which the caller
-        knows whether the series held.
+        Force x and y per mass and friction (m/s^2), torque likewise (m^2/s^2), ``|u|^2``, and ``(omega / |u|)^2``, from which
+        the caller knows whether the series held.
     """
     square = ux * ux + uy * uy + _TINY
-    inverse = 1.0 / math.sqrt(square)
+    inverse = inverse_root(square)
     nx, ny = ux * inverse, uy * inverse
     rho = spin * inverse
     # Powers of i conj(n) turn the moments into the frame of slip.
@@ -87,21 +94,21 @@ def expanded_wrench(moments, j, gravity, cosine, sine, ux, uy, spin):
     x2, y2 = x1 * x1 - y1 * y1, 2.0 * x1 * y1
     x3, y3 = x2 * x1 - y2 * y1, x2 * y1 + y2 * x1
     x4, y4 = x2 * x2 - y2 * y2, 2.0 * x2 * y2
-    m00 = gravity * moments[j] + cosine * moments[1 * LANES + j] + sine * moments[2 * LANES + j]
-    m11 = gravity * moments[3 * LANES + j] + cosine * moments[4 * LANES + j] + sine * moments[5 * LANES + j]
-    m22 = gravity * moments[6 * LANES + j] + cosine * moments[7 * LANES + j] + sine * moments[8 * LANES + j]
-    a10 = gravity * moments[9 * LANES + j] + cosine * moments[10 * LANES + j] + sine * moments[11 * LANES + j]
-    b10 = gravity * moments[12 * LANES + j] + cosine * moments[13 * LANES + j] + sine * moments[14 * LANES + j]
-    a21 = gravity * moments[15 * LANES + j] + cosine * moments[16 * LANES + j] + sine * moments[17 * LANES + j]
-    b21 = gravity * moments[18 * LANES + j] + cosine * moments[19 * LANES + j] + sine * moments[20 * LANES + j]
-    a20 = gravity * moments[21 * LANES + j] + cosine * moments[22 * LANES + j] + sine * moments[23 * LANES + j]
-    b20 = gravity * moments[24 * LANES + j] + cosine * moments[25 * LANES + j] + sine * moments[26 * LANES + j]
-    a31 = gravity * moments[27 * LANES + j] + cosine * moments[28 * LANES + j] + sine * moments[29 * LANES + j]
-    b31 = gravity * moments[30 * LANES + j] + cosine * moments[31 * LANES + j] + sine * moments[32 * LANES + j]
-    a30 = gravity * moments[33 * LANES + j] + cosine * moments[34 * LANES + j] + sine * moments[35 * LANES + j]
-    b30 = gravity * moments[36 * LANES + j] + cosine * moments[37 * LANES + j] + sine * moments[38 * LANES + j]
-    a40 = gravity * moments[39 * LANES + j] + cosine * moments[40 * LANES + j] + sine * moments[41 * LANES + j]
-    b40 = gravity * moments[42 * LANES + j] + cosine * moments[43 * LANES + j] + sine * moments[44 * LANES + j]
+    m00 = combined(moments, 0, gravity, cosine, sine)
+    m11 = combined(moments, 3, gravity, cosine, sine)
+    m22 = combined(moments, 6, gravity, cosine, sine)
+    a10 = combined(moments, 9, gravity, cosine, sine)
+    b10 = combined(moments, 12, gravity, cosine, sine)
+    a21 = combined(moments, 15, gravity, cosine, sine)
+    b21 = combined(moments, 18, gravity, cosine, sine)
+    a20 = combined(moments, 21, gravity, cosine, sine)
+    b20 = combined(moments, 24, gravity, cosine, sine)
+    a31 = combined(moments, 27, gravity, cosine, sine)
+    b31 = combined(moments, 30, gravity, cosine, sine)
+    a30 = combined(moments, 33, gravity, cosine, sine)
+    b30 = combined(moments, 36, gravity, cosine, sine)
+    a40 = combined(moments, 39, gravity, cosine, sine)
+    b40 = combined(moments, 42, gravity, cosine, sine)
     re10, im10 = x1 * a10 - y1 * b10, x1 * b10 + y1 * a10
     re21, im21 = x1 * a21 - y1 * b21, x1 * b21 + y1 * a21
     re20, im20 = x2 * a20 - y2 * b20, x2 * b20 + y2 * a20

@@ -1,0 +1,106 @@
+"""The scalar form of :mod:`vibgym._numba.vector`: a value is one double, and a mask is one truth value."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vibgym._numba.plain import exact
+
+LANES = 1
+"""Doubles of a value."""
+
+
+@exact
+def spread(number):
+    """The number."""
+    return float(number)
+
+
+@exact
+def load(data, at):
+    """The number of a flat array at a place."""
+    return data[at]
+
+
+@exact
+def store(data, at, value):
+    """Write the number into a flat array at a place."""
+    data[at] = value
+
+
+load_mask, store_mask = load, store
+
+
+@exact
+def bits(mask):
+    """1 or 0."""
+    return 1 if mask else 0
+
+
+@exact
+def mask_of(number):
+    """Whether the number is 1."""
+    return number != 0
+
+
+@exact
+def no(mask):
+    """Whether it does not hold."""
+    return not mask
+
+
+@exact
+def select(mask, one, other):
+    """One value where the mask holds, else the other."""
+    return one if mask else other
+
+
+@exact
+def minimum(one, other):
+    """The smaller one."""
+    return one if one < other else other
+
+
+@exact
+def maximum(one, other):
+    """The larger one."""
+    return one if one > other else other
+
+
+@exact
+def floor(value):
+    """The whole number below."""
+    return float(math.floor(value))
+
+
+@exact
+def magnitude(value):
+    """Without its sign."""
+    return abs(value)
+
+
+@exact
+def copysign(value, sign):
+    """The one with the other's sign."""
+    return math.copysign(value, sign)
+
+
+@exact
+def inverse_root(value):
+    """One over the root, to 1e-14 of it."""
+    estimate = np.float64(np.float32(1.0) / np.sqrt(np.float32(value)))
+    return estimate * (1.5 - 0.5 * value * estimate * estimate)
+
+
+@exact
+def least(value):
+    """The number."""
+    return value
+
+
+@exact
+def greatest(value):
+    """The number."""
+    return value

@@ -1,0 +1,162 @@
+"""The outlines of eight parts cut by the element grid at once: area, centroid and second moments of every piece.
+
+The same integrals along the outline as in :mod:`vibgym.physics.planar.outline`, with other loops: every edge goes through all
+rows and columns of elements that any of the eight parts reaches with it, and where a part's edge does not pass through a
+cell, its piece there has no height and adds exactly nothing. So a part's numbers do not depend on its company.
+
+Lengths are in units of an element inside this file, from the corner of a window of whole elements that holds the part.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibgym._numba.jit import exact, exact_inlined
+from vibgym._numba.vector import (
+    LANES,
+    copysign,
+    greatest,
+    least,
+    load,
+    magnitude,
+    maximum,
+    minimum,
+    select,
+    spread,
+    store,
+)
+
+CELL_FIELDS = 9
+"""Of a cell: area, x (twice), y, xx (three times), xy (twice), yy of the strips to its left border, then the height moments
+1, y, yy."""
+
+CELL = CELL_FIELDS * LANES
+
+MARGIN = 1e-9
+"""By which the window is wider than the part, as a share of its radius, so that rounding keeps corners within."""
+
+_SPREAD = math.sqrt(1.0 / 12.0)
+_SMALLEST = 1e-30  # keeps 0/0 out of the slopes of edges along the grid
+_FAR = 1e9
+
+
+def window(radius: float) -> int:
+    """Elements along a side of the window of a part of that radius, in elements."""
+    return int(2.0 * radius * (1.0 + MARGIN)) + 2
+
+
+@exact_inlined
+def _add(cells, at, value):
+    store(cells, at, load(cells, at) + value)
+
+
+@exact_inlined
+def add_strip(cells, at, x0, y0, x1, y1, sign):
+    """Add the strip to the left of a piece of an edge, in the coordinates of its cell.
+
+    Along a straight piece the mean of a product is the product of the means and a twelfth of that of the differences, and so
+    on: all integrals are exact.
+    """
+    height = sign * (y1 - y0)
+    x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+    dx, dy = _SPREAD * (x1 - x0), _SPREAD * (y1 - y0)
+    xx, xy, across = dx * dx, dx * dy, dy * dy
+    mean_xx, mean_xy, mean_yy = x * x + xx, x * y + xy, y * y + across
+    _add(cells, at, height * x)
+    _add(cells, at + LANES, height * mean_xx)
+    _add(cells, at + 2 * LANES, height * mean_xy)
+    _add(cells, at + 3 * LANES, height * (x * (mean_xx + 2.0 * xx)))
+    _add(cells, at + 4 * LANES, height * (y * mean_xx + 2.0 * x * xy))
+    _add(cells, at + 5 * LANES, height * (x * mean_yy + 2.0 * y * xy))
+    _add(cells, at + 6 * LANES, height)
+    _add(cells, at + 7 * LANES, height * y)
+    _add(cells, at + 8 * LANES, height * mean_yy)
+
+
+@exact_inlined
+def _guarded(d):
+    return copysign(maximum(magnitude(d), _SMALLEST), d)
+
+
+@exact_inlined
+def _within(value, low, high):
+    return minimum(maximum(value, low), high)
+
+
+@exact
+def add_edge(ax, ay, bx, by, cutting, across, cells, crossings):
+    """Add an edge of every outline from ``a`` to ``b`` to the cells that it passes through.
+
+    Args:
+        cutting: the lanes that have an edge; those of the others must have no length.
+        across: cells along a side of the window.
+        cells: flat (cell, field, lane).
+        crossings: flat (column, lane), a working array.
+
+    Returns:
+        First and last row and column that any edge reaches.
+    """
+    dx, dy = bx - ax, by - ay
+    slope, steepness = dx / _guarded(dy), dy / _guarded(dx)
+    left, right, bottom, top = minimum(ax, bx), maximum(ax, bx), minimum(ay, by), maximum(ay, by)
+    forward = dx >= 0.0
+    sign, begin, end = (
+        select(forward, 1.0, -1.0),
+        select(forward, ay, by),
+        select(forward, by, ay),
+    )  # from left to right
+    first_row, last_row = int(least(select(cutting, bottom, _FAR))), int(greatest(top))
+    first_column, last_column = int(least(select(cutting, left, _FAR))), int(greatest(right))
+    # Where the edge crosses the line to the right of each column, the same for cells above one another and side by side: or
+    # nearly vertical edges leak. Its ends are exact.
+    for column in range(first_column, last_column + 1):
+        line = spread(float(column + 1))
+        at = select(line >= right, end, ay + (line - ax) * steepness)
+        store(crossings, column * LANES, select(line <= left, begin, at))
+    low = bottom
+    x_low = _within(ax + (low - ay) * slope, left, right)
+    for row in range(first_row, last_row + 1):
+        high = _within(spread(float(row + 1)), bottom, top)
+        x_high = _within(ax + (high - ay) * slope, left, right)
+        x_left, x_right = minimum(x_low, x_high), maximum(x_low, x_high)
+        floor, ceiling = low - float(row), high - float(row)
+        x0, y0 = x_left, _within(begin - float(row), floor, ceiling)
+        for column in range(first_column, last_column + 1):
+            y1 = _within(load(crossings, column * LANES) - float(row), floor, ceiling)
+            x1 = _within(spread(float(column + 1)), x_left, x_right)
+            at = (row * across + column) * CELL
+            add_strip(cells, at, x0 - float(column), y0, x1 - float(column), y1, sign)
+            x0, y0 = x1, y1
+        low, x_low = high, x_high
+    return first_row, last_row, first_column, last_column
+
+
+@exact
+def cut_outlines(outline, corners, x, y, cosine, sine, cutting, across, cells, crossings):
+    """Gather the moments of all cells that eight outlines touch.
+
+    Args:
+        outline: flat (corner, 2, lane) m, about the centres of mass; outlines with fewer corners repeat their last one.
+        corners: of the outline with the most.
+        x, y: centres of mass in the window, in elements; those of the lanes that are not cut are nought, and likewise:
+        cosine, sine: of the headings, over the size of an element (m^-1).
+        cutting: lanes that are cut.
+        across: cells along a side of the window.
+        cells: flat (across x across, field, lane), noughts, added to.
+        crossings: flat (across, lane), a working array.
+
+    Returns:
+        First and last row and column that any outline reaches.
+    """
+    ox, oy = load(outline, 2 * (corners - 1) * LANES), load(outline, (2 * corners - 1) * LANES)
+    ax, ay = x + cosine * ox - sine * oy, y + sine * ox + cosine * oy
+    box = across, -1, across, -1
+    for k in range(corners):
+        ox, oy = load(outline, 2 * k * LANES), load(outline, (2 * k + 1) * LANES)
+        bx, by = x + cosine * ox - sine * oy, y + sine * ox + cosine * oy
+        first_row, last_row, first_column, last_column = add_edge(ax, ay, bx, by, cutting, across, cells, crossings)
+        box = (
+            min(box[0], first_row), max(box[1], last_row), min(box[2], first_column), max(box[3], last_column),
+        )  # fmt: skip
+        ax, ay = bx, by
+    return box
