@@ -241,15 +241,15 @@ def step_of(scene, phase, span):
 @borrowing
 def enter_island(encounter):
     """Put the parts into their slots."""
-    scene = encounter.scene
-    workspace, last = scene.workspace, scene.workspace.part[encounter.parts - 1]
-    for slot in range(LANES * workspace.pose.shape[0]):
-        here = slot < encounter.parts
-        enter_part(scene, slot, encounter.world, workspace.part[slot] if here else last, not here)
-        if here:
-            for k in range(3):
-                encounter.contacts.begun[slot, k] = workspace.pose[slot // LANES, k * LANES + slot % LANES]
-            encounter.contacts.gone[slot] = encounter.contacts.turned[slot] = 0.0
+    scene, contacts = encounter.scene, encounter.contacts
+    workspace = scene.workspace
+    for slot in range(encounter.parts):
+        enter_part(scene, slot, encounter.world, workspace.part[slot], False)
+        for k in range(3):
+            contacts.begun[slot, k] = workspace.pose[slot // LANES, k * LANES + slot % LANES]
+        contacts.gone[slot] = contacts.turned[slot] = 0.0
+    for slot in range(encounter.parts, LANES * workspace.pose.shape[0]):
+        workspace.away[slot] = True
 
 
 @borrowing

@@ -172,12 +172,13 @@ def put_together(islands, root, pairs, workspace, pose, contacts):
 
 @borrowing
 def with_groups(workspace, groups):
-    """The workspace with only its first groups of slots."""
+    """The workspace with only its first groups of slots: kernels go through as many as there are poses of."""
     w = workspace
     return Workspace(
         w.world, w.part, w.away, w.by_points, w.stale, w.most_square, w.slow_rate, w.pose[:groups], w.velocity, w.old_pose,
-        w.old_velocity, w.begun_pose, w.begun_velocity, w.own, w.inverse_area, w.held, w.pieces, w.moments, w.spare,
-        w.rows, w.columns, w.cosine, w.sine, w.cut, w.phasors,
+        w.old_velocity, w.begun_pose, w.begun_velocity, w.middle, w.own, w.kind, w.outline, w.shape, w.corners, w.across,
+        w.base, w.known, w.phasor_c, w.phasor_s, w.cells, w.crossings, w.pieces, w.held, w.moments, w.cosine, w.sine, w.cut,
+        w.phasors,
     )  # fmt: skip
 
 

@@ -67,7 +67,7 @@ def rounds_needed(parts, ratio):
         parts: their number.
         ratio: of the largest mass to the smallest.
     """
-    return min(FEWEST_ROUNDS + int(np.rint(2.0 * math.sqrt(parts) + ratio)), MOST_ROUNDS)
+    return int(min(FEWEST_ROUNDS + np.rint(2.0 * math.sqrt(parts) + ratio), float(MOST_ROUNDS)))
 
 
 @borrowing
