@@ -46,12 +46,13 @@ class Multibody:
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
 
-    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
 
         def work(buffers: ContactBuffers) -> None:
             prospect = buffers.prospect(stop - start)
             together, seen, at, first = buffers.together.address, prospect.address, state.address, start * buffers.parts
+            told = drive.address
             buffers.contacts.deepest[0] = self._smallest_gap[start]
             rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
             try:
@@ -60,9 +61,9 @@ class Multibody:
                     for kind, alone in enumerate(buffers.alone):
                         if count[kind]:
                             chosen = rows[kind, : count[kind]]
-                            slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
+                            slide_rows(chosen, alone.address, told, at, 1, paths if near else NO_PATHS, first)
                     if near or touching:
-                        resolve(start, stop, together, drive, at, seen, self.counts)
+                        resolve(start, stop, together, told, at, seen, self.counts)
                     else:
                         self.counts[start:stop, FREE] += 1
             finally:
