@@ -73,7 +73,7 @@ class Scoring:
         self._score(worlds, True)
 
     def score(self, worlds: np.ndarray | None = None) -> None:
-        """Score one step against the one before: of ``worlds`` (index array), others at the same time in threads; None: of all."""
+        """Score one step against the one before: of ``worlds`` (index array), or of all."""
         self._score(self._everyone if worlds is None else worlds, False)
 
     def _score(self, worlds: np.ndarray, starting: bool) -> None:
