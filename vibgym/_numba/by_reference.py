@@ -154,13 +154,37 @@ class Pinned(Generic[Record]):
         layout.record = layout.record or kind
         if kind != layout.record:
             raise TypeError(f"{layout.name}: got {kind}; allowed: {layout.record}")
-        written = _written(kind, record)
-        self._memory = np.frombuffer(bytearray(written), dtype=np.uint8)
+        fields = [_written(kind[k], value) for k, value in enumerate(record)]  # type: ignore[arg-type, index]
+        self._memory = np.frombuffer(bytearray(b"".join(fields)), dtype=np.int64)
+        self._places = np.cumsum([0, *(len(each) // 8 for each in fields)]).tolist()
         self.layout, self.record, self.address = layout, record, self._memory.ctypes.data
+
+    def put(self, record: Record) -> None:
+        """Let another record of the kind stand here: what is the same object as before is not written again."""
+        fields: Any = record
+        for k, (value, old) in enumerate(zip(fields, self.record, strict=True)):  # type: ignore[arg-type]
+            if value is not old:
+                self._write(k, value, old)
+        self.record = record
+
+    def _write(self, k: int, value: Any, old: Any) -> None:
+        """Write field ``k``, which was ``old``."""
+        at, kind = self._places[k], self.layout.record[k]
+        if isinstance(value, np.ndarray) and value.shape == old.shape and value.dtype == old.dtype:
+            if value.flags.carray and kind.layout == "C":  # an array in the place of one like it: only the pointer
+                self._memory[at + _DATA] = value.__array_interface__["data"][0]
+                return
+        if typeof(value) != kind:
+            raise TypeError(f"{self.layout.name}: got {typeof(value)}; allowed: {kind}")
+        self._memory[at : self._places[k + 1]] = np.frombuffer(_written(kind, value), dtype=np.int64)
 
     def __reduce__(self) -> Any:
         """Copies and pickles are pinned anew: the address is this object's own."""
         return Pinned, (self.layout, self.record)
+
+
+_DATA = 4
+"""Which of the eight-byte words of an array in memory is the address of what it holds; see :func:`_written`."""
 
 
 def _written(kind: Any, value: Any) -> bytes:

@@ -129,6 +129,12 @@ class Pinned(Generic[Record]):
             raise TypeError(f"{layout.name}: got {kind}; allowed: {layout.record}")
         self.layout, self.record = layout, record
 
+    def put(self, record: Record) -> None:
+        """Let another record of the kind stand here."""
+        if numba.typeof(record) != self.layout.record:
+            raise TypeError(f"{self.layout.name}: got {numba.typeof(record)}; allowed: {self.layout.record}")
+        self.record = record
+
     @property
     def address(self) -> Any:
         """For kernels."""

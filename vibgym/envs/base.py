@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
+import numpy as np
 from gymnasium import spaces
 
 from vibgym.envs.layout import Layout
@@ -59,3 +60,26 @@ class Observation(ABC):
             relations: how they stand to their goals and to one another, by the measured poses.
             episode: of which goals and present parts are known.
         """
+
+
+class RowObservation(Observation):
+    """Base of observations that kernels write world by world, so that a block of worlds is observed where it was advanced."""
+
+    @abstractmethod
+    def fresh(self, worlds: int) -> Any:
+        """A batch with nothing in it yet."""
+
+    @abstractmethod
+    def write(
+        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
+    ) -> None:
+        """Write what ``worlds`` (index array) observe into a batch; of others it may be written at the same time.
+
+        The records are the same at every call but for the measurement; see :meth:`observe`.
+        """
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        worlds = len(measurement.pose)
+        out = self.fresh(worlds)
+        self.write(np.arange(worlds), out, measurement, relations, episode)
+        return out

@@ -9,7 +9,8 @@ One step goes in one direction:
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS
-from vibgym.envs.base import Observation
+from vibgym.envs.base import Observation, RowObservation
+from vibgym.envs.info import Information
 from vibgym.envs.limits import longest_paths, step_limit
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.options import Options
@@ -36,6 +38,10 @@ from vibgym.tasks.episode import new_relations
 from vibgym.tasks.reward import OwnReward
 
 NONE = np.zeros(0, dtype=np.int64)
+
+Stage = Callable[[], None]
+BlockStage = Callable[[int, int], None]
+NOTHING: tuple[BlockStage, ...] = ()
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """What a world takes at least: its generator, what is known of each part, and spaces, actions and drives of the elements."""
@@ -56,7 +62,8 @@ class Core:
 
     Attributes:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
-        details: groups of what ``info`` says besides, live arrays (worlds, ...).
+        facts, details: what ``info`` says, and groups of what it says besides, live arrays (worlds, ...).
+        seen, told: what the last step has come to, of its own: a batch of observations, and what ``info`` says.
         term_names, terms: names of the reward terms, and their values (worlds, terms).
         part_terms: their values for each part alone, (worlds, parts, terms).
         step_limit: steps after which episodes are truncated; None: not here.  longest: s that paths of an episode may last.
@@ -116,7 +123,10 @@ class Core:
         self.drive: Any = None
         self._own_reward: OwnReward | None = None
         self._choose_reward(weights)
-        self.facts, self.details = self._shown()
+        self._show()
+        self._everyone = np.arange(worlds)
+        self._by_blocks, self._afterwards = self._stages()
+        self.seen: Any = None
         self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
@@ -144,26 +154,44 @@ class Core:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
         vars(self).update(state)
-        self.facts, self.details = self._shown()
+        self._show()
 
-    def _shown(self) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
-        """Facts, and groups of what ``info`` says besides (drawn, measured, commanded, parts): live arrays (worlds, ...).
-
-        A group may hold groups.
-        """
-        state = self.simulator.state
+    def _show(self) -> None:
+        """Find what ``info`` says: facts, and groups of what it says besides (drawn, measured, commanded, parts)."""
+        state, episode = self.simulator.state, self.episode
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        terms = {name: self.part_terms[..., k] for k, name in enumerate(self.term_names)}
-        parts = {
-            "done": self.episode.done,
-            "fallen": self.episode.part_fallen,
-            "present": self.episode.present,
-            "reward": self.episode.part_reward,
-            "reward_terms": terms,
-        }
-        groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded, "parts": parts}
-        facts = self.task.facts(state.diverged, self.episode) | self.scoring.facts()
-        return facts, {name: each for name, each in groups.items() if each}
+        groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
+        self.details = {name: each for name, each in groups.items() if each}
+        self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
+        rewards = self.term_names, self.terms, self.part_terms
+        self.information = Information(episode, state.diverged, *rewards, self.facts, self.details)
+        self.told = self.information.fresh()
+
+    def _stages(self) -> tuple[list[BlockStage], list[Stage]]:
+        """What follows the simulation: block by block on the thread that has advanced it, and for all worlds afterwards.
+
+        What only Python can do, a sensor, a reward or an observation, stands for all worlds between what kernels do.
+        """
+        by_rows = isinstance(self.observation, RowObservation)
+        blocks: list[BlockStage] = [self._score_block]
+        rest: list[Stage] = []
+        later: list[BlockStage] = []
+        if by_rows:
+            if self._by_measurement is not None:
+                later.append(self._relate_block)
+            (blocks if self.sensing.exact else later).append(self._observe_block)
+        elif self._by_measurement is not None:
+            rest.append(self._look)
+        if self._own_reward is not None:
+            rest.append(self._own_reward.score)
+        elif self.observation.goal_reward:
+            rest.append(self._reward_goals)
+        (later if rest or later else blocks).append(self._tell_block)
+        if later:
+            rest.append(partial(self.simulator.in_blocks, later))
+        if not by_rows:
+            rest.append(self._observe_all)
+        return blocks, rest
 
     @property
     def draws(self) -> int:
@@ -199,7 +227,7 @@ class Core:
             remembered[worlds] = 0
         self.actuators.reset(worlds, uniform[:, own:driven])
         self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
-        self._look()
+        self._relate(worlds)
         self.began = True
 
     def _idle_velocity(self, factors: np.ndarray) -> np.ndarray:
@@ -225,41 +253,85 @@ class Core:
         return override.start(self.task, self.simulator, worlds, uniform)
 
     def step(self, action: np.ndarray) -> None:
-        """Advance every world by one step under a checked action, score it, and measure."""
+        """Advance every world by one step under a checked action, score it, measure and observe."""
         command = self.action.command(action, self.sensing.measurement)
         self.sensing.predict(command)
         if self._own_reward is not None:
             self._own_reward.begin_step()
-        elapsed, instant, state = 0, self.sensing.instant, self.simulator.state
+        self._open()
+        run, elapsed, instant, state = self.simulator.go_on, 0, self.sensing.instant, self.simulator.state
         for drive, periods in self.actuators.apply(command):
             self.drive = drive
+            then = self._by_blocks if elapsed + periods == self.periods else NOTHING
             if elapsed < instant < elapsed + periods:  # the sensor looks within this stretch
-                self.simulator.run(drive, instant - elapsed)
+                run(drive, instant - elapsed, NOTHING)
                 self.sensing.look(state)
-                self.simulator.run(drive, elapsed + periods - instant)
+                run(drive, elapsed + periods - instant, then)
             else:
-                self.simulator.run(drive, periods)
+                run(drive, periods, then)
                 if elapsed + periods == instant:
                     self.sensing.look(state)
             elapsed += periods
         self.sensing.correct()
-        self.scoring.score()
-        self._look()
-        if self._own_reward is not None:
-            self._own_reward.score()
-        elif self.observation.goal_reward:
-            reached = self.observation.reached  # type: ignore[attr-defined]
-            goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
-            reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
-            self.episode.reward[:] = reward
-            self.terms[:, 0] = reward
-            self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(self.episode.present, reward[:, None], 0.0)
+        for stage in self._afterwards:
+            stage()
+
+    def _open(self) -> None:
+        """Begin a batch of observations, and of what there is to tell: what was handed out is not written again."""
+        self.told = self.information.fresh()
+        if isinstance(self.observation, RowObservation):
+            self.seen = self.observation.fresh(self.worlds)
+
+    def _score_block(self, start: int, stop: int) -> None:
+        self.scoring.score(self._everyone[start:stop])
+
+    def _relate_block(self, start: int, stop: int) -> None:
+        self._relate(self._everyone[start:stop])
+
+    def _observe_block(self, start: int, stop: int) -> None:
+        self._observe(self._everyone[start:stop])
+
+    def _tell_block(self, start: int, stop: int) -> None:
+        self.information.write(self._everyone[start:stop], self.told)
+
+    def _reward_goals(self) -> None:
+        """The reward of a goal observation."""
+        state, present, reached = self.simulator.state, self.episode.present, self.observation.reached  # type: ignore[attr-defined]
+        goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
+        reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
+        self.episode.reward[:] = reward
+        self.terms[:, 0] = reward
+        self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(present, reward[:, None], 0.0)
 
     def _look(self) -> None:
-        """Bring the relations of what is measured up to date; those of an exact sensor are the score's."""
+        """Bring the relations of all that is measured up to date."""
+        self._relate(self._everyone)
+
+    def _relate(self, worlds: np.ndarray) -> None:
+        """Bring the relations of what is measured in ``worlds`` up to date; those of an exact sensor are the score's."""
         if self._by_measurement is not None:
             measured = self.sensing.measurement
-            self.scoring.relate(measured.pose, measured.gone, self._by_measurement)
+            self.scoring.relate(worlds, measured.pose, measured.gone, self._by_measurement)
+
+    def _observe(self, worlds: np.ndarray) -> None:
+        """Write what ``worlds`` observe into the batch of this step."""
+        self.observation.write(worlds, self.seen, self.sensing.measurement, self._measured, self.episode)  # type: ignore[attr-defined]
+
+    def _observe_all(self) -> None:
+        self.seen = self.observe()
+
+    def show(self, worlds: np.ndarray) -> None:
+        """Observe and tell of ``worlds`` (index array) anew, in the batch of this step: their episodes have just begun."""
+        self.information.write(worlds, self.told)
+        if isinstance(self.observation, RowObservation):
+            self._observe(worlds)
+        else:
+            self._observe_all()
+
+    def show_all(self) -> None:
+        """Observe and tell of all worlds, in a batch of its own."""
+        self._open()
+        self.show(self._everyone)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,12 +11,13 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym._numba.reference import Pinned
-from vibgym.envs.base import Observation
+from vibgym.envs.base import Observation, RowObservation
 from vibgym.envs.images import CameraObservation, ImageObservation
 from vibgym.envs.layout import Layout, RowLayout
-from vibgym.envs.writing import Scene, pinned_scene, write_rows
+from vibgym.envs.writing import Scene, pinned_scene, write_goals, write_mask, write_rows
 from vibgym.registry import Registry
 from vibgym.sensing import Measurement, Sensor
+from vibgym.simulation.threads import Pool
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import Episode, Relations
 
@@ -26,19 +28,26 @@ class Written:
     def __init__(self, task: Task, layout: Layout) -> None:
         self.task, self.layout = task, layout
         self._relations: Relations | None = None
-        self._scene: Pinned[Scene] | None = None
+        self._scenes: Pool[Pinned[Scene]] | None = None
 
-    def rows(self, measurement: Measurement, relations: Relations, episode: Episode) -> np.ndarray:
-        """A fresh batch (worlds, slots, block) float32; zeros where no part is."""
-        if self._scene is None or relations is not self._relations:  # the same ones ever after
-            self._relations, self._scene = relations, pinned_scene(self.task, self.layout, relations, episode)
-        pose, mean_velocity, gone, age, sigma = measurement
-        out = np.zeros((len(pose), self.layout.slots, self.layout.block), dtype=np.float32)
-        write_rows(pose, mean_velocity, gone, age, sigma, self._scene.address, out)
-        return out
+    def fresh(self, worlds: int) -> np.ndarray:
+        """(worlds, slots, block) float32, with nothing in it yet."""
+        return np.empty((worlds, self.layout.slots, self.layout.block), dtype=np.float32)
+
+    def write(
+        self, worlds: np.ndarray, out: np.ndarray, measurement: Measurement, relations: Relations, episode: Episode
+    ) -> None:
+        """Write the blocks or rows of ``worlds`` (index array) into ``out``; zeros where no part is."""
+        if self._scenes is None or relations is not self._relations:  # the same ones ever after
+            self._relations = relations
+            self._scenes = Pool(partial(pinned_scene, self.task, self.layout, relations, episode))
+        scenes = self._scenes
+        scene = scenes.take()
+        write_rows(worlds, *measurement, scene.address, out)
+        scenes.give(scene)
 
 
-class StateObservation(Observation):
+class StateObservation(RowObservation):
     """One flat float32 box in [-1, 1]: a block of numbers for each slot, part p in slot p; see the layout."""
 
     def __init__(self, task: Task) -> None:
@@ -49,11 +58,17 @@ class StateObservation(Observation):
     def space(self) -> spaces.Space:
         return spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
-    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        return self._written.rows(measurement, relations, episode).reshape(-1, self.layout.size)
+    def fresh(self, worlds: int) -> Any:
+        return np.empty((worlds, self.layout.size), dtype=np.float32)
+
+    def write(
+        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
+    ) -> None:
+        rows = out.reshape(-1, self.layout.slots, self.layout.block)
+        self._written.write(worlds, rows, measurement, relations, episode)
 
 
-class PartsObservation(Observation):
+class PartsObservation(RowObservation):
     """Dictionary of ``parts``, a row of numbers in [-1, 1] for each slot, and ``mask``, 1 where there is a part.
 
     Rows of parts that are not there, and of slots without a part, are all 0. Part p has row p, whose numbers the table in
@@ -75,15 +90,17 @@ class PartsObservation(Observation):
             {"parts": spaces.Box(-1.0, 1.0, (slots, size), np.float32), "mask": spaces.MultiBinary(slots)}
         )
 
-    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        rows = self._written.rows(measurement, relations, episode)
-        mask = episode.present.astype(np.int8)
-        if rows.shape[1] > mask.shape[1]:  # slots without a part
-            mask = np.pad(mask, ((0, 0), (0, rows.shape[1] - mask.shape[1])))
-        return {"parts": rows, "mask": mask}
+    def fresh(self, worlds: int) -> Any:
+        return {"parts": self._written.fresh(worlds), "mask": np.empty((worlds, self.task.slots), dtype=np.int8)}
+
+    def write(
+        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
+    ) -> None:
+        self._written.write(worlds, out["parts"], measurement, relations, episode)
+        write_mask(worlds, episode.present, out["mask"])
 
 
-class PartsAndState(Observation):
+class PartsAndState(RowObservation):
     """The dictionary of ``"parts"``, and the flat ``state`` besides: for a policy of two that read one each."""
 
     def __init__(self, task: Task) -> None:
@@ -98,9 +115,14 @@ class PartsAndState(Observation):
     def space(self) -> spaces.Space:
         return spaces.Dict({**self._parts.space.spaces, "state": self._state.space})  # type: ignore[attr-defined]
 
-    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        state = self._state.observe(measurement, relations, episode)
-        return {**self._parts.observe(measurement, relations, episode), "state": state}
+    def fresh(self, worlds: int) -> Any:
+        return {**self._parts.fresh(worlds), "state": self._state.fresh(worlds)}
+
+    def write(
+        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
+    ) -> None:
+        self._parts.write(worlds, out, measurement, relations, episode)
+        self._state.write(worlds, out["state"], measurement, relations, episode)
 
 
 class GoalObservation(StateObservation):
@@ -126,14 +148,20 @@ class GoalObservation(StateObservation):
 
     def reached(self, pose: np.ndarray) -> np.ndarray:
         """Poses (worlds, parts, 3) as goals (worlds, goal_size)."""
-        return np.clip(pose[:, 0, : len(self.low)].astype(np.float32), self.low, self.high)
+        goals = np.empty((len(pose), len(self.low)), dtype=np.float32)
+        write_goals(np.arange(len(pose)), pose, self.low, self.high, goals)
+        return goals
 
-    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        return {
-            "observation": super().observe(measurement, relations, episode),
-            "achieved_goal": self.reached(measurement.pose),
-            "desired_goal": self.reached(episode.goal),
-        }
+    def fresh(self, worlds: int) -> Any:
+        goals = (np.empty((worlds, len(self.low)), dtype=np.float32) for _ in range(2))
+        return {"observation": super().fresh(worlds), "achieved_goal": next(goals), "desired_goal": next(goals)}
+
+    def write(
+        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
+    ) -> None:
+        super().write(worlds, out["observation"], measurement, relations, episode)
+        write_goals(worlds, measurement.pose, self.low, self.high, out["achieved_goal"])
+        write_goals(worlds, episode.goal, self.low, self.high, out["desired_goal"])
 
 
 OBSERVATIONS: Registry[type[Observation]] = Registry(

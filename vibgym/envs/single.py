@@ -232,7 +232,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
-        return self._own(self.core.observe()), self._info()
+        self.core.show_all()
+        return self._own(self.core.seen), self._info()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -249,7 +250,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._draw()
         truncated = core.step_limit is not None and self._steps >= core.step_limit
         episode = core.episode
-        return self._own(core.observe()), episode.reward.item(), episode.ended.item(), truncated, self._info()
+        return self._own(core.seen), episode.reward.item(), episode.ended.item(), truncated, self._info()
 
     @property
     def compute_reward(self) -> Any:
@@ -310,18 +311,4 @@ class VibgymEnv(SharedInterface, gym.Env):
         return seen[0]
 
     def _info(self) -> dict[str, Any]:
-        core = self.core
-        info: dict[str, Any] = {name: values[0].item() for name, values in core.facts.items()}
-        info["reward_terms"] = dict(zip(core.term_names, core.terms[0].tolist(), strict=True))
-        return info | _first(core.details)
-
-
-def _first(details: Mapping[str, Any]) -> dict[str, Any]:
-    """Details of the first world: numbers, and arrays as batches of single environments stack them."""
-    first: dict[str, Any] = {}
-    for name, values in details.items():
-        if isinstance(values, dict):
-            first[name] = _first(values)
-        else:
-            first[name] = values[0].item() if values.ndim == 1 else values[0].copy()
-    return first
+        return self.core.information.one(self.core.told)

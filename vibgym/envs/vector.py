@@ -113,7 +113,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
         self.closed = False
         self._begin(mask, override)
-        return self.core.observe(), self._info(None if mask.all() else mask)
+        self.core.show_all()
+        return self.core.seen, self.core.information.batch(self.core.told, None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
@@ -133,7 +134,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             for world in range(self.num_envs):
                 self._viewer.follow(world)
         if waiting.any():  # NEXT_STEP: the step after the end is the reset
-            self._begin(waiting)
+            self._begin_anew(waiting)
         terminated = core.episode.ended.copy()
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
@@ -143,15 +144,15 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and finished.any():
             final = {
-                "final_obs": self._objects(core.observe(), finished),
+                "final_obs": self._objects(core.seen, finished),
                 "_final_obs": finished.copy(),
-                "final_info": self._info(finished),
+                "final_info": core.information.batch(core.told, finished),
                 "_final_info": finished.copy(),
             }
-            self._begin(finished)
+            self._begin_anew(finished)
             finished = np.zeros(self.num_envs, dtype=bool)
         self._finished[:] = finished
-        return core.observe(), reward, terminated, truncated, {**final, **self._info()}
+        return core.seen, reward, terminated, truncated, {**final, **core.information.batch(core.told)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """One picture a world for ``"rgb_array"``."""
@@ -244,7 +245,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         if self._viewer is not None:
             self._viewer.close()
 
-    def _begin(self, mask: np.ndarray, override: StartOverride | None = None) -> None:
+    def _begin(self, mask: np.ndarray, override: StartOverride | None = None) -> np.ndarray:
+        """Begin episodes; returns the index of their worlds."""
         worlds = np.flatnonzero(mask)
         own = [self._generators[world] for world in worlds.tolist()]
         self.core.reset(worlds, own, override)  # type: ignore[arg-type]
@@ -253,6 +255,11 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         if self._viewer is not None:
             for world in worlds:
                 self._viewer.begin(world)
+        return worlds
+
+    def _begin_anew(self, mask: np.ndarray) -> None:
+        """Begin episodes in the worlds whose last ones have ended, and show where they begin."""
+        self.core.show(self._begin(mask))
 
     def _seeds(self, seed: Any) -> Sequence[int | None]:
         if seed is None:
@@ -279,42 +286,11 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return mask
 
     def _objects(self, observations: Any, mask: np.ndarray) -> np.ndarray:
-        """The observations of the worlds in ``mask`` one by one, None elsewhere, as Gymnasium hands out final ones."""
+        """Copies of the observations of the worlds in ``mask`` one by one, None elsewhere, as Gymnasium has final ones."""
         result = np.full(self.num_envs, None, dtype=object)
         for world in np.flatnonzero(mask):
             if isinstance(observations, dict):
-                result[world] = {key: value[world] for key, value in observations.items()}
+                result[world] = {key: value[world].copy() for key, value in observations.items()}
             else:
-                result[world] = observations[world]
+                result[world] = observations[world].copy()
         return result
-
-    def _info(self, mask: np.ndarray | None = None) -> dict[str, Any]:
-        """Batched info with Gymnasium's ``_key`` masks; zeros outside ``mask``."""
-        core = self.core
-        here = np.ones(self.num_envs, dtype=bool) if mask is None else mask
-        info: dict[str, Any] = {}
-        for name, value in core.facts.items():
-            info[name] = value.copy() if mask is None else np.where(mask, value, np.zeros((), value.dtype))
-            info[f"_{name}"] = here.copy()
-        terms: dict[str, Any] = {}
-        for k, name in enumerate(core.term_names):
-            term = core.terms[:, k]
-            terms[name] = term.copy() if mask is None else np.where(mask, term, 0.0)
-            terms[f"_{name}"] = here.copy()
-        info["reward_terms"], info["_reward_terms"] = terms, here.copy()
-        return info | _masked(core.details, here)
-
-
-def _masked(details: Mapping[str, Any], here: np.ndarray) -> dict[str, Any]:
-    """Details with Gymnasium's ``_key`` masks; zeros outside ``here`` (num_envs,)."""
-    shown: dict[str, Any] = {}
-    outside = None if here.all() else ~here
-    for name, values in details.items():
-        if isinstance(values, dict):
-            shown[name] = _masked(values, here)
-        else:
-            shown[name] = values.copy()
-            if outside is not None:
-                shown[name][outside] = 0
-        shown[f"_{name}"] = here.copy()
-    return shown

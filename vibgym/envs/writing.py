@@ -196,17 +196,23 @@ def write_neighbours(scene, pose, velocity, p, rows):
 
 
 @borrowing
-def write_rows(pose, mean_velocity, gone, age, sigma, pinned, out):
-    """Write every world's blocks or rows.
+def write_rows(worlds, pose, mean_velocity, gone, age, sigma, pinned, out):
+    """Write the blocks or rows of some worlds.
 
     Args:
+        worlds: (n,) index.
         pose, mean_velocity, gone, age, sigma: measured, see :class:`vibgym.sensing.Measurement`.
         pinned: address of a pinned :class:`Scene`.
-        out: (worlds, slots, size) float32, zeros.
+        out: (worlds, slots, size) float32, overwritten; zeros where no part is.
     """
     scene = scene_at(pinned)
     present = scene.present
-    for w in range(pose.shape[0]):
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for slot in range(out.shape[1]):
+            there = slot < pose.shape[1] and present[w, slot]
+            for number in range(scene.program.source.shape[0] if there else 0, out.shape[2]):
+                out[w, slot, number] = 0.0
         for p in range(pose.shape[1]):
             if present[w, p]:
                 look_at_part(scene, pose[w], mean_velocity[w], age[w], sigma[w], w, p, scene.known[p])
@@ -215,6 +221,24 @@ def write_rows(pose, mean_velocity, gone, age, sigma, pinned, out):
             rank_neighbours(scene, pose, gone, w)
             for p in range(pose.shape[1]):
                 write_neighbours(scene, pose[w], mean_velocity[w], p, out[w])
+
+
+@borrowing
+def write_mask(worlds, present, mask):
+    """Write which slots (worlds, slots) of some worlds have a part, by ``present`` (worlds, parts)."""
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for slot in range(mask.shape[1]):
+            mask[w, slot] = 1 if slot < present.shape[1] and present[w, slot] else 0
+
+
+@borrowing
+def write_goals(worlds, pose, low, high, goals):
+    """Write poses (worlds, parts, 3) of the first parts of some worlds, within bounds, as goals (worlds, numbers)."""
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for number in range(goals.shape[1]):
+            goals[w, number] = min(max(np.float32(pose[w, 0, number]), low[number]), high[number])
 
 
 def pinned_scene(task: Task, layout: Layout, relations: Relations, episode: Episode) -> Pinned[Scene]:

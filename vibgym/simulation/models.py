@@ -44,18 +44,16 @@ class Planar(NoContacts):
 
     def __init__(self, setup: Setup, scheme: Scheme) -> None:
         self._setups = Pool(partial(_planar_setup, setup, scheme))
+        self._rows = np.arange(setup.worlds)
 
-    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
-        rows, at = np.arange(start, stop), state.address
-        self._setups.lend(_slide, rows, drive, at, periods)
+        setup = self._setups.take()
+        slide_rows(self._rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
+        self._setups.give(setup)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """It covers all."""
-
-
-def _slide(setup: Pinned[FixedScene], rows: np.ndarray, drive: Drive, state: int, periods: int) -> None:
-    slide_rows(rows, setup.address, drive, state, periods, NO_PATHS, 0)
 
 
 def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
@@ -72,14 +70,12 @@ class Averaged(NoContacts):
         self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
         self._workspaces = Pool(partial(contact.new_workspace, self._table, self._body))
 
-    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """See :class:`Model`."""
-
-        def work(workspace: Any) -> None:
-            scene = integrator.AveragedScene(self._table, self._body, self._scheme, drive, state.record, workspace)
-            integrator.advance_worlds(start, stop, scene, periods)
-
-        self._workspaces.lend(work)
+        workspace = self._workspaces.take()
+        scene = integrator.AveragedScene(self._table, self._body, self._scheme, drive.record, state.record, workspace)
+        integrator.advance_worlds(start, stop, scene, periods)
+        self._workspaces.give(workspace)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse those under which the part may stick."""

@@ -47,13 +47,14 @@ class Multibody:
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
 
-    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
 
         def work(buffers: ContactBuffers) -> None:
             prospect = buffers.prospect(stop - start)
             together, seen, at, first = buffers.together.address, prospect.address, state.address, start * buffers.parts
             buffers.contacts.deepest[1] = self._smallest_gap[start]
+            told = drive.address
             rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
             try:
                 for _ in range(periods):
@@ -61,9 +62,9 @@ class Multibody:
                     for kind, alone in enumerate(buffers.alone):
                         if count[kind]:
                             chosen = rows[kind, : count[kind]]
-                            slide_rows(chosen, alone.address, drive, at, 1, paths if near else NO_PATHS, first)
+                            slide_rows(chosen, alone.address, told, at, 1, paths if near else NO_PATHS, first)
                     if near:
-                        resolve(start, stop, together, drive, at, seen, self.counts)
+                        resolve(start, stop, together, told, at, seen, self.counts)
                     else:
                         self.counts[start:stop, FREE] += 1
             finally:

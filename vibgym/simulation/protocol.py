@@ -38,7 +38,7 @@ class Setup:
 class Model(Protocol):
     """Advances blocks of worlds, several at a time in threads; keeps nothing of them from one call to the next."""
 
-    def advance(self, start: int, stop: int, drive: Drive, state: Pinned[State], periods: int) -> None:
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from vibgym import checks
 from vibgym._numba.reference import Pinned
-from vibgym.physics.core.drive import Drive, polar_drive
+from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
@@ -132,6 +132,7 @@ class Simulator:
         self._state = new_state(self.worlds, len(self.parts))
         self._state.pose[...] = overlaps.apart(surface, self.parts)
         self._pinned = Pinned(STATE, self._state)
+        self._drive: Pinned[Drive] | None = None  # the last one
         self._periods = 0
         self._counted = 0  # periods since the last reset; snapshots leave it alone
 
@@ -229,15 +230,37 @@ class Simulator:
 
     def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
-        periods = checks.count("periods", periods, most=checks.MOST_PERIODS)
-        advance, state = self._model.advance, self._pinned
+        self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS), ())
+
+    def go_on(self, drive: Drive, periods: int, then: Sequence[Callable[[int, int], None]]) -> None:
+        """:meth:`run`, and what is to be done with each block of worlds as soon as these have been advanced.
+
+        Args:
+            then: each is called as ``each(start, stop)``, several at a time in threads, for worlds that nobody else works on.
+        """
+        if self._drive is None:
+            self._drive = Pinned(DRIVE, drive)
+        elif drive is not self._drive.record:
+            self._drive.put(drive)
+        advance, held, state = self._model.advance, self._drive, self._pinned
 
         def work(start: int, stop: int) -> None:
-            advance(start, stop, drive, state, periods)
+            advance(start, stop, held, state, periods)
+            for each in then:
+                each(start, stop)
 
         workers.share(work, self.worlds, self._threads)
         self._periods += periods
         self._counted += periods
+
+    def in_blocks(self, stages: Sequence[Callable[[int, int], None]]) -> None:
+        """Call ``each(start, stop)`` of some stages for every block of worlds, as in :meth:`go_on`."""
+
+        def work(start: int, stop: int) -> None:
+            for each in stages:
+                each(start, stop)
+
+        workers.share(work, self.worlds, self._threads)
 
     @property
     def pose(self) -> np.ndarray:

@@ -8,9 +8,10 @@ on first use and per process: a fork (AsyncVectorEnv) starts without one.
 from __future__ import annotations
 
 import os
+import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from vibgym import checks
@@ -24,9 +25,6 @@ BLOCKS_PER_THREAD = 4
 
 MOST = "VIBGYM_THREADS"
 """Environment variable for schedulers that count processors and assign none, as Ray does."""
-
-_pool: tuple[int, int, ThreadPoolExecutor] | None = None
-
 
 Tool = TypeVar("Tool")
 Result = TypeVar("Result")
@@ -42,16 +40,24 @@ class Pool(Generic[Tool]):
         self._make = make
         self._free = deque([make()])  # a bad setting shows at once
 
+    def take(self) -> Tool:
+        """A tool that nobody else uses, until it is given back; one that is lost to an error is made anew."""
+        try:
+            return self._free.pop()
+        except IndexError:
+            return self._make()
+
+    def give(self, tool: Tool) -> None:
+        """Give back what was taken."""
+        self._free.append(tool)
+
     def lend(self, work: Callable[..., Result], *more: Any) -> Result:
         """What ``work(tool, *more)`` makes of a tool that nobody else uses meanwhile."""
-        try:
-            tool = self._free.pop()
-        except IndexError:
-            tool = self._make()
+        tool = self.take()
         try:
             return work(tool, *more)
         finally:
-            self._free.append(tool)
+            self.give(tool)
 
     def __reduce__(self) -> Any:
         return Pool, (self._make,)
@@ -68,17 +74,45 @@ def available_threads() -> int:
     return min(given, int(most))
 
 
-def _executor(workers: int) -> ThreadPoolExecutor:
-    global _pool
-    if _pool is None or _pool[0] != os.getpid() or _pool[1] < workers:
-        _pool = (os.getpid(), workers, ThreadPoolExecutor(workers, thread_name_prefix="vibgym"))
-    return _pool[2]
+class _Crew:
+    """Threads of this process that wait for work. A queue of C code hands it over in half the time of an executor."""
+
+    def __init__(self) -> None:
+        self.process, self.threads = os.getpid(), 0
+        self.jobs: SimpleQueue[tuple[Callable[[], None], SimpleQueue[BaseException | None]]] = SimpleQueue()
+
+    def grow(self, threads: int) -> None:
+        """Have at least so many."""
+        while self.threads < threads:
+            self.threads += 1
+            threading.Thread(target=_serve, args=(self.jobs,), name=f"vibgym_{self.threads}", daemon=True).start()
+
+
+def _serve(jobs: SimpleQueue[tuple[Callable[[], None], SimpleQueue[BaseException | None]]]) -> None:
+    while True:
+        job, done = jobs.get()
+        try:
+            job()
+        except BaseException as error:
+            done.put(error)
+        else:
+            done.put(None)
+        del job, done  # or what they hold lives on until there is more work
+
+
+_crew = _Crew()
+
+
+def most_threads(worlds: int, threads: int) -> int:
+    """How many of ``threads`` :func:`share` uses at most."""
+    return max(min(threads, worlds // SMALLEST_BLOCK), 1)
 
 
 def share(work: Callable[[int, int], None], worlds: int, threads: int) -> None:
     """Call ``work(start, stop)`` so that its blocks cover ``range(worlds)``."""
-    threads = min(threads, worlds // SMALLEST_BLOCK)
-    if threads <= 1:
+    global _crew
+    threads = most_threads(worlds, threads)
+    if threads == 1:
         work(0, worlds)
         return
     count = min(threads * BLOCKS_PER_THREAD, worlds // SMALLEST_BLOCK)
@@ -90,8 +124,16 @@ def share(work: Callable[[int, int], None], worlds: int, threads: int) -> None:
         for start, stop in blocks:  # a list's iterator hands each block to one thread only
             work(start, stop)
 
-    executor = _executor(threads - 1)
-    others = [executor.submit(run) for _ in range(threads - 1)]
-    run()  # this thread works too
-    for each in others:
-        each.result()
+    if _crew.process != os.getpid():
+        _crew = _Crew()
+    _crew.grow(threads - 1)
+    done: SimpleQueue[BaseException | None] = SimpleQueue()
+    for _ in range(threads - 1):
+        _crew.jobs.put((run, done))
+    try:
+        run()  # this thread works too
+    finally:  # nobody is to work on when this returns
+        failures = [done.get() for _ in range(threads - 1)]
+    for each in failures:
+        if each is not None:
+            raise each

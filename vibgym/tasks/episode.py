@@ -408,32 +408,33 @@ def reward_parts(all_of, fallen, starting, world):
 
 
 @borrowing
-def relate_worlds(pose, gone, judged):
-    """Bring the relations of all worlds up to date.
+def relate_worlds(worlds, pose, gone, judged):
+    """Bring the relations of some worlds up to date.
 
     Args:
+        worlds: (n,) index.
         pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
         judged: address of a pinned :class:`Judged`, whose relations are overwritten.
     """
     all_of = judged_at(judged)
-    for world in range(pose.shape[0]):
-        relate_world(all_of, pose, gone, world)
+    for k in range(worlds.shape[0]):
+        relate_world(all_of, pose, gone, worlds[k])
 
 
 @borrowing
-def score_worlds(worlds, state, judged):
-    """Score one step of every world against the one before, or start the episodes of some, whose goals and parts are set.
+def score_worlds(worlds, starting, state, judged):
+    """Score one step of some worlds against the one before, or start their episodes, whose goals and parts are set.
 
     Args:
-        worlds: (n,) index of those whose episodes start; empty: a step of all.
+        worlds: (n,) index.
+        starting: whether their episodes start.
         state: address of the pinned true state.
         judged: address of a pinned :class:`Judged`, whose relations and episode are changed.
     """
     true, all_of = state_at(state), judged_at(judged)
     episode, limit, before = all_of.episode, all_of.rules.limit, all_of.before
-    starting = worlds.shape[0] > 0
-    for k in range(worlds.shape[0] if starting else true.pose.shape[0]):
-        world = worlds[k] if starting else k
+    for k in range(worlds.shape[0]):
+        world = worlds[k]
         number, count, flag = episode.number, episode.count, episode.flag
         for i in range(4):
             before[i] = number[world, i]

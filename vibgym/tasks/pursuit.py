@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import Layout, Pinned
 from vibgym.physics.core.records import State
+from vibgym.simulation.threads import Pool
 from vibgym.tasks.episode import BARRED, HEADING, MOTION, POSITION, PREVIEW, Episode, Relations, Rules, Start
 from vibgym.tasks.paths import route
 from vibgym.tasks.scoring import Scoring
@@ -85,20 +87,22 @@ def begin_pursuit(worlds, pursuit):
 
 
 @borrowing
-def move_goals(pursuit):
-    """Move the goals of all worlds on by one step."""
+def move_goals(worlds, pursuit):
+    """Move the goals of ``worlds`` (n,) on by one step."""
     all_of = pursuit_at(pursuit)
-    for world in range(all_of.clock.shape[0]):
+    for k in range(worlds.shape[0]):
+        world = worlds[k]
         all_of.clock[world] += all_of.periods
         place_goals(all_of, world)
 
 
 @borrowing
-def note_errors(pursuit):
-    """Note how far the parts are from their goals at the end of a step, by relations that have been brought up to date."""
+def note_errors(worlds, pursuit):
+    """Note how far the parts of ``worlds`` (n,) are from their goals at a step's end, by relations that are up to date."""
     all_of = pursuit_at(pursuit)
     error, limit, present = all_of.relations.error, all_of.rules.limit, all_of.episode.present
-    for world in range(all_of.clock.shape[0]):
+    for k in range(worlds.shape[0]):
+        world = worlds[k]
         all_of.looks[world] += 1
         worst, noted = 0.0, all_of.error[world]
         for i in range(error.shape[1]):
@@ -134,48 +138,55 @@ class PursuitScoring(Scoring):
         still = np.zeros(shape)
         # Until the first reset all goals stand at the origin.
         still[:, 0] = [route.SMALL, 1.0, 1.0, 1.0, 0.0, 0.0]
-        self._pursuit = Pinned(
-            PURSUIT,
-            Pursuit(
-                path=np.tile(still, (worlds, 1, 1, 1)),
-                clock=np.zeros(worlds, dtype=np.int64),
-                looks=np.zeros(worlds, dtype=np.int64),
-                squares=np.zeros((worlds, parts)),
-                error=np.zeros((worlds, 3)),
-                motion=np.zeros(len(route.MOTION)),
-                periods=periods,
-                period=period,
-                episode=self.episode,
-                relations=self.relations,
-                rules=self._rules,
-            ),
+        self._pursuit = Pursuit(
+            path=np.tile(still, (worlds, 1, 1, 1)),
+            clock=np.zeros(worlds, dtype=np.int64),
+            looks=np.zeros(worlds, dtype=np.int64),
+            squares=np.zeros((worlds, parts)),
+            error=np.zeros((worlds, 3)),
+            motion=np.zeros(len(route.MOTION)),
+            periods=periods,
+            period=period,
+            episode=self.episode,
+            relations=self.relations,
+            rules=self._rules,
         )
+        self._pursuits = Pool(partial(_with_scratch, self._pursuit))
 
     def own_state(self) -> dict[str, np.ndarray]:
-        record = self._pursuit.record
+        record = self._pursuit
         return {
             "paths": record.path, "clock": record.clock, "looks": record.looks, "squares": record.squares,
             "path_errors": record.error,
         }  # fmt: skip
 
     def facts(self) -> dict[str, np.ndarray]:
-        error = self._pursuit.record.error
+        error = self._pursuit.error
         return {"path_error": error[:, RMS], "largest_path_error": error[:, LARGEST]}
 
     def lines(self, world: int) -> list[np.ndarray]:
         lines = []
-        for path in self._pursuit.record.path[world]:
+        for path in self._pursuit.path[world]:
             count = int(min(path[0, route.LENGTH] / LINE_SPACING + 2, MOST_LINE))
             lines.append(route.sample(path, np.linspace(0.0, route.duration(path[0]), count))[:, :2])
         return lines
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
-        self._pursuit.record.path[worlds], self.episode.present[worlds] = start.paths, start.present
-        if len(worlds):
-            begin_pursuit(worlds, self._pursuit.address)
+        self._pursuit.path[worlds], self.episode.present[worlds] = start.paths, start.present
+        pursuit = self._pursuits.take()
+        begin_pursuit(worlds, pursuit.address)
+        self._pursuits.give(pursuit)
         super().begin(worlds, start)
 
-    def score(self) -> None:
-        move_goals(self._pursuit.address)
-        super().score()
-        note_errors(self._pursuit.address)
+    def score(self, worlds: np.ndarray | None = None) -> None:
+        worlds = self._everyone if worlds is None else worlds
+        pursuit = self._pursuits.take()
+        move_goals(worlds, pursuit.address)
+        super().score(worlds)
+        note_errors(worlds, pursuit.address)
+        self._pursuits.give(pursuit)
+
+
+def _with_scratch(pursuit: Pursuit) -> Pinned[Pursuit]:
+    """What one thread needs."""
+    return Pinned(PURSUIT, pursuit._replace(motion=np.zeros(len(route.MOTION))))

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vibgym._numba.reference import Pinned
+from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.core.records import STATE, State
+from vibgym.simulation.threads import Pool
 from vibgym.tasks.episode import (
     JUDGED,
     QUANTITIES,
+    Episode,
     Judged,
     Relations,
+    Rules,
     Start,
     new_episode,
     new_relations,
@@ -22,8 +27,6 @@ from vibgym.tasks.episode import (
 
 if TYPE_CHECKING:
     from vibgym.tasks.base import Task
-
-_ALL = np.zeros(0, dtype=np.int64)
 
 
 class Scoring:
@@ -46,13 +49,11 @@ class Scoring:
         self.relations = new_relations(worlds, parts)
         self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
         self._judged = self.judged(self.relations)
+        self._everyone = np.arange(worlds)
 
-    def judged(self, relations: Relations) -> Pinned[Judged]:
-        """What kernels need to bring such relations up to date; see :meth:`relate`."""
-        hulls = self._task.hulls
-        fits = np.zeros(self.episode.done.shape[1], dtype=bool)
-        scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES)), fits
-        return Pinned(JUDGED, Judged(relations, self.episode, self._rules, hulls, *scratch))
+    def judged(self, relations: Relations) -> Pool[Pinned[Judged]]:
+        """What kernels need to bring such relations up to date, for each thread; see :meth:`relate`."""
+        return Pool(partial(_judged, relations, self.episode, self._rules, self._task.hulls))
 
     def own_state(self) -> dict[str, np.ndarray]:
         """Live arrays that a snapshot has to hold besides the episodes and their relations."""
@@ -69,18 +70,32 @@ class Scoring:
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been put down."""
         self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
-        if len(worlds):
-            score_worlds(worlds, self._state.address, self._judged.address)
+        self._score(worlds, True)
 
-    def score(self) -> None:
-        """Score one step of every world against the one before."""
-        score_worlds(_ALL, self._state.address, self._judged.address)
+    def score(self, worlds: np.ndarray | None = None) -> None:
+        """Score one step against the one before: of ``worlds`` (index array), or of all."""
+        self._score(self._everyone if worlds is None else worlds, False)
 
-    def relate(self, pose: np.ndarray, gone: np.ndarray, judged: Pinned[Judged]) -> None:
+    def _score(self, worlds: np.ndarray, starting: bool) -> None:
+        judged = self._judged.take()
+        score_worlds(worlds, starting, self._state.address, judged.address)
+        self._judged.give(judged)
+
+    def relate(self, worlds: np.ndarray, pose: np.ndarray, gone: np.ndarray, judged: Pool[Pinned[Judged]]) -> None:
         """How parts at other poses than the true ones stand to their goals and to one another.
 
         Args:
+            worlds: index array.
             pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
             judged: from :meth:`judged`, for the relations to be overwritten.
         """
-        relate_worlds(pose, gone, judged.address)
+        own = judged.take()
+        relate_worlds(worlds, pose, gone, own.address)
+        judged.give(own)
+
+
+def _judged(relations: Relations, episode: Episode, rules: Rules, hulls: Hulls) -> Pinned[Judged]:
+    """What one thread needs."""
+    fits = np.zeros(episode.done.shape[1], dtype=bool)
+    scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES)), fits
+    return Pinned(JUDGED, Judged(relations, episode, rules, hulls, *scratch))

@@ -39,6 +39,7 @@ from vibgym.physics.collision.islands import (
     new_islands,
     run_island,
 )
+from vibgym.physics.core.drive import drive_at
 from vibgym.physics.core.records import State, friction_in, incline_size, new_state, state_at
 
 CALLS = 3
@@ -236,10 +237,10 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
     """After the period without contacts: take it with contacts where it needs them.
 
     Args:
-        fixed, state, prospect: addresses of pinned records.
+        fixed, drive, state, prospect: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
     """
-    fixed, state, prospect, drive = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect), reference(drive)
+    fixed, state, prospect, drive = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect), drive_at(drive)
     for world in range(start, stop):
         w = world - start
         mode = FREE

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import is_given
+from vibgym._numba.reference import Layout, is_given
 from vibgym.physics.core.hardware import NO_HARDWARE, hardware_at, realise
 
 FIELD_STRENGTHS = 6
@@ -56,6 +56,10 @@ class Drive(NamedTuple):
     reach: float = 0.0  # m, at which squeeze, radial and tangential fields are at full strength: FIELD
     # Address of pinned Hardware through which commands go, and which says whose rows they are.
     hardware: int = NO_HARDWARE
+
+
+DRIVE: Layout[Drive] = Layout("DRIVE", __name__)
+drive_at = DRIVE.at
 
 
 def _plain(values: Any, kind: type) -> np.ndarray:
