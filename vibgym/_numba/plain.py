@@ -42,6 +42,11 @@ def cache_folder(kernel: Any = None) -> str | None:
     return folder if options.CACHE and os.access(folder, os.W_OK) else None
 
 
+def collect(folder: Path) -> None:
+    """Nothing can be shipped in this mode."""
+    raise RuntimeError("VIBGYM_PLAIN_NUMBA is set: in this mode wheels hold no kernels")
+
+
 def jit(function: Any) -> Any:
     """Compile ``function`` in nopython mode with the project's options.
 
