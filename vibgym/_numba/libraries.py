@@ -5,17 +5,40 @@ copy in the caller again: the deeper the calls, the longer it takes. Here a kern
 (:class:`Unfinished`), and what Python calls is optimised in one piece with all that it calls (:class:`Whole`). That takes less
 time, and the numbers do not depend on what was compiled and what was loaded: a cached kernel brings all of its callees along.
 
-**Two halves.** Writing down is numba's work: it takes most of the time, and its result, LLVM's bitcode, is the same for all
-processors of a platform. Optimising is LLVM's, for the processor at hand. So the bitcode can be made elsewhere. A kernel that
-is compiled here is read back from its bitcode, too, before it is optimised: what comes with a wheel gives the same code.
+**Two halves.** Writing down is numba's work. It takes most of the time, and what comes of it is the same for all processors of a
+platform; so are the first optimisations, which throw away most of what was written. What is left, LLVM's bitcode, can be made
+elsewhere, and is optimised for the processor at hand. A kernel that is compiled here is read back from its bitcode, too, so
+that what comes with a wheel gives the same code.
 """
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 from llvmlite import binding as llvm
 from numba.core import codegen
+
+
+class _Portable(codegen.JITCPUCodegen):
+    """Optimises for any processor of this platform."""
+
+    def _get_host_cpu_name(self) -> str:
+        return ""
+
+    def _get_host_cpu_features(self) -> str:
+        return ""
+
+
+@functools.cache
+def _portable() -> Any:
+    return _Portable("vibgym.portable")
+
+
+def _optimise(maker: Any, module: Any, **how: Any) -> None:
+    passes = maker._module_pass_manager(**how)
+    manager, *builder = passes if isinstance(passes, tuple) else (passes,)  # the builder came with numba 0.62
+    manager.run(module, *builder)
 
 
 class Unfinished(codegen.JITCodeLibrary):
@@ -32,7 +55,7 @@ class Whole(codegen.JITCodeLibrary):
     """The code of a kernel that Python calls, with all that it calls, directly or not.
 
     Attributes:
-        bitcode: of all of it, before it was optimised.
+        bitcode: of all of it, before it was optimised for this processor.
         symbols: names that its machine code defines.
     """
 
@@ -51,8 +74,10 @@ class Whole(codegen.JITCodeLibrary):
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        self._read(self._final_module.as_bitcode())
-        super()._optimize_final_module()
+        if not hasattr(self, "bitcode"):
+            _optimise(_portable(), self._final_module, opt=1, loop_vectorize=False, slp_vectorize=False)
+            self._read(self._final_module.as_bitcode())
+        _optimise(self._codegen, self._final_module)
         module = self._final_module
         named = (*module.functions, *module.global_variables)
         self.symbols = frozenset(each.name for each in named if not each.is_declaration)
