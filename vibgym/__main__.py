@@ -21,7 +21,10 @@ def parser() -> argparse.ArgumentParser:
     commands = result.add_subparsers(dest="command", required=True)
     warm = commands.add_parser("warm", help="compile all kernels and keep them, for images of machines and clusters")
     warm.add_argument(
-        "--ship", type=Path, metavar="FOLDER", help="write there what a wheel holds of them, as its build does (docs/numba.md)"
+        "--ship",
+        type=Path,
+        metavar="FOLDER",
+        help="write there what a wheel holds of them, as its build does (docs/numba.md)",
     )
     return result
 

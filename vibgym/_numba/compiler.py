@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import functools
 import gc
+import hashlib
 import logging
 import math
 import time
+from pathlib import Path
 from typing import Any
 
 from numba.core import compiler, event, types
@@ -18,7 +20,8 @@ from numba.core import config as numba_config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from vibgym._numba import options
+from vibgym._numba import forks as forks  # what it registers
+from vibgym._numba import options, shipped
 from vibgym._numba.by_reference import handed_on
 from vibgym._numba.cache import Cache
 from vibgym._numba.libraries import Unfinished, Whole
@@ -156,38 +159,59 @@ def inlined(function: Any) -> Any:
     return _kernel(function, _nrt=False, forceinline=True)
 
 
-def cache_folder(kernel: Any = None) -> str | None:
-    """Where a kernel is kept once it is compiled, by default one of this file's package; None: nowhere."""
+def cache_folder() -> str | None:
+    """Where kernels are kept once they are compiled, by default in their files' folders; None: nowhere."""
     if not options.CACHE:
         return None
-    if kernel is None:
-        kernel = jit(cache_folder)
-        kernel.enable_caching()
-    folder = getattr(kernel._cache, "cache_path", None)
+    kernel = jit(cache_folder)
+    kernel.enable_caching()
+    folder = kernel._cache.cache_path
     return None if folder is None else config.CACHE_DIR or folder
 
 
 class _Announcer(event.Listener):
-    """Says on stderr, once a process, that kernels are being compiled: the first step would look as if it hung."""
+    """Says on stderr that kernels are being compiled: the first step would look as if it hung.
+
+    Where kernels are kept it is said once for each state of the sources and of the versions, not by every process that meets
+    a new kind of scene: a mark beside the kernels remembers that.
+    """
 
     said = False
 
     def on_start(self, event: Any) -> None:
-        kernel = event.data["dispatcher"]
-        if self.said or not isinstance(kernel, _Kernel):
+        if self.said or not isinstance(event.data["dispatcher"], _Kernel):
             return
         self.said = True
-        folder = cache_folder(kernel)
+        folder, reason = cache_folder(), shipped.reason()
+        if folder is not None and _marked(Path(folder), reason):
+            return
         kept = "not kept" if folder is None else f"kept in {folder}"
         # A warning, so that it shows where nobody has configured logging, and where only warnings show.
         LOGGER.warning(
-            "vibgym: compiling kernels that this kind of scene is the first to need: the first step takes %s (%s); "
+            "vibgym: %scompiling kernels as kinds of scenes are the first to need them, %s each time (%s); "
             "python -m vibgym warm compiles those of all kinds at once",
-            options.FIRST_STEP, kept,
+            f"{reason}: " if reason else "", options.FIRST_STEP, kept,
         )  # fmt: skip
 
     def on_end(self, event: Any) -> None:
         pass
+
+
+def _marked(folder: Path, reason: str) -> bool:
+    """Whether this was told before; it counts as told from now on."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(repr((shipped.VERSIONS, reason)).encode())
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.read_bytes())
+    mark = folder / f"told-{digest.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.touch(exist_ok=False)
+    except FileExistsError:
+        return True
+    except OSError:
+        pass
+    return False
 
 
 event.register("numba:compile", _Announcer())

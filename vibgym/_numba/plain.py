@@ -32,7 +32,7 @@ config: Any = numba.config  # type: ignore[attr-defined]
 Record = TypeVar("Record")
 
 
-def cache_folder(kernel: Any = None) -> str | None:
+def cache_folder() -> str | None:
     """Where kernels are kept once they are compiled, by default in this file's folder; None: nowhere."""
     folder = config.CACHE_DIR or str(Path(__file__).parent / "__pycache__")
     try:
