@@ -22,8 +22,19 @@ LEARNERS := $(VENV)-cleanrl/.installed $(VENV)-rllib/.installed $(VENV)-zoo/.ins
 CONFIG ?= configs/agents/ppo.yaml
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 
+# Install the package with its EXTRAS. As soon as it runs without, its kernels are compiled beside the rest of the installation,
+# which leaves a core with nothing to do. Nobody waits for them: what is compiled by then is kept, the rest is when it is needed.
+define install
+	$(PIP) -e .
+	@nice $(PY) -m vibgym warm >$(VENV)/.warm.log 2>&1 & warm=$$!; \
+		trap 'kill $$warm 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
+		$(PIP) -e '.[$(EXTRAS)]' || exit; \
+		if kill $$warm 2>/dev/null; then echo "some kernels are compiled, the others when they are first needed (now: make warm)"; \
+		else wait $$warm || { tail -n 5 $(VENV)/.warm.log; echo "kernels could not be compiled, see $(VENV)/.warm.log"; } >&2; fi
+endef
+
 .NOTPARALLEL:
-.PHONY: help venv learners test fuzz report publish verify compare replicate accuracy benchmark train format clean
+.PHONY: help venv warm learners test fuzz report publish verify compare replicate accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
@@ -37,31 +48,39 @@ help:
 	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
 	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
 	@echo "make venv        $(VENV) with everything for development"
+	@echo "make warm        all kernels, which are else compiled when they are first needed"
 	@echo "make learners    $(VENV)-cleanrl, -rllib, -zoo: what other libraries' learners need, see docs/learners"
 	@echo "make format      sort imports, format"
 	@echo "make clean       remove the environment and all caches; runs/ stays"
 
 venv: $(DEV)
 
+warm: $(DEV)
+	$(PY) -m vibgym warm
+
 $(VENV)/pyvenv.cfg:
 	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 found; name one with make PYTHON=..." >&2; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
 
 # The development extras hold all others, so they satisfy every stamp.
+$(DEV): EXTRAS = dev
 $(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(PIP) -e '.[dev]'
+	$(install)
 	@touch $(DEV) $(REPORT) $(LEARN) $(ACCURACY)
 
+$(REPORT): EXTRAS = render,report
 $(REPORT): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(PIP) -e '.[render,report]'
+	$(install)
 	@touch $(REPORT)
 
+$(ACCURACY): EXTRAS = accuracy,mujoco
 $(ACCURACY): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(PIP) -e '.[accuracy,mujoco]'
+	$(install)
 	@touch $(ACCURACY)
 
+$(LEARN): EXTRAS = learn,render,report
 $(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
-	$(PIP) -e '.[learn,render,report]'
+	$(install)
 	@touch $(LEARN) $(REPORT)
 
 # From an empty cache, so that no kernel is an old one. Kernels are compiled while one core would have nothing to do.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from vibgym import interrupts
 
@@ -18,18 +19,24 @@ def parser() -> argparse.ArgumentParser:
     """The command line's grammar."""
     result = argparse.ArgumentParser(prog="python -m vibgym", description="Vibrating surfaces for learning.")
     commands = result.add_subparsers(dest="command", required=True)
-    commands.add_parser("warm", help="compile all kernels and keep them, for images of machines and clusters")
+    warm = commands.add_parser("warm", help="compile all kernels and keep them, for images of machines and clusters")
+    warm.add_argument(
+        "--ship",
+        type=Path,
+        metavar="FOLDER",
+        help="write there what a wheel holds of them, as its build does (docs/numba.md)",
+    )
     return result
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    parser().parse_args(argv)
-    return interrupts.run(compiled)
+    arguments = parser().parse_args(argv)
+    return interrupts.run(lambda: compiled(arguments.ship))
 
 
-def compiled() -> int:
-    """Compile all kernels; returns the exit code."""
+def compiled(ship: Path | None = None) -> int:
+    """Compile all kernels, and write to a folder what wheels hold of them; returns the exit code."""
     from vibgym._numba.jit import cache_folder
 
     folder = cache_folder()
@@ -38,6 +45,10 @@ def compiled() -> int:
         return 1
     from vibgym.warm import warm
 
+    if ship is not None:
+        from vibgym._numba.jit import collect
+
+        collect(ship)
     took = warm(print)
     print(f"all kernels compiled in {took:.1f} s, kept in {folder}")
     return 0

@@ -1,58 +1,34 @@
 """How kernels are compiled, unless in plain mode.
 
-**One piece.** numba optimises a function and makes machine code of it before another one calls it, and then optimises the
-copy in the caller again: the deeper the calls, the longer it takes. Here a kernel that another one calls is only typed and
-written down (:class:`_Called`), and what Python calls is optimised in one piece with all that it calls. That takes less time,
-and the numbers do not depend on what was compiled and what was loaded: a cached kernel brings all of its callees along.
+A kernel looks different to other kernels (:class:`_Called`: typed and written down) and to Python (:class:`_Kernel`: optimised
+in one piece with all that it calls); :mod:`vibgym._numba.libraries` says why.
 """
 
 from __future__ import annotations
 
 import functools
 import gc
+import hashlib
 import logging
 import math
 import time
+from pathlib import Path
 from typing import Any
 
-from numba.core import codegen, compiler, event, types
+from numba.core import compiler, event, types
 from numba.core import config as numba_config
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 
-from vibgym._numba import options
+from vibgym._numba import forks as forks  # what it registers
+from vibgym._numba import options, shipped
 from vibgym._numba.by_reference import handed_on
-from vibgym._numba.cache import Files
-from vibgym._numba.sources import last_edit, sources
+from vibgym._numba.cache import Cache
+from vibgym._numba.libraries import Unfinished, Whole
 
 config: Any = numba_config
 
 LOGGER = logging.getLogger("vibgym")
-
-
-class _Unfinished(codegen.JITCodeLibrary):
-    """The code of a kernel that only other kernels call: neither put together, nor optimised, nor made machine code of."""
-
-    def _optimize_functions(self, ll_module: Any) -> None:
-        ll_module.data_layout = self._codegen._data_layout
-
-    def finalize(self) -> None:
-        self._finalized = True
-
-
-class _Whole(codegen.JITCodeLibrary):
-    """The code of a kernel that Python calls, with all that it calls, directly or not."""
-
-    def finalize(self) -> None:
-        libraries = dict.fromkeys(self._linking_libraries)
-        todo = list(libraries)
-        while todo:
-            for each in todo.pop()._linking_libraries:
-                if each not in libraries:
-                    libraries[each] = None
-                    todo.append(each)
-        self._linking_libraries = list(libraries)
-        super().finalize()
 
 
 class _Typing:
@@ -90,7 +66,7 @@ class _Compiler(compiler.Compiler):
 
     def library(self, maker: Any, name: str) -> Any:
         """Where its code goes."""
-        made = _Whole(maker, name)
+        made = Whole(maker, name)
         made.enable_object_caching()
         return made
 
@@ -105,7 +81,7 @@ class _CalledCompiler(_Compiler):
 
     def library(self, maker: Any, name: str) -> Any:
         """Where its code goes."""
-        return _Unfinished(maker, name)
+        return Unfinished(maker, name)
 
 
 class _Called(CPUDispatcher):
@@ -141,35 +117,18 @@ class _Kernel(CPUDispatcher):
 
     @global_compiler_lock  # or a second thread reads the cache while the first is about to say what its version is
     def compile(self, sig: Any) -> Any:
-        if options.CACHE and not self.overloads:
+        if not self.overloads:
             self.enable_caching()
         collecting = gc.isenabled()
         gc.disable()  # it would go through all of numba's notes again and again
         try:
-            return super().compile(sig)
-        except OSError as error:  # from the cache: a full disk, a file that may not be read
-            options.warn_about_cache(str(error))
-            self._cache.disable()
             return super().compile(sig)
         finally:
             if collecting:
                 gc.enable()
 
     def enable_caching(self) -> None:
-        try:
-            super().enable_caching()
-        except RuntimeError:  # numba has found no folder that it may write to
-            options.warn_about_cache("no folder that may be written")
-            return
-        # numba has no public way to say what else a kernel depends on. Were these names to change, the error says so here.
-        cache = self._cache
-        own: Any = Files(cache.cache_path, cache._impl.filename_base, cache._cache_file._source_stamp)
-        # The version is looked at before anything else is read, which may no longer be readable.
-        where = self.py_func.__code__.co_filename, self.py_func.__module__
-        own._version = f"{own._version} {sources(*where)}"
-        cache._cache_file = own
-        if last_edit(*where) > self.imported:  # what is compiled is older than what the version tells of
-            cache.disable()
+        self._cache = Cache(self.py_func, self.imported)
 
 
 def _kernel(function: Any, **more: Any) -> Any:
@@ -210,38 +169,59 @@ def exact_inlined(function: Any) -> Any:
     return _kernel(function, _nrt=False, fastmath=False, forceinline=True)
 
 
-def cache_folder(kernel: Any = None) -> str | None:
-    """Where a kernel is kept once it is compiled, by default one of this file's package; None: nowhere."""
+def cache_folder() -> str | None:
+    """Where kernels are kept once they are compiled, by default in their files' folders; None: nowhere."""
     if not options.CACHE:
         return None
-    if kernel is None:
-        kernel = jit(cache_folder)
-        kernel.enable_caching()
-    folder = getattr(kernel._cache, "cache_path", None)
+    kernel = jit(cache_folder)
+    kernel.enable_caching()
+    folder = kernel._cache.cache_path
     return None if folder is None else config.CACHE_DIR or folder
 
 
 class _Announcer(event.Listener):
-    """Says on stderr, once a process, that kernels are being compiled: the first step would look as if it hung."""
+    """Says on stderr that kernels are being compiled: the first step would look as if it hung.
+
+    Where kernels are kept it is said once for each state of the sources and of the versions, not by every process that meets
+    a new kind of scene: a mark beside the kernels remembers that.
+    """
 
     said = False
 
     def on_start(self, event: Any) -> None:
-        kernel = event.data["dispatcher"]
-        if self.said or not isinstance(kernel, _Kernel):
+        if self.said or not isinstance(event.data["dispatcher"], _Kernel):
             return
         self.said = True
-        folder = cache_folder(kernel)
+        folder, reason = cache_folder(), shipped.reason()
+        if folder is not None and _marked(Path(folder), reason):
+            return
         kept = "not kept" if folder is None else f"kept in {folder}"
         # A warning, so that it shows where nobody has configured logging, and where only warnings show.
         LOGGER.warning(
-            "vibgym: compiling kernels that this kind of scene is the first to need: the first step takes %s (%s); "
+            "vibgym: %scompiling kernels as kinds of scenes are the first to need them, %s each time (%s); "
             "python -m vibgym warm compiles those of all kinds at once",
-            options.FIRST_STEP, kept,
+            f"{reason}: " if reason else "", options.FIRST_STEP, kept,
         )  # fmt: skip
 
     def on_end(self, event: Any) -> None:
         pass
+
+
+def _marked(folder: Path, reason: str) -> bool:
+    """Whether this was told before; it counts as told from now on."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(repr((shipped.VERSIONS, reason)).encode())
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.read_bytes())
+    mark = folder / f"told-{digest.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        mark.touch(exist_ok=False)
+    except FileExistsError:
+        return True
+    except OSError:
+        pass
+    return False
 
 
 event.register("numba:compile", _Announcer())

@@ -11,8 +11,9 @@ from __future__ import annotations
 from vibgym._numba.options import PLAIN
 
 if PLAIN:
-    from vibgym._numba.plain import borrowing, cache_folder, exact, exact_inlined, inlined, jit
+    from vibgym._numba.plain import borrowing, cache_folder, collect, exact, exact_inlined, inlined, jit
 else:
     from vibgym._numba.compiler import borrowing, cache_folder, exact, exact_inlined, inlined, jit
+    from vibgym._numba.shipped import collect
 
-__all__ = ["borrowing", "cache_folder", "exact", "exact_inlined", "inlined", "jit"]
+__all__ = ["borrowing", "cache_folder", "collect", "exact", "exact_inlined", "inlined", "jit"]

@@ -32,7 +32,7 @@ config: Any = numba.config  # type: ignore[attr-defined]
 Record = TypeVar("Record")
 
 
-def cache_folder(kernel: Any = None) -> str | None:
+def cache_folder() -> str | None:
     """Where kernels are kept once they are compiled, by default in this file's folder; None: nowhere."""
     folder = config.CACHE_DIR or str(Path(__file__).parent / "__pycache__")
     try:
@@ -40,6 +40,11 @@ def cache_folder(kernel: Any = None) -> str | None:
     except OSError:
         return None
     return folder if options.CACHE and os.access(folder, os.W_OK) else None
+
+
+def collect(folder: Path) -> None:
+    """Nothing can be shipped in this mode."""
+    raise RuntimeError("VIBGYM_PLAIN_NUMBA is set: in this mode wheels hold no kernels")
 
 
 def _compiled(function: Any, more: Any) -> Any:
