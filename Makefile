@@ -17,7 +17,7 @@ DEV := $(VENV)/.installed-dev
 REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
 ACCURACY := $(VENV)/.installed-accuracy
-PUSHT := $(VENV)-pusht
+PEERS := $(VENV)-peers/.installed
 LEARNERS := $(VENV)-cleanrl/.installed $(VENV)-rllib/.installed $(VENV)-zoo/.installed
 CONFIG ?= configs/agents/ppo.yaml
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
@@ -34,7 +34,7 @@ define install
 endef
 
 .NOTPARALLEL:
-.PHONY: help venv warm learners test fuzz report publish verify compare replicate accuracy benchmark train format clean
+.PHONY: help venv warm learners peers test fuzz report publish verify compare replicate accuracy benchmark train format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
@@ -50,6 +50,7 @@ help:
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make warm        all kernels, which are else compiled when they are first needed"
 	@echo "make learners    $(VENV)-cleanrl, -rllib, -zoo: what other libraries' learners need, see docs/learners"
+	@echo "make peers       $(VENV)-peers: EnvPool and gym-pusht, which python -m studies.benchmarks.peers compares with"
 	@echo "make format      sort imports, format"
 	@echo "make clean       remove the environment and all caches; runs/ stays"
 
@@ -113,8 +114,12 @@ accuracy: $(ACCURACY)
 
 learners: $(DEV) $(LEARNERS)
 
-# Learners that need other versions than ours: an environment each, which shows ours beneath what differs.
-$(VENV)-%/.installed: docs/learners/%.txt $(VENV)/pyvenv.cfg | $(DEV)
+peers: $(DEV) $(PEERS)
+
+# What needs other versions than ours, learners and environments to compare with: an environment each, which shows ours beneath
+# what differs.
+vpath %.txt docs/learners studies/benchmarks
+$(VENV)-%/.installed: %.txt $(VENV)/pyvenv.cfg | $(DEV)
 	$(PY) -m venv --clear --without-pip $(@D)
 	$(PY) -c 'import sysconfig; print("import site; site.addsitedir(%r)" % sysconfig.get_path("purelib"))' \
 		>"$$($(@D)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')/beneath.pth"
@@ -126,18 +131,13 @@ $(VENV)-cleanrl/.installed: $(VENV)/pyvenv.cfg | $(DEV)
 	$(PIP) --no-deps --ignore-requires-python --upgrade --target $(@D) cleanrl==1.2.0
 	@touch $@
 
-# gym-pusht, which we compare with, needs an older pymunk: an environment of its own.
-$(PUSHT)/.installed:
-	$(PYTHON) -m venv --clear $(PUSHT)
-	$(PUSHT)/bin/python -m pip --disable-pip-version-check install --quiet gym-pusht==0.1.8
-	@touch $@
-
-benchmark: $(LEARN) $(ACCURACY) $(PUSHT)/.installed
+benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.accuracy
 	$(PY) -m studies.benchmarks.kernel
+	$(PY) -m studies.benchmarks.peers
 	$(PY) -m studies.benchmarks.speed
 	$(PY) -m studies.benchmarks.contacts
-	$(PY) -m studies.benchmarks.crowds --pusht $(PUSHT)/bin/python
+	$(PY) -m studies.benchmarks.crowds
 	$(PY) -m studies.benchmarks.pile
 	$(PY) -m studies.benchmarks.camera
 	$(PY) -m studies.benchmarks.control

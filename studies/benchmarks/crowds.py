@@ -1,116 +1,24 @@
-"""Worlds with many parts: ``python -m studies.benchmarks.crowds [--pusht PYTHON]``.
+"""Worlds with many parts: ``python -m studies.benchmarks.crowds``.
 
-1. Environment steps per second of the sorting environments, 256 worlds, against gym-pusht's PushT-v0 (state observations, one
-   environment a core, each in a process of its own), measured in turn. gym-pusht needs an older pymunk, so it runs in an
-   environment of its own, whose interpreter is ``--pusht`` (``make benchmark`` sets it up); without it this part is left out.
-2. Time per part and period of worlds with six parts that never come near one another, against worlds with one part.
+Time per part and period of worlds with six parts that never come near one another, against worlds with one part. How fast
+crowds are beside PushT: :mod:`studies.benchmarks.peers`.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
 import statistics
-import subprocess
 import time
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
 import vibgym
 from vibgym.scene.parts import shipped_part
 
-WORLDS, STEPS, ROUNDS = 256, 60, 7
-SCENES = (
-    ("vibgym/Sort-v0", "element"),
-    ("vibgym/Sort-v0", "field"),
-    ("vibgym/SortCrowded-v0", "element"),
-    ("vibgym/SortCrowded-v0", "field"),
-)
-
-PUSHT = r"""
-import sys, time
-import gymnasium as gym, gym_pusht
-env = gym.make("gym_pusht/PushT-v0", obs_type="state")
-env.action_space.seed(0)
-actions = [env.action_space.sample() for _ in range(64)]
-env.reset(seed=0)
-for line in sys.stdin:
-    steps, began = 0, time.perf_counter()
-    while time.perf_counter() - began < float(line):
-        _, _, terminated, truncated, _ = env.step(actions[steps % 64])
-        steps += 1
-        if terminated or truncated:
-            env.reset()
-    print(steps / (time.perf_counter() - began), flush=True)
-"""
+WORLDS, ROUNDS = 256, 7
 
 
-class PushT:
-    """One PushT-v0 a core, in processes that wait for their turn."""
-
-    def __init__(self, python: str) -> None:
-        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        pipe: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-        self._workers = [subprocess.Popen([python, "-c", PUSHT], **pipe) for _ in range(cores)]
-        self.rate(0.5)
-
-    def rate(self, seconds: float = 1.0) -> float:
-        """Steps per second of all environments together."""
-        for worker in self._workers:
-            worker.stdin.write(f"{seconds}\n")  # type: ignore[union-attr]
-            worker.stdin.flush()  # type: ignore[union-attr]
-        return sum(float(worker.stdout.readline()) for worker in self._workers)  # type: ignore[union-attr]
-
-
-class Sorting:
-    """A vector environment under a few random actions, each held for five steps, resets included."""
-
-    def __init__(self, name: str, action: str) -> None:
-        self.name, self.action = name, action
-        self._env = gym.make_vec(name, num_envs=WORLDS, action=action)
-        self._env.action_space.seed(0)
-        self._actions = [self._env.action_space.sample() for _ in range(8)]
-        self._step = 0
-        self._env.reset(seed=0)
-        self.rate(5)
-
-    def rate(self, steps: int = STEPS) -> float:
-        """Environment steps per second of the whole batch."""
-        began = time.perf_counter()
-        for _ in range(steps):
-            self._env.step(self._actions[self._step // 5 % 8])
-            self._step += 1
-        return steps * WORLDS / (time.perf_counter() - began)
-
-    def contacts(self) -> float:
-        """Share of the periods that were taken with contacts."""
-        counts: dict[str, int] = self._env.unwrapped.core.simulator.statistics  # type: ignore[attr-defined]
-        return counts["contact"] / sum(counts[name] for name in ("free", "near", "contact"))
-
-
-def throughput(python: str) -> None:
-    """Part 1."""
-    pusht, scenes = PushT(python), [Sorting(*scene) for scene in SCENES]
-    rates: list[list[float]] = [[] for _ in scenes]
-    theirs: list[list[float]] = [[] for _ in scenes]
-    for _ in range(ROUNDS):
-        for k, scene in enumerate(scenes):
-            rates[k].append(scene.rate())
-            theirs[k].append(pusht.rate())
-    print(f"\nSix parts, {WORLDS} worlds, against gym-pusht PushT-v0 (state, one environment a core)")
-    print(f"  {'environment':34s} {'steps/s':>9s} {'PushT':>8s} {'ratio':>6s}  periods with contacts   (target >= 5)")
-    for scene, ours, other in zip(scenes, rates, theirs):
-        ratio = statistics.median(a / b for a, b in zip(ours, other))
-        print(
-            f"  {scene.name + ', ' + scene.action:34s} {statistics.median(ours):9.0f} {statistics.median(other):8.0f} "
-            f"{ratio:6.1f}  {100 * scene.contacts():.0f} %"
-        )
-
-
-def apart() -> None:
-    """Part 2."""
+def main() -> None:
+    """Measure and print."""
     surface = vibgym.Surface()
     part = shipped_part("aluminium_block")
     generator = np.random.default_rng(0)
@@ -137,21 +45,11 @@ def apart() -> None:
     pairs = [(per_part(six, pose), per_part(one, pose[:, k % 6 : k % 6 + 1])) for k in range(3 * ROUNDS)]
     ratio = statistics.median(b / a for a, b in pairs)
     together, alone = (1e6 * statistics.median(each) for each in zip(*pairs))
-    print(f"\nSix parts that never come near one another, {WORLDS} worlds, one core: {six.statistics}")
+    print(f"Six parts that never come near one another, {WORLDS} worlds, one core: {six.statistics}")
     print(
         f"  {together:.2f} us per part and period, {alone:.2f} us in worlds with one part: "
         f"{ratio:.2f} of its speed (target >= 0.7)"
     )
-
-
-def main() -> None:
-    """Print both parts."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--pusht", metavar="PYTHON", help="interpreter of an environment with gym-pusht")
-    arguments = parser.parse_args()
-    if arguments.pusht:
-        throughput(arguments.pusht)
-    apart()
 
 
 if __name__ == "__main__":

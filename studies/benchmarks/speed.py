@@ -1,85 +1,17 @@
-"""Speed: environments against CartPole-v1, training, imports. ``python -m studies.benchmarks.speed``
+"""Speed of the import, and of the first step with a warm cache: ``python -m studies.benchmarks.speed``.
 
-Ratios are measured alternately in one process, because machines drift: each figure is the median of its rounds.
+Environments beside others': :mod:`studies.benchmarks.peers`; training: :mod:`studies.benchmarks.training`.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import statistics
 import subprocess
 import sys
-import tempfile
-import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
-import gymnasium as gym
 
 import vibgym
-
-ROUNDS = 7
-WORLDS = 1024
-TRAIN_CONFIG = Path("configs/agents/rotate.yaml")
-
-
-def rates(first: Callable[[], float], second: Callable[[], float], rounds: int = ROUNDS) -> tuple[float, float, float]:
-    """Median rates of two measurements taken in turn, and the median of the rounds' ratios first / second."""
-    pairs = [(first(), second()) for _ in range(rounds)]
-    return (
-        statistics.median(a for a, _ in pairs),
-        statistics.median(b for _, b in pairs),
-        statistics.median(a / b for a, b in pairs),
-    )
-
-
-def batch_rate(env: Any, steps: int) -> Callable[[], float]:
-    """Steps per second of a vector environment under fixed random actions, resets included."""
-    env.action_space.seed(0)
-    actions = [env.action_space.sample() for _ in range(8)]
-    env.reset(seed=0)
-    for k in range(20):
-        env.step(actions[k % 8])
-
-    def measure() -> float:
-        began = time.perf_counter()
-        for k in range(steps):
-            env.step(actions[k % 8])
-        return steps * env.num_envs / (time.perf_counter() - began)
-
-    return measure
-
-
-def single_rate(env: gym.Env, steps: int) -> Callable[[], float]:
-    """Steps per second of a single environment as ``gym.make`` gives it, resets included."""
-    env.action_space.seed(0)
-    actions = [env.action_space.sample() for _ in range(64)]
-    env.reset(seed=0)
-
-    def measure() -> float:
-        began = time.perf_counter()
-        for k in range(steps):
-            _, _, terminated, truncated, _ = env.step(actions[k % 64])
-            if terminated or truncated:
-                env.reset()
-        return steps / (time.perf_counter() - began)
-
-    measure()
-    return measure
-
-
-def best_cartpole() -> Any:
-    """SyncVectorEnv of CartPole-v1 at the size at which it is fastest here."""
-    best, best_rate = None, 0.0
-    for size in (16, 32, 64, 128, 256, 1024):
-        env = gym.make_vec("CartPole-v1", num_envs=size, vectorization_mode="sync")
-        rate = max(batch_rate(env, max(8, 40_000 // size))() for _ in range(2))
-        if rate > best_rate:
-            best, best_rate = env, rate
-    return best
 
 
 def in_fresh_process(code: str, rounds: int = 5) -> float:
@@ -92,69 +24,22 @@ TIMED = "import time; began = time.perf_counter(); {}; print(time.perf_counter()
 FIRST_STEP = "env = gymnasium.make('vibgym/Rotate-v0'); env.reset(seed=0); env.step(env.action_space.sample())"
 
 
-def environments() -> None:
-    """The environments' step rates."""
-    cartpole = best_cartpole()
-    theirs = batch_rate(cartpole, max(8, 200_000 // cartpole.num_envs))
-    print(
-        f"\nVector environments, {WORLDS} worlds, against CartPole-v1 (SyncVectorEnv, {cartpole.num_envs}: its best size)"
-    )
-    print(f"  {'environment':34s} {'steps/s':>10s} {'CartPole':>10s} {'ratio':>7s}")
-    for task, action in (("Rotate", "element"), ("Rotate", "patch"), ("Transport", "element"), ("Align", "field")):
-        env = gym.make_vec(f"vibgym/{task}-v0", num_envs=WORLDS, action=action)
-        ours, other, ratio = rates(batch_rate(env, 100), theirs)
-        target = "   (target >= 1.5)" if (task, action) == ("Rotate", "element") else ""
-        print(f"  {task + '-v0, ' + action:34s} {ours:10.0f} {other:10.0f} {ratio:7.2f}{target}")
-    single, other, ratio = rates(
-        single_rate(gym.make("vibgym/Rotate-v0"), 4000), single_rate(gym.make("CartPole-v1"), 20_000)
-    )
-    print("\nSingle environments from gym.make")
-    print(
-        f"  Rotate-v0, element: {1e6 / single:.1f} us a step, CartPole-v1: {1e6 / other:.1f} us, "
-        f"{1 / ratio:.1f} times its cost (target <= 8)"
-    )
-
-
 def start() -> None:
     """Import time and the first step with a warm cache."""
     base = in_fresh_process(TIMED.format("import numba, gymnasium"))
     ours = in_fresh_process(TIMED.format("import vibgym"))
     both = "import gymnasium, vibgym; " + TIMED.format(FIRST_STEP)
     in_fresh_process(both, 1)
-    print("\nStart")
     print(
         f"  import vibgym: {ours:.2f} s, numba and gymnasium alone: {base:.2f} s, {ours / base:.2f} times (target <= 1.5)"
     )
     print(f"  first step with a warm cache: {in_fresh_process(both, 3):.2f} s (target <= 1)")
 
 
-def training() -> None:
-    """PPO from the shipped configuration, everything included from the first environment to the saved policy."""
-    import yaml
-
-    from agents.training.train import train
-
-    settings = yaml.safe_load(TRAIN_CONFIG.read_text())
-    settings["steps"] = 1_000_000
-    with tempfile.TemporaryDirectory() as directory:
-        config = Path(directory) / "speed.yaml"
-        config.write_text(yaml.safe_dump(settings))
-        began = time.perf_counter()
-        train(config, Path(directory) / "run", quiet=True)
-        rate = settings["steps"] / (time.perf_counter() - began)
-    print(f"\nPPO training, {settings['task']} with patch actions: {rate:.0f} steps/s (target >= 35000)")
-
-
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--no-training", action="store_true", help="leave the training rate out (needs torch)")
-    arguments = parser.parse_args()
     print(f"vibgym {vibgym.__version__}, Python {platform.python_version()}, {os.cpu_count()} processors")
-    environments()
     start()
-    if not arguments.no_training:
-        training()
 
 
 if __name__ == "__main__":

@@ -63,14 +63,21 @@ class Whole(codegen.JITCodeLibrary):
     symbols: frozenset[str]
 
     def finalize(self) -> None:
-        libraries = dict.fromkeys(self._linking_libraries)
-        todo = list(libraries)
+        # Each after all that call it: LLVM leaves out a function that nothing linked so far has called.
+        order: dict[Any, None] = {}
+        begun, todo = set(), [(self, iter(tuple(self._linking_libraries)))]
         while todo:
-            for each in todo.pop()._linking_libraries:
-                if each not in libraries:
-                    libraries[each] = None
-                    todo.append(each)
-        self._linking_libraries = list(libraries)
+            library, called = todo[-1]
+            for each in called:
+                if each not in begun:
+                    begun.add(each)
+                    todo.append((each, iter(tuple(each._linking_libraries))))
+                    break
+            else:
+                order[library] = None
+                todo.pop()
+        del order[self]
+        self._linking_libraries = list(reversed(order))
         super().finalize()
 
     def _optimize_final_module(self) -> None:

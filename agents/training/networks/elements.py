@@ -10,6 +10,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from agents.training.networks.functions import tanh
 from agents.training.networks.layers import hidden, linear
 from agents.training.networks.parts import LOG_STD_RANGE, Eyes
 from vibgym.policies.trained.networks.shape import Shape
@@ -43,7 +44,7 @@ class ElementsActor(nn.Module):
         side, place = self.shape.side, self.shape.place
         seen = self.hidden(self.eyes(rows))
         coefficients = self.coefficients(seen).unflatten(-1, (BASIS, 2))
-        basis = torch.tanh(self.places(elements_about(rows[..., place : place + 2], side)))
+        basis = tanh(self.places(elements_about(rows[..., place : place + 2], side)))
         mean = (basis @ coefficients).flatten(-2) / BASIS**0.5
         log_std = self.log_std(seen).clamp(*LOG_STD_RANGE)
         return mean, log_std.expand(*mean.shape)

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import torch
 from torch import nn
 
-ABSENT = -1e9
-"""Logit of neighbours that are not there: below all that a network says of one."""
+from agents.training.networks.functions import Tanh, attend
 
-ACTIVATIONS = {"tanh": nn.Tanh, "relu": nn.ReLU}
+ACTIVATIONS = {"tanh": Tanh, "relu": nn.ReLU}
 
 
 def hidden(inputs: int, widths: Sequence[int], activation: str) -> nn.Sequential:
@@ -51,10 +50,13 @@ class Attention(nn.Module):
 
     def forward(self, own: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
         """(..., size) of ``own`` (..., own) and ``others`` (..., neighbours, width)."""
-        there = others[..., 0] > 0.5
-        encoded = torch.relu(self.encode(others))
-        logit = (self.key(encoded) @ self.query(own).unsqueeze(-1)).squeeze(-1) * self.scale
-        logit = logit.masked_fill(~there, ABSENT)  # or their largest would leave nothing of those that are there
-        weight = torch.exp(logit - logit.amax(dim=-1, keepdim=True)) * there
-        weight = weight / (weight.sum(dim=-1, keepdim=True) + 1e-9)
-        return (weight.unsqueeze(-2) @ encoded).squeeze(-2)
+        return attend(self.encode(others), others[..., 0] > 0.5, self._sought(own))
+
+    def _sought(self, own: torch.Tensor) -> torch.Tensor:
+        """(..., size) whose products with encodings are the logits, but for a number that all neighbours of a part share.
+
+        Products of keys and queries are those of encodings and queries that have been through the keys' weights, of which there
+        is one for all neighbours; the keys' bias adds the same to all, which exponentials' shares do not notice.
+        """
+        through = self.key.weight.T * self.scale
+        return nn.functional.linear(own, through @ self.query.weight, through @ self.query.bias)

@@ -1,10 +1,14 @@
 """Networks: NumPy acts as torch does, and neighbours count as attention says."""
 
+import copy
+
 import numpy as np
 import pytest
 import torch
 
 from agents.training.networks.elements import elements_about
+from agents.training.networks.functions import attend, tanh
+from agents.training.networks.layers import Attention
 from agents.training.networks.parts import PartsCritic
 from agents.training.parts_policy import NETWORKS, trained_tensors
 from vibgym.policies.trained.networks.acting import ACTING
@@ -94,6 +98,60 @@ def test_exploration_grows_with_actions_above_its_floor():
     with torch.no_grad():
         actor.mean.weight.zero_(), actor.log_std_floor.fill_(0.25)
     assert np.allclose(np.exp(by_torch(actor, rows)[1].numpy()), 0.25 * np.exp(-2.0), rtol=0.2)
+
+
+@pytest.mark.parametrize("there", [[1, 1, 1, 1, 1], [1, 0, 1, 0, 0], [0, 0, 0, 0, 0]])
+def test_attention_is_that_of_keys_and_queries(there):
+    """By its definition, key by key and in float64; so are all gradients, and the keys' bias has none."""
+    torch.manual_seed(2)
+    attention = Attention(OWN, WIDTH, 8)
+    for parameter in attention.parameters():
+        torch.nn.init.normal_(parameter, std=0.7)
+    rows = torch.from_numpy(rows_of(len(there), there))
+    own, others = rows[..., :OWN].clone().requires_grad_(), rows[..., OWN:].unflatten(-1, (len(there), WIDTH))
+    told = torch.randn(3, 6, 8)
+    (attention(own, others) * told).sum().backward()
+    mine = {name: each.grad for name, each in attention.named_parameters()} | {"own": own.grad}
+    plain, seen = copy.deepcopy(attention).double(), rows[..., :OWN].double().requires_grad_()
+    code = torch.relu(plain.encode(others.double()))
+    logit = torch.einsum("...kc,...c->...k", plain.key(code), plain.query(seen)) / 8**0.5
+    share = torch.softmax(logit.masked_fill(torch.tensor(there) < 0.5, -torch.inf), dim=-1).nan_to_num()
+    mean = torch.einsum("...k,...kc->...c", share, code) if any(there) else 0.0 * code.sum(dim=-2)
+    assert torch.allclose(attention(own, others).double(), mean, atol=1e-5)
+    plain.zero_grad()
+    (mean * told).sum().backward()
+    assert mine.pop("key.bias") is None
+    for name, theirs in ({name: each.grad for name, each in plain.named_parameters()} | {"own": seen.grad}).items():
+        expected = torch.zeros(()) if theirs is None else theirs
+        if name == "key.bias":
+            assert expected.abs().max() < 1e-12
+        else:
+            assert torch.allclose(mine[name].double(), expected.double(), atol=1e-4 * max(1.0, expected.abs().max())), (
+                name
+            )
+
+
+def test_functions_are_the_same_in_any_number_of_threads():
+    """To the bit, with gradients; tangents are right to 2e-7, and what is not a number stays so."""
+    generator = torch.Generator().manual_seed(0)
+    code, sought = torch.randn(9000, 5, 32, generator=generator), torch.randn(9000, 32, generator=generator)
+    there, threads, found = torch.rand(9000, 5, generator=generator) < 0.7, torch.get_num_threads(), []
+    try:
+        for count in (1, 2, 3):
+            torch.set_num_threads(count)
+            inputs = code.clone().requires_grad_(), sought.clone().requires_grad_()
+            mean = attend(inputs[0], there, inputs[1])
+            wide = tanh(8.0 * inputs[0])
+            (mean.sum() + wide.sum()).backward()
+            found.append((mean, wide, *(each.grad for each in inputs)))
+    finally:
+        torch.set_num_threads(threads)
+    assert all(torch.equal(one, other) for each in found[1:] for one, other in zip(found[0], each, strict=True))
+    assert (found[0][1].double() - torch.tanh(8.0 * code.double())).abs().max() < 2e-7
+    inputs = code.clone().requires_grad_()
+    assert torch.allclose(torch.autograd.grad(tanh(inputs).sum(), inputs)[0], 1.0 - torch.tanh(code) ** 2, atol=1e-6)
+    assert torch.tanh(torch.tensor([torch.inf])) == pytest.approx(tanh(torch.tensor([torch.inf])).item(), abs=2e-7)
+    assert tanh(torch.tensor([torch.nan, 0.0])).isnan().tolist() == [True, False]
 
 
 @pytest.mark.parametrize("kind", ACTORS)

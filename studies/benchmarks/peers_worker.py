@@ -1,0 +1,66 @@
+"""Others' environments, in the interpreter that has them: reads seconds, one a line, and answers with steps per second.
+
+``python peers_worker.py pusht``, or ``envpool WORLDS THREADS``; started by :mod:`studies.benchmarks.peers`, of which it imports
+nothing.
+"""
+
+import sys
+import time
+
+
+def pusht():
+    """A step of one PushT-v0 with state observations."""
+    import gym_pusht  # noqa: F401 - registers it
+    import gymnasium
+
+    env = gymnasium.make("gym_pusht/PushT-v0", obs_type="state")
+    env.action_space.seed(0)
+    actions = [env.action_space.sample() for _ in range(64)]
+    env.reset(seed=0)
+    taken = 0
+
+    def step():
+        nonlocal taken
+        _, _, terminated, truncated, _ = env.step(actions[taken % 64])
+        taken += 1
+        if terminated or truncated:
+            env.reset()
+        return 1
+
+    return step
+
+
+def envpool(worlds, threads):
+    """A step of all worlds of EnvPool's CartPole-v1, one after the other as ours are made."""
+    import envpool
+    import numpy
+
+    worlds = int(worlds)
+    env = envpool.make("CartPole-v1", env_type="gymnasium", num_envs=worlds, num_threads=int(threads), seed=0)
+    generator = numpy.random.default_rng(0)
+    actions = [generator.integers(0, 2, worlds) for _ in range(8)]
+    env.reset()
+    taken = 0
+
+    def step():
+        nonlocal taken
+        env.step(actions[taken % 8])
+        taken += 1
+        return worlds
+
+    return step
+
+
+def main():
+    """Answer until nobody asks any more."""
+    kind, *arguments = sys.argv[1:]
+    step = {"pusht": pusht, "envpool": envpool}[kind](*arguments)
+    for line in sys.stdin:
+        steps, seconds, began = 0, float(line), time.perf_counter()
+        while time.perf_counter() - began < seconds:
+            for _ in range(4):
+                steps += step()
+        print(steps / (time.perf_counter() - began), flush=True)
+
+
+main()
