@@ -14,12 +14,15 @@ import math
 from vibgym._numba.jit import borrowing, exact
 from vibgym._numba.vector import (
     LANES,
+    WIDTH,
     bits,
     floor,
     load,
     load_mask,
+    load_register,
     magnitude,
     mask_of,
+    mask_register,
     no,
     select,
     store,
@@ -164,25 +167,40 @@ def choose_lanes(scene, g, active, left, pushed):
 
 
 @exact
-def place_in_window(scene, g, cutting):
-    """Place the window of every lane that is cut; returns the centres of mass in it, in elements, and the headings' cosine and
-    sine over the size of an element: noughts for all others."""
+def place_in_window(scene, g, first, cutting):
+    """Place the windows of the lanes from ``first`` on that are cut; returns the centres of mass in them, in elements, and the
+    headings' cosine and sine over the size of an element: noughts for all others."""
     workspace, scale = scene.workspace, 1.0 / scene.table.element_size
     middle, shape, base, known = workspace.middle, workspace.shape[g], workspace.base[g], workspace.known[g]
-    reach, old_x, old_y = load(shape, 0), load(base, 0), load(base, LANES)
-    x, y = load(middle, 0) * scale, load(middle, LANES) * scale
+    reach = load_register(shape, first)
+    old_x, old_y = load_register(base, first), load_register(base, LANES + first)
+    x, y = load_register(middle, first) * scale, load_register(middle, LANES + first) * scale
     base_x, base_y = select(cutting, floor(x - reach), old_x), select(cutting, floor(y - reach), old_y)
     moved = bits((base_x > old_x) | (base_x < old_x) | (base_y > old_y) | (base_y < old_y))
     if moved != 0:
-        store(base, 0, base_x)
-        store(base, LANES, base_y)
+        store(base, first, base_x)
+        store(base, LANES + first, base_y)
         for cell in range(known.shape[0]):
-            known[cell] &= ~moved
-    sine, cosine = sincos(load(middle, 2 * LANES) * load(shape, 2 * LANES))
+            known[cell] &= ~(moved << first)
+    sine, cosine = sincos(load_register(middle, 2 * LANES + first) * load_register(shape, 2 * LANES + first))
     return (
         select(cutting, x - base_x, 0.0), select(cutting, y - base_y, 0.0),
         select(cutting, cosine * scale, 0.0), select(cutting, sine * scale, 0.0),
     )  # fmt: skip
+
+
+@exact
+def cut_lanes(scene, g, first, cutting):
+    """Cut what lies under those of the lanes from ``first`` on whose bits are set; returns the bits of those that lie on
+    something, whose moments are now those of the cut."""
+    workspace, mask = scene.workspace, mask_register(cutting)
+    x, y, cosine, sine = place_in_window(scene, g, first, mask)
+    box = cut_outlines(
+        workspace.outline[g], first, workspace.corners, x, y, cosine, sine, mask, workspace.across, workspace.cells,
+        workspace.crossings,
+    )  # fmt: skip
+    smallest = load_register(workspace.shape[g], LANES + first)
+    return bits(mask & pressure_moments(scene, g, first, x, y, smallest, box, mask))
 
 
 @exact
@@ -192,29 +210,25 @@ def cut_group(scene, g, left, pushed):
     Args:
         pushed: whether others may push the parts. Then they may be stopped before they fall, and may stick no longer.
     """
-    workspace, first = scene.workspace, g * LANES
-    stale = load_mask(workspace.stale, first)
+    workspace, slot = scene.workspace, g * LANES
+    stale = load_mask(workspace.stale, slot)
     if bits(stale) == 0:
         return
-    store_mask(workspace.stale, first, no(stale) & stale)
-    active = stale & no(load_mask(workspace.away, first))
-    held = load_mask(workspace.held, first) & no(stale)
+    store_mask(workspace.stale, slot, no(stale) & stale)
+    active = stale & no(load_mask(workspace.away, slot))
+    held = bits(load_mask(workspace.held, slot) & no(stale))
     if bits(active) != 0:
-        cutting = choose_lanes(scene, g, active, left, pushed)
-        if bits(cutting) != 0:
-            x, y, cosine, sine = place_in_window(scene, g, cutting)
-            box = cut_outlines(
-                workspace.outline[g], workspace.corners, x, y, cosine, sine, cutting, workspace.across, workspace.cells,
-                workspace.crossings,
-            )  # fmt: skip
-            smallest = load(workspace.shape[g], LANES)
-            supported = pressure_moments(scene, g, x, y, smallest, box, cutting)
-            held = held | (cutting & supported)
-            lost = bits(cutting & no(supported))
-            for lane in range(LANES):
-                if lost >> lane & 1:
-                    take_away(scene, first + lane, OFF)
-    store_mask(workspace.held, first, held)
+        cutting = bits(choose_lanes(scene, g, active, left, pushed))
+        supported = 0
+        for first in range(0, LANES, WIDTH):
+            these = cutting >> first & ((1 << WIDTH) - 1)
+            if these != 0:
+                supported |= cut_lanes(scene, g, first, these) << first
+        held |= supported
+        for lane in range(LANES):
+            if (cutting & ~supported) >> lane & 1:
+                take_away(scene, slot + lane, OFF)
+    store_mask(workspace.held, slot, mask_of(held))
 
 
 @borrowing

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from vibgym._numba.reference import Layout
+from vibgym._numba.vector import WIDTH
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Bodies, Scheme, State, Table, body_of
 from vibgym.physics.planar.cut import Cut, cells_across, finest_split, new_cut
@@ -58,9 +60,11 @@ class Workspace(NamedTuple):
     known: np.ndarray  # (groups, across x across) lanes whose phasors in the window have been read, a bit each
     phasor_c: np.ndarray  # (groups, across x across x lane) m/s^2
     phasor_s: np.ndarray
-    cells: np.ndarray  # (across x across x field x lane), see vibgym.physics.planar.group_cut.cut_outlines
-    crossings: np.ndarray  # (across x lane)
-    pieces: np.ndarray  # (across x across x field x lane), see vibgym.physics.planar.pressure_moments.collect_pieces
+    cells: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.group_cut.cut_outlines
+    crossings: np.ndarray  # (across x register)
+    pieces: (
+        np.ndarray
+    )  # (across x across x field x register), see vibgym.physics.planar.pressure_moments.collect_pieces
     held: np.ndarray  # (slots,) bool: by elements that the moments are of
     moments: np.ndarray  # (groups, row x lane)
     cosine: np.ndarray  # (4 x substeps) of a step whose times are in no table
@@ -93,6 +97,14 @@ class Scene(NamedTuple):
     workspace: Workspace
 
 
+def _noughts(*shape: int) -> np.ndarray:
+    """An array that begins on a line of the processor's cache: values of eight doubles would lie across two."""
+    size = math.prod(shape)
+    room = np.zeros(size + 8)
+    first = -room.ctypes.data % 64 // 8
+    return room[first : first + size].reshape(shape)
+
+
 def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> Workspace:
     """Working arrays for any ``slots`` parts of these kinds at a time."""
     groups = -(-slots // LANES)
@@ -105,7 +117,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
     corners = max(len(body.outline) for body in kinds)
 
     def lanes(rows: int) -> np.ndarray:
-        return np.zeros((groups, rows * LANES))
+        return _noughts(groups, rows * LANES)
 
     def flags() -> np.ndarray:
         return np.zeros(slots, np.bool_)
@@ -124,7 +136,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         old_velocity=lanes(3),
         begun_pose=lanes(3),
         begun_velocity=lanes(3),
-        middle=np.zeros(3 * LANES),
+        middle=_noughts(3 * LANES),
         own=lanes(6),
         kind=np.full(slots, -1),
         outline=lanes(2 * corners),
@@ -135,9 +147,9 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         known=np.zeros((groups, cells), np.int64),
         phasor_c=lanes(cells),
         phasor_s=lanes(cells),
-        cells=np.zeros(cells * CELL),
-        crossings=np.zeros(across * LANES),
-        pieces=np.zeros(cells * PIECE),
+        cells=_noughts(cells * CELL),
+        crossings=_noughts(across * WIDTH),
+        pieces=_noughts(cells * PIECE),
         held=flags(),
         moments=lanes(MOMENT_ROWS),
         cosine=np.zeros(4 * scheme.substeps + 4),
