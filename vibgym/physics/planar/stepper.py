@@ -65,7 +65,7 @@ def enter_shape(scene, slot, kind):
     first, last = bodies.first[kind], bodies.first[kind + 1] - 1
     for k in range(workspace.corners):
         for axis in range(2):
-            outline[(2 * k + axis) * LANES + lane] = bodies.outline[min(first + k, last), axis]
+            outline[(2 * k + axis) * LANES + lane] = bodies.outline[first + k if first + k < last else last, axis]
     shape[lane] = bodies.radius[kind] / pitch * (1.0 + MARGIN)
     shape[LANES + lane] = NEGLIGIBLE_PIECE * bodies.area[kind] / (pitch * pitch)
     shape[2 * LANES + lane] = 1.0 if bodies.turns[kind] else 0.0
