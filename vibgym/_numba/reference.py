@@ -3,9 +3,14 @@
 ``reference(record)`` in a kernel is what it hands on to others instead of the record. ``Pinned(layout, record).address`` is
 what kernels are given of a record that stays the same from call to call, and ``layout.at(address)`` makes a record of it in a
 kernel. ``layout.none(record)`` is an address that stands for no record; ``is_given(address)`` asks for that in a kernel.
+:func:`bound` is a kernel with its first arguments.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 from vibgym._numba.jit import borrowing
 from vibgym._numba.options import PLAIN
@@ -21,4 +26,11 @@ else:
         return address != 0
 
 
-__all__ = ["Layout", "Pinned", "is_given", "reference"]
+def bound(kernel: Callable[..., Any], *arguments: Any) -> Callable[..., Any]:
+    """A kernel with its first arguments, which are kept with it: of pinned records the addresses. It cannot be copied."""
+    call: Any = partial(kernel, *(each.address if isinstance(each, Pinned) else each for each in arguments))
+    call.keeps = arguments
+    return call
+
+
+__all__ = ["Layout", "Pinned", "bound", "is_given", "reference"]

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
+from vibgym._numba.jit import borrowing
 from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
@@ -34,6 +35,27 @@ def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
     """Elements along a side of the square patch that always covers any of ``parts``, wherever its centre lies."""
     across = math.ceil(2.0 * max(part.radius for part in parts) / surface.element_size) + 1
     return min(across, max(surface.rows, surface.columns))
+
+
+@borrowing
+def all_finite(values):
+    """Whether all of ``values`` (worlds, size) are finite."""
+    bad = 0
+    for w in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            bad |= not (abs(values[w, k]) < math.inf)  # a loop without an exit, which is vectorised
+    return bad == 0
+
+
+@borrowing
+def take_in(values, kept):
+    """Copy ``values`` (worlds, size) into ``kept`` if all are finite; returns whether they are."""
+    if not all_finite(values):
+        return False
+    for w in range(values.shape[0]):
+        for k in range(values.shape[1]):
+            kept[w, k] = values[w, k]
+    return True
 
 
 class Action(Live, ABC):
@@ -62,6 +84,8 @@ class Action(Live, ABC):
         self.surface = surface
         self.parts = tuple(parts)
         self.full_scale = surface.full_scale
+        self._shapes: dict[int | None, tuple[tuple[int, ...], ...]] = {}  # that are allowed, by the number of worlds
+        self._drive: Drive | None = None  # the last command
 
     @property
     def size(self) -> int:
@@ -83,16 +107,34 @@ class Action(Live, ABC):
         Raises:
             ValueError: wrong shape, not numbers, NaN or infinity.
         """
-        lead = () if worlds is None else (worlds,)
-        flat, shaped = (*lead, self.size), (*lead, *self.shape)
-        values = checks.shaped("action", action, (flat, shaped), "real numbers")
-        if not np.isfinite(values).all():
-            bad = np.argwhere(~np.isfinite(values))[0].tolist()
-            raise checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
-        # Clip in the given type: a float64 beyond float32's range would turn into infinity.
+        values = self.shaped(action, worlds)
+        if not all_finite(values):
+            raise self.not_finite(action)
+        return values
+
+    def shaped(self, action: Any, worlds: int | None) -> np.ndarray:
+        """:meth:`check`, but for finite numbers: float32 is not looked at, see :func:`all_finite`.
+
+        Raises:
+            ValueError: wrong shape, not numbers; of other types than float32 also NaN or infinity.
+        """
+        shapes = self._shapes.get(worlds)
+        if shapes is None:
+            lead = () if worlds is None else (worlds,)
+            shapes = self._shapes[worlds] = ((*lead, self.size), (*lead, *self.shape))
+        values = checks.shaped("action", action, shapes, "real numbers")
         if values.dtype != np.float32:
+            if not np.isfinite(values).all():
+                raise self.not_finite(action)
+            # Clip in the given type: a float64 beyond float32's range would turn into infinity.
             values = np.clip(values, -1.0, 1.0)
         return np.ascontiguousarray(values, dtype=np.float32).reshape(-1, self.size)
+
+    def not_finite(self, action: Any) -> checks.Refused:
+        """The error for an action with numbers that are not finite."""
+        values = np.asarray(action)
+        bad = np.argwhere(~np.isfinite(values))[0].tolist()
+        return checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
 
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
         """Get to know what the elements can do, once, before the first command.
@@ -124,7 +166,9 @@ class Element(Action):
         self.shape = (surface.rows, surface.columns, 2)
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        return element_drive(values, self.surface.columns, self.full_scale)
+        if self._drive is None or self._drive.values is not values:
+            self._drive = element_drive(values, self.surface.columns, self.full_scale)
+        return self._drive
 
 
 class Phasor(Action):
@@ -135,7 +179,9 @@ class Phasor(Action):
         self.shape = (surface.rows, surface.columns, 2)
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        return phasor_drive(values, self.surface.columns, self.full_scale)
+        if self._drive is None or self._drive.values is not values:
+            self._drive = phasor_drive(values, self.surface.columns, self.full_scale)
+        return self._drive
 
 
 class Patch(Action):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -62,24 +63,27 @@ class Observation(ABC):
         """
 
 
+Writer = Callable[[np.ndarray, np.ndarray], None]
+
+
 class RowObservation(Observation):
     """Base of observations that kernels write world by world, so that a block of worlds is observed where it was advanced."""
 
     @abstractmethod
-    def fresh(self, worlds: int) -> Any:
-        """A batch with nothing in it yet."""
+    def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
+        """A batch with nothing in it yet: the arrays that are written, and what is handed out when they have been."""
 
     @abstractmethod
-    def write(
-        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
-    ) -> None:
-        """Write what ``worlds`` (index array) observe into a batch; of others it may be written at the same time.
+    def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
+        """What writes the arrays of a batch, one for each of them, called with an index array of worlds and the array.
 
-        The records are the same at every call but for the measurement; see :meth:`observe`.
+        They have working arrays of their own: those of several calls of this may be at work at the same time, on different
+        worlds. The records are those of :meth:`observe`; their arrays are looked at whenever a writer is called.
         """
 
     def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
         worlds = len(measurement.pose)
-        out = self.fresh(worlds)
-        self.write(np.arange(worlds), out, measurement, relations, episode)
-        return out
+        arrays, batch = self.fresh(worlds)
+        for write, array in zip(self.writers(measurement, relations, episode), arrays, strict=True):
+            write(np.arange(worlds), array)
+        return batch

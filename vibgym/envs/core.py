@@ -18,8 +18,8 @@ import numpy as np
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
-from vibgym.envs.actions import ACTIONS
-from vibgym.envs.base import Observation, RowObservation
+from vibgym.envs.actions import ACTIONS, all_finite, take_in
+from vibgym.envs.base import Observation, RowObservation, Writer
 from vibgym.envs.info import Information
 from vibgym.envs.limits import longest_paths, step_limit
 from vibgym.envs.observations import OBSERVATIONS
@@ -39,9 +39,8 @@ from vibgym.tasks.reward import OwnReward
 
 NONE = np.zeros(0, dtype=np.int64)
 
-Stage = Callable[[], None]
-BlockStage = Callable[[int, int], None]
-NOTHING: tuple[BlockStage, ...] = ()
+BOUND = ("information", "told", "_accept", "_relating", "_writing", "_arrays", "_by_blocks", "_afterwards")
+"""What hangs on the addresses of a core's own arrays, and is of no use to a copy."""
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """What a world takes at least: its generator, what is known of each part, and spaces, actions and drives of the elements."""
@@ -116,17 +115,20 @@ class Core:
         self.scoring = self.task.scoring(state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
         # A sensor that tells the truth needs no relations of its own.
-        self._measured, self._by_measurement = self.relations, None
-        if not self.sensing.exact:
+        self._measured = self.relations
+        if self.sensing.exact:
+            self.sensing.reset(NONE, state, np.zeros((0, 0)))
+        else:
             self._measured = new_relations(worlds, len(self.parts))
-            self._by_measurement = self.scoring.judged(self._measured)
         self.drive: Any = None
         self._own_reward: OwnReward | None = None
         self._choose_reward(weights)
-        self._show()
         self._everyone = np.arange(worlds)
-        self._by_blocks, self._afterwards = self._stages()
+        # What was handed out is not written again; a single environment makes copies of its own.
+        self.keeps_told = False
         self.seen: Any = None
+        self._taken = np.zeros((worlds, self.action.size), dtype=np.float32)
+        self._bind()
         self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
@@ -151,13 +153,17 @@ class Core:
             self._own_reward = own = OwnReward(self.task, self.scoring, state, self.periods, self._all_phasors, weights)
             self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy has of its own; the rest is made anew."""
+        return {name: value for name, value in vars(self).items() if name not in BOUND}
+
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
         vars(self).update(state)
-        self._show()
+        self._bind()
 
-    def _show(self) -> None:
-        """Find what ``info`` says: facts, and groups of what it says besides (drawn, measured, commanded, parts)."""
+    def _bind(self) -> None:
+        """Make what works on the core's own arrays."""
         state, episode = self.simulator.state, self.episode
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
         groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
@@ -166,32 +172,67 @@ class Core:
         rewards = self.term_names, self.terms, self.part_terms
         self.information = Information(episode, state.diverged, *rewards, self.facts, self.details)
         self.told = self.information.fresh()
+        self._accept = self._take_in if len(self.simulator.blocks.edges) == 1 else self._look_through
+        self._relating = () if self.sensing.exact else (self.scoring.relating(self._measured),)
+        self._writing = self._writers()
+        self._arrays: list[np.ndarray] = []
+        self._by_blocks, self._afterwards = self._stages()
 
-    def _stages(self) -> tuple[list[BlockStage], list[Stage]]:
-        """What follows the simulation: block by block on the thread that has advanced it, and for all worlds afterwards.
+    def _writers(self) -> list[Writer] | None:
+        """What writes observations world by world, with working arrays of its own; None: only the observation itself can."""
+        if (
+            not isinstance(self.observation, RowObservation)
+            or type(self.observation).observe is not RowObservation.observe
+        ):
+            return None
+        return self.observation.writers(self.sensing.measurement, self._measured, self.episode)
+
+    def _stages(self) -> tuple[list[Callable[[], None]], list[Callable[[], None]]]:
+        """What follows the simulation: for each block on the thread that has advanced it, and for all worlds afterwards.
 
         What only Python can do, a sensor, a reward or an observation, stands for all worlds between what kernels do.
         """
-        by_rows = isinstance(self.observation, RowObservation)
-        blocks: list[BlockStage] = [self._score_block]
-        rest: list[Stage] = []
-        later: list[BlockStage] = []
-        if by_rows:
-            if self._by_measurement is not None:
-                later.append(self._relate_block)
-            (blocks if self.sensing.exact else later).append(self._observe_block)
-        elif self._by_measurement is not None:
-            rest.append(self._look)
-        if self._own_reward is not None:
-            rest.append(self._own_reward.score)
-        elif self.observation.goal_reward:
+        by_rows, own, goals = self._writing is not None, self._own_reward is not None, self.observation.goal_reward
+        waits = not self.sensing.exact
+        first = self._block_stages(score=True, see=by_rows and not waits, tell=not (own or goals or waits))
+        rest: list[Callable[[], None]] = []
+        if own:
+            rest.append(self._own_reward.score)  # type: ignore[union-attr]
+        elif goals:
             rest.append(self._reward_goals)
-        (later if rest or later else blocks).append(self._tell_block)
-        if later:
-            rest.append(partial(self.simulator.in_blocks, later))
+        if waits or own or goals:
+            then = self._block_stages(relate=waits, see=by_rows and waits, tell=True)
+            rest.append(partial(self.simulator.blocks.run, lambda k: then[k]()))
         if not by_rows:
             rest.append(self._observe_all)
-        return blocks, rest
+        return first, rest
+
+    def _block_stages(
+        self, *, score: bool = False, relate: bool = False, see: bool = False, tell: bool = False
+    ) -> list[Callable[[], None]]:
+        """Some stages for each block, with working arrays of their own."""
+
+        def stage(start: int, stop: int) -> Callable[[], None]:
+            worlds = self._everyone[start:stop]
+            scoring = self.scoring.stages() if score else []
+            relating = [self.scoring.relating(self._measured)] if relate else []
+            writing = self._writers() if see else []
+            telling = [self.information.write] if tell else []
+            measured = self.sensing.measurement
+
+            def run() -> None:
+                for each in scoring:
+                    each(worlds)
+                for each in relating:
+                    each(worlds, measured.pose, measured.gone)
+                for write, array in zip(writing, self._arrays):
+                    write(worlds, array)
+                for each in telling:
+                    each(worlds, *self.told)
+
+            return run
+
+        return [stage(*edges) for edges in self.simulator.blocks.edges]
 
     @property
     def draws(self) -> int:
@@ -252,9 +293,20 @@ class Core:
             return self.task.start(uniform)
         return override.start(self.task, self.simulator, worlds, uniform)
 
-    def step(self, action: np.ndarray) -> None:
-        """Advance every world by one step under a checked action, score it, measure and observe."""
-        command = self.action.command(action, self.sensing.measurement)
+    def step(self, action: np.ndarray, given: Any = None) -> None:
+        """Advance every world by one step under an action, score it, measure and observe.
+
+        Args:
+            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
+            given: the action as it was given, for errors.
+
+        Raises:
+            ValueError: a number that is not finite; nothing has changed.
+        """
+        values = self._accept(action)
+        if values is None:
+            raise self.action.not_finite(action if given is None else given)
+        command = self.action.command(values, self.sensing.measurement)
         self.sensing.predict(command)
         if self._own_reward is not None:
             self._own_reward.begin_step()
@@ -262,9 +314,9 @@ class Core:
         run, elapsed, instant, state = self.simulator.go_on, 0, self.sensing.instant, self.simulator.state
         for drive, periods in self.actuators.apply(command):
             self.drive = drive
-            then = self._by_blocks if elapsed + periods == self.periods else NOTHING
+            then = self._by_blocks if elapsed + periods == self.periods else ()
             if elapsed < instant < elapsed + periods:  # the sensor looks within this stretch
-                run(drive, instant - elapsed, NOTHING)
+                run(drive, instant - elapsed)
                 self.sensing.look(state)
                 run(drive, elapsed + periods - instant, then)
             else:
@@ -276,23 +328,20 @@ class Core:
         for stage in self._afterwards:
             stage()
 
+    def _take_in(self, action: np.ndarray) -> np.ndarray | None:
+        """A copy of the action at the same place in memory as ever, so that drives need not be pinned anew."""
+        return self._taken if take_in(action, self._taken) else None
+
+    def _look_through(self, action: np.ndarray) -> np.ndarray | None:
+        """The action itself: for many worlds a copy costs more."""
+        return action if all_finite(action) else None
+
     def _open(self) -> None:
         """Begin a batch of observations, and of what there is to tell: what was handed out is not written again."""
-        self.told = self.information.fresh()
-        if isinstance(self.observation, RowObservation):
-            self.seen = self.observation.fresh(self.worlds)
-
-    def _score_block(self, start: int, stop: int) -> None:
-        self.scoring.score(self._everyone[start:stop])
-
-    def _relate_block(self, start: int, stop: int) -> None:
-        self._relate(self._everyone[start:stop])
-
-    def _observe_block(self, start: int, stop: int) -> None:
-        self._observe(self._everyone[start:stop])
-
-    def _tell_block(self, start: int, stop: int) -> None:
-        self.information.write(self._everyone[start:stop], self.told)
+        if not self.keeps_told:
+            self.told = self.information.fresh()
+        if self._writing is not None:
+            self._arrays, self.seen = self.observation.fresh(self.worlds)  # type: ignore[attr-defined]
 
     def _reward_goals(self) -> None:
         """The reward of a goal observation."""
@@ -303,30 +352,22 @@ class Core:
         self.terms[:, 0] = reward
         self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(present, reward[:, None], 0.0)
 
-    def _look(self) -> None:
-        """Bring the relations of all that is measured up to date."""
-        self._relate(self._everyone)
-
     def _relate(self, worlds: np.ndarray) -> None:
         """Bring the relations of what is measured in ``worlds`` up to date; those of an exact sensor are the score's."""
-        if self._by_measurement is not None:
-            measured = self.sensing.measurement
-            self.scoring.relate(worlds, measured.pose, measured.gone, self._by_measurement)
-
-    def _observe(self, worlds: np.ndarray) -> None:
-        """Write what ``worlds`` observe into the batch of this step."""
-        self.observation.write(worlds, self.seen, self.sensing.measurement, self._measured, self.episode)  # type: ignore[attr-defined]
+        for relate in self._relating:
+            relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
 
     def _observe_all(self) -> None:
         self.seen = self.observe()
 
     def show(self, worlds: np.ndarray) -> None:
         """Observe and tell of ``worlds`` (index array) anew, in the batch of this step: their episodes have just begun."""
-        self.information.write(worlds, self.told)
-        if isinstance(self.observation, RowObservation):
-            self._observe(worlds)
-        else:
+        self.information.write(worlds, *self.told)
+        if self._writing is None:
             self._observe_all()
+            return
+        for write, array in zip(self._writing, self._arrays):
+            write(worlds, array)
 
     def show_all(self) -> None:
         """Observe and tell of all worlds, in a batch of its own."""
@@ -413,7 +454,7 @@ class Core:
         if began:
             if self.sensing.exact:
                 self.sensing.reset(NONE, self.simulator.state, np.zeros((0, self.sensing.draws)))
-            self._look()
+            self._relate(self._everyone)
         self.drive, self.began = None, began
 
     def _progress(self) -> dict[str, np.ndarray]:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, Pinned
+from vibgym._numba.reference import Layout, Pinned, bound
 from vibgym.tasks.episode import (
     DOWN,
     HEADING_ERROR,
@@ -69,11 +69,12 @@ def copy_column(worlds, columns, column, row):
 
 
 @borrowing
-def tell_worlds(worlds, live, number, count, flag, part_number, part_flag):
-    """Write what there is to tell of ``worlds`` (n,).
+def tell_worlds(live, worlds, number, count, flag, part_number, part_flag):
+    """Write what there is to tell of some worlds.
 
     Args:
         live: address of a pinned :class:`Live`.
+        worlds: (n,) index.
         number, count, flag, part_number, part_flag: see :class:`Told`.
     """
     all_of = live_at(live)
@@ -108,6 +109,9 @@ class Information:
         terms, part_terms: their values (worlds, terms), of each part alone (worlds, parts, terms).
         facts: what is told besides, (worlds,): live arrays.
         more: groups of what else is told, live arrays (worlds, ...); a group may hold groups. It stands before the parts.
+
+    Attributes:
+        write: ``write(worlds, *told)`` writes what there is to tell of some worlds; of others it may at the same time.
     """
 
     def __init__(
@@ -122,7 +126,8 @@ class Information:
     ) -> None:
         part = (episode.done, episode.part_fallen, episode.present, episode.part_reward)
         live = Live(episode.number, episode.count, episode.flag, diverged, *part, terms, part_terms)
-        self._live, self._names, self._more = Pinned(LIVE, live), tuple(names), more
+        self._names, self._more = tuple(names), more
+        self.write = bound(tell_worlds, Pinned(LIVE, live))
         self._shape = episode.done.shape
         columns = [episode.number[:, k] for k in NUMBERS], [episode.count[:, k] for k in COUNTS]
         flags = [*(episode.flag[:, k] for k in FLAGS), diverged]
@@ -149,10 +154,6 @@ class Information:
             np.empty((len(PART_FLAGS), *self._shape), dtype=bool),
         )
 
-    def write(self, worlds: np.ndarray, told: Told) -> None:
-        """Write what there is to tell of ``worlds`` (index array); of others it may be written at the same time."""
-        tell_worlds(worlds, self._live.address, *told)
-
     def one(self, told: Told) -> dict[str, Any]:
         """Of the first world: numbers, and arrays as batches of single environments stack them."""
         number = told.number[:, 0].tolist()
@@ -163,8 +164,8 @@ class Information:
         info["reward_terms"] = dict(zip(self._names, number[TERMS:]))
         if self._more:
             info |= _first(self._more)
-        done, fallen, present = told.part_flag[:, 0]
-        reward, *terms = told.part_number[:, 0]
+        done, fallen, present = told.part_flag[:, 0].copy()
+        reward, *terms = told.part_number[:, 0].copy()
         info["parts"] = {
             "done": done, "fallen": fallen, "present": present, "reward": reward,
             "reward_terms": dict(zip(self._names, terms)),

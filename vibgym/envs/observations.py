@@ -3,69 +3,46 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym._numba.reference import Pinned
-from vibgym.envs.base import Observation, RowObservation
+from vibgym._numba.reference import bound
+from vibgym.envs.base import Observation, RowObservation, Writer
 from vibgym.envs.images import CameraObservation, ImageObservation
 from vibgym.envs.layout import Layout, RowLayout
-from vibgym.envs.writing import Scene, pinned_scene, write_goals, write_mask, write_rows
+from vibgym.envs.writing import pinned_scene, write_goals, write_mask, write_rows
 from vibgym.registry import Registry
 from vibgym.sensing import Measurement, Sensor
-from vibgym.simulation.threads import Pool
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import Episode, Relations
 
 
-class Written:
-    """Writes a layout of a task's parts."""
+def written(task: Task, layout: Layout, measurement: Measurement, relations: Relations, episode: Episode) -> Writer:
+    """What writes a layout of a task's parts into (worlds, slots, block) float32; zeros where no part is."""
+    return bound(write_rows, pinned_scene(task, layout, relations, episode), *measurement)
 
-    def __init__(self, task: Task, layout: Layout) -> None:
-        self.task, self.layout = task, layout
-        self._relations: Relations | None = None
-        self._scenes: Pool[Pinned[Scene]] | None = None
 
-    def fresh(self, worlds: int) -> np.ndarray:
-        """(worlds, slots, block) float32, with nothing in it yet."""
-        return np.empty((worlds, self.layout.slots, self.layout.block), dtype=np.float32)
-
-    def write(
-        self, worlds: np.ndarray, out: np.ndarray, measurement: Measurement, relations: Relations, episode: Episode
-    ) -> None:
-        """Write the blocks or rows of ``worlds`` (index array) into ``out``; zeros where no part is."""
-        if self._scenes is None or relations is not self._relations:  # the same ones ever after
-            self._relations = relations
-            self._scenes = Pool(partial(pinned_scene, self.task, self.layout, relations, episode))
-        scenes = self._scenes
-        scene = scenes.take()
-        write_rows(worlds, *measurement, scene.address, out)
-        scenes.give(scene)
+def rows_of(layout: Layout, worlds: int) -> np.ndarray:
+    """An array for it, with nothing in it yet."""
+    return np.empty((worlds, layout.slots, layout.block), dtype=np.float32)
 
 
 class StateObservation(RowObservation):
     """One flat float32 box in [-1, 1]: a block of numbers for each slot, part p in slot p; see the layout."""
 
-    def __init__(self, task: Task) -> None:
-        super().__init__(task)
-        self._written = Written(task, self.layout)
-
     @property
     def space(self) -> spaces.Space:
         return spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
-    def fresh(self, worlds: int) -> Any:
-        return np.empty((worlds, self.layout.size), dtype=np.float32)
+    def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
+        rows = rows_of(self.layout, worlds)
+        return [rows], rows.reshape(worlds, -1)
 
-    def write(
-        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
-    ) -> None:
-        rows = out.reshape(-1, self.layout.slots, self.layout.block)
-        self._written.write(worlds, rows, measurement, relations, episode)
+    def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
+        return [written(self.task, self.layout, measurement, relations, episode)]
 
 
 class PartsObservation(RowObservation):
@@ -81,7 +58,6 @@ class PartsObservation(RowObservation):
     def __init__(self, task: Task) -> None:
         super().__init__(task)
         self.row_layout = RowLayout.of(task)
-        self._written = Written(task, self.row_layout)
 
     @property
     def space(self) -> spaces.Space:
@@ -90,14 +66,13 @@ class PartsObservation(RowObservation):
             {"parts": spaces.Box(-1.0, 1.0, (slots, size), np.float32), "mask": spaces.MultiBinary(slots)}
         )
 
-    def fresh(self, worlds: int) -> Any:
-        return {"parts": self._written.fresh(worlds), "mask": np.empty((worlds, self.task.slots), dtype=np.int8)}
+    def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
+        rows, mask = rows_of(self.row_layout, worlds), np.empty((worlds, self.task.slots), dtype=np.int8)
+        return [rows, mask], {"parts": rows, "mask": mask}
 
-    def write(
-        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
-    ) -> None:
-        self._written.write(worlds, out["parts"], measurement, relations, episode)
-        write_mask(worlds, episode.present, out["mask"])
+    def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
+        rows = written(self.task, self.row_layout, measurement, relations, episode)
+        return [rows, bound(write_mask, episode.present)]
 
 
 class PartsAndState(RowObservation):
@@ -115,14 +90,12 @@ class PartsAndState(RowObservation):
     def space(self) -> spaces.Space:
         return spaces.Dict({**self._parts.space.spaces, "state": self._state.space})  # type: ignore[attr-defined]
 
-    def fresh(self, worlds: int) -> Any:
-        return {**self._parts.fresh(worlds), "state": self._state.fresh(worlds)}
+    def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
+        (arrays, parts), (more, state) = self._parts.fresh(worlds), self._state.fresh(worlds)
+        return [*arrays, *more], {**parts, "state": state}
 
-    def write(
-        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
-    ) -> None:
-        self._parts.write(worlds, out, measurement, relations, episode)
-        self._state.write(worlds, out["state"], measurement, relations, episode)
+    def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
+        return [each for of in (self._parts, self._state) for each in of.writers(measurement, relations, episode)]
 
 
 class GoalObservation(StateObservation):
@@ -149,19 +122,18 @@ class GoalObservation(StateObservation):
     def reached(self, pose: np.ndarray) -> np.ndarray:
         """Poses (worlds, parts, 3) as goals (worlds, goal_size)."""
         goals = np.empty((len(pose), len(self.low)), dtype=np.float32)
-        write_goals(np.arange(len(pose)), pose, self.low, self.high, goals)
+        write_goals(self.low, self.high, pose, np.arange(len(pose)), goals)
         return goals
 
-    def fresh(self, worlds: int) -> Any:
-        goals = (np.empty((worlds, len(self.low)), dtype=np.float32) for _ in range(2))
-        return {"observation": super().fresh(worlds), "achieved_goal": next(goals), "desired_goal": next(goals)}
+    def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
+        arrays, state = super().fresh(worlds)
+        achieved, desired = (np.empty((worlds, len(self.low)), dtype=np.float32) for _ in range(2))
+        batch = {"observation": state, "achieved_goal": achieved, "desired_goal": desired}
+        return [*arrays, achieved, desired], batch
 
-    def write(
-        self, worlds: np.ndarray, out: Any, measurement: Measurement, relations: Relations, episode: Episode
-    ) -> None:
-        super().write(worlds, out["observation"], measurement, relations, episode)
-        write_goals(worlds, measurement.pose, self.low, self.high, out["achieved_goal"])
-        write_goals(worlds, episode.goal, self.low, self.high, out["desired_goal"])
+    def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
+        goals = (bound(write_goals, self.low, self.high, pose) for pose in (measurement.pose, episode.goal))
+        return [*super().writers(measurement, relations, episode), *goals]
 
 
 OBSERVATIONS: Registry[type[Observation]] = Registry(

@@ -195,6 +195,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
         self.core = Core(known, 1)
+        self.core.keeps_told = True  # info holds plain numbers and copies
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
@@ -240,10 +241,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         core = self.core
         if self._closed or not core.began:
             self._check_open(self._closed)
-        checked = core.action.check(action, None)
-        if self._viewer is not None:
-            checked = checked.copy()  # the picture is of this step, whatever the caller does to the array
-        core.step(checked)
+        core.step(core.action.shaped(action, None), action)
         self._steps += 1
         if self._viewer is not None:
             self._viewer.follow(0)

@@ -120,7 +120,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
         core = self.core
         self._check_open(self.closed)
-        actions = core.action.check(actions, self.num_envs)
+        given, actions = actions, core.action.shaped(actions, self.num_envs)
         if self._viewer is not None:
             actions = actions.copy()  # the pictures are of this step, whatever the caller does to the array
         waiting = self._finished.copy()
@@ -128,7 +128,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             raise gym.error.ResetNeeded(
                 f"worlds {np.flatnonzero(waiting).tolist()} have ended: reset them with options={{'reset_mask': mask}}"
             )
-        core.step(actions)
+        core.step(actions, given)
         self._steps += 1
         if self._viewer is not None:
             for world in range(self.num_envs):

@@ -196,13 +196,13 @@ def write_neighbours(scene, pose, velocity, p, rows):
 
 
 @borrowing
-def write_rows(worlds, pose, mean_velocity, gone, age, sigma, pinned, out):
+def write_rows(pinned, pose, mean_velocity, gone, age, sigma, worlds, out):
     """Write the blocks or rows of some worlds.
 
     Args:
-        worlds: (n,) index.
-        pose, mean_velocity, gone, age, sigma: measured, see :class:`vibgym.sensing.Measurement`.
         pinned: address of a pinned :class:`Scene`.
+        pose, mean_velocity, gone, age, sigma: measured, see :class:`vibgym.sensing.Measurement`.
+        worlds: (n,) index.
         out: (worlds, slots, size) float32, overwritten; zeros where no part is.
     """
     scene = scene_at(pinned)
@@ -224,7 +224,7 @@ def write_rows(worlds, pose, mean_velocity, gone, age, sigma, pinned, out):
 
 
 @borrowing
-def write_mask(worlds, present, mask):
+def write_mask(present, worlds, mask):
     """Write which slots (worlds, slots) of some worlds have a part, by ``present`` (worlds, parts)."""
     for k in range(worlds.shape[0]):
         w = worlds[k]
@@ -233,7 +233,7 @@ def write_mask(worlds, present, mask):
 
 
 @borrowing
-def write_goals(worlds, pose, low, high, goals):
+def write_goals(low, high, pose, worlds, goals):
     """Write poses (worlds, parts, 3) of the first parts of some worlds, within bounds, as goals (worlds, numbers)."""
     for k in range(worlds.shape[0]):
         w = worlds[k]

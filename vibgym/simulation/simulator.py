@@ -16,11 +16,11 @@ from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
-from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS as FIXED
 from vibgym.simulation.protocol import Setup
+from vibgym.simulation.threads import Blocks, available_threads
 from vibgym.snapshots import check_keys, copied, put_back, restored
 
 MODELS = (*FIXED, "auto")
@@ -74,6 +74,7 @@ class Simulator:
 
     Attributes:
         choice: model and knobs in effect, and why (:class:`vibgym.simulation.choice.Choice`).
+        blocks: how worlds are shared out to threads.
 
     Raises:
         ValueError: a bad argument, an unknown knob, or a scene that the model does not cover; nothing has been built.
@@ -127,7 +128,9 @@ class Simulator:
         else:
             self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
         self.model = self.choice.model
-        self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
+        threads = available_threads() if threads is None else checks.count("threads", threads, most=4096)
+        self.blocks = Blocks(self.worlds, threads)
+        self._nothing = [_nothing] * len(self.blocks.edges)
         self._model = FIXED[self.model](setup, self.choice.knobs)
         self._state = new_state(self.worlds, len(self.parts))
         self._state.pose[...] = overlaps.apart(surface, self.parts)
@@ -230,37 +233,34 @@ class Simulator:
 
     def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
-        self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS), ())
+        self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS), self._nothing)
 
-    def go_on(self, drive: Drive, periods: int, then: Sequence[Callable[[int, int], None]]) -> None:
-        """:meth:`run`, and what is to be done with each block of worlds as soon as these have been advanced.
+    def go_on(self, drive: Drive, periods: int, then: Sequence[Callable[[], None]] = ()) -> None:
+        """:meth:`run`, and what is to be done with each of :attr:`blocks` as soon as its worlds have been advanced.
 
         Args:
-            then: each is called as ``each(start, stop)``, several at a time in threads, for worlds that nobody else works on.
+            then: for each block, called in the thread that has advanced it, several at a time; empty: nothing.
         """
         if self._drive is None:
             self._drive = Pinned(DRIVE, drive)
         elif drive is not self._drive.record:
             self._drive.put(drive)
-        advance, held, state = self._model.advance, self._drive, self._pinned
+        advance, held, state, edges, after = (
+            self._model.advance,
+            self._drive,
+            self._pinned,
+            self.blocks.edges,
+            then or self._nothing,
+        )
 
-        def work(start: int, stop: int) -> None:
+        def work(k: int) -> None:
+            start, stop = edges[k]
             advance(start, stop, held, state, periods)
-            for each in then:
-                each(start, stop)
+            after[k]()
 
-        workers.share(work, self.worlds, self._threads)
+        self.blocks.run(work)
         self._periods += periods
         self._counted += periods
-
-    def in_blocks(self, stages: Sequence[Callable[[int, int], None]]) -> None:
-        """Call ``each(start, stop)`` of some stages for every block of worlds, as in :meth:`go_on`."""
-
-        def work(start: int, stop: int) -> None:
-            for each in stages:
-                each(start, stop)
-
-        workers.share(work, self.worlds, self._threads)
 
     @property
     def pose(self) -> np.ndarray:
@@ -363,6 +363,10 @@ class Simulator:
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
         put_back(live, values)
         self._periods = periods
+
+
+def _nothing() -> None:
+    """What follows where nothing does."""
 
 
 def _limit(surface: Surface) -> float:

@@ -103,37 +103,53 @@ def _serve(jobs: SimpleQueue[tuple[Callable[[], None], SimpleQueue[BaseException
 _crew = _Crew()
 
 
-def most_threads(worlds: int, threads: int) -> int:
-    """How many of ``threads`` :func:`share` uses at most."""
-    return max(min(threads, worlds // SMALLEST_BLOCK), 1)
+class Blocks:
+    """Shares worlds out to threads: in blocks that are the same at every call.
+
+    Args:
+        worlds: how many.
+        threads: that may be at work.
+
+    Attributes:
+        edges: first world of each block, and the one after its last.
+    """
+
+    def __init__(self, worlds: int, threads: int) -> None:
+        self._threads = max(min(threads, worlds // SMALLEST_BLOCK), 1)
+        count = min(self._threads * BLOCKS_PER_THREAD, worlds // SMALLEST_BLOCK) if self._threads > 1 else 1
+        # Whole bundles: a block that ends within one would leave lanes empty.
+        edges = [min(-(-worlds * k // count // LANES) * LANES, worlds) for k in range(count + 1)]
+        self.edges = list(zip(edges, edges[1:]))
+        self.run = self._alone if self._threads == 1 else self._together
+
+    def _alone(self, work: Callable[[int], None]) -> None:
+        """Call ``work(k)`` for every block, by its number."""
+        work(0)
+
+    def _together(self, work: Callable[[int], None]) -> None:
+        global _crew
+        blocks = iter(range(len(self.edges)))
+
+        def run() -> None:
+            for k in blocks:  # an iterator of C code hands each block to one thread only
+                work(k)
+
+        if _crew.process != os.getpid():
+            _crew = _Crew()
+        _crew.grow(self._threads - 1)
+        done: SimpleQueue[BaseException | None] = SimpleQueue()
+        for _ in range(self._threads - 1):
+            _crew.jobs.put((run, done))
+        try:
+            run()  # this thread works too
+        finally:  # nobody is to work on when this returns
+            failures = [done.get() for _ in range(self._threads - 1)]
+        for each in failures:
+            if each is not None:
+                raise each
 
 
 def share(work: Callable[[int, int], None], worlds: int, threads: int) -> None:
     """Call ``work(start, stop)`` so that its blocks cover ``range(worlds)``."""
-    global _crew
-    threads = most_threads(worlds, threads)
-    if threads == 1:
-        work(0, worlds)
-        return
-    count = min(threads * BLOCKS_PER_THREAD, worlds // SMALLEST_BLOCK)
-    # Whole bundles: a block that ends within one would leave lanes empty.
-    edges = [min(-(-worlds * k // count // LANES) * LANES, worlds) for k in range(count + 1)]
-    blocks = iter(list(zip(edges, edges[1:])))
-
-    def run() -> None:
-        for start, stop in blocks:  # a list's iterator hands each block to one thread only
-            work(start, stop)
-
-    if _crew.process != os.getpid():
-        _crew = _Crew()
-    _crew.grow(threads - 1)
-    done: SimpleQueue[BaseException | None] = SimpleQueue()
-    for _ in range(threads - 1):
-        _crew.jobs.put((run, done))
-    try:
-        run()  # this thread works too
-    finally:  # nobody is to work on when this returns
-        failures = [done.get() for _ in range(threads - 1)]
-    for each in failures:
-        if each is not None:
-            raise each
+    blocks = Blocks(worlds, threads)
+    blocks.run(lambda k: work(*blocks.edges[k]))

@@ -408,13 +408,13 @@ def reward_parts(all_of, fallen, starting, world):
 
 
 @borrowing
-def relate_worlds(worlds, pose, gone, judged):
+def relate_worlds(judged, worlds, pose, gone):
     """Bring the relations of some worlds up to date.
 
     Args:
+        judged: address of a pinned :class:`Judged`, whose relations are overwritten.
         worlds: (n,) index.
         pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
-        judged: address of a pinned :class:`Judged`, whose relations are overwritten.
     """
     all_of = judged_at(judged)
     for k in range(worlds.shape[0]):
@@ -422,14 +422,14 @@ def relate_worlds(worlds, pose, gone, judged):
 
 
 @borrowing
-def score_worlds(worlds, starting, state, judged):
+def score_worlds(state, judged, starting, worlds):
     """Score one step of some worlds against the one before, or start their episodes, whose goals and parts are set.
 
     Args:
-        worlds: (n,) index.
-        starting: whether their episodes start.
         state: address of the pinned true state.
         judged: address of a pinned :class:`Judged`, whose relations and episode are changed.
+        starting: whether their episodes start.
+        worlds: (n,) index.
     """
     true, all_of = state_at(state), judged_at(judged)
     episode, limit, before = all_of.episode, all_of.rules.limit, all_of.before

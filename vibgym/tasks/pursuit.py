@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, Pinned
+from vibgym._numba.reference import Layout, Pinned, bound
 from vibgym.physics.core.records import State
-from vibgym.simulation.threads import Pool
 from vibgym.tasks.episode import BARRED, HEADING, MOTION, POSITION, PREVIEW, Episode, Relations, Rules, Start
 from vibgym.tasks.paths import route
-from vibgym.tasks.scoring import Scoring
+from vibgym.tasks.scoring import Scoring, Stage
 
 if TYPE_CHECKING:
     from vibgym.tasks.base import Task
@@ -69,7 +67,7 @@ def place_goals(all_of, world):
 
 
 @borrowing
-def begin_pursuit(worlds, pursuit):
+def begin_pursuit(pursuit, worlds):
     """Start the clocks of ``worlds`` (n,), whose paths and parts have been set.
 
     Args:
@@ -87,7 +85,7 @@ def begin_pursuit(worlds, pursuit):
 
 
 @borrowing
-def move_goals(worlds, pursuit):
+def move_goals(pursuit, worlds):
     """Move the goals of ``worlds`` (n,) on by one step."""
     all_of = pursuit_at(pursuit)
     for k in range(worlds.shape[0]):
@@ -97,7 +95,7 @@ def move_goals(worlds, pursuit):
 
 
 @borrowing
-def note_errors(worlds, pursuit):
+def note_errors(pursuit, worlds):
     """Note how far the parts of ``worlds`` (n,) are from their goals at a step's end, by relations that are up to date."""
     all_of = pursuit_at(pursuit)
     error, limit, present = all_of.relations.error, all_of.rules.limit, all_of.episode.present
@@ -151,7 +149,7 @@ class PursuitScoring(Scoring):
             relations=self.relations,
             rules=self._rules,
         )
-        self._pursuits = Pool(partial(_with_scratch, self._pursuit))
+        self._pinned = self._with_scratch()
 
     def own_state(self) -> dict[str, np.ndarray]:
         record = self._pursuit
@@ -173,20 +171,13 @@ class PursuitScoring(Scoring):
 
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         self._pursuit.path[worlds], self.episode.present[worlds] = start.paths, start.present
-        pursuit = self._pursuits.take()
-        begin_pursuit(worlds, pursuit.address)
-        self._pursuits.give(pursuit)
+        begin_pursuit(self._pinned.address, worlds)
         super().begin(worlds, start)
 
-    def score(self, worlds: np.ndarray | None = None) -> None:
-        worlds = self._everyone if worlds is None else worlds
-        pursuit = self._pursuits.take()
-        move_goals(worlds, pursuit.address)
-        super().score(worlds)
-        note_errors(worlds, pursuit.address)
-        self._pursuits.give(pursuit)
+    def stages(self) -> list[Stage]:
+        pursuit = self._with_scratch()
+        return [bound(move_goals, pursuit), *super().stages(), bound(note_errors, pursuit)]
 
-
-def _with_scratch(pursuit: Pursuit) -> Pinned[Pursuit]:
-    """What one thread needs."""
-    return Pinned(PURSUIT, pursuit._replace(motion=np.zeros(len(route.MOTION))))
+    def _with_scratch(self) -> Pinned[Pursuit]:
+        """What one thread needs."""
+        return Pinned(PURSUIT, self._pursuit._replace(motion=np.zeros(len(route.MOTION))))

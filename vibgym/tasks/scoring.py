@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibgym._numba.reference import Pinned
-from vibgym.physics.collision.hulls import Hulls
+from vibgym._numba.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
-from vibgym.simulation.threads import Pool
 from vibgym.tasks.episode import (
     JUDGED,
     QUANTITIES,
-    Episode,
     Judged,
     Relations,
-    Rules,
     Start,
     new_episode,
     new_relations,
@@ -27,6 +23,9 @@ from vibgym.tasks.episode import (
 
 if TYPE_CHECKING:
     from vibgym.tasks.base import Task
+
+
+Stage = Callable[[np.ndarray], None]
 
 
 class Scoring:
@@ -51,9 +50,12 @@ class Scoring:
         self._judged = self.judged(self.relations)
         self._everyone = np.arange(worlds)
 
-    def judged(self, relations: Relations) -> Pool[Pinned[Judged]]:
-        """What kernels need to bring such relations up to date, for each thread; see :meth:`relate`."""
-        return Pool(partial(_judged, relations, self.episode, self._rules, self._task.hulls))
+    def judged(self, relations: Relations) -> Pinned[Judged]:
+        """What kernels need to bring such relations up to date, in one thread at a time; see :meth:`relating`."""
+        hulls = self._task.hulls
+        fits = np.zeros(self.episode.done.shape[1], dtype=bool)
+        scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES)), fits
+        return Pinned(JUDGED, Judged(relations, self.episode, self._rules, hulls, *scratch))
 
     def own_state(self) -> dict[str, np.ndarray]:
         """Live arrays that a snapshot has to hold besides the episodes and their relations."""
@@ -70,32 +72,23 @@ class Scoring:
     def begin(self, worlds: np.ndarray, start: Start) -> None:
         """Start the episodes of ``worlds`` (index array), whose parts have been put down."""
         self.episode.goal[worlds], self.episode.present[worlds] = start.goal, start.present
-        self._score(worlds, True)
+        score_worlds(self._state.address, self._judged.address, True, worlds)
 
-    def score(self, worlds: np.ndarray | None = None) -> None:
-        """Score one step against the one before: of ``worlds`` (index array), or of all."""
-        self._score(self._everyone if worlds is None else worlds, False)
+    def score(self) -> None:
+        """Score one step of every world against the one before."""
+        for stage in self.stages():
+            stage(self._everyone)
 
-    def _score(self, worlds: np.ndarray, starting: bool) -> None:
-        judged = self._judged.take()
-        score_worlds(worlds, starting, self._state.address, judged.address)
-        self._judged.give(judged)
+    def stages(self) -> list[Stage]:
+        """What scores a step of some worlds, one after the other, each called with their index array.
 
-    def relate(self, worlds: np.ndarray, pose: np.ndarray, gone: np.ndarray, judged: Pool[Pinned[Judged]]) -> None:
-        """How parts at other poses than the true ones stand to their goals and to one another.
-
-        Args:
-            worlds: index array.
-            pose: (worlds, parts, 3).  gone: (worlds, parts) bool, parts that are out of the way.
-            judged: from :meth:`judged`, for the relations to be overwritten.
+        It has working arrays of its own: those of several calls of this may be at work at the same time, on different worlds.
         """
-        own = judged.take()
-        relate_worlds(worlds, pose, gone, own.address)
-        judged.give(own)
+        return [bound(score_worlds, self._state, self.judged(self.relations), False)]
 
+    def relating(self, relations: Relations) -> Callable[[np.ndarray, np.ndarray, np.ndarray], None]:
+        """What brings relations to other poses than the true ones up to date; as with :meth:`stages`.
 
-def _judged(relations: Relations, episode: Episode, rules: Rules, hulls: Hulls) -> Pinned[Judged]:
-    """What one thread needs."""
-    fits = np.zeros(episode.done.shape[1], dtype=bool)
-    scratch = np.zeros(hulls.corner.shape), np.zeros(4), np.zeros(len(QUANTITIES)), fits
-    return Pinned(JUDGED, Judged(relations, episode, rules, hulls, *scratch))
+        It is called with an index array of worlds, poses (worlds, parts, 3), and which parts are out of the way.
+        """
+        return bound(relate_worlds, self.judged(relations))
