@@ -20,7 +20,7 @@ from vibgym.physics.averaged.contact import AveragedScheme, new_workspace
 from vibgym.physics.averaged.correction import correct_worlds, invert_worlds
 from vibgym.physics.averaged.inverse import new_kept
 from vibgym.physics.averaged.map import instant_states, mean_accelerations, mean_states
-from vibgym.physics.core.drive import Drive, polar_drive
+from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import STATE, new_state
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
@@ -189,8 +189,8 @@ class Periods:
         table, body, scheme = self._table, self._body, self._scheme
         state = new_state(len(pose), 1)
         instant_states(drive, table, body, scheme, pose, velocity, work, state.pose[:, 0], state.velocity[:, 0])
-        pinned = Pinned(STATE, state)
-        workers.share(lambda start, stop: self._model.advance(start, stop, drive, pinned, 1), len(pose), self._threads)
+        pinned, held = Pinned(STATE, state), Pinned(DRIVE, drive)
+        workers.share(lambda start, stop: self._model.advance(start, stop, held, pinned, 1), len(pose), self._threads)
         after = np.empty_like(pose), np.empty_like(pose)
         mean_states(drive, table, body, scheme, state.pose[:, 0], state.velocity[:, 0], work, *after)
         lost = state.fallen[:, 0] | state.diverged

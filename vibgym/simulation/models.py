@@ -48,6 +48,8 @@ class Planar(NoContacts):
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
+        if stop > len(self._rows):  # of somebody who takes a model alone, for as many worlds as there are
+            self._rows = np.arange(stop)
         setup = self._setups.take()
         slide_rows(self._rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
         self._setups.give(setup)
