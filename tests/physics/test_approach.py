@@ -37,7 +37,7 @@ def placed_safe_step(encounter, pairs, h):
 
 def encounter_of(parts, walls):
     """An encounter of these parts, none of them fallen, whose poses and velocities are set by :func:`enter`."""
-    table, bodies, hulls = SURFACE.table(walls), bodies_of(parts), hulls_of(parts)
+    table, bodies, hulls = SURFACE.table(walls), bodies_of(parts, SURFACE.element_size), hulls_of(parts)
     schemes = planar_schemes(SURFACE, parts, walls)
     workspace = new_workspace(table, bodies, schemes.together, len(parts))
     space = ContactSpace(SURFACE, parts, walls)

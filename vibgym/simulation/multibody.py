@@ -107,7 +107,7 @@ class ContactBuffers:
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
-        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts)
+        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
         self.parts = len(setup.parts)
         self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
         friction = FixedScene(
