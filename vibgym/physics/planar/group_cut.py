@@ -15,7 +15,6 @@ from vibgym._numba.jit import exact, exact_inlined
 from vibgym._numba.vector import (
     LANES,
     WIDTH,
-    bits,
     copysign,
     greatest,
     least,
@@ -48,11 +47,6 @@ def window(radius: float) -> int:
 
 
 @exact_inlined
-def _add(cells, at, value):
-    store(cells, at, load_register(cells, at) + value)
-
-
-@exact_inlined
 def add_strip(cells, at, x0, y0, x1, y1, sign):
     """Add the strip to the left of a piece of an edge, in the coordinates of its cell.
 
@@ -64,15 +58,15 @@ def add_strip(cells, at, x0, y0, x1, y1, sign):
     dx, dy = _SPREAD * (x1 - x0), _SPREAD * (y1 - y0)
     xx, xy, across = dx * dx, dx * dy, dy * dy
     mean_xx, mean_xy, mean_yy = x * x + xx, x * y + xy, y * y + across
-    _add(cells, at, height * x)
-    _add(cells, at + WIDTH, height * mean_xx)
-    _add(cells, at + 2 * WIDTH, height * mean_xy)
-    _add(cells, at + 3 * WIDTH, height * (x * (mean_xx + 2.0 * xx)))
-    _add(cells, at + 4 * WIDTH, height * (y * mean_xx + 2.0 * x * xy))
-    _add(cells, at + 5 * WIDTH, height * (x * mean_yy + 2.0 * y * xy))
-    _add(cells, at + 6 * WIDTH, height)
-    _add(cells, at + 7 * WIDTH, height * y)
-    _add(cells, at + 8 * WIDTH, height * mean_yy)
+    store(cells, at, load_register(cells, at) + height * x)
+    store(cells, at + WIDTH, load_register(cells, at + WIDTH) + height * mean_xx)
+    store(cells, at + 2 * WIDTH, load_register(cells, at + 2 * WIDTH) + height * mean_xy)
+    store(cells, at + 3 * WIDTH, load_register(cells, at + 3 * WIDTH) + height * (x * (mean_xx + 2.0 * xx)))
+    store(cells, at + 4 * WIDTH, load_register(cells, at + 4 * WIDTH) + height * (y * mean_xx + 2.0 * x * xy))
+    store(cells, at + 5 * WIDTH, load_register(cells, at + 5 * WIDTH) + height * (x * mean_yy + 2.0 * y * xy))
+    store(cells, at + 6 * WIDTH, load_register(cells, at + 6 * WIDTH) + height)
+    store(cells, at + 7 * WIDTH, load_register(cells, at + 7 * WIDTH) + height * y)
+    store(cells, at + 8 * WIDTH, load_register(cells, at + 8 * WIDTH) + height * mean_yy)
 
 
 @exact_inlined
@@ -127,8 +121,7 @@ def add_edge(ax, ay, bx, by, cutting, across, cells, crossings):
             y1 = _within(load_register(crossings, column * WIDTH) - float(row), floor, ceiling)
             x1 = _within(spread_register(float(column + 1)), x_left, x_right)
             at = (row * across + column) * CELL
-            if bits((y1 > y0) | (y1 < y0)) != 0:
-              add_strip(cells, at, x0 - float(column), y0, x1 - float(column), y1, sign)
+            add_strip(cells, at, x0 - float(column), y0, x1 - float(column), y1, sign)
             x0, y0 = x1, y1
         low, x_low = high, x_high
     return first_row, last_row, first_column, last_column

@@ -23,6 +23,7 @@ from vibgym._numba.vector import (
     magnitude,
     mask_of,
     mask_register,
+    minimum,
     no,
     select,
     store,
@@ -37,6 +38,7 @@ from vibgym.physics.planar.phasors import forget_phasors
 from vibgym.physics.planar.points import MOST_TRAVEL, MOST_TURN, slide_by_points
 from vibgym.physics.planar.pressure_moments import pressure_moments
 from vibgym.physics.planar.series import limits, slide_by_series
+from vibgym.physics.planar.workspace import SECTORS
 
 ELSEWHERE = -1e300
 """First column of a window that has not been placed."""
@@ -57,20 +59,38 @@ def finite_lane(values, lane):
 
 @borrowing
 def enter_shape(scene, slot, kind):
-    """Write down a kind's outline, and what of its shape the cut needs: radius and smallest piece (in elements), whether its
-    outline turns with it, and whether it cannot fall while its centre of mass is on the table."""
+    """Write down what of a kind's shape the cut needs: radius and smallest piece (in elements), whether its outline turns with
+    it, and whether it cannot fall while its centre of mass is on the table."""
     workspace, bodies, pitch = scene.workspace, scene.bodies, scene.table.element_size
     g, lane = slot // LANES, slot % LANES
-    outline, shape = workspace.outline[g], workspace.shape[g]
-    first, last = bodies.first[kind], bodies.first[kind + 1] - 1
-    for k in range(workspace.corners):
-        for axis in range(2):
-            outline[(2 * k + axis) * LANES + lane] = bodies.outline[first + k if first + k < last else last, axis]
+    shape = workspace.shape[g]
     shape[lane] = bodies.radius[kind] / pitch * (1.0 + MARGIN)
     shape[LANES + lane] = NEGLIGIBLE_PIECE * bodies.area[kind] / (pitch * pitch)
     shape[2 * LANES + lane] = 1.0 if bodies.turns[kind] else 0.0
     shape[3 * LANES + lane] = 1.0 if bodies.convex[kind] else 0.0
     workspace.kind[slot] = kind
+    workspace.sector[g, lane] = -1.0
+
+
+@borrowing
+def enter_outlines(scene, g, lanes):
+    """Write down the outlines of those lanes whose bits are set, beginning with their lowest corner."""
+    workspace, bodies, outline, sector = (
+        scene.workspace,
+        scene.bodies,
+        scene.workspace.outline[g],
+        scene.workspace.sector[g],
+    )
+    for lane in range(LANES):
+        if lanes >> lane & 1:
+            kind = workspace.kind[g * LANES + lane]
+            first, corners = bodies.first[kind], bodies.first[kind + 1] - bodies.first[kind]
+            from_corner = workspace.lowest[kind, int(sector[lane])]
+            for k in range(workspace.corners):
+                corner = from_corner + min(k, corners - 1)
+                corner = first + (corner if corner < corners else corner - corners)
+                outline[2 * k * LANES + lane] = bodies.outline[corner, 0]
+                outline[(2 * k + 1) * LANES + lane] = bodies.outline[corner, 1]
 
 
 @borrowing
@@ -182,7 +202,15 @@ def place_in_window(scene, g, first, cutting):
         store(base, LANES + first, base_y)
         for cell in range(known.shape[0]):
             known[cell] &= ~(moved << first)
-    sine, cosine = sincos(load_register(middle, 2 * LANES + first) * load_register(shape, 2 * LANES + first))
+    heading = load_register(middle, 2 * LANES + first) * load_register(shape, 2 * LANES + first)
+    turns = heading * (SECTORS / (2.0 * math.pi))
+    sector = floor(turns - SECTORS * floor(turns / SECTORS))
+    sector, old = select(cutting, minimum(sector, SECTORS - 1.0), 0.0), load_register(workspace.sector[g], first)
+    other = bits(cutting & ((sector > old) | (sector < old)))
+    if other != 0:
+        store(workspace.sector[g], first, select(cutting, sector, old))
+        enter_outlines(scene, g, other << first)
+    sine, cosine = sincos(heading)
     return (
         select(cutting, x - base_x, 0.0), select(cutting, y - base_y, 0.0),
         select(cutting, cosine * scale, 0.0), select(cutting, sine * scale, 0.0),

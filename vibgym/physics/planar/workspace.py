@@ -10,11 +10,16 @@ import numpy as np
 from vibgym._numba.reference import Layout
 from vibgym._numba.vector import WIDTH
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.records import Bodies, Scheme, State, Table, body_of
+from vibgym.physics.core.records import Bodies, Body, Scheme, State, Table, body_of
 from vibgym.physics.planar.cut import Cut, cells_across, finest_split, new_cut
 from vibgym.physics.planar.group_cut import CELL, window
 from vibgym.physics.planar.phasors import Phasors, new_phasors
 from vibgym.physics.planar.pressure_moments import LANES, MOMENT_ROWS, PIECE
+
+
+SECTORS = 8
+"""Of headings: in each, eight outlines begin with their lowest corner, so that their edges go the same way and meet the same
+elements, as far as their shapes are alike."""
 
 
 class Step(NamedTuple):
@@ -55,6 +60,10 @@ class Workspace(NamedTuple):
     outline: np.ndarray  # (groups, corner x 2 x lane) m
     shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.enter_shape
     corners: int  # of the outline with the most
+    lowest: np.ndarray  # (kinds, SECTORS) corner that is the lowest of an outline whose heading is in a sector
+    sector: (
+        np.ndarray
+    )  # (groups, lane) for which the outline is written down: it begins with the corner that is the lowest
     across: int  # elements along a side of the window that holds any part
     base: np.ndarray  # (groups, 2 x lane) column and row of the window's first element
     known: np.ndarray  # (groups, across x across) lanes whose phasors in the window have been read, a bit each
@@ -105,6 +114,15 @@ def _noughts(*shape: int) -> np.ndarray:
     return room[first : first + size].reshape(shape)
 
 
+def lowest_corners(body: Body) -> list[int]:
+    """The lowest corner of an outline in the middle of every sector of headings."""
+    headings = (np.arange(SECTORS) + 0.5) * (2.0 * math.pi / SECTORS)
+    if not body.turns:
+        headings = np.zeros(SECTORS)
+    height = np.outer(np.sin(headings), body.outline[:, 0]) + np.outer(np.cos(headings), body.outline[:, 1])
+    return height.argmin(axis=1).tolist()
+
+
 def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> Workspace:
     """Working arrays for any ``slots`` parts of these kinds at a time."""
     groups = -(-slots // LANES)
@@ -142,6 +160,8 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         outline=lanes(2 * corners),
         shape=lanes(4),
         corners=corners,
+        lowest=np.array([lowest_corners(body) for body in kinds]),
+        sector=lanes(1),
         across=across,
         base=lanes(2),
         known=np.zeros((groups, cells), np.int64),
