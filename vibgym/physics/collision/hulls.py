@@ -60,6 +60,8 @@ def hull_contact(hulls, placed, a, b):
             reach = math.inf
             for j in range(b0, b1):
                 reach = min(reach, ex * (placed[j, 0] - placed[i, 0]) + ey * (placed[j, 1] - placed[i, 1]))
+                if reach <= best:
+                    break
             if reach > best:
                 best, nx, ny, owner = reach, ex, ey, A_FACE
     if b1 - b0 > 1:
@@ -68,6 +70,8 @@ def hull_contact(hulls, placed, a, b):
             reach = math.inf
             for i in range(a0, a1):
                 reach = min(reach, ex * (placed[i, 0] - placed[j, 0]) + ey * (placed[i, 1] - placed[j, 1]))
+                if reach <= best:
+                    break
             if reach > best:
                 best, nx, ny, owner = reach, -ex, -ey, B_FACE
     if best > 0.0 or a1 - a0 == 1 or b1 - b0 == 1:  # corner to corner, where no edge faces the other hull

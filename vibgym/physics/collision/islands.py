@@ -20,11 +20,15 @@ import numpy as np
 
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import reference
-from vibgym.physics.collision.broad_phase import Paths, circle_gap, pair_capacity, paths_cross
+from vibgym.physics.collision.broad_phase import IN_TOUCH, Paths, circle_gap, pair_capacity, paths_cross
 from vibgym.physics.collision.coupling import Encounter, collide_period, order_pairs
 from vibgym.physics.core.records import Scheme, friction_in, incline_size
 from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.workspace import Scene, Workspace
+
+
+CLOSE = 2e-3
+"""m; what begins a period nearer than this to a part of an island is taken along: else most would have to be run again."""
 
 
 class Islands(NamedTuple):
@@ -282,27 +286,40 @@ def join_what_met(islands, fixed, state, world, pairs, paths, away, wild):
 
 
 @borrowing
-def begin_islands(islands, fixed, state, world, pairs, n, touching, paths, away):
-    """Find the first islands of a world: what touched to begin with, and parts alone whose ways have crossed, or that a wall
-    was in the way of.
+def take_along(pairs, n, gap, driven):
+    """Mark what is close to a part that is marked, and the pairs of both by a gap of -1."""
+    for k in range(n):
+        i, j = pairs[k, 0], pairs[k, 1]
+        if gap[k] < IN_TOUCH or (j >= 0 and gap[k] < CLOSE and (driven[i] or driven[j])):
+            gap[k] = -1.0
+    for k in range(n):
+        if gap[k] == -1.0:
+            driven[pairs[k, 0]] = True
+            if pairs[k, 1] >= 0:
+                driven[pairs[k, 1]] = True
+
+
+@borrowing
+def begin_islands(islands, fixed, state, world, pairs, n, gap, paths, away):
+    """Find the first islands of a world: what touched to begin with, parts alone whose ways have crossed, or that a wall was in
+    the way of, and what is close to any of these.
 
     Args:
         state: after the parts that nothing touched have gone through the period.
         pairs: of which ``n`` are near.
-        touching: (pairs,) bool.
+        gap: (pairs,) as :func:`take_along` left it.
         away: (parts,) bool, parts that had fallen before the period.
     """
     table, bodies, hulls, placed = fixed.friction.table, fixed.friction.bodies, fixed.hulls, fixed.contacts.placed
+    crossed = islands.ran
     for part in range(islands.parent.shape[0]):
-        islands.parent[part], islands.waiting[part] = part, False
+        islands.parent[part], islands.waiting[part], crossed[part] = part, False, False
         islands.far[part], paths.driven[part] = islands.bound[part], False
     for k in range(n):
-        if touching[k]:
-            i, j = pairs[k, 0], pairs[k, 1]
-            paths.driven[i] = True
-            if j >= 0:
-                paths.driven[j] = True
-            join(islands, i, j if j >= 0 else i)
+        if gap[k] == -1.0:
+            paths.driven[pairs[k, 0]] = True
+            if pairs[k, 1] >= 0:
+                paths.driven[pairs[k, 1]] = True
     for k in range(n):
         i, j = pairs[k, 0], pairs[k, 1]
         if paths.driven[i] or (j >= 0 and paths.driven[j]):
@@ -310,4 +327,10 @@ def begin_islands(islands, fixed, state, world, pairs, n, touching, paths, away)
         # A wall may be in the way of a part that leaves the table.
         off = j < 0 and state.fallen[world, i] and not away[i]
         if off or paths_cross(table, bodies, hulls, state, world, paths, i, j, placed):
-            join(islands, i, j if j >= 0 else i)
+            gap[k], crossed[i] = -1.0, True
+            if j >= 0:
+                crossed[j] = True
+    take_along(pairs, n, gap, crossed)
+    for k in range(n):
+        if gap[k] == -1.0:
+            join(islands, pairs[k, 0], pairs[k, 1] if pairs[k, 1] >= 0 else pairs[k, 0])

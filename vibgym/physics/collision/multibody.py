@@ -31,6 +31,7 @@ from vibgym.physics.collision.broad_phase import (
 from vibgym.physics.collision.coupling import fixed_encounter_at
 from vibgym.physics.collision.hulls import place_hulls
 from vibgym.physics.collision.islands import (
+    CLOSE,
     Islands,
     begin_islands,
     gather_islands,
@@ -38,6 +39,7 @@ from vibgym.physics.collision.islands import (
     link_pairs,
     new_islands,
     run_island,
+    take_along,
 )
 from vibgym.physics.core.drive import drive_at
 from vibgym.physics.core.records import State, friction_in, incline_size, new_state, state_at
@@ -53,8 +55,8 @@ class Prospect(NamedTuple):
 
     pairs: np.ndarray  # (worlds, capacity, 2)
     found: np.ndarray  # (worlds,) number of pairs
-    touching: np.ndarray  # (worlds, capacity) bool
-    driven: np.ndarray  # (worlds, parts) bool: touches something
+    gap: np.ndarray  # (worlds, capacity) m at the period's start, or less; -1: both are joined
+    driven: np.ndarray  # (worlds, parts) bool: touches something, or is taken along
     rows: np.ndarray  # (kinds, worlds * parts) what goes without contacts, as world * parts + part
     count: np.ndarray  # (kinds,) number of rows
     paths: np.ndarray  # (worlds * parts, most steps + 1, 3)
@@ -75,7 +77,7 @@ def new_prospect(worlds: int, parts: int, steps: np.ndarray) -> Prospect:
     return Prospect(
         pairs=np.empty((worlds, capacity, 2), np.int64),
         found=np.zeros(worlds, np.int64),
-        touching=np.empty((worlds, capacity), np.bool_),
+        gap=np.empty((worlds, capacity)),
         driven=np.zeros((worlds, parts), np.bool_),
         rows=np.empty((len(steps), worlds * parts), np.int64),
         count=np.zeros(len(steps), np.int64),
@@ -118,25 +120,27 @@ def find_pairs(fixed, state, world, pairs):
 
 
 @borrowing
-def find_touching(fixed, pose, pairs, n, touching, driven):
-    """Mark the pairs of a world that are in touch at its pose (parts, 3), and their parts; returns whether there are any."""
-    table, hulls, contacts, any_touching = fixed.friction.table, fixed.hulls, fixed.contacts, False
+def find_touching(fixed, pose, pairs, n, gap, driven):
+    """Write the gaps of a world's pairs at its pose (parts, 3), or less where that is plenty, and mark the parts that touch
+    anything, and those close to one that does."""
+    table, hulls, contacts = fixed.friction.table, fixed.hulls, fixed.contacts
     for part in range(driven.shape[0]):
         contacts.fresh[part] = driven[part] = False
     for k in range(n):
         i, j = pairs[k, 0], pairs[k, 1]
-        touching[k] = False
-        if circle_gap(table, hulls, i, pose[i], j, pose[j if j >= 0 else i]) < IN_TOUCH:
+        gap[k] = circle_gap(table, hulls, i, pose[i], j, pose[j if j >= 0 else i])
+        if gap[k] < CLOSE:
             for end in range(2):
                 part = pairs[k, end]
                 if part >= 0 and not contacts.fresh[part]:
                     contacts.fresh[part] = True
                     place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], contacts.placed)
-            if pair_gap(table, hulls, contacts.placed, i, j) < IN_TOUCH:
-                touching[k] = driven[i] = any_touching = True
-                if j >= 0:
-                    driven[j] = True
-    return any_touching
+            gap[k] = pair_gap(table, hulls, contacts.placed, i, j)
+        if gap[k] < IN_TOUCH:
+            driven[i] = True
+            if j >= 0:
+                driven[j] = True
+    take_along(pairs, n, gap, driven)
 
 
 @borrowing
@@ -161,7 +165,7 @@ def broad_phase(start, stop, fixed, state, prospect):
         if found > 0:
             any_near = True
             find_touching(
-                fixed, state.pose[world], prospect.pairs[w], found, prospect.touching[w], prospect.driven[w]
+                fixed, state.pose[world], prospect.pairs[w], found, prospect.gap[w], prospect.driven[w]
             )
         for part in range(parts):
             if found > 0:
@@ -184,7 +188,7 @@ def begin_world(world, w, fixed, state, prospect, paths):
         paths.steps[part] = prospect.steps[bodies.kind[part]]
     pairs, found = prospect.pairs[w], prospect.found[w]
     link_pairs(islands, pairs, found)
-    begin_islands(islands, fixed, state, world, pairs, found, prospect.touching[w], paths, kept.fallen[w])
+    begin_islands(islands, fixed, state, world, pairs, found, prospect.gap[w], paths, kept.fallen[w])
 
 
 @borrowing
