@@ -60,6 +60,7 @@ class _Compiler(compiler.Compiler):
 
     def define_pipelines(self) -> Any:
         state: Any = self.state
+        state.flags.no_cfunc_wrapper = True  # nothing calls kernels by the address of a C function
         state.typingctx = _Typing(state.typingctx)
         state.library = self.library(state.targetctx.codegen(), state.func_id.func_qualname)
         return super().define_pipelines()
@@ -76,7 +77,7 @@ class _CalledCompiler(_Compiler):
 
     def define_pipelines(self) -> Any:
         flags: Any = self.state.flags  # type: ignore[attr-defined]
-        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        flags.no_compile = flags.no_cpython_wrapper = True
         return super().define_pipelines()
 
     def library(self, maker: Any, name: str) -> Any:

@@ -5,10 +5,10 @@ copy in the caller again: the deeper the calls, the longer it takes. Here a kern
 (:class:`Unfinished`), and what Python calls is optimised in one piece with all that it calls (:class:`Whole`). That takes less
 time, and the numbers do not depend on what was compiled and what was loaded: a cached kernel brings all of its callees along.
 
-**Two halves.** Writing down is numba's work. It takes most of the time, and what comes of it is the same for all processors of a
-platform; so are the first optimisations, which throw away most of what was written. What is left, LLVM's bitcode, can be made
-elsewhere, and is optimised for the processor at hand. A kernel that is compiled here is read back from its bitcode, too, so
-that what comes with a wheel gives the same code.
+**Two halves.** Writing down is numba's work. It takes most of the time, and what comes of it is the same for all processors of
+a platform; so are the first optimisations, which throw away most of what was written. What is left, LLVM's bitcode, can be
+made elsewhere, and is optimised for the processor at hand. A kernel that is compiled here is read back from its bitcode, too,
+so that what comes with a wheel gives the same code.
 """
 
 from __future__ import annotations

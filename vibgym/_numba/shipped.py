@@ -87,7 +87,8 @@ def load(function: Any, arguments: Any) -> Any:
 
 def report_damage(function: Any, arguments: Any, error: Exception) -> None:
     """Remember, to be told with what is compiled instead, that a kernel's file cannot be used."""
-    _damaged.append(f"{FOLDER / _name(function, arguments)} is damaged ({type(error).__name__}: {error})")
+    told = " ".join(f"{type(error).__name__}: {error}".split())  # in one line
+    _damaged.append(f"{FOLDER / _name(function, arguments)} is damaged ({told})")
 
 
 def reason() -> str:
