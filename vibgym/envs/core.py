@@ -249,7 +249,8 @@ class Core:
         Raises:
             ValueError: a start that cannot be; nothing has changed but the generators.
         """
-        uniform = np.array([generator.random(self.draws) for generator in generators])
+        draws = self.draws
+        uniform = np.array([generator.random(draws) for generator in generators])
         own, driven = self.task.draws, self.task.draws + self.actuators.draws
         sensed = driven + self.sensing.draws
         start = self.start_of(worlds, uniform[:, :own], override)

@@ -212,10 +212,10 @@ class OneWorld(Information):
         if self._more:
             info |= _first(self._more)
         done, fallen, present = self._part_flag.copy()
-        reward, *parts = self._part_number.copy()
-        info["parts"] = {
-            "done": done, "fallen": fallen, "present": present, "reward": reward, "reward_terms": dict(zip(names, parts)),
-        }  # fmt: skip
+        rows = iter(self._part_number.copy())
+        parts = {"done": done, "fallen": fallen, "present": present, "reward": next(rows)}
+        parts["reward_terms"] = dict(zip(names, rows))
+        info["parts"] = parts
         return number[0], flag[0], info
 
 

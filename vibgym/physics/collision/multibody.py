@@ -25,7 +25,7 @@ from vibgym.physics.collision.broad_phase import (
     proximity,
 )
 from vibgym.physics.collision.coupling import Encounter, collide_period, fixed_encounter_at
-from vibgym.physics.core.drive import drive_at
+from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import State, new_state, state_at
 from vibgym.physics.planar.workspace import Scene
 
@@ -141,7 +141,9 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
     """
     fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect)
     friction = fixed.friction
-    scene = Scene(friction.table, friction.bodies, friction.scheme, drive_at(drive), state, friction.workspace)
+    scene = Scene(
+        friction.table, friction.bodies, friction.scheme, reference(pinned_drive(drive)), state, friction.workspace
+    )
     encounter = reference(
         Encounter(
             reference(scene), fixed.hulls, fixed.solver, fixed.properties, fixed.contacts,
