@@ -34,4 +34,7 @@ def register_environments() -> None:
                 vector_entry_point="vibgym.envs:VibgymVectorEnv",
                 max_episode_steps=limit,
                 kwargs={**settings, "max_episode_periods": limit},
+                # It refuses what would be out of order itself, and is tested against Gymnasium's checks.
+                disable_env_checker=True,
+                order_enforce=False,
             )

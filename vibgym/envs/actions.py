@@ -37,6 +37,9 @@ def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
     return min(across, max(surface.rows, surface.columns))
 
 
+FLOAT32 = np.dtype(np.float32)
+
+
 @borrowing
 def all_finite(values):
     """Whether all of ``values`` (worlds, size) are finite."""
@@ -85,6 +88,7 @@ class Action(Live, ABC):
         self.parts = tuple(parts)
         self.full_scale = surface.full_scale
         self._shapes: dict[int | None, tuple[tuple[int, ...], ...]] = {}  # that are allowed, by the number of worlds
+        self._size = 0  # once shapes are known
         self._drive: Drive | None = None  # the last command
 
     @property
@@ -121,14 +125,17 @@ class Action(Live, ABC):
         shapes = self._shapes.get(worlds)
         if shapes is None:
             lead = () if worlds is None else (worlds,)
-            shapes = self._shapes[worlds] = ((*lead, self.size), (*lead, *self.shape))
+            self._size = self.size
+            shapes = self._shapes[worlds] = ((*lead, self._size), (*lead, *self.shape))
         values = checks.shaped("action", action, shapes, "real numbers")
+        if values.dtype is FLOAT32 and values.flags.carray:  # as most give it
+            return values if values.ndim == 2 and worlds is not None else values.reshape(-1, self._size)
         if values.dtype != np.float32:
             if not np.isfinite(values).all():
                 raise self.not_finite(action)
             # Clip in the given type: a float64 beyond float32's range would turn into infinity.
             values = np.clip(values, -1.0, 1.0)
-        return np.ascontiguousarray(values, dtype=np.float32).reshape(-1, self.size)
+        return np.array(values, dtype=np.float32, order="C").reshape(-1, self._size)
 
     def not_finite(self, action: Any) -> checks.Refused:
         """The error for an action with numbers that are not finite."""
@@ -199,10 +206,17 @@ class Patch(Action):
         self.shape = (len(self.parts), self.side, self.side, 2)
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        centre = measurement.pose[:, :, 1::-1] / self.surface.element_size
-        first = np.floor(centre + (0.5 - 0.5 * self.side))
-        centre[measurement.gone] = NOWHERE
-        return patch_drive(values, first.astype(np.int64), centre, self.side, self.full_scale)
+        if self._drive is None:
+            shape = measurement.pose.shape[:2]
+            origin, centre = np.zeros((*shape, 2), dtype=np.int64), np.zeros((*shape, 2))
+            self._drive = patch_drive(values, origin, centre, self.side, self.full_scale)
+        drive = self._drive
+        np.divide(measurement.pose[:, :, 1::-1], self.surface.element_size, out=drive.centre)
+        drive.origin[...] = np.floor(drive.centre + (0.5 - 0.5 * self.side))
+        drive.centre[measurement.gone] = NOWHERE
+        if drive.values is not values:
+            self._drive = drive._replace(values=values)
+        return self._drive
 
 
 class Field(Action):
@@ -221,9 +235,15 @@ class Field(Action):
         self.reach = 0.5 * patch_size(surface, self.parts) * surface.element_size
 
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        centre = measurement.pose[:, :, :2].copy()  # the pose moves on, the field stays where it was
-        centre[measurement.gone] = NOWHERE
-        return field_drive(values, centre, self.surface.element_size, self.reach, self.full_scale)
+        if self._drive is None:
+            centre = np.zeros((*measurement.pose.shape[:2], 2))
+            self._drive = field_drive(values, centre, self.surface.element_size, self.reach, self.full_scale)
+        drive = self._drive
+        drive.centre[...] = measurement.pose[:, :, :2]  # the pose moves on, the field stays where it was
+        drive.centre[measurement.gone] = NOWHERE
+        if drive.values is not values:
+            self._drive = drive._replace(values=values)
+        return self._drive
 
 
 class Wrench(Action):

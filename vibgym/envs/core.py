@@ -58,6 +58,7 @@ class Core:
     Args:
         options: what the environment is made of.
         worlds: number of worlds.
+        information: what makes ``info``.
 
     Attributes:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
@@ -74,7 +75,7 @@ class Core:
     STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
     """Keys of a snapshot."""
 
-    def __init__(self, options: Options, worlds: int) -> None:
+    def __init__(self, options: Options, worlds: int, information: type[Information] = Information) -> None:
         cls = TASKS.choose("task", options.task)
         self.surface = surface_from(options.surface)
         self.parts = _parts_from(options.parts, cls)
@@ -123,9 +124,7 @@ class Core:
         self.drive: Any = None
         self._own_reward: OwnReward | None = None
         self._choose_reward(weights)
-        self._everyone = np.arange(worlds)
-        # What was handed out is not written again; a single environment makes copies of its own.
-        self.keeps_told = False
+        self._information, self._everyone = information, np.arange(worlds)
         self.seen: Any = None
         self._taken = np.zeros((worlds, self.action.size), dtype=np.float32)
         self._bind()
@@ -170,7 +169,7 @@ class Core:
         self.details = {name: each for name, each in groups.items() if each}
         self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
         rewards = self.term_names, self.terms, self.part_terms
-        self.information = Information(episode, state.diverged, *rewards, self.facts, self.details)
+        self.information = self._information(episode, state.diverged, *rewards, self.facts, self.details)
         self.told = self.information.fresh()
         self._accept = self._take_in if len(self.simulator.blocks.edges) == 1 else self._look_through
         self._relating = () if self.sensing.exact else (self.scoring.relating(self._measured),)
@@ -250,7 +249,8 @@ class Core:
         Raises:
             ValueError: a start that cannot be; nothing has changed but the generators.
         """
-        uniform = np.array([generator.random(self.draws) for generator in generators])
+        draws = self.draws
+        uniform = np.array([generator.random(draws) for generator in generators])
         own, driven = self.task.draws, self.task.draws + self.actuators.draws
         sensed = driven + self.sensing.draws
         start = self.start_of(worlds, uniform[:, :own], override)
@@ -338,8 +338,7 @@ class Core:
 
     def _open(self) -> None:
         """Begin a batch of observations, and of what there is to tell: what was handed out is not written again."""
-        if not self.keeps_told:
-            self.told = self.information.fresh()
+        self.told = self.information.fresh()
         if self._writing is not None:
             self._arrays, self.seen = self.observation.fresh(self.worlds)  # type: ignore[attr-defined]
 

@@ -15,10 +15,12 @@ from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import Layout, Pinned, bound
 from vibgym.tasks.episode import (
     DOWN,
+    ENDED,
     HEADING_ERROR,
     IN_TOUCH,
     PARTS_DONE,
     POSITION_ERROR,
+    REWARD,
     SMALLEST_GAP,
     SUCCEEDED,
     Episode,
@@ -43,9 +45,9 @@ class Live(NamedTuple):
 LIVE: Layout[Live] = Layout("LIVE", __name__)
 live_at = LIVE.at
 
-NUMBERS = (POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP)
+NUMBERS = (REWARD, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP)
 COUNTS = (PARTS_DONE, IN_TOUCH)
-FLAGS = (DOWN, SUCCEEDED)
+FLAGS = (ENDED, DOWN, SUCCEEDED)
 TERMS, DIVERGED = len(NUMBERS), len(FLAGS)
 
 PART_FLAGS = ("done", "fallen", "present")
@@ -80,13 +82,12 @@ def tell_worlds(live, worlds, number, count, flag, part_number, part_flag):
     all_of = live_at(live)
     terms, part_terms = all_of.terms, all_of.part_terms
     # Row by row: all rows at a time would be as many places in memory, often a power of two apart.
-    copy_column(worlds, all_of.number, POSITION_ERROR, number[0])
-    copy_column(worlds, all_of.number, HEADING_ERROR, number[1])
-    copy_column(worlds, all_of.number, SMALLEST_GAP, number[2])
-    copy_column(worlds, all_of.count, PARTS_DONE, count[0])
-    copy_column(worlds, all_of.count, IN_TOUCH, count[1])
-    copy_column(worlds, all_of.flag, DOWN, flag[0])
-    copy_column(worlds, all_of.flag, SUCCEEDED, flag[1])
+    for row, column in enumerate(NUMBERS):
+        copy_column(worlds, all_of.number, column, number[row])
+    for row, column in enumerate(COUNTS):
+        copy_column(worlds, all_of.count, column, count[row])
+    for row, column in enumerate(FLAGS):
+        copy_column(worlds, all_of.flag, column, flag[row])
     for k in range(worlds.shape[0]):
         flag[DIVERGED, worlds[k]] = all_of.diverged[worlds[k]]
     for term in range(terms.shape[1]):
@@ -154,24 +155,6 @@ class Information:
             np.empty((len(PART_FLAGS), *self._shape), dtype=bool),
         )
 
-    def one(self, told: Told) -> dict[str, Any]:
-        """Of the first world: numbers, and arrays as batches of single environments stack them."""
-        number = told.number[:, 0].tolist()
-        known = [*number[:TERMS], *told.count[:, 0].tolist(), *told.flag[:, 0].tolist()]
-        info = dict(zip(self._known, self._pick(known)))
-        if self._own:
-            info = {name: info[name] if name in info else self._own[name][0].item() for name in self._facts}
-        info["reward_terms"] = dict(zip(self._names, number[TERMS:]))
-        if self._more:
-            info |= _first(self._more)
-        done, fallen, present = told.part_flag[:, 0].copy()
-        reward, *terms = told.part_number[:, 0].copy()
-        info["parts"] = {
-            "done": done, "fallen": fallen, "present": present, "reward": reward,
-            "reward_terms": dict(zip(self._names, terms)),
-        }  # fmt: skip
-        return info
-
     def batch(self, told: Told, mask: np.ndarray | None = None) -> dict[str, Any]:
         """Of all worlds, with Gymnasium's ``_key`` masks.
 
@@ -199,6 +182,41 @@ class Information:
         parts["_reward_terms"] = next(masks)
         info["parts"], info["_parts"] = parts, next(masks)
         return info
+
+
+class OneWorld(Information):
+    """Of a single environment. Its arrays stay the same: what it hands out are plain numbers, and copies."""
+
+    def __init__(self, *what: Any) -> None:
+        super().__init__(*what)
+        terms = len(self._names)
+        self._number, self._count = np.zeros(TERMS + terms), np.zeros(len(COUNTS), dtype=np.int64)
+        self._flag = np.zeros(DIVERGED + 1, dtype=bool)
+        self._part_number = np.zeros((1 + terms, self._shape[1]))
+        self._part_flag = np.zeros((len(PART_FLAGS), self._shape[1]), dtype=bool)
+        rows = (each[:, None] for each in (self._number, self._count, self._flag))
+        self._told = Told(*rows, self._part_number[:, None], self._part_flag[:, None])
+
+    def fresh(self) -> Told:
+        """The same ever after."""
+        return self._told
+
+    def one(self) -> tuple[float, bool, dict[str, Any]]:
+        """Reward, whether the episode has ended, and info: numbers, and arrays as batches of single environments stack them."""
+        number, flag, names = self._number.tolist(), self._flag.tolist(), self._names
+        terms = number[TERMS:]
+        info = dict(zip(self._known, self._pick(number[:TERMS] + self._count.tolist() + flag)))
+        if self._own:
+            info = {name: info[name] if name in info else self._own[name][0].item() for name in self._facts}
+        info["reward_terms"] = dict(zip(names, terms))
+        if self._more:
+            info |= _first(self._more)
+        done, fallen, present = self._part_flag.copy()
+        rows = iter(self._part_number.copy())
+        parts = {"done": done, "fallen": fallen, "present": present, "reward": next(rows)}
+        parts["reward_terms"] = dict(zip(names, rows))
+        info["parts"] = parts
+        return number[0], flag[0], info
 
 
 _ZERO = {np.dtype(kind): np.zeros((), dtype=kind) for kind in (np.float64, np.int64, np.bool_)}

@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from vibgym import checks
 from vibgym.envs import features, generators
 from vibgym.envs.core import Core
+from vibgym.envs.info import OneWorld
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.sensing import TOLD
@@ -194,8 +195,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         known = Options.from_mapping("keyword arguments", {"task": task, **options}, ("render_mode",))
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
-        self.core = Core(known, 1)
-        self.core.keeps_told = True  # info holds plain numbers and copies
+        self.core = Core(known, 1, OneWorld)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
@@ -234,7 +234,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._viewer.begin(0)
             self._draw()
         self.core.show_all()
-        return self._own(self.core.seen), self._info()
+        return self._own(self.core.seen), self._told()[2]
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -247,8 +247,8 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._viewer.follow(0)
             self._draw()
         truncated = core.step_limit is not None and self._steps >= core.step_limit
-        episode = core.episode
-        return self._own(core.seen), episode.reward.item(), episode.ended.item(), truncated, self._info()
+        reward, ended, info = self._told()
+        return self._own(core.seen), reward, ended, truncated, info
 
     @property
     def compute_reward(self) -> Any:
@@ -287,6 +287,8 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     def render(self) -> np.ndarray | None:
         """The picture for ``"rgb_array"``; ``"human"`` draws by itself."""
+        if not self.core.began:
+            raise gym.error.ResetNeeded("call reset() before render()")
         if self.render_mode is None:
             gym.logger.warn("render(): the environment was made without render_mode; allowed: 'rgb_array', 'human'")
         if self.render_mode == "rgb_array":
@@ -308,5 +310,6 @@ class VibgymEnv(SharedInterface, gym.Env):
             return {key: value[0] for key, value in seen.items()}
         return seen[0]
 
-    def _info(self) -> dict[str, Any]:
-        return self.core.information.one(self.core.told)
+    def _told(self) -> tuple[float, bool, dict[str, Any]]:
+        """Reward, whether the episode has ended, and info."""
+        return self.core.information.one()  # type: ignore[attr-defined]

@@ -135,12 +135,11 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
                 self._viewer.follow(world)
         if waiting.any():  # NEXT_STEP: the step after the end is the reset
             self._begin_anew(waiting)
-        terminated = core.episode.ended.copy()
+        terminated, reward = core.told.flag[0].copy(), core.told.number[0].copy()
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             truncated = self._steps >= self.max_episode_steps
         finished = terminated | truncated
-        reward = core.episode.reward.copy()
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and finished.any():
             final = {

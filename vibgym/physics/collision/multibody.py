@@ -41,7 +41,7 @@ from vibgym.physics.collision.islands import (
     run_island,
     take_along,
 )
-from vibgym.physics.core.drive import drive_at
+from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import State, friction_in, incline_size, new_state, state_at
 
 CALLS = 3
@@ -244,7 +244,8 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
         fixed, drive, state, prospect: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
     """
-    fixed, state, prospect, drive = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect), drive_at(drive)
+    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect)
+    drive = reference(pinned_drive(drive))
     for world in range(start, stop):
         w = world - start
         mode = FREE
