@@ -155,7 +155,7 @@ class PartsPPO(Resumable, PPO):
             for chosen in torch.randperm(worlds, generator=order).split(size):
                 if len(chosen) * 2 < size and worlds >= size:  # a last, small minibatch would be noise
                     continue
-                part = {name: each[chosen] for name, each in samples.items()}
+                part = {name: each.index_select(0, chosen) for name, each in samples.items()}
                 loss, facts = self._loss(part, clip, acts)
                 for name, value in facts.items():
                     losses[name].append(value)
