@@ -11,7 +11,7 @@ import torch
 from torch import nn
 
 from agents.training.networks.functions import tanh
-from agents.training.networks.layers import hidden, linear
+from agents.training.networks.layers import Head, hidden, linear
 from agents.training.networks.parts import LOG_STD_RANGE, Eyes
 from vibgym.policies.trained.networks.shape import Shape
 
@@ -34,9 +34,9 @@ class ElementsActor(nn.Module):
         self.shape = shape
         self.eyes = Eyes(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
-        self.coefficients = linear(net[-1], 2 * BASIS, 0.1)
+        self.coefficients = linear(net[-1], 2 * BASIS, 0.1, Head)
         self.places = linear(4, BASIS, 1.0)
-        self.log_std = linear(net[-1], 1, 0.01)
+        self.log_std = linear(net[-1], 1, 0.01, Head)
         nn.init.constant_(self.log_std.bias, log_std)
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -45,7 +45,7 @@ class ElementsActor(nn.Module):
         seen = self.hidden(self.eyes(rows))
         coefficients = self.coefficients(seen).unflatten(-1, (BASIS, 2))
         basis = tanh(self.places(elements_about(rows[..., place : place + 2], side)))
-        mean = (basis @ coefficients).flatten(-2) / BASIS**0.5
+        mean = (basis @ coefficients).float().flatten(-2) / BASIS**0.5
         log_std = self.log_std(seen).clamp(*LOG_STD_RANGE)
         return mean, log_std.expand(*mean.shape)
 

@@ -1,4 +1,7 @@
-"""Functions of tensors with gradients, whose work :mod:`agents.training.networks.kernels` does."""
+"""Functions of tensors with gradients, whose work :mod:`agents.training.networks.kernels` does.
+
+They compute in float32, whatever torch's autocasting makes of what surrounds them.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from typing import Any
 
 import torch
 from torch import nn
+from torch.amp import custom_bwd, custom_fwd
 
 from agents.training.networks import kernels
 from vibgym.simulation.threads import share
@@ -24,6 +28,7 @@ def _shared(kernel: Callable[..., None], *tensors: torch.Tensor) -> None:
 
 class _Tanh(torch.autograd.Function):
     @staticmethod
+    @custom_fwd(device_type="cpu", cast_inputs=torch.float32)
     def forward(ctx: Any, x: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
         x = x.contiguous()
         y = torch.empty_like(x)
@@ -32,12 +37,14 @@ class _Tanh(torch.autograd.Function):
         return y
 
     @staticmethod
+    @custom_bwd(device_type="cpu")
     def backward(ctx: Any, grad: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
         return torch.ops.aten.tanh_backward(grad, *ctx.saved_tensors)
 
 
 class _Attend(torch.autograd.Function):
     @staticmethod
+    @custom_fwd(device_type="cpu", cast_inputs=torch.float32)
     def forward(ctx: Any, code: torch.Tensor, there: torch.Tensor, sought: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
         code, sought = code.contiguous(), sought.contiguous()
         weight, mean = torch.empty(there.shape), torch.empty_like(sought)
@@ -46,6 +53,7 @@ class _Attend(torch.autograd.Function):
         return mean
 
     @staticmethod
+    @custom_bwd(device_type="cpu")
     def backward(ctx: Any, grad: torch.Tensor) -> tuple[torch.Tensor, None, torch.Tensor]:  # type: ignore[override]
         code, sought, weight = ctx.saved_tensors
         of_code, of_sought = torch.empty_like(code), torch.empty_like(sought)

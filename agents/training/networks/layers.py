@@ -21,12 +21,26 @@ def hidden(inputs: int, widths: Sequence[int], activation: str) -> nn.Sequential
     return nn.Sequential(*layers)
 
 
-def linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
+def linear(inputs: int, outputs: int, gain: float, kind: type[nn.Linear] = nn.Linear) -> nn.Linear:
     """A linear layer with orthogonal weights times ``gain``, and no bias at the start."""
-    layer = nn.Linear(inputs, outputs)
+    layer = kind(inputs, outputs)
     nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer
+
+
+class Head(nn.Linear):
+    """A last layer, which stays in float32 where torch casts the others.
+
+    Exploration is a few hundredths of an action, and so are the roundings of an action in bfloat16.
+    """
+
+    def forward(self, input: torch.Tensor) -> torch.Tensor:
+        """(..., outputs) float32."""
+        if not torch.is_autocast_enabled("cpu"):
+            return super().forward(input)
+        with torch.autocast("cpu", enabled=False):
+            return super().forward(input.float())
 
 
 class Attention(nn.Module):

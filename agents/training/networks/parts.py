@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from agents.training.networks.layers import Attention, hidden, linear
+from agents.training.networks.layers import Attention, Head, hidden, linear
 from vibgym.policies.trained.networks.acting import FLOOR, LOG_STD_RANGE
 from vibgym.policies.trained.networks.shape import Shape
 
@@ -53,8 +53,8 @@ class PartsActor(nn.Module):
         super().__init__()
         self.eyes = Eyes(shape, attention)
         self.hidden = hidden(self.eyes.size, net, activation)
-        self.mean = linear(net[-1], shape.action, 0.01)
-        self.log_std = linear(net[-1], shape.action, 0.01)
+        self.mean = linear(net[-1], shape.action, 0.01, Head)
+        self.log_std = linear(net[-1], shape.action, 0.01, Head)
         nn.init.constant_(self.log_std.bias, log_std)
         self.register_buffer(FLOOR, None if floor is None else torch.tensor([floor]))
 
@@ -80,7 +80,7 @@ class PartsCritic(nn.Module):
         self.eyes = Eyes(shape, attention)
         self.together = linear(shape.own, attention, 2.0**0.5) if shape.neighbours else None
         self.hidden = hidden(self.eyes.size + (attention if shape.neighbours else 0), net, activation)
-        self.value = linear(net[-1], 1, 1.0)
+        self.value = linear(net[-1], 1, 1.0, Head)
         self.own = shape.own
 
     def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:

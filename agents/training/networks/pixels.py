@@ -16,7 +16,7 @@ import math
 import torch
 from torch import nn
 
-from agents.training.networks.layers import hidden, linear
+from agents.training.networks.layers import Head, hidden, linear
 from agents.training.networks.parts import LOG_STD_RANGE
 from vibgym.policies.trained.networks.shape import CELL, LEAST_MASS, WAY_SCALES, Picture, occupied
 
@@ -73,8 +73,8 @@ class PixelsActor(nn.Module):
         super().__init__()
         self.eyes = PixelsEyes(shape)
         self.hidden = hidden(self.eyes.size, net, activation)
-        self.mean = linear(net[-1], shape.action, 0.01)
-        self.log_std = linear(net[-1], shape.action, 0.01)
+        self.mean = linear(net[-1], shape.action, 0.01, Head)
+        self.log_std = linear(net[-1], shape.action, 0.01, Head)
         nn.init.constant_(self.log_std.bias, log_std)
 
     def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -90,7 +90,7 @@ class PixelsCritic(nn.Module):
         super().__init__()
         self.eyes = PixelsEyes(shape)
         self.hidden = hidden(self.eyes.size, net, activation)
-        self.value = linear(net[-1], 1, 1.0)
+        self.value = linear(net[-1], 1, 1.0, Head)
 
     def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
         """(..., parts) of rows (..., parts, columns)."""

@@ -67,7 +67,8 @@ class PPO(PartsAlgorithm):
             raise checks.refuse("ppo.n_steps", own.n_steps, "2 or more with one world")
         coding, lessons = self.coding(base), settings.imitation
         seen = np.dtype(coding.dtype).itemsize * coding.shape.columns
-        size = len(base.parts) * (seen + 4 * (coding.shape.action + 6)) * own.n_steps * settings.worlds
+        kept = own.n_steps * settings.worlds * (2 if own.overlap else 1)
+        size = len(base.parts) * (seen + 4 * (coding.shape.action + 6)) * kept
         if size > MOST_ROLLOUT:
             allowed = f"a rollout of at most {MOST_ROLLOUT:.1e} bytes; with {settings.worlds} worlds it has {size:.1e}"
             raise checks.refuse("ppo.n_steps", own.n_steps, allowed)
@@ -75,6 +76,10 @@ class PPO(PartsAlgorithm):
             check_room(lessons, coding, settings.worlds)
         if own.noise_floor is not None and own.network != "parts":
             raise checks.refuse("ppo.noise_floor", own.noise_floor, f"none with the network {own.network!r}")
+        if own.precision != "float32" and not has_bfloat16():
+            raise checks.refuse(
+                "ppo.precision", own.precision, "'float32' on this processor, which does not compute in it"
+            )
         return PartsPPO(
             PartsPolicy,
             env,
@@ -88,6 +93,8 @@ class PPO(PartsAlgorithm):
             ent_coef=own.ent_coef,
             target_kl=own.target_kl,
             touch_cost=own.touch_cost,
+            precision=own.precision,
+            overlap=own.overlap,
             # Steps of lessons count, and teach the critic nothing.
             critic_steps=own.critic_steps
             + (0 if lessons is None else lessons.rounds * lessons.steps * settings.worlds),
@@ -136,6 +143,12 @@ class PPO(PartsAlgorithm):
             if not name.startswith("log_std")
         }
         model.policy.actor.load_state_dict({**model.policy.actor.state_dict(), **kept})
+
+
+def has_bfloat16() -> bool:
+    """Whether the processor has instructions for bfloat16, as far as torch tells; without, it takes longer than float32."""
+    told = getattr(torch.cpu, "get_capabilities", dict)()
+    return any(name.endswith("bf16") and has for name, has in told.items())
 
 
 def _shapes(tensors: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from agents.training.hyperparameters import MOST_STEPS, NetworkSettings, RateSettings
@@ -23,3 +25,5 @@ class PPOSettings(NetworkSettings, RateSettings):
     noise_floor: float | None = Field(None, gt=0, le=1)
     touch_cost: float = Field(0.0, ge=0, le=1000)  # of a step, to a part in touch with another; in training alone
     critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # in which the critic alone learns
+    precision: Literal["float32", "bfloat16"] = "float32"  # of updates; bfloat16 where the processor computes in it
+    overlap: bool = False  # rollouts are made beside updates, by a policy that is one update old

@@ -17,6 +17,7 @@ from stable_baselines3.common.utils import FloatSchedule, update_learning_rate
 
 from agents.training.checkpoint import check_finite
 from agents.training.parts_policy import HALF_LOG_TAU, PartsPolicy, log_probability
+from agents.training.ppo.overlap import learn_overlapping
 from agents.training.ppo.rollout_buffer import PartsBuffer
 from agents.training.resumable import Resumable
 from vibgym.policies.trained.coding import Seen
@@ -34,8 +35,11 @@ class PartsPPO(Resumable, PPO):
         touch_cost: what a step in touch with another part costs, in training alone: tasks count touches, but do not price them.
         critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to
             be spoilt by values that mean nothing yet.
+        precision: of updates: ``"bfloat16"`` casts all layers but the last ones.
+        overlap: whether rollouts are made beside updates, see :mod:`agents.training.ppo.overlap`.
 
     Attributes:
+        waiting: with ``overlap``, samples of a rollout that has not been learned from.
         pace: share of the learning rate, which ``target_kl`` rules: a small standard deviation makes every step a large one.
     """
 
@@ -43,14 +47,24 @@ class PartsPPO(Resumable, PPO):
     rollout_buffer: PartsBuffer
 
     def __init__(
-        self, policy: Any, env: Any, *, touch_cost: float = 0.0, critic_steps: int = 0, **settings: Any
+        self,
+        policy: Any,
+        env: Any,
+        *,
+        touch_cost: float = 0.0,
+        critic_steps: int = 0,
+        precision: str = "float32",
+        overlap: bool = False,
+        **settings: Any,
     ) -> None:
         coding = settings["policy_kwargs"]["coding"]
         buffer = {"rollout_buffer_class": PartsBuffer, "rollout_buffer_kwargs": {"coding": coding}}
         super().__init__(policy, env, **buffer, **settings)
         self.critic_steps, self.touch_cost = critic_steps, touch_cost
+        self.precision, self.overlap = precision, overlap
         self.pace = 1.0
         self._seen: Seen | None = None  # at the last step
+        self.waiting: dict[str, torch.Tensor] | None = None
 
     @staticmethod
     def _wrap_env(env: Any, verbose: int = 0, monitor_wrapper: bool = True) -> Any:
@@ -58,18 +72,42 @@ class PartsPPO(Resumable, PPO):
         return env
 
     def own_state(self) -> dict[str, Any]:
-        return {"pace": self.pace, "seen": None if self._seen is None else list(self._seen)}
+        waiting = None if self.waiting is None else {name: each.numpy() for name, each in self.waiting.items()}
+        return {"pace": self.pace, "seen": None if self._seen is None else list(self._seen), "waiting": waiting}
 
     def set_own_state(self, state: dict[str, Any]) -> None:
-        seen = state["seen"]
+        seen, waiting = state["seen"], state["waiting"]
         self.pace, self._seen = state["pace"], None if seen is None else Seen(*seen)
+        self.waiting = None if waiting is None else {name: torch.from_numpy(each) for name, each in waiting.items()}
+
+    def learn(self, total_timesteps: int, callback: Any = None, log_interval: int = 1, *more: Any, **named: Any) -> Any:
+        """Make steps and learn from them, as Stable-Baselines3 does, or both at a time."""
+        if not self.overlap:
+            return super().learn(total_timesteps, callback, log_interval, *more, **named)
+        learn_overlapping(self, total_timesteps, callback, log_interval)
+        return self
 
     def collect_rollouts(self, env: Any, callback: BaseCallback, rollout_buffer: Any, n_rollout_steps: int) -> bool:
-        """Let all worlds make ``n_rollout_steps`` steps; False where the callback ends the training."""
-        coding, buffer, actor = self.policy.coding, rollout_buffer, self.policy.actor
-        buffer.reset()
+        """Let all worlds make ``n_steps`` steps; False where the callback ends the training."""
         callback.on_rollout_start()
-        for _ in range(n_rollout_steps):
+        goes_on = self.make_steps(self.policy.actor, callback)
+        if goes_on:
+            self.end_rollout(callback)
+        return goes_on
+
+    def end_rollout(self, callback: BaseCallback) -> None:
+        """Values and advantages of the steps made, by the critic as it is."""
+        seen = self.policy.coding.see(self._last_obs, self._seen, self._last_episode_starts)
+        self.rollout_buffer.finish(seen, self.policy.critic)
+        callback.update_locals(locals())
+        callback.on_rollout_end()
+
+    def make_steps(self, actor: Any, callback: BaseCallback) -> bool:
+        """Let all worlds make ``n_steps`` steps as ``actor`` says; False where the callback ends the training."""
+        env: Any = self.env
+        coding, buffer = self.policy.coding, self.rollout_buffer
+        buffer.reset()
+        for _ in range(self.n_steps):
             seen = coding.see(self._last_obs, self._seen, self._last_episode_starts)
             with torch.no_grad():
                 mean, log_std = actor(torch.from_numpy(seen.rows))
@@ -88,13 +126,14 @@ class PartsPPO(Resumable, PPO):
             self._last_obs, self._last_episode_starts, self._seen = observation, done, seen
             if not callback.on_step():
                 return False
-        buffer.finish(coding.see(self._last_obs, self._seen, self._last_episode_starts), self.policy.critic)
-        callback.update_locals(locals())
-        callback.on_rollout_end()
         return True
 
-    def train(self) -> None:
-        """Update actor and critic from the last rollout.
+    def train(self, steps: int | None = None, order: torch.Generator | None = None) -> None:
+        """Update actor and critic from the rollout that waits, or else from the last one.
+
+        Args:
+            steps: that had been made when it ended; None: those made until now.
+            order: of the samples; None: torch's own generator.
 
         Raises:
             Diverged: numbers that are not finite.
@@ -103,7 +142,8 @@ class PartsPPO(Resumable, PPO):
         rate = self.lr_schedule(self._current_progress_remaining)
         update_learning_rate(self.policy.optimizer, self.pace * rate)
         clip = self.clip_range(self._current_progress_remaining)
-        samples, acts = self.rollout_buffer.samples(), self.num_timesteps > self.critic_steps
+        samples = self.rollout_buffer.samples() if self.waiting is None else dict(self.waiting)
+        acts = (self.num_timesteps if steps is None else steps) > self.critic_steps
         here = samples["mask"] > 0.5
         of_parts = samples["advantage"][here]
         samples["advantage"] = (samples["advantage"] - of_parts.mean()) / (of_parts.std() + 1e-8)
@@ -112,11 +152,10 @@ class PartsPPO(Resumable, PPO):
         losses: dict[str, list[float]] = {"policy": [], "value": [], "kl": [], "clipped": []}
         far = False
         for _ in range(self.n_epochs):
-            order = torch.randperm(worlds)
-            for chosen in order.split(size):
+            for chosen in torch.randperm(worlds, generator=order).split(size):
                 if len(chosen) * 2 < size and worlds >= size:  # a last, small minibatch would be noise
                     continue
-                part = {name: each[chosen] for name, each in samples.items()}
+                part = {name: each.index_select(0, chosen) for name, each in samples.items()}
                 loss, facts = self._loss(part, clip, acts)
                 for name, value in facts.items():
                     losses[name].append(value)
@@ -150,11 +189,12 @@ class PartsPPO(Resumable, PPO):
         """Loss of a minibatch, and what to tell of it."""
         mask = part["mask"]
         count = mask.sum().clamp(min=1.0)
-        value = self.policy.critic(part["rows"], mask)
+        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=self.precision == "bfloat16"):
+            value = self.policy.critic(part["rows"], mask)
+            mean, log_std = self.policy.actor(part["rows"]) if acts else (None, None)
         value_loss = (((value - part["target"]) ** 2) * mask).sum() / count
-        if not acts:
+        if mean is None or log_std is None:
             return value_loss, {"policy": 0.0, "value": float(value_loss.detach()), "kl": 0.0, "clipped": 0.0}
-        mean, log_std = self.policy.actor(part["rows"])
         difference = log_probability(part["actions"], mean, log_std) - part["log_prob"]
         ratio = difference.exp()
         advantage = part["advantage"]

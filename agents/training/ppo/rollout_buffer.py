@@ -12,8 +12,8 @@ from stable_baselines3.common.buffers import BaseBuffer
 from vibgym.policies.trained.coding import Coding, Seen
 from vibgym.policies.trained.pictures import PictureCoding
 
-AT_ONCE = 10_000_000
-"""Numbers of observations of which the critic tells the values in one go."""
+AT_ONCE = 300_000
+"""Numbers of observations of which the critic tells the values in one go: what it makes of them stays in the caches."""
 
 
 class PartsBuffer(BaseBuffer):

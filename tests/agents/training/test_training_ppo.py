@@ -1,5 +1,8 @@
 """PPO with parts as samples: advantages are those of a plain loop, and every part's are its own."""
 
+import threading
+import time
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -186,6 +189,9 @@ def test_the_gradient_is_that_of_ppo(model):
     log_prob = torch.distributions.Normal(mean, scale).log_prob(part["actions"]).sum(dim=-1)
     (-(part["advantage"] * log_prob).mean()).backward()
     for name, value in model.policy.actor.named_parameters():
+        if name == "eyes.attention.key.bias":  # logits do not depend on it
+            assert value.grad is None
+            continue
         assert torch.allclose(value.grad, grads[f"actor.{name}"], atol=1e-5), name
 
 
@@ -296,6 +302,77 @@ def test_the_critic_alone_learns_at_first():
     model.learn(STEPS * WORLDS, reset_num_timesteps=False)
     changed = {name.split(".")[0] for name, value in model.policy.state_dict().items() if (value != before[name]).any()}
     assert changed == {"critic", "actor"}
+
+
+def test_rollouts_beside_updates_are_one_update_old_whoever_is_faster(monkeypatch):
+    """Slow worlds and slow updates make the same weights; each rollout's policy is the one from before the update beside it."""
+    made = []
+    for slow in ("make_steps", "train"):
+        env = batch("Sort", WORLDS, parts=TWO, action="field", observation="parts", autoreset_mode="SameStep")
+        model, acted, learned = untrained(env, overlap=True, learning_rate=1e-2), [], []
+        steps, train, save = model.make_steps, model.train, lambda actor: actor.mean.weight.detach().clone()
+
+        def watched_steps(actor, callback, slow=slow, steps=steps, acted=acted, save=save):
+            time.sleep(0.1 * (slow == "make_steps"))
+            acted.append(save(actor))
+            return steps(actor, callback)
+
+        def watched_train(*told, slow=slow, train=train, learned=learned, model=model, save=save):
+            time.sleep(0.1 * (slow == "train"))
+            learned.append(save(model.policy.actor))
+            train(*told)
+
+        monkeypatch.setattr(model, "make_steps", watched_steps), monkeypatch.setattr(model, "train", watched_train)
+        threads = torch.get_num_threads()
+        model.learn(4 * STEPS * WORLDS)
+        assert len(acted) == len(learned) == 4 and model.waiting is None and torch.get_num_threads() == threads
+        assert model.num_timesteps == 4 * STEPS * WORLDS and model._n_updates == 4 * model.n_epochs
+        # The first rollout has no update beside it, and the last update no rollout.
+        assert all(torch.equal(mine, theirs) for mine, theirs in zip(acted[1:], learned[:-1], strict=True))
+        assert not torch.equal(learned[0], learned[1])
+        made.append(model.policy.state_dict())
+    assert all(torch.equal(one, made[1][name]) for name, one in made[0].items())
+
+
+def test_an_error_beside_an_update_is_told_and_nobody_works_on(monkeypatch):
+    env = batch("Sort", WORLDS, parts=TWO, action="field", observation="parts", autoreset_mode="SameStep")
+    model, threads = untrained(env, overlap=True), torch.get_num_threads()
+    step, count = model.env.step_wait, iter(range(100))
+
+    def breaks():
+        if next(count) == STEPS + 2:
+            raise OSError("a world is gone")
+        return step()
+
+    monkeypatch.setattr(model.env, "step_wait", breaks)
+    with pytest.raises(OSError, match="a world is gone"):
+        model.learn(4 * STEPS * WORLDS)
+    assert torch.get_num_threads() == threads
+    assert not [each for each in threading.enumerate() if each.name.startswith("rollout")]
+
+
+def test_bfloat16_is_for_processors_that_have_it(monkeypatch):
+    """Refused elsewhere; actions and values stay in float32, and the gradient is that of float32 to its roundings."""
+    settings = settings_from(
+        {"task": "Sort", "steps": 8, "environment": {"action": "field"}, "ppo": {"precision": "bfloat16"}}
+    )
+    env = PPO(settings).make_env()
+    for can in ({"avx2": True, "avx512_bf16": False}, {}):
+        monkeypatch.setattr(torch.cpu, "get_capabilities", lambda can=can: can, raising=False)
+        with pytest.raises(ValueError, match="^ppo.precision: got 'bfloat16'; allowed: 'float32' on this processor"):
+            PPO(settings).make_model(env)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": True}, raising=False)
+    assert PPO(settings).make_model(env).precision == "bfloat16"
+    env = batch("Sort", WORLDS, parts=TWO, action="field", observation="parts", autoreset_mode="SameStep")
+    model = untrained(env)
+    part = minibatch(model, [1.0, 1.0])
+    loss, facts, grads = losses(model, part)
+    model.precision = "bfloat16"
+    coarse, said, others = losses(model, part)
+    assert coarse != loss and coarse == pytest.approx(loss, rel=0.02) and said["kl"] < 1e-3
+    for name, grad in grads.items():
+        assert others[name].dtype == torch.float32
+        assert (others[name] - grad).norm() < 0.15 * grad.norm(), name  # rectified units close to zero turn over
 
 
 def test_touches_cost_what_is_learned_from_and_nothing_else():

@@ -14,6 +14,7 @@ import torch
 import yaml
 
 from agents.training import checkpoint
+from agents.training.ppo import algorithm
 from agents.training.progress import Progress
 from agents.training.train import train
 from agents.training.trees import as_was, put_together, taken_apart
@@ -44,6 +45,13 @@ RUNS = {
     "a correction of the planner": {
         "task": "Sort", "environment": {"action": "wrench"}, "residual": {"base": {"kind": "planner", "law": "pose"}},
         "ppo": PPO, "steps": 384, "worlds": 4, "checkpoint_steps": 128,
+    },
+    "rollouts beside updates": {
+        "task": "Sort", "environment": {"action": "field"}, "steps": 640, "worlds": 4, "checkpoint_steps": 128,
+        "ppo": {**PPO, "overlap": True, "critic_steps": 100},
+    },
+    "in bfloat16, beside": {
+        "task": "Align", "environment": {"action": "patch"}, "ppo": {**PPO, "overlap": True, "precision": "bfloat16"},
     },
     "images": {
         "task": "Transport", "environment": {"action": "wrench", "observation": "image"}, "steps": 96, "worlds": 4,
@@ -98,13 +106,17 @@ def stopped_and_unbroken(settings, folder, monkeypatch, seed):
 @pytest.mark.parametrize("case", RUNS)
 def test_stopped_runs_end_as_unbroken_ones(tmp_path, monkeypatch, case):
     """Stopped after steps that hit checkpoints, updates and the middle of rollouts; each algorithm in tests/contracts."""
+    monkeypatch.setattr(algorithm, "has_bfloat16", lambda: True)  # others can, slowly
     assert_same(*map(everything, stopped_and_unbroken({**BASE, **RUNS[case]}, tmp_path, monkeypatch, case)))
 
 
-def test_a_killed_run_ends_as_an_unbroken_one(tmp_path):
+@pytest.mark.parametrize("overlap", [False, True])
+def test_a_killed_run_ends_as_an_unbroken_one(tmp_path, overlap):
     """By SIGKILL, at a random instant once it has begun; ``python -m studies.benchmarks.kills`` does so many times."""
     config = tmp_path / "run.yaml"
-    config.write_text(yaml.safe_dump({**BASE, **RUNS["raw actions, ideal"], "steps": 8192}))
+    config.write_text(
+        yaml.safe_dump({**BASE, **RUNS["raw actions, ideal"], "steps": 8192, "ppo": {**PPO, "overlap": overlap}})
+    )
     train(config, tmp_path / "whole", quiet=True)
     run = tmp_path / "broken"
     command = [sys.executable, "-m", "agents", "train", str(config), "--output", str(run), "--quiet"]
