@@ -129,7 +129,9 @@ def test_bitcode_of_another_version_is_told(run):
     for kernel in run.folder.glob("shipped/total-*"):
         kernel.unlink()
     found, (line,) = run()
-    assert found[1] == "1" and f"for numba 0.1, this is numba {shipped.VERSIONS['numba']}" in line and "compiling" in line
+    assert (
+        found[1] == "1" and f"for numba 0.1, this is numba {shipped.VERSIONS['numba']}" in line and "compiling" in line
+    )
     for kept in run.folder.glob("cache/**/*.nbi"):
         kept.unlink()
     assert run() == (found, [])  # it was told

@@ -100,7 +100,9 @@ class ContactSpace:
 
     def _solver(self, **more: np.ndarray) -> Solver:
         """Addresses of all that kernels call and hand over."""
-        data = np.zeros(6 * len(self._bodies) + 8)  # the library grows its arrays when they are nearly full: never let it
+        data = np.zeros(
+            6 * len(self._bodies) + 8
+        )  # the library grows its arrays when they are nearly full: never let it
         floats = ffi.new("pmFloatArray *")
         floats.arr, floats.max, floats.num = ffi.from_buffer("cpFloat[]", data), 1 << 30, 0
         integers = ffi.new("pmIntArray *")
