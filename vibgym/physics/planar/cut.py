@@ -147,6 +147,9 @@ def read_points(table, drive, world, n, cut, phasors, slot):
 @borrowing
 def points_at(table, body, split, drive, world, x, y, heading, cut, phasors, slot):
     """Contact points and their phasors at a pose, wherever that is; returns how many, 0 if nothing is supported."""
+    width, depth, r = table.columns * table.element_size, table.rows * table.element_size, body.radius
+    if not (x > -r and x < width + r and y > -r and y < depth + r and abs(heading) < math.inf):
+        return 0  # nothing of it lies on the table; and far away an outline's corners have no digits left
     corners = body.outline.shape[0]
     scale = 1.0 / (table.element_size / split)
     place_outline(body, x, y, heading, scale, cut.outline_x[:corners], cut.outline_y[:corners])

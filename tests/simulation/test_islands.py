@@ -1,0 +1,263 @@
+"""Islands: what a part does depends on what it may touch, whatever else is on the table, in whatever order."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.simulation.helpers import kinetic_energy, random_fields, same, snapshot
+from vibgym import Part, Simulator, Surface
+from vibgym._numba.jit import jit
+from vibgym._numba.reference import reference
+from vibgym.physics.collision.broad_phase import near_pairs, new_circles, pair_capacity
+from vibgym.scene.hulls import WALLS, gaps_between
+
+SURFACE = Surface(24, 40)
+STILL = Surface(20, 20, 0.05, 0.0)
+KINDS = [
+    Part.rectangle(0.05, 0.04, friction=0.64, height=0.004, name="steel"),
+    Part.rectangle(0.05, 0.035, friction=0.58, mass=0.0945, contact_friction=0.7, name="aluminium"),
+    Part.disc(0.02, friction=0.6, name="disc"),
+    Part.polygon(
+        np.array([(0, 0), (50, 0), (50, 20), (20, 20), (20, 50), (0, 50)]) * 1e-3, friction=0.6, contact_friction=0.1
+    ),
+    # These ask for more steps, finer ones, smaller overlaps, and more rounds of the solver.
+    Part.disc(0.005, friction=0.9, mass=0.5, name="small and heavy"),
+    Part.rectangle(0.03, 0.0004, friction=0.3, mass=0.01, name="thin"),
+]
+ELASTIC = Part.disc(0.02, friction=0.0, restitution=1.0, contact_friction=0.0)
+
+
+def state_of(simulator, parts):
+    """What the state says of some parts of the first world, as bytes."""
+    names = ("pose", "velocity", "mean_velocity", "fallen", "sticking")
+    return [np.ascontiguousarray(getattr(simulator, name)[0, parts]).tobytes() for name in names]
+
+
+def heap(rng, count, corner):
+    """Parts close to one another, and on their way to one another: kinds, poses and velocities (count, 3)."""
+    kinds = rng.integers(0, len(KINDS), count)
+    k = np.arange(count)
+    pose = np.column_stack([0.065 * (k % 3), 0.065 * (k // 3), np.zeros(count)]) + [*corner, 0.0]
+    pose[:, :2] += rng.uniform(-0.001, 0.001, (count, 2))
+    pose[:, 2] = rng.choice([0.0, 0.5 * math.pi, math.pi], count)
+    return kinds, pose, rng.uniform(-1, 1, (count, 3)) * [0.1, 0.1, 2.0]
+
+
+def advanced(kinds, pose, velocity, periods, fields, walls=WALLS):
+    simulator = Simulator(SURFACE, [KINDS[k] for k in kinds], walls=walls)
+    simulator.reset(pose, velocity)
+    simulator.advance(*(each[0] for each in fields), periods)
+    return simulator
+
+
+# -- bits --------------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 9), st.booleans())
+def test_the_same_bits_alone_and_among_others(seed, count, others, at_the_wall):
+    """A heap, in a corner or not, beside another one of other kinds, whose parts have numbers between its own."""
+    rng = np.random.default_rng(seed)
+    corner = (0.034, 0.034) if at_the_wall else (0.1, 0.1)
+    kinds, pose, velocity = heap(rng, count, corner)
+    more = heap(rng, others, (0.6, 0.3))
+    order = rng.permutation(count + others)
+    fields = random_fields(SURFACE, 1, seed=3)
+    together = advanced(*(np.concatenate(both)[order] for both in zip((kinds, pose, velocity), more)), 4, fields)
+    own = np.argsort(order)[:count]  # where the first heap's parts are now
+    alone = advanced(kinds, pose, velocity, 4, fields)
+    assert state_of(together, own) == state_of(alone, np.arange(count))
+    assert gaps_between(together.parts, together.pose).min() > -0.3e-3 and not together.diverged.any()
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_the_numbers_of_parts_do_not_matter(seed):
+    """All in one heap, named in another order."""
+    rng = np.random.default_rng(seed)
+    kinds, pose, velocity = heap(rng, 9, (0.034, 0.034))
+    order, fields = rng.permutation(9), random_fields(SURFACE, 1, seed=4)
+    one = advanced(kinds, pose, velocity, 4, fields)
+    other = advanced(kinds[order], pose[order], velocity[order], 4, fields)
+    assert one.statistics == other.statistics
+    assert one.deepest_overlap == other.deepest_overlap
+    assert state_of(one, order) == state_of(other, np.arange(9))
+
+
+def test_the_same_bits_among_a_thousand():
+    """Five parts in a clearing of a crowd that fills a large table, in two threads or one."""
+    surface = Surface(115, 115)
+    rng = np.random.default_rng(2)
+    k = np.arange(1024)
+    crowd = np.column_stack([0.1 + 0.088 * (k % 32), 0.1 + 0.088 * (k // 32), rng.uniform(-3, 3, 1024)])
+    crowd = crowd[np.hypot(*(crowd[:, :2] - [1.5, 1.5]).T) > 0.25]
+    block = KINDS[1]
+    pose = np.array([[1.47, 1.5, 0.0], [1.53, 1.5, 0.5], [1.5, 1.56, 0.0], [1.49, 1.45, 0.0], [1.58, 1.56, 0.0]])
+    fields = (rng.uniform(0.0, 3e-4, (115, 115)), rng.uniform(-math.pi, math.pi, (115, 115)))
+
+    def run(more, first):
+        simulator = Simulator(surface, [block] * (5 + len(more)), walls=WALLS)
+        simulator.reset(np.concatenate([more[:first], pose, more[first:]]))
+        simulator.advance(*fields, 12)
+        return simulator
+
+    alone, among = run(crowd[:0], 0), run(crowd, 500)
+    assert state_of(among, np.arange(500, 505)) == state_of(alone, np.arange(5))
+    assert alone.statistics["contact_steps"] > 0
+    assert among.statistics["contact_steps"] > alone.statistics["contact_steps"]
+    assert among.deepest_overlap < 0.3e-3
+
+
+def test_counts_are_those_of_islands():
+    """Two pairs that know nothing of one another: as many calls of the solver as both have alone, in as many periods as one."""
+    pose = np.array([[0.1, 0.1, 0.0], [0.151, 0.1, 0.0], [0.7, 0.4, 0.0], [0.751, 0.4, 0.0]])
+    velocity = np.zeros((4, 3))
+    velocity[1::2, 0] = -0.1
+    fields = random_fields(SURFACE, 1, seed=5)
+    kinds = np.zeros(4, np.int64)
+    both = advanced(kinds, pose, velocity, 3, fields, []).statistics
+    each = [advanced(kinds[k : k + 2], pose[k : k + 2], velocity[k : k + 2], 3, fields, []).statistics for k in (0, 2)]
+    assert both["contact_steps"] == sum(one["contact_steps"] for one in each)
+    assert both["contact"] == max(one["contact"] for one in each)
+
+
+# -- islands that meet within a period -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", [0.5e-3, 2e-3, 5e-3])
+@pytest.mark.parametrize("pairs", [1, 3, 6])
+def test_a_blow_runs_through_pairs_that_were_apart(gap, pairs):
+    """Pairs in touch, each an island, in a row: within one period the blow goes through all, and the last disc leaves."""
+    x = [0.1]
+    for k in range(2 * pairs):
+        x.append(x[-1] + (0.06 if k == 0 else 0.04 + (1e-6 if k % 2 else gap)))
+    simulator = Simulator(STILL, [ELASTIC] * len(x))
+    velocity = np.zeros((len(x), 3))
+    velocity[0, 0] = 3.0
+    simulator.reset(np.column_stack([x, np.full(len(x), 0.5), np.zeros(len(x))]), velocity)
+    simulator.advance(0.0, 0.0)
+    assert simulator.velocity[0, :, 0] == pytest.approx([0.0] * (len(x) - 1) + [3.0], abs=1e-12)
+    way = 3.0 * STILL.period - 0.02 - gap * (pairs - 1)
+    assert simulator.pose[0, -1, 0] == pytest.approx(x[-1] + way, abs=1e-5 * len(x))
+    assert simulator.deepest_overlap < 1e-5
+
+
+@pytest.mark.parametrize("speed", [2.0, 5.0])
+def test_a_fast_part_through_several_islands(speed):
+    """Momentum and energy stay, and nobody is passed through, in many worlds of pairs that a fast disc flies at."""
+    worlds, rng = 40, np.random.default_rng(7)
+    parts = [ELASTIC] * 13
+    pose = np.zeros((worlds, 13, 3))
+    for k in range(12):
+        pose[:, 1 + k, 0] = 0.3 + 0.11 * (k // 4) + 0.02 * (k % 2)
+        pose[:, 1 + k, 1] = 0.35 + 0.08 * (k % 4) + rng.uniform(-0.005, 0.005, worlds)
+    pose[:, 0] = [0.1, 0.45, 0.0]
+    velocity = rng.uniform(-0.05, 0.05, pose.shape)
+    velocity[:, 0, 0], velocity[..., 2] = speed, 0.0
+    simulator = Simulator(STILL, parts, walls=WALLS, worlds=worlds)
+    simulator.reset(pose, velocity)
+    momentum, energy = simulator.velocity[..., 1].sum(axis=1), kinetic_energy(simulator)
+    for _ in range(4):
+        simulator.advance(0.0, 0.0)
+        away_from_walls = np.abs(simulator.pose[..., 1] - 0.5).max(axis=1) < 0.45
+        off = np.abs(simulator.velocity[..., 1].sum(axis=1) - momentum)
+        assert (off[away_from_walls] < 1e-12 * speed).all()
+        assert (np.abs(kinetic_energy(simulator) / energy - 1.0) < 2e-3).all()
+        assert gaps_between(parts, simulator.pose).min() > -60e-6
+    assert simulator.statistics["contact_steps"] > 3 * worlds
+    assert simulator.deepest_overlap < 60e-6
+
+
+def test_what_is_pushed_out_of_its_reach_meets_others():
+    """A disc at rest, hit by a much heavier and faster one, flies at a pair that was not near it."""
+    light, heavy = (Part.disc(0.01, friction=0.0, restitution=1.0, contact_friction=0.0, mass=m) for m in (0.01, 1.0))
+    for gap in (0.01, 0.03, 0.06, 0.1):
+        pose = [[0.1, 0.5, 0.0], [0.14, 0.5, 0.0], [0.16 + gap, 0.5, 0.0], [0.18 + gap + 1e-6, 0.5, 0.0]]
+        simulator = Simulator(STILL, [heavy, light, light, light])
+        simulator.reset(pose, [[3.0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
+        for _ in range(2):
+            simulator.advance(0.0, 0.0)
+            assert (np.diff(simulator.pose[0, :, 0]) > 0.02 - 20e-6).all()
+        assert simulator.velocity[0, 3, 0] == pytest.approx(6.0, abs=0.1)
+
+
+# -- what leaves, and what makes no sense ------------------------------------------------------------------------------------
+
+
+def test_a_world_in_which_one_part_makes_no_sense():
+    """It keeps its last state whole, heaps elsewhere in it included; other worlds do not notice."""
+    rng = np.random.default_rng(0)
+    kinds, pose, velocity = heap(rng, 6, (0.1, 0.1))
+    parts, fields = [KINDS[k] for k in kinds], random_fields(SURFACE, 3, seed=6)
+    simulator, sound = (Simulator(SURFACE, parts, worlds=3, walls=["left"]) for _ in range(2))
+    for each in (simulator, sound):
+        each.reset(pose, velocity)
+    simulator.state.velocity[1, 3, 0] = math.nan
+    for each in (simulator, sound):
+        each.advance(*fields, 3)
+    assert simulator.diverged.tolist() == [False, True, False]
+    others = [0, 1, 2, 4, 5]
+    assert (simulator.pose[1] == pose).all() and (simulator.velocity[1, others] == velocity[others]).all()
+    assert same(snapshot(simulator, [0, 2]), snapshot(sound, [0, 2]))
+
+
+def test_a_part_that_falls_leaves_its_island():
+    """Pushed over the border by another one: what follows goes on as if it had never been there."""
+    surface = Surface(8, 8)
+    block = KINDS[0]
+    simulator = Simulator(surface, [block, block, block])
+    simulator.reset([[0.015, 0.1, 0.0], [0.0655, 0.1, 0.0], [0.17, 0.1, 0.0]], [[-1, 0, 0], [-1.5, 0, 0], [0, 0, 0]])
+    for _ in range(8):
+        simulator.advance(0.0, 0.0)
+    assert simulator.fallen[0].tolist() == [True, True, False]
+    assert simulator.deepest_overlap < 0.3e-3
+
+
+def test_a_table_smaller_than_a_part_can_reach():
+    """One element, two parts, walls all around, and speeds at which each could cross it many times in a period."""
+    surface = Surface(1, 1, 0.1, 0.0)
+    simulator = Simulator(surface, [ELASTIC, ELASTIC], walls=WALLS, worlds=20)
+    rng = np.random.default_rng(1)
+    simulator.reset([[0.025, 0.025, 0.0], [0.075, 0.075, 0.0]], rng.uniform(-8, 8, (20, 2, 3)))
+    energy = kinetic_energy(simulator)
+    simulator.advance(0.0, 0.0, 3)
+    assert not simulator.fallen.any() and simulator.deepest_overlap < 60e-6
+    assert np.abs(kinetic_energy(simulator) / energy - 1.0).max() < 1e-3
+
+
+# -- near pairs ------------------------------------------------------------------------------------------------------------
+
+
+@jit
+def found_pairs(table, walls, circles, count, pairs):
+    """Near pairs, for Python."""
+    return near_pairs(reference(table), walls, reference(circles), count, pairs)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.sampled_from([0.0, 1.0, 4.0]), st.integers(0, 15))
+def test_near_pairs_are_all_pairs_that_are_near(seed, count, spread, walls):
+    """Against all pairs: circles of one size or of very different ones, some of them beyond all bounds, in any place."""
+    rng = np.random.default_rng(seed)
+    circles = new_circles(count)
+    circles.x[:], circles.y[:] = rng.uniform(-0.2, 1.2, (2, count))
+    circles.reach[:] = 0.02 * 10.0 ** rng.uniform(0.0, spread, count)
+    circles.reach[rng.random(count) < 0.05 * (spread > 1.0)] = math.inf
+    circles.x[rng.random(count) < 0.1] = 0.5
+    pairs = np.empty((pair_capacity(count), 2), np.int64)
+    n = found_pairs(STILL.table(()), walls, circles, count, pairs)
+    found = [tuple(sorted(pair)) if pair[1] >= 0 else tuple(pair) for pair in pairs[:n].tolist()]
+    place = np.column_stack([circles.x, circles.y])
+    expected = {
+        (i, j)
+        for i in range(count)
+        for j in range(i + 1, count)
+        if ((place[i] - place[j]) ** 2).sum() <= (circles.reach[i] + circles.reach[j]) ** 2
+    }
+    for i, (x, y) in enumerate(place):
+        away = (x, 1.0 - x, y, 1.0 - y)
+        expected |= {(i, -1 - k) for k in range(4) if walls >> k & 1 and away[k] <= circles.reach[i]}
+    assert len(found) == len(set(found)) and set(found) == expected
