@@ -39,7 +39,7 @@ def placed_safe_step(encounter, pairs, h):
 
 def encounter_of(parts, walls):
     """An encounter of these parts, none of them fallen, whose poses and velocities are set by :func:`enter`."""
-    table, bodies, hulls = SURFACE.table(walls), bodies_of(parts), hulls_of(parts)
+    table, bodies, hulls = SURFACE.table(walls), bodies_of(parts, SURFACE.element_size), hulls_of(parts)
     schemes = planar_schemes(SURFACE, parts, walls)
     scheme = max(schemes.alone, key=lambda scheme: scheme.substeps)
     workspace = new_workspace(table, bodies, scheme, len(parts))

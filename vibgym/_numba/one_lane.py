@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from vibgym._numba.plain import exact
 
-LANES = 1
+LANES = WIDTH = 1
 """Doubles of a value."""
 
 
@@ -30,7 +28,9 @@ def store(data, at, value):
     data[at] = value
 
 
-load_mask, store_mask = load, store
+load_register = load_mask = load
+store_mask = store
+spread_register = spread
 
 
 @exact
@@ -43,6 +43,9 @@ def bits(mask):
 def mask_of(number):
     """Whether the number is 1."""
     return number != 0
+
+
+mask_register = mask_of
 
 
 @exact
@@ -88,10 +91,9 @@ def copysign(value, sign):
 
 
 @exact
-def inverse_root(value):
-    """One over the root, to 1e-14 of it."""
-    estimate = np.float64(np.float32(1.0) / np.sqrt(np.float32(value)))
-    return estimate * (1.5 - 0.5 * value * estimate * estimate)
+def root(value):
+    """The root."""
+    return math.sqrt(value)
 
 
 @exact

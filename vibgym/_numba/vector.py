@@ -1,6 +1,6 @@
 """Eight doubles as one value of a kernel: :data:`LANES` worlds side by side, a lane each.
 
-Operators work lane by lane, and so do ``minimum``, ``maximum``, ``floor``, ``magnitude``, ``copysign`` and ``inverse_root``;
+Operators work lane by lane, and so do ``minimum``, ``maximum``, ``floor``, ``magnitude``, ``copysign`` and ``root``;
 a number stands for itself in every lane, and ``spread(number)`` makes a value of it. Comparisons yield masks: ``&``, ``|`` and
 ``no`` combine them, ``select(mask, one, other)`` chooses by them, ``bits(mask)`` and ``mask_of(number)`` turn them into whole
 numbers and back. ``load`` and ``store`` move values from and to flat arrays, ``load_mask`` and ``store_mask`` masks;
@@ -20,12 +20,10 @@ else:
     from vibgym._numba import vec8 as _form
 
 LANES: int = _form.LANES
-spread, load, store, load_mask, store_mask = (
-    _form.spread, _form.load, _form.store, _form.load_mask, _form.store_mask,
-)  # fmt: skip
-bits, mask_of, no, select, least, greatest = (
-    _form.bits, _form.mask_of, _form.no, _form.select, _form.least, _form.greatest,
-)  # fmt: skip
-minimum, maximum, floor, magnitude, copysign, inverse_root = (
-    _form.minimum, _form.maximum, _form.floor, _form.magnitude, _form.copysign, _form.inverse_root,
-)  # fmt: skip
+WIDTH: int = _form.WIDTH
+load, load_register, store = _form.load, _form.load_register, _form.store
+load_mask, store_mask = _form.load_mask, _form.store_mask
+spread, spread_register = _form.spread, _form.spread_register
+bits, mask_of, mask_register, no, select = _form.bits, _form.mask_of, _form.mask_register, _form.no, _form.select
+minimum, maximum, least, greatest = _form.minimum, _form.maximum, _form.least, _form.greatest
+floor, magnitude, copysign, root = _form.floor, _form.magnitude, _form.copysign, _form.root

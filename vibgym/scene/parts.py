@@ -130,16 +130,20 @@ class Part:
             contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
         )
 
-    def body(self) -> Body:
-        """The part as the kernels take it."""
+    def body(self, element_size: float | None = None) -> Body:
+        """The part as the kernels take it; a disc with as few corners as sliding on elements of that size (m) needs."""
+        outline = np.array(self.outline)
+        if self.symmetry == 0 and element_size is not None:
+            radius = math.sqrt(self.area / math.pi)
+            outline = outlines.disc_outline(radius, outlines.sliding_corners(radius, element_size))
         return Body(
-            np.array(self.outline),
+            outline,
             self.area,
-            self.radius,
+            float(np.hypot(*outline.T).max()),
             self.gyration,
             self.friction,
             self.static_friction,
-            outlines.is_convex(self.outline),
+            outlines.is_convex(outline),
             self.symmetry != 0,
         )
 
@@ -188,10 +192,10 @@ def kinds_of(
     return kinds, np.array(numbers)
 
 
-def bodies_of(parts: Sequence[Part]) -> Bodies:
-    """The parts of a world as the kernels take them."""
+def bodies_of(parts: Sequence[Part], element_size: float) -> Bodies:
+    """The parts of a world as the kernels take them, on elements of that size (m)."""
     kinds, numbers = kinds_of(parts)
-    bodies = [kind.body() for kind in kinds]
+    bodies = [kind.body(element_size) for kind in kinds]
     return Bodies(
         kind=numbers,
         outline=np.concatenate([body.outline for body in bodies]),

@@ -60,7 +60,7 @@ def _slide(setup: Pinned[FixedScene], rows: np.ndarray, drive: Drive, state: int
 
 def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
     """What one thread needs."""
-    table, bodies = setup.surface.table(), bodies_of(setup.parts)
+    table, bodies = setup.surface.table(), bodies_of(setup.parts, setup.surface.element_size)
     return Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES)))
 
 

@@ -108,7 +108,7 @@ class ContactBuffers:
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
-        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts)
+        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
         self.parts = len(setup.parts)
         self._space = ContactSpace(setup.surface, setup.parts, setup.walls)  # the solver's addresses point into it
         most = max(schemes.alone, key=lambda scheme: scheme.substeps)  # working arrays are for the longest steps

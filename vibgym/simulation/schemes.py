@@ -43,7 +43,9 @@ class PlanarSchemes(NamedTuple):
 
     alone: tuple[Scheme, ...]  # one a kind
     fewest: int  # steps of the coupling in a period
-    bend: tuple[float, ...]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: the number does not depend on friction
+    bend: tuple[
+        float, ...
+    ]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: friction has no say in their number
     overlap: tuple[float, ...]  # m that an impact may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 

@@ -188,7 +188,9 @@ class Paths(NamedTuple):
     pose: np.ndarray  # (parts, most steps + 1, 3) at the ends of a part's steps
     steps: np.ndarray  # (parts,) of the part's path
     driven: np.ndarray  # (parts,) bool: with contacts
-    travel: np.ndarray  # (parts, most steps) m, farthest that a point of a driven part gets in a step from where it began it
+    travel: (
+        np.ndarray
+    )  # (parts, most steps) m, farthest that a point of a driven part gets in a step from where it began it
 
 
 @borrowing

@@ -93,7 +93,10 @@ def new_prospect(worlds: int, parts: int, steps: np.ndarray) -> Prospect:
 def copy_part(source, world, target, to, part):
     """Copy a part from one state to another, but for the conditions, which stay as they are."""
     for k in range(3):
-        target.pose[to, part, k], target.velocity[to, part, k] = source.pose[world, part, k], source.velocity[world, part, k]
+        target.pose[to, part, k], target.velocity[to, part, k] = (
+            source.pose[world, part, k],
+            source.velocity[world, part, k],
+        )
         target.mean_velocity[to, part, k] = source.mean_velocity[world, part, k]
     target.fallen[to, part], target.sticking[to, part] = source.fallen[world, part], source.sticking[world, part]
 
@@ -163,9 +166,7 @@ def broad_phase(start, stop, fixed, state, prospect):
         prospect.found[w] = found
         if found > 0:
             any_near = True
-            find_touching(
-                fixed, state.pose[world], prospect.pairs[w], found, prospect.gap[w], prospect.driven[w]
-            )
+            find_touching(fixed, state.pose[world], prospect.pairs[w], found, prospect.gap[w], prospect.driven[w])
         for part in range(parts):
             if found > 0:
                 copy_part(state, world, prospect.kept, w, part)
@@ -221,9 +222,7 @@ def resolve_world(world, w, fixed, drive, state, prospect, counts):
     mode, wild = NEAR, 0
     while not state.diverged[world] and run_waiting(world, w, fixed, drive, state, prospect, paths):
         mode = CONTACT
-        wild = join_what_met(
-            islands, fixed, state, world, prospect.pairs[w], paths, prospect.kept.fallen[w], wild
-        )
+        wild = join_what_met(islands, fixed, state, world, prospect.pairs[w], paths, prospect.kept.fallen[w], wild)
     if state.diverged[world]:
         for part in range(parts):
             copy_part(prospect.kept, w, state, world, part)

@@ -14,15 +14,16 @@ import math
 from vibgym._numba.jit import exact, exact_inlined
 from vibgym._numba.vector import (
     LANES,
+    WIDTH,
     copysign,
     greatest,
     least,
-    load,
+    load_register,
     magnitude,
     maximum,
     minimum,
     select,
-    spread,
+    spread_register,
     store,
 )
 
@@ -30,7 +31,7 @@ CELL_FIELDS = 9
 """Of a cell: area, x (twice), y, xx (three times), xy (twice), yy of the strips to its left border, then the height moments
 1, y, yy."""
 
-CELL = CELL_FIELDS * LANES
+CELL = CELL_FIELDS * WIDTH
 
 MARGIN = 1e-9
 """By which the window is wider than the part, as a share of its radius, so that rounding keeps corners within."""
@@ -46,11 +47,6 @@ def window(radius: float) -> int:
 
 
 @exact_inlined
-def _add(cells, at, value):
-    store(cells, at, load(cells, at) + value)
-
-
-@exact_inlined
 def add_strip(cells, at, x0, y0, x1, y1, sign):
     """Add the strip to the left of a piece of an edge, in the coordinates of its cell.
 
@@ -62,15 +58,15 @@ def add_strip(cells, at, x0, y0, x1, y1, sign):
     dx, dy = _SPREAD * (x1 - x0), _SPREAD * (y1 - y0)
     xx, xy, across = dx * dx, dx * dy, dy * dy
     mean_xx, mean_xy, mean_yy = x * x + xx, x * y + xy, y * y + across
-    _add(cells, at, height * x)
-    _add(cells, at + LANES, height * mean_xx)
-    _add(cells, at + 2 * LANES, height * mean_xy)
-    _add(cells, at + 3 * LANES, height * (x * (mean_xx + 2.0 * xx)))
-    _add(cells, at + 4 * LANES, height * (y * mean_xx + 2.0 * x * xy))
-    _add(cells, at + 5 * LANES, height * (x * mean_yy + 2.0 * y * xy))
-    _add(cells, at + 6 * LANES, height)
-    _add(cells, at + 7 * LANES, height * y)
-    _add(cells, at + 8 * LANES, height * mean_yy)
+    store(cells, at, load_register(cells, at) + height * x)
+    store(cells, at + WIDTH, load_register(cells, at + WIDTH) + height * mean_xx)
+    store(cells, at + 2 * WIDTH, load_register(cells, at + 2 * WIDTH) + height * mean_xy)
+    store(cells, at + 3 * WIDTH, load_register(cells, at + 3 * WIDTH) + height * (x * (mean_xx + 2.0 * xx)))
+    store(cells, at + 4 * WIDTH, load_register(cells, at + 4 * WIDTH) + height * (y * mean_xx + 2.0 * x * xy))
+    store(cells, at + 5 * WIDTH, load_register(cells, at + 5 * WIDTH) + height * (x * mean_yy + 2.0 * y * xy))
+    store(cells, at + 6 * WIDTH, load_register(cells, at + 6 * WIDTH) + height)
+    store(cells, at + 7 * WIDTH, load_register(cells, at + 7 * WIDTH) + height * y)
+    store(cells, at + 8 * WIDTH, load_register(cells, at + 8 * WIDTH) + height * mean_yy)
 
 
 @exact_inlined
@@ -90,8 +86,8 @@ def add_edge(ax, ay, bx, by, cutting, across, cells, crossings):
     Args:
         cutting: the lanes that have an edge; those of the others must have no length.
         across: cells along a side of the window.
-        cells: flat (cell, field, lane).
-        crossings: flat (column, lane), a working array.
+        cells: flat (cell, field, register).
+        crossings: flat (column, register), a working array.
 
     Returns:
         First and last row and column that any edge reaches.
@@ -110,20 +106,20 @@ def add_edge(ax, ay, bx, by, cutting, across, cells, crossings):
     # Where the edge crosses the line to the right of each column, the same for cells above one another and side by side: or
     # nearly vertical edges leak. Its ends are exact.
     for column in range(first_column, last_column + 1):
-        line = spread(float(column + 1))
+        line = spread_register(float(column + 1))
         at = select(line >= right, end, ay + (line - ax) * steepness)
-        store(crossings, column * LANES, select(line <= left, begin, at))
+        store(crossings, column * WIDTH, select(line <= left, begin, at))
     low = bottom
     x_low = _within(ax + (low - ay) * slope, left, right)
     for row in range(first_row, last_row + 1):
-        high = _within(spread(float(row + 1)), bottom, top)
+        high = _within(spread_register(float(row + 1)), bottom, top)
         x_high = _within(ax + (high - ay) * slope, left, right)
         x_left, x_right = minimum(x_low, x_high), maximum(x_low, x_high)
         floor, ceiling = low - float(row), high - float(row)
         x0, y0 = x_left, _within(begin - float(row), floor, ceiling)
         for column in range(first_column, last_column + 1):
-            y1 = _within(load(crossings, column * LANES) - float(row), floor, ceiling)
-            x1 = _within(spread(float(column + 1)), x_left, x_right)
+            y1 = _within(load_register(crossings, column * WIDTH) - float(row), floor, ceiling)
+            x1 = _within(spread_register(float(column + 1)), x_left, x_right)
             at = (row * across + column) * CELL
             add_strip(cells, at, x0 - float(column), y0, x1 - float(column), y1, sign)
             x0, y0 = x1, y1
@@ -132,27 +128,31 @@ def add_edge(ax, ay, bx, by, cutting, across, cells, crossings):
 
 
 @exact
-def cut_outlines(outline, corners, x, y, cosine, sine, cutting, across, cells, crossings):
+def cut_outlines(outline, first, corners, x, y, cosine, sine, cutting, across, cells, crossings):
     """Gather the moments of all cells that eight outlines touch.
 
     Args:
         outline: flat (corner, 2, lane) m, about the centres of mass; outlines with fewer corners repeat their last one.
+        first: of the lanes.
         corners: of the outline with the most.
         x, y: centres of mass in the window, in elements; those of the lanes that are not cut are nought, and likewise:
         cosine, sine: of the headings, over the size of an element (m^-1).
         cutting: lanes that are cut.
         across: cells along a side of the window.
-        cells: flat (across x across, field, lane), noughts, added to.
-        crossings: flat (across, lane), a working array.
+        cells: flat (across x across, field, register), noughts, added to.
+        crossings: flat (across, register), a working array.
 
     Returns:
         First and last row and column that any outline reaches.
     """
-    ox, oy = load(outline, 2 * (corners - 1) * LANES), load(outline, (2 * corners - 1) * LANES)
+    ox, oy = (
+        load_register(outline, first + 2 * (corners - 1) * LANES),
+        load_register(outline, first + (2 * corners - 1) * LANES),
+    )
     ax, ay = x + cosine * ox - sine * oy, y + sine * ox + cosine * oy
     box = across, -1, across, -1
     for k in range(corners):
-        ox, oy = load(outline, 2 * k * LANES), load(outline, (2 * k + 1) * LANES)
+        ox, oy = load_register(outline, first + 2 * k * LANES), load_register(outline, first + (2 * k + 1) * LANES)
         bx, by = x + cosine * ox - sine * oy, y + sine * ox + cosine * oy
         first_row, last_row, first_column, last_column = add_edge(ax, ay, bx, by, cutting, across, cells, crossings)
         box = (

@@ -7,7 +7,7 @@ at a cost that does not depend on the number of elements underneath. With ``z = 
     M_ab = sum over pieces of p * integral of z^a conj(z)^b,      a >= b, a + b <= 4
 
 and ``M_ba`` is its conjugate. Pressure is ``g - C cos wt + S sin wt`` on each piece, so every moment comes three times: for
-1, C and S. Worlds stand side by side in the innermost index of flat arrays (lanes, :mod:`vibgym._numba.vector`).
+``g``, C and S. Worlds stand side by side in the innermost index of flat arrays (lanes, :mod:`vibgym._numba.vector`).
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ import numpy as np
 from vibgym._numba.jit import exact, exact_inlined
 from vibgym._numba.vector import (
     LANES,
+    WIDTH,
     bits,
-    load,
+    load_register,
     maximum,
     minimum,
     select,
-    spread,
+    spread_register,
     store,
 )
 from vibgym.physics.planar.group_cut import CELL
@@ -31,7 +32,7 @@ from vibgym.physics.planar.phasors import phasor_under
 __all__ = ["LANES", "MOMENT_ROWS", "PIECE_FIELDS", "collect_pieces", "pressure_moments"]
 
 MOMENT_ROWS = 45
-"""M00, M11, M22, then real and imaginary part of M10, M21, M20, M31, M30, M40; each for 1, C and S."""
+"""M00, M11, M22, then real and imaginary part of M10, M21, M20, M31, M30, M40; each for ``g``, C and S."""
 
 SHAPE_MOMENTS = 14
 """Of a piece, all but M00, over its weight."""
@@ -39,7 +40,7 @@ SHAPE_MOMENTS = 14
 PIECE_FIELDS = 3 + SHAPE_MOMENTS
 """Weight, times C, times S, and the moments."""
 
-PIECE = PIECE_FIELDS * LANES
+PIECE = PIECE_FIELDS * WIDTH
 
 AT_A_TIME = 2
 """Moments that are summed over all pieces together: as many as registers hold."""
@@ -69,30 +70,31 @@ def store_moments(pieces, at, uu, uv, vv, x, y):
     x3, y3 = x2 * x - y2 * y, x2 * y + y2 * x
     one, three = r2 + 2.0 * q, r2 + 3.0 * q
     store(pieces, at, r2 + q)
-    store(pieces, at + LANES, r2 * r2 + 2.0 * (x2 * px + y2 * py) + 4.0 * r2 * q + fourth)
-    store(pieces, at + 2 * LANES, x)
-    store(pieces, at + 3 * LANES, y)
-    store(pieces, at + 4 * LANES, one * x + (x * px + y * py))
-    store(pieces, at + 5 * LANES, one * y + (x * py - y * px))
-    store(pieces, at + 6 * LANES, x2 + px)
-    store(pieces, at + 7 * LANES, y2 + py)
-    store(pieces, at + 8 * LANES, three * x2 + (3.0 * r2 * px + tx))
-    store(pieces, at + 9 * LANES, three * y2 + (3.0 * r2 * py + ty))
-    store(pieces, at + 10 * LANES, x3 + 3.0 * (x * px - y * py))
-    store(pieces, at + 11 * LANES, y3 + 3.0 * (x * py + y * px))
-    store(pieces, at + 12 * LANES, x2 * x2 - y2 * y2 + (6.0 * (x2 * px - y2 * py) + fx))
-    store(pieces, at + 13 * LANES, 2.0 * (x2 * y2) + (6.0 * (x2 * py + y2 * px) + fy))
+    store(pieces, at + WIDTH, r2 * r2 + 2.0 * (x2 * px + y2 * py) + 4.0 * r2 * q + fourth)
+    store(pieces, at + 2 * WIDTH, x)
+    store(pieces, at + 3 * WIDTH, y)
+    store(pieces, at + 4 * WIDTH, one * x + (x * px + y * py))
+    store(pieces, at + 5 * WIDTH, one * y + (x * py - y * px))
+    store(pieces, at + 6 * WIDTH, x2 + px)
+    store(pieces, at + 7 * WIDTH, y2 + py)
+    store(pieces, at + 8 * WIDTH, three * x2 + (3.0 * r2 * px + tx))
+    store(pieces, at + 9 * WIDTH, three * y2 + (3.0 * r2 * py + ty))
+    store(pieces, at + 10 * WIDTH, x3 + 3.0 * (x * px - y * py))
+    store(pieces, at + 11 * WIDTH, y3 + 3.0 * (x * py + y * px))
+    store(pieces, at + 12 * WIDTH, x2 * x2 - y2 * y2 + (6.0 * (x2 * px - y2 * py) + fx))
+    store(pieces, at + 13 * WIDTH, 2.0 * (x2 * y2) + (6.0 * (x2 * py + y2 * px) + fy))
 
 
 @exact
-def read_missing(scene, g, row, column, missing):
-    """Read the phasors of the elements in a cell of the window, for those lanes whose bits are set."""
+def read_missing(scene, g, first, row, column, missing):
+    """Read the phasors of the elements in a cell of the window, for those lanes from ``first`` on whose bits are set."""
     workspace = scene.workspace
     cell, base = row * workspace.across + column, workspace.base[g]
-    workspace.known[g, cell] |= missing
+    workspace.known[g, cell] |= missing << first
     c, s = workspace.phasor_c[g], workspace.phasor_s[g]
-    for lane in range(LANES):
-        if missing >> lane & 1:
+    for k in range(WIDTH):
+        if missing >> k & 1:
+            lane = first + k
             slot = g * LANES + lane
             c[cell * LANES + lane], s[cell * LANES + lane] = phasor_under(
                 workspace.phasors, slot, scene.drive, workspace.world[slot],
@@ -101,7 +103,7 @@ def read_missing(scene, g, row, column, missing):
 
 
 @exact
-def collect_pieces(scene, g, x, y, smallest, box):
+def collect_pieces(scene, g, first, x, y, smallest, box):
     """Turn the cells that a group's outlines touch into pieces, in the group's working array, and clear them.
 
     Args:
@@ -114,88 +116,92 @@ def collect_pieces(scene, g, x, y, smallest, box):
     """
     table, workspace = scene.table, scene.workspace
     pitch, cells, pieces, across = table.element_size, workspace.cells, workspace.pieces, workspace.across
-    base_x, base_y = load(workspace.base[g], 0), load(workspace.base[g], LANES)
-    total, total_c, total_s, n = spread(0.0), spread(0.0), spread(0.0), 0
-    nought, square = spread(0.0), pitch * pitch
+    base_x, base_y = load_register(workspace.base[g], first), load_register(workspace.base[g], LANES + first)
+    total, total_c, total_s, n = spread_register(0.0), spread_register(0.0), spread_register(0.0), 0
+    nought, square = spread_register(0.0), pitch * pitch
     for row in range(box[0], box[1] + 1):
         height, height_y, height_yy = nought, nought, nought
         place = base_y + float(row)
         on_row = (place >= 0.0) & (place < float(table.rows))
         for column in range(box[3], box[2] - 1, -1):
             at = (row * across + column) * CELL
-            area = load(cells, at) + height
+            area = load_register(cells, at) + height
             place = base_x + float(column)
             held = on_row & (place >= 0.0) & (place < float(table.columns)) & (area > smallest)
             found = bits(held)
             if found != 0:
                 cell = row * across + column
-                missing = found & ~workspace.known[g, cell]
+                missing = found & ~(workspace.known[g, cell] >> first)
                 if missing != 0:
-                    read_missing(scene, g, row, column, missing)
+                    read_missing(scene, g, first, row, column, missing)
                 weight, inverse = select(held, area, 0.0), 1.0 / select(held, area, 1.0)
-                c, s = load(workspace.phasor_c[g], cell * LANES), load(workspace.phasor_s[g], cell * LANES)
+                c, s = (
+                    load_register(workspace.phasor_c[g], cell * LANES + first),
+                    load_register(workspace.phasor_s[g], cell * LANES + first),
+                )
                 weight_c, weight_s = weight * c, weight * s
                 # Clamping only ever touches slivers whose moments have lost their digits.
-                u = minimum(maximum(0.5 * (load(cells, at + LANES) + height) * inverse, 0.0), 1.0)
-                v = minimum(maximum((load(cells, at + 2 * LANES) + height_y) * inverse, 0.0), 1.0)
-                uu = (load(cells, at + 3 * LANES) + height) * (1.0 / 3.0) * inverse - u * u
-                uv = 0.5 * (load(cells, at + 4 * LANES) + height_y) * inverse - u * v
-                vv = (load(cells, at + 5 * LANES) + height_yy) * inverse - v * v
+                u = minimum(maximum(0.5 * (load_register(cells, at + WIDTH) + height) * inverse, 0.0), 1.0)
+                v = minimum(maximum((load_register(cells, at + 2 * WIDTH) + height_y) * inverse, 0.0), 1.0)
+                uu = (load_register(cells, at + 3 * WIDTH) + height) * (1.0 / 3.0) * inverse - u * u
+                uv = 0.5 * (load_register(cells, at + 4 * WIDTH) + height_y) * inverse - u * v
+                vv = (load_register(cells, at + 5 * WIDTH) + height_yy) * inverse - v * v
                 piece = n * PIECE
                 store(pieces, piece, weight)
-                store(pieces, piece + LANES, weight_c)
-                store(pieces, piece + 2 * LANES, weight_s)
+                store(pieces, piece + WIDTH, weight_c)
+                store(pieces, piece + 2 * WIDTH, weight_s)
                 store_moments(
-                    pieces, piece + 3 * LANES,
+                    pieces, piece + 3 * WIDTH,
                     square * minimum(maximum(uu, 0.0), 0.25), square * minimum(maximum(uv, -0.25), 0.25),
                     square * minimum(maximum(vv, 0.0), 0.25),
                     (u + float(column) - x) * pitch, (v + float(row) - y) * pitch,
                 )  # fmt: skip
                 total, total_c, total_s, n = total + weight, total_c + weight_c, total_s + weight_s, n + 1
-            height = height + load(cells, at + 6 * LANES)
-            height_y = height_y + load(cells, at + 7 * LANES)
-            height_yy = height_yy + load(cells, at + 8 * LANES)
-            for field in range(0, CELL, LANES):
+            height = height + load_register(cells, at + 6 * WIDTH)
+            height_y = height_y + load_register(cells, at + 7 * WIDTH)
+            height_yy = height_yy + load_register(cells, at + 8 * WIDTH)
+            for field in range(0, CELL, WIDTH):
                 store(cells, at + field, nought)
     return n, total, total_c, total_s
 
 
 @exact_inlined
-def _keep(moments, row, cutting, value):
+def _keep(moments, at, cutting, value):
     """Write a moment into the lanes that have been cut."""
-    store(moments, row * LANES, select(cutting, value, load(moments, row * LANES)))
+    store(moments, at, select(cutting, value, load_register(moments, at)))
 
 
 @exact
-def sum_moments(pieces, n, cutting, inverse, moments):
+def sum_moments(pieces, n, cutting, inverse, gravity, moments, first):
     """Sum the moments of ``n`` pieces of every lane.
 
     Args:
         cutting: lanes whose moments are overwritten.
         inverse: one over their areas.
+        gravity: m/s^2, times the same.
         moments: flat (MOMENT_ROWS, lane); the first three rows are the caller's.
     """
     for shape in range(0, SHAPE_MOMENTS, AT_A_TIME):
-        a, ac, a_s = spread(0.0), spread(0.0), spread(0.0)
-        b, bc, bs = spread(0.0), spread(0.0), spread(0.0)
+        a, ac, a_s = spread_register(0.0), spread_register(0.0), spread_register(0.0)
+        b, bc, bs = spread_register(0.0), spread_register(0.0), spread_register(0.0)
         for piece in range(0, n * PIECE, PIECE):
-            weight = load(pieces, piece)
-            weight_c, weight_s = load(pieces, piece + LANES), load(pieces, piece + 2 * LANES)
-            at = piece + (3 + shape) * LANES
-            one, other = load(pieces, at), load(pieces, at + LANES)
+            weight = load_register(pieces, piece)
+            weight_c, weight_s = load_register(pieces, piece + WIDTH), load_register(pieces, piece + 2 * WIDTH)
+            at = piece + (3 + shape) * WIDTH
+            one, other = load_register(pieces, at), load_register(pieces, at + WIDTH)
             a, ac, a_s = a + weight * one, ac + weight_c * one, a_s + weight_s * one
             b, bc, bs = b + weight * other, bc + weight_c * other, bs + weight_s * other
-        row = 3 + 3 * shape
-        _keep(moments, row, cutting, a * inverse)
-        _keep(moments, row + 1, cutting, ac * inverse)
-        _keep(moments, row + 2, cutting, a_s * inverse)
-        _keep(moments, row + 3, cutting, b * inverse)
-        _keep(moments, row + 4, cutting, bc * inverse)
-        _keep(moments, row + 5, cutting, bs * inverse)
+        row = (3 + 3 * shape) * LANES + first
+        _keep(moments, row, cutting, a * gravity)
+        _keep(moments, row + 1 * LANES, cutting, ac * inverse)
+        _keep(moments, row + 2 * LANES, cutting, a_s * inverse)
+        _keep(moments, row + 3 * LANES, cutting, b * gravity)
+        _keep(moments, row + 4 * LANES, cutting, bc * inverse)
+        _keep(moments, row + 5 * LANES, cutting, bs * inverse)
 
 
 @exact
-def pressure_moments(scene, g, x, y, smallest, box, cutting):
+def pressure_moments(scene, g, first, x, y, smallest, box, cutting):
     """Moments of a group's pieces, normalised to their area, from the cells that its outlines touch; clears the cells.
 
     Args:
@@ -206,11 +212,12 @@ def pressure_moments(scene, g, x, y, smallest, box, cutting):
         Lanes that are supported.
     """
     moments = scene.workspace.moments[g]
-    n, total, total_c, total_s = collect_pieces(scene, g, x, y, smallest, box)
+    n, total, total_c, total_s = collect_pieces(scene, g, first, x, y, smallest, box)
     held = total > 0.0
     inverse = select(held, 1.0, 0.0) / select(held, total, 1.0)
-    _keep(moments, 0, cutting, total * inverse)
-    _keep(moments, 1, cutting, total_c * inverse)
-    _keep(moments, 2, cutting, total_s * inverse)
-    sum_moments(scene.workspace.pieces, n, cutting, inverse, moments)
+    gravity = scene.table.gravity * inverse
+    _keep(moments, first, cutting, total * gravity)
+    _keep(moments, LANES + first, cutting, total_c * inverse)
+    _keep(moments, 2 * LANES + first, cutting, total_s * inverse)
+    sum_moments(scene.workspace.pieces, n, cutting, inverse, gravity, moments, first)
     return held

@@ -38,7 +38,7 @@ def slide_by_series(table, step, moments, pose, velocity, own):
         own: flat (6, lane): largest ``(omega / |u|)^2`` and smallest ``|u|^2`` in the step, overwritten; friction, friction
             over the inertia per mass (m^-2), and the incline x and y (m/s^2).
     """
-    h, gravity, speed = step.h, table.gravity, table.speed
+    h, speed = step.h, table.speed
     eighth = 0.125 * h
     friction, turn = load(own, 2 * LANES), load(own, 3 * LANES)
     px, py = load(own, 4 * LANES), load(own, 5 * LANES)
@@ -53,11 +53,11 @@ def slide_by_series(table, step, moments, pose, velocity, own):
         gain_x, gain_y, gain_w = spread(0.0), spread(0.0), spread(0.0)  # a + 3 b + 3 c + d
         for stage in range(4):
             c, s = step.cosine[node + stage], step.sine[node + stage]
-            ax, ay, aw, square, varies = expanded_wrench(
-                moments, gravity, -c, s, -speed * s - (vx + dx), speed * c - (vy + dy), spin + dw
+            fx, fy, fw, square, varies = expanded_wrench(
+                moments, -c, s, -speed * s - vx - dx, speed * c - vy - dy, spin + dw
             )
             least, most = minimum(least, square), maximum(most, varies)
-            ax, ay, aw = friction * ax + px, friction * ay + py, turn * aw
+            ax, ay, aw = friction * fx + px, friction * fy + py, turn * fw
             inner = 3.0 if stage == 1 or stage == 2 else 1.0
             gain_x, gain_y, gain_w = gain_x + inner * ax, gain_y + inner * ay, gain_w + inner * aw
             if stage == 3:
@@ -66,9 +66,10 @@ def slide_by_series(table, step, moments, pose, velocity, own):
             way_x, way_y, way_w = way_x + twice * ax, way_y + twice * ay, way_w + twice * aw
             # Stages begin with h / 3 a, with h b - h / 3 a, and with h (a - b + c) more than the step.
             share, before = h / 3.0 if stage == 0 else h, 2.0 if stage == 2 else 0.0
-            dx, ex = share * ax - dx + before * ex, dx
-            dy, ey = share * ay - dy + before * ey, dy
-            dw, ew = share * aw - dw + before * ew, dw
+            grip = share * friction
+            dx, ex = grip * fx + (share * px + (before * ex - dx)), dx
+            dy, ey = grip * fy + (share * py + (before * ey - dy)), dy
+            dw, ew = share * turn * fw + (before * ew - dw), dw
         x, y, heading = (
             x + h * (vx + eighth * way_x),
             y + h * (vy + eighth * way_y),

@@ -14,12 +14,16 @@ import math
 from vibgym._numba.jit import borrowing, exact
 from vibgym._numba.vector import (
     LANES,
+    WIDTH,
     bits,
     floor,
     load,
     load_mask,
+    load_register,
     magnitude,
     mask_of,
+    mask_register,
+    minimum,
     no,
     select,
     store,
@@ -34,6 +38,7 @@ from vibgym.physics.planar.phasors import forget_phasors
 from vibgym.physics.planar.points import MOST_TRAVEL, MOST_TURN, slide_by_points
 from vibgym.physics.planar.pressure_moments import pressure_moments
 from vibgym.physics.planar.series import limits, slide_by_series
+from vibgym.physics.planar.workspace import SECTORS
 
 ELSEWHERE = -1e300
 """First column of a window that has not been placed."""
@@ -54,20 +59,38 @@ def finite_lane(values, lane):
 
 @borrowing
 def enter_shape(scene, slot, kind):
-    """Write down a kind's outline, and what of its shape the cut needs: radius and smallest piece (in elements), whether its
-    outline turns with it, and whether it cannot fall while its centre of mass is on the table."""
+    """Write down what of a kind's shape the cut needs: radius and smallest piece (in elements), whether its outline turns with
+    it, and whether it cannot fall while its centre of mass is on the table."""
     workspace, bodies, pitch = scene.workspace, scene.bodies, scene.table.element_size
     g, lane = slot // LANES, slot % LANES
-    outline, shape = workspace.outline[g], workspace.shape[g]
-    first, last = bodies.first[kind], bodies.first[kind + 1] - 1
-    for k in range(workspace.corners):
-        for axis in range(2):
-            outline[(2 * k + axis) * LANES + lane] = bodies.outline[first + k if first + k < last else last, axis]
+    shape = workspace.shape[g]
     shape[lane] = bodies.radius[kind] / pitch * (1.0 + MARGIN)
     shape[LANES + lane] = NEGLIGIBLE_PIECE * bodies.area[kind] / (pitch * pitch)
     shape[2 * LANES + lane] = 1.0 if bodies.turns[kind] else 0.0
     shape[3 * LANES + lane] = 1.0 if bodies.convex[kind] else 0.0
     workspace.kind[slot] = kind
+    workspace.sector[g, lane] = -1.0
+
+
+@borrowing
+def enter_outlines(scene, g, lanes):
+    """Write down the outlines of those lanes whose bits are set, beginning with their lowest corner."""
+    workspace, bodies, outline, sector = (
+        scene.workspace,
+        scene.bodies,
+        scene.workspace.outline[g],
+        scene.workspace.sector[g],
+    )
+    for lane in range(LANES):
+        if lanes >> lane & 1:
+            kind = workspace.kind[g * LANES + lane]
+            first, corners = bodies.first[kind], bodies.first[kind + 1] - bodies.first[kind]
+            from_corner = workspace.lowest[kind, int(sector[lane])]
+            for k in range(workspace.corners):
+                corner = from_corner + min(k, corners - 1)
+                corner = first + (corner if corner < corners else corner - corners)
+                outline[2 * k * LANES + lane] = bodies.outline[corner, 0]
+                outline[(2 * k + 1) * LANES + lane] = bodies.outline[corner, 1]
 
 
 @borrowing
@@ -164,25 +187,48 @@ def choose_lanes(scene, g, active, left, pushed):
 
 
 @exact
-def place_in_window(scene, g, cutting):
-    """Place the window of every lane that is cut; returns the centres of mass in it, in elements, and the headings' cosine and
-    sine over the size of an element: noughts for all others."""
+def place_in_window(scene, g, first, cutting):
+    """Place the windows of the lanes from ``first`` on that are cut; returns the centres of mass in them, in elements, and the
+    headings' cosine and sine over the size of an element: noughts for all others."""
     workspace, scale = scene.workspace, 1.0 / scene.table.element_size
     middle, shape, base, known = workspace.middle, workspace.shape[g], workspace.base[g], workspace.known[g]
-    reach, old_x, old_y = load(shape, 0), load(base, 0), load(base, LANES)
-    x, y = load(middle, 0) * scale, load(middle, LANES) * scale
+    reach = load_register(shape, first)
+    old_x, old_y = load_register(base, first), load_register(base, LANES + first)
+    x, y = load_register(middle, first) * scale, load_register(middle, LANES + first) * scale
     base_x, base_y = select(cutting, floor(x - reach), old_x), select(cutting, floor(y - reach), old_y)
     moved = bits((base_x > old_x) | (base_x < old_x) | (base_y > old_y) | (base_y < old_y))
     if moved != 0:
-        store(base, 0, base_x)
-        store(base, LANES, base_y)
+        store(base, first, base_x)
+        store(base, LANES + first, base_y)
         for cell in range(known.shape[0]):
-            known[cell] &= ~moved
-    sine, cosine = sincos(load(middle, 2 * LANES) * load(shape, 2 * LANES))
+            known[cell] &= ~(moved << first)
+    heading = load_register(middle, 2 * LANES + first) * load_register(shape, 2 * LANES + first)
+    turns = heading * (SECTORS / (2.0 * math.pi))
+    sector = floor(turns - SECTORS * floor(turns / SECTORS))
+    sector, old = select(cutting, minimum(sector, SECTORS - 1.0), 0.0), load_register(workspace.sector[g], first)
+    other = bits(cutting & ((sector > old) | (sector < old)))
+    if other != 0:
+        store(workspace.sector[g], first, select(cutting, sector, old))
+        enter_outlines(scene, g, other << first)
+    sine, cosine = sincos(heading)
     return (
         select(cutting, x - base_x, 0.0), select(cutting, y - base_y, 0.0),
         select(cutting, cosine * scale, 0.0), select(cutting, sine * scale, 0.0),
     )  # fmt: skip
+
+
+@exact
+def cut_lanes(scene, g, first, cutting):
+    """Cut what lies under those of the lanes from ``first`` on whose bits are set; returns the bits of those that lie on
+    something, whose moments are now those of the cut."""
+    workspace, mask = scene.workspace, mask_register(cutting)
+    x, y, cosine, sine = place_in_window(scene, g, first, mask)
+    box = cut_outlines(
+        workspace.outline[g], first, workspace.corners, x, y, cosine, sine, mask, workspace.across, workspace.cells,
+        workspace.crossings,
+    )  # fmt: skip
+    smallest = load_register(workspace.shape[g], LANES + first)
+    return bits(mask & pressure_moments(scene, g, first, x, y, smallest, box, mask))
 
 
 @exact
@@ -192,29 +238,25 @@ def cut_group(scene, g, left, pushed):
     Args:
         pushed: whether others may push the parts. Then they may be stopped before they fall, and may stick no longer.
     """
-    workspace, first = scene.workspace, g * LANES
-    stale = load_mask(workspace.stale, first)
+    workspace, slot = scene.workspace, g * LANES
+    stale = load_mask(workspace.stale, slot)
     if bits(stale) == 0:
         return
-    store_mask(workspace.stale, first, no(stale) & stale)
-    active = stale & no(load_mask(workspace.away, first))
-    held = load_mask(workspace.held, first) & no(stale)
+    store_mask(workspace.stale, slot, no(stale) & stale)
+    active = stale & no(load_mask(workspace.away, slot))
+    held = bits(load_mask(workspace.held, slot) & no(stale))
     if bits(active) != 0:
-        cutting = choose_lanes(scene, g, active, left, pushed)
-        if bits(cutting) != 0:
-            x, y, cosine, sine = place_in_window(scene, g, cutting)
-            box = cut_outlines(
-                workspace.outline[g], workspace.corners, x, y, cosine, sine, cutting, workspace.across, workspace.cells,
-                workspace.crossings,
-            )  # fmt: skip
-            smallest = load(workspace.shape[g], LANES)
-            supported = pressure_moments(scene, g, x, y, smallest, box, cutting)
-            held = held | (cutting & supported)
-            lost = bits(cutting & no(supported))
-            for lane in range(LANES):
-                if lost >> lane & 1:
-                    take_away(scene, first + lane, OFF)
-    store_mask(workspace.held, first, held)
+        cutting = bits(choose_lanes(scene, g, active, left, pushed))
+        supported = 0
+        for first in range(0, LANES, WIDTH):
+            these = cutting >> first & ((1 << WIDTH) - 1)
+            if these != 0:
+                supported |= cut_lanes(scene, g, first, these) << first
+        held |= supported
+        for lane in range(LANES):
+            if (cutting & ~supported) >> lane & 1:
+                take_away(scene, slot + lane, OFF)
+    store_mask(workspace.held, slot, mask_of(held))
 
 
 @borrowing

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from vibgym._numba.reference import Layout
+from vibgym._numba.vector import WIDTH
 from vibgym.physics.core.drive import Drive
-from vibgym.physics.core.records import Bodies, Scheme, State, Table, body_of
+from vibgym.physics.core.records import Bodies, Body, Scheme, State, Table, body_of
 from vibgym.physics.planar.cut import Cut, cells_across, finest_split, new_cut
 from vibgym.physics.planar.group_cut import CELL, window
 from vibgym.physics.planar.phasors import Phasors, new_phasors
 from vibgym.physics.planar.pressure_moments import LANES, MOMENT_ROWS, PIECE
+
+
+SECTORS = 8
+"""Of headings: in each, eight outlines begin with their lowest corner, so that their edges go the same way and meet the same
+elements, as far as their shapes are alike."""
 
 
 class Step(NamedTuple):
@@ -53,14 +60,20 @@ class Workspace(NamedTuple):
     outline: np.ndarray  # (groups, corner x 2 x lane) m
     shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.enter_shape
     corners: int  # of the outline with the most
+    lowest: np.ndarray  # (kinds, SECTORS) corner that is the lowest of an outline whose heading is in a sector
+    sector: (
+        np.ndarray
+    )  # (groups, lane) for which the outline is written down: it begins with the corner that is the lowest
     across: int  # elements along a side of the window that holds any part
     base: np.ndarray  # (groups, 2 x lane) column and row of the window's first element
     known: np.ndarray  # (groups, across x across) lanes whose phasors in the window have been read, a bit each
     phasor_c: np.ndarray  # (groups, across x across x lane) m/s^2
     phasor_s: np.ndarray
-    cells: np.ndarray  # (across x across x field x lane), see vibgym.physics.planar.group_cut.cut_outlines
-    crossings: np.ndarray  # (across x lane)
-    pieces: np.ndarray  # (across x across x field x lane), see vibgym.physics.planar.pressure_moments.collect_pieces
+    cells: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.group_cut.cut_outlines
+    crossings: np.ndarray  # (across x register)
+    pieces: (
+        np.ndarray
+    )  # (across x across x field x register), see vibgym.physics.planar.pressure_moments.collect_pieces
     held: np.ndarray  # (slots,) bool: by elements that the moments are of
     moments: np.ndarray  # (groups, row x lane)
     cosine: np.ndarray  # (4 x substeps) of a step whose times are in no table
@@ -93,6 +106,23 @@ class Scene(NamedTuple):
     workspace: Workspace
 
 
+def _noughts(*shape: int) -> np.ndarray:
+    """An array that begins on a line of the processor's cache: values of eight doubles would lie across two."""
+    size = math.prod(shape)
+    room = np.zeros(size + 8)
+    first = -room.ctypes.data % 64 // 8
+    return room[first : first + size].reshape(shape)
+
+
+def lowest_corners(body: Body) -> list[int]:
+    """The lowest corner of an outline in the middle of every sector of headings."""
+    headings = (np.arange(SECTORS) + 0.5) * (2.0 * math.pi / SECTORS)
+    if not body.turns:
+        headings = np.zeros(SECTORS)
+    height = np.outer(np.sin(headings), body.outline[:, 0]) + np.outer(np.cos(headings), body.outline[:, 1])
+    return height.argmin(axis=1).tolist()
+
+
 def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> Workspace:
     """Working arrays for any ``slots`` parts of these kinds at a time."""
     groups = -(-slots // LANES)
@@ -105,7 +135,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
     corners = max(len(body.outline) for body in kinds)
 
     def lanes(rows: int) -> np.ndarray:
-        return np.zeros((groups, rows * LANES))
+        return _noughts(groups, rows * LANES)
 
     def flags() -> np.ndarray:
         return np.zeros(slots, np.bool_)
@@ -124,20 +154,22 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         old_velocity=lanes(3),
         begun_pose=lanes(3),
         begun_velocity=lanes(3),
-        middle=np.zeros(3 * LANES),
+        middle=_noughts(3 * LANES),
         own=lanes(6),
         kind=np.full(slots, -1),
         outline=lanes(2 * corners),
         shape=lanes(4),
         corners=corners,
+        lowest=np.array([lowest_corners(body) for body in kinds]),
+        sector=lanes(1),
         across=across,
         base=lanes(2),
         known=np.zeros((groups, cells), np.int64),
         phasor_c=lanes(cells),
         phasor_s=lanes(cells),
-        cells=np.zeros(cells * CELL),
-        crossings=np.zeros(across * LANES),
-        pieces=np.zeros(cells * PIECE),
+        cells=_noughts(cells * CELL),
+        crossings=_noughts(across * WIDTH),
+        pieces=_noughts(cells * PIECE),
         held=flags(),
         moments=lanes(MOMENT_ROWS),
         cosine=np.zeros(4 * scheme.substeps + 4),

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibgym._numba.jit import borrowing, exact_inlined
-from vibgym._numba.vector import LANES, inverse_root, load
+from vibgym._numba.vector import LANES, load, root
 
 _TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table, where friction has no direction
 
@@ -54,30 +54,34 @@ def sliding_wrench(weight, x, y, phasor_c, phasor_s, n, gravity, cosine, sine, s
     return force_x, force_y, torque
 
 
-# Taylor coefficients of (1 - x)^(1/2) and (1 - x)^(-1/2).
-_A1, _A2, _A3, _A4 = -1 / 2, -1 / 8, -1 / 16, -5 / 128
-_B1, _B2, _B3, _B4 = 1 / 2, 3 / 8, 5 / 16, 35 / 128
-
-
 @exact_inlined
-def combined(moments, row, gravity, cosine, sine):
+def combined(moments, row, cosine, sine):
     """A moment of the pressure at an instant."""
     return (
-        gravity * load(moments, row * LANES) + cosine * load(moments, (row + 1) * LANES)
-        + sine * load(moments, (row + 2) * LANES)
+        load(moments, row * LANES) + cosine * load(moments, (row + 1) * LANES) + sine * load(moments, (row + 2) * LANES)
     )  # fmt: skip
 
 
 @exact_inlined
-def expanded_wrench(moments, gravity, cosine, sine, ux, uy, spin):
+def turned(moments, row, cosine, sine, x, y):
+    """A complex moment of the pressure at an instant, times ``x + i y``."""
+    re, im = combined(moments, row, cosine, sine), combined(moments, row + 3, cosine, sine)
+    return x * re - y * im, x * im + y * re
+
+
+@exact_inlined
+def expanded_wrench(moments, cosine, sine, ux, uy, spin):
     """Force and torque of eight parts from the moments of their pressure.
 
-    The series is cut off after the fourth order of ``omega r / |u|`` in force, and the third in torque. Terms are grouped by
-    the angle ``k = a - b`` that they turn with: in the frame of slip each is a polynomial in ``omega / |u|`` alone.
+    The series is cut off after the fourth order of ``rho = omega r / |u|`` in force, and the third in torque. Terms are grouped
+    by the angle ``k = a - b`` that they turn with: powers of ``i conj(u)`` turn the moments into the frame of slip, where each
+    is a polynomial in ``omega / |u|`` alone, with the Taylor coefficients ``A = 1, -1/2, -1/8, -1/16, -5/128`` of
+    ``(1 - x)^(1/2)`` and ``B = 1, 1/2, 3/8, 5/16, 35/128`` of ``(1 - x)^(-1/2)``. They are not divided by powers of ``|u|``,
+    but what they are multiplied with, so that the root of ``|u|^2`` is waited for at the very end only.
 
     Args:
         moments: flat (row, lane) from :func:`vibgym.physics.planar.pressure_moments.pressure_moments`.
-        gravity, cosine, sine: of the pressure, ``g``, ``-cos wt`` and ``sin wt``.
+        cosine, sine: of the pressure, ``-cos wt`` and ``sin wt``.
         ux, uy: velocity of the table relative to the centre of mass, m/s.
         spin: angular velocity of the part, rad/s.
 
@@ -85,62 +89,32 @@ def expanded_wrench(moments, gravity, cosine, sine, ux, uy, spin):
         Force x and y per mass and friction (m/s^2), torque likewise (m^2/s^2), ``|u|^2``, and ``(omega / |u|)^2``, from which
         the caller knows whether the series held.
     """
-    square = ux * ux + uy * uy + _TINY
-    inverse = inverse_root(square)
-    nx, ny = ux * inverse, uy * inverse
-    rho = spin * inverse
-    # Powers of i conj(n) turn the moments into the frame of slip.
-    x1, y1 = ny, nx
-    x2, y2 = x1 * x1 - y1 * y1, 2.0 * x1 * y1
-    x3, y3 = x2 * x1 - y2 * y1, x2 * y1 + y2 * x1
-    x4, y4 = x2 * x2 - y2 * y2, 2.0 * x2 * y2
-    m00 = combined(moments, 0, gravity, cosine, sine)
-    m11 = combined(moments, 3, gravity, cosine, sine)
-    m22 = combined(moments, 6, gravity, cosine, sine)
-    a10 = combined(moments, 9, gravity, cosine, sine)
-    b10 = combined(moments, 12, gravity, cosine, sine)
-    a21 = combined(moments, 15, gravity, cosine, sine)
-    b21 = combined(moments, 18, gravity, cosine, sine)
-    a20 = combined(moments, 21, gravity, cosine, sine)
-    b20 = combined(moments, 24, gravity, cosine, sine)
-    a31 = combined(moments, 27, gravity, cosine, sine)
-    b31 = combined(moments, 30, gravity, cosine, sine)
-    a30 = combined(moments, 33, gravity, cosine, sine)
-    b30 = combined(moments, 36, gravity, cosine, sine)
-    a40 = combined(moments, 39, gravity, cosine, sine)
-    b40 = combined(moments, 42, gravity, cosine, sine)
-    re10, im10 = x1 * a10 - y1 * b10, x1 * b10 + y1 * a10
-    re21, im21 = x1 * a21 - y1 * b21, x1 * b21 + y1 * a21
-    re20, im20 = x2 * a20 - y2 * b20, x2 * b20 + y2 * a20
-    re31, im31 = x2 * a31 - y2 * b31, x2 * b31 + y2 * a31
-    re30, im30 = x3 * a30 - y3 * b30, x3 * b30 + y3 * a30
-    re40, im40 = x4 * a40 - y4 * b40, x4 * b40 + y4 * a40
-    # Force along and across the slip, and torque: sums over a, b of A_a B_b rho^(a + b), lowest order outermost.
-    along = m00 + rho * (
-        (_A1 + _B1) * re10
-        + rho * (
-            _A1 * _B1 * m11 + (_A2 + _B2) * re20
-            + rho * (
-                (_A2 * _B1 + _A1 * _B2) * re21 + (_A3 + _B3) * re30
-                + rho * (_A2 * _B2 * m22 + (_A3 * _B1 + _A1 * _B3) * re31 + (_A4 + _B4) * re40)
-            )
-        )
+    square = ux * ux + _TINY + uy * uy
+    w = 1.0 / square
+    inverse = root(w)
+    x2, y2 = uy * uy - ux * ux, 2.0 * (ux * uy)
+    x3, y3 = x2 * uy - y2 * ux, x2 * ux + y2 * uy
+    x4, y4 = x2 * x2 - y2 * y2, 2.0 * (x2 * y2)
+    m00, m11, m22 = (
+        combined(moments, 0, cosine, sine), combined(moments, 3, cosine, sine), combined(moments, 6, cosine, sine),
     )  # fmt: skip
-    across = rho * (
-        (_A1 - _B1) * im10
-        + rho * (
-            (_A2 - _B2) * im20
-            + rho * (
-                (_A2 * _B1 - _A1 * _B2) * im21 + (_A3 - _B3) * im30
-                + rho * ((_A3 * _B1 - _A1 * _B3) * im31 + (_A4 - _B4) * im40)
-            )
-        )
+    re10, im10 = turned(moments, 9, cosine, sine, uy, ux)
+    re21, im21 = turned(moments, 15, cosine, sine, uy, ux)
+    re20, im20 = turned(moments, 21, cosine, sine, x2, y2)
+    re31, im31 = turned(moments, 27, cosine, sine, x2, y2)
+    re30, im30 = turned(moments, 33, cosine, sine, x3, y3)
+    re40, im40 = turned(moments, 39, cosine, sine, x4, y4)
+    # Sums over a, b of A_a B_b rho^(a + b). Force along the slip has a quarter of the first two of these, and 3 / 16 of the
+    # last; the torque a half, three eighths and a sixteenth.
+    sigma = spin * w
+    rho2, sigma2 = spin * sigma, sigma * sigma
+    second = w * re20 - m11
+    third = sigma * (w * re30 - re21)
+    fourth = rho2 * (w * (w * (5.0 * re40) - 4.0 * re31) - m22)
+    along = m00 + 0.25 * rho2 * (second + (third + 0.1875 * fourth))
+    torque = inverse * (re10 + 0.5 * spin * (second + (0.75 * third + 0.125 * fourth)))
+    across = sigma * (
+        im10 + 0.5 * sigma * im20 + 0.125 * (3.0 * sigma2 * im30 - rho2 * im21)
+        + 0.0625 * sigma * (5.0 * sigma2 * im40 - 2.0 * rho2 * im31)
     )  # fmt: skip
-    torque = re10 + rho * (
-        _A1 * m11 + _B1 * re20
-        + rho * (
-            (_A2 + _A1 * _B1) * re21 + _B2 * re30
-            + rho * (_A2 * _B1 * m22 + (_A3 + _A1 * _B2) * re31 + _B3 * re40)
-        )
-    )  # fmt: skip
-    return nx * along - ny * across, ny * along + nx * across, torque, square, rho * rho
+    return inverse * (ux * along + uy * across), inverse * (uy * along - ux * across), torque, square, rho2
