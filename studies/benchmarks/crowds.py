@@ -4,11 +4,14 @@
    environment a core, each in a process of its own), measured in turn. gym-pusht needs an older pymunk, so it runs in an
    environment of its own, whose interpreter is ``--pusht`` (``make benchmark`` sets it up); without it this part is left out.
 2. Time per part and period of worlds with six parts that never come near one another, against worlds with one part.
+3. Time per part and period of one world with 32 and with 1000 parts, as far from one another at the start, walls all around:
+   periods 20 to 120, in which more and more of them are in touch.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import statistics
 import subprocess
@@ -19,6 +22,7 @@ import gymnasium as gym
 import numpy as np
 
 import vibgym
+from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import shipped_part
 
 WORLDS, STEPS, ROUNDS = 256, 60, 7
@@ -144,14 +148,54 @@ def apart() -> None:
     )
 
 
+PITCH, LARGE = 0.09, 115
+"""m between the parts of a crowd at the start; elements along a side of the table that holds a thousand."""
+
+
+def crowd(count: int) -> tuple[vibgym.Simulator, tuple[np.ndarray, np.ndarray]]:
+    """One world with so many blocks on a square grid, on a table as full for any number, and its elements' motion."""
+    side = math.ceil(math.sqrt(count))
+    elements = math.ceil(LARGE * side / 32)
+    surface, generator = vibgym.Surface(elements, elements), np.random.default_rng(0)
+    k = np.arange(count)
+    margin = 0.5 * (surface.width - (side - 1) * PITCH)
+    pose = np.column_stack([margin + PITCH * (k % side), margin + PITCH * (k // side), generator.uniform(-3, 3, count)])
+    simulator = vibgym.Simulator(surface, [shipped_part("aluminium_block")] * count, walls=WALLS)
+    simulator.reset(pose)
+    shape = (elements, elements)
+    return simulator, (generator.uniform(0.0, 3e-4, shape), generator.uniform(-math.pi, math.pi, shape))
+
+
+def crowds() -> None:
+    """Part 3: thread time, the fewest of three rounds, in turn."""
+    scenes = {count: crowd(count) for count in (32, 1000)}
+    fewest, counts = dict.fromkeys(scenes, math.inf), {}
+    for _ in range(3):
+        for count, (simulator, drive) in scenes.items():
+            simulator.reset(crowd(count)[0].pose)
+            simulator.advance(*drive, 20)
+            before, began = simulator.statistics["contact_steps"], time.thread_time()
+            simulator.advance(*drive, 100)
+            fewest[count] = min(fewest[count], (time.thread_time() - began) / (100 * count))
+            counts[count] = (simulator.statistics["contact_steps"] - before) / (100 * count)
+    print("\nOne world of blocks 90 mm apart, walls, elements of up to 0.3 mm, periods 20 to 120")
+    for count, spent in fewest.items():
+        print(
+            f"  {count:4d} parts: {1e6 * spent:.2f} us a part and period, {counts[count]:.2f} calls of the solver, "
+            f"deepest overlap {1e3 * scenes[count][0].deepest_overlap:.3f} mm"
+        )
+    print(f"  ratio {fewest[1000] / fewest[32]:.2f} (target <= 1.3)")
+
+
 def main() -> None:
-    """Print both parts."""
+    """Print all parts."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pusht", metavar="PYTHON", help="interpreter of an environment with gym-pusht")
     arguments = parser.parse_args()
     if arguments.pusht:
         throughput(arguments.pusht)
     apart()
+    crowds()
 
 
 if __name__ == "__main__":
