@@ -26,7 +26,7 @@ from vibgym.physics.core.records import Scheme, friction_in, incline_size
 from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.workspace import Scene, Workspace
 
-CLOSE = 2e-3
+CLOSE = 5e-3
 """m; what begins a period nearer than this to a part of an island is taken along: else most would have to be run again."""
 
 
