@@ -1,10 +1,10 @@
 """pymunk's contact solver, as the kernels call it: the only place that knows pymunk.
 
-A space serves one island of parts at a time. Bodies and shapes are made once, of all parts and walls; the kernel puts those of an
-island in, steps the space by the addresses of the library's own functions, and takes them out again
+A space serves one island of parts at a time. Bodies and shapes are made once, of all parts and walls; the kernel puts those of
+an island in, steps the space by the addresses of the library's own functions, and takes them out again
 (:mod:`vibgym.physics.collision.coupling`), so that every island finds it empty. The order in which the library goes through
-shapes is that of the numbers that they are given, from 0 on: it keeps them in hash tables with more places than shapes. These
-tables grow and never shrink, and each step goes through all of them; so there are several spaces, for islands of different sizes.
+shapes is that of the numbers that they are given, from 0 on: it keeps them in hash tables with more places than shapes. Tables
+grow and never shrink, and each step goes through all of them: so there are several spaces, for islands of different sizes.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ KEPT_PER_SECOND = 1e-150
 """Share of the overlap beyond it that is left after a second. In 2 ms, half of it goes."""
 
 ROOM = 12
-"""Shapes that the smallest space is for, and each other one for four times as many as the one before: what the library's tables hold
-before they grow."""
+"""Shapes that the smallest space is for; each other one is for four times as many as the one before. About so many fit into the
+library's tables before they grow."""
 
 MATERIALS = 31
 """Different coefficients of friction that walls can tell apart: bits of pymunk's shape filter."""
@@ -52,8 +52,8 @@ MATERIALS = 31
 class ContactSpace:
     """pymunk spaces for the parts of a world and the walls.
 
-    Contacts in them do not rebound: :mod:`vibgym.physics.collision.impact_sequence` does that. Friction of a contact between two
-    parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
+    Contacts in them do not rebound: :mod:`vibgym.physics.collision.impact_sequence` does that. Friction of a contact between
+    two parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
 
     Args:
         surface: the table.

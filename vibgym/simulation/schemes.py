@@ -45,7 +45,7 @@ class PlanarSchemes(NamedTuple):
     fewest: int  # steps of the coupling in a period
     bend: tuple[
         float, ...
-    ]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: the number does not depend on friction
+    ]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: friction has no say in their number
     overlap: tuple[float, ...]  # m that an impact may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 

@@ -320,7 +320,8 @@ class Simulator:
         """Periods of all worlds since the reset by the way they took, and calls of the contact solver.
 
         ``free``: nothing was near enough to touch.  ``near``: paths were compared and stayed apart.  ``contact``: friction
-        and contacts took turns.  ``contact_steps``: in how many steps of these the solver was called.
+        and contacts took turns, for some of the parts at least.  ``contact_steps``: in how many steps of these the solver was
+        called, summed over the islands of parts that each took steps of their own.
         """
         return self._model.statistics(self.worlds * self._counted)
 

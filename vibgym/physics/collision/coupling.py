@@ -321,7 +321,7 @@ def take_step(encounter, n, h, phase, entered):
     Returns:
         Whether the solver was called, whether any part is to be cut again, and the number of pairs from now on.
     """
-    scene, solver, contacts = encounter.scene, encounter.solver, encounter.contacts
+    scene, contacts = encounter.scene, encounter.contacts
     apply_friction(scene, reference(step_of(scene, phase, h.h)))
     parts_moved(encounter)
     called, stale = False, False

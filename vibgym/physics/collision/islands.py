@@ -26,7 +26,7 @@ from vibgym.physics.core.records import Scheme, friction_in, incline_size
 from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.workspace import Scene, Workspace
 
-CLOSE = 2e-3
+CLOSE = 5e-3
 """m; what begins a period nearer than this to a part of an island is taken along: else most would have to be run again."""
 
 
@@ -150,7 +150,7 @@ def sort_parts(member, n, pose):
 
 @borrowing
 def put_together(islands, root, pairs, workspace, pose, contacts):
-    """Write an island's parts into the slots of a workspace, and its pairs into ``contacts.pairs``; returns the numbers of both."""
+    """Write an island's parts into slots, and its pairs into ``contacts.pairs``; returns the numbers of both."""
     parts, part = 0, islands.first[root]
     while part >= 0:
         workspace.part[parts] = part
@@ -179,9 +179,9 @@ def with_groups(workspace, groups):
     w = workspace
     return Workspace(
         w.world, w.part, w.away, w.by_points, w.stale, w.most_square, w.slow_rate, w.pose[:groups], w.velocity, w.old_pose,
-        w.old_velocity, w.begun_pose, w.begun_velocity, w.middle, w.own, w.kind, w.outline, w.shape, w.corners, w.lowest, w.sector, w.across,
-        w.base, w.known, w.phasor_c, w.phasor_s, w.cells, w.crossings, w.pieces, w.held, w.moments, w.cosine, w.sine, w.cut,
-        w.phasors,
+        w.old_velocity, w.begun_pose, w.begun_velocity, w.middle, w.own, w.kind, w.outline, w.shape, w.corners, w.lowest,
+        w.sector, w.across, w.base, w.known, w.phasor_c, w.phasor_s, w.cells, w.crossings, w.pieces, w.held, w.moments,
+        w.cosine, w.sine, w.cut, w.phasors,
     )  # fmt: skip
 
 
