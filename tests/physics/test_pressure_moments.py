@@ -1,4 +1,4 @@
-"""The moments of the pressure under eight parts: against the scalar cut, and their series against friction summed over points."""
+"""The moments of the pressure under eight parts against the scalar cut, and their series against friction at many points."""
 
 import math
 

@@ -16,7 +16,6 @@ from vibgym.physics.planar.group_cut import CELL, window
 from vibgym.physics.planar.phasors import Phasors, new_phasors
 from vibgym.physics.planar.pressure_moments import LANES, MOMENT_ROWS, PIECE
 
-
 SECTORS = 8
 """Of headings: in each, eight outlines begin with their lowest corner, so that their edges go the same way and meet the same
 elements, as far as their shapes are alike."""
