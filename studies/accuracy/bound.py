@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import jit
-from vibgym.physics.planar.pressure_moments import LANES, MOMENT_ROWS
+from vibgym._numba.jit import exact
+from vibgym._numba.vector import LANES, load, store
+from vibgym.physics.planar.pressure_moments import MOMENT_ROWS
 from vibgym.physics.planar.wrench import expanded_wrench
 
 STAGES = 4
@@ -28,27 +29,26 @@ class Bound(NamedTuple):
     period: float
 
 
-@jit
-def evaluate(moments, slip, turn, drive_c, drive_s, gravity, lanes, count):
+@exact
+def evaluate(moments, slip, turn, drive_c, drive_s, count):
     """``count`` wrenches a lane, each at a slip that depends on the one before, so that none can be left out."""
+    ux, uy, spin = load(slip, 0), load(slip, LANES), load(turn, 0)
     for k in range(count):
-        c, s = drive_c[k & 63], drive_s[k & 63]
-        for j in range(lanes):
-            ux, uy, spin = slip[j], slip[LANES + j], turn[j]
-            ax, ay, aw, square, varies = expanded_wrench(moments, j, gravity, -c, s, ux, uy, spin)
-            slip[j] = ux + 1e-9 * ax
-            slip[LANES + j] = uy + 1e-9 * ay
-            turn[j] = spin + 1e-9 * (aw + square + varies)
+        ax, ay, aw, square, varies = expanded_wrench(moments, -drive_c[k & 63], drive_s[k & 63], ux, uy, spin)
+        ux, uy, spin = ux + 1e-9 * ax, uy + 1e-9 * ay, spin + 1e-9 * (aw + square + varies)
+    store(slip, 0, ux)
+    store(slip, LANES, uy)
+    store(turn, 0, spin)
 
 
 def friction_bound(steps: int) -> Bound:
     """Measure it, for so many Runge-Kutta steps in a period (substeps counted)."""
     rng = np.random.default_rng(0)
     moments = rng.normal(size=MOMENT_ROWS * LANES) * 1e-3
-    moments[:LANES] = 1.0
+    moments[:LANES] = 9.81
     slip, turn = rng.uniform(0.2, 0.4, 2 * LANES), rng.uniform(-1.0, 1.0, LANES)
     angle = np.arange(64) * (2.0 * math.pi / 64)
-    given = (moments, slip, turn, np.cos(angle), np.sin(angle), 9.81, LANES)
+    given = (moments, slip, turn, np.cos(angle), np.sin(angle))
     evaluate(*given, 1)
     times = []
     for _ in range(ROUNDS):

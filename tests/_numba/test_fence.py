@@ -9,7 +9,7 @@ import vibgym
 
 ROOT = Path(vibgym.__file__).parents[1]
 PRIVATE = ("numba.core", "numba.np", "numba.extending", "llvmlite")
-PLAIN = ("foreign", "jit", "options", "plain", "reference", "sources")
+PLAIN = ("foreign", "jit", "one_lane", "options", "plain", "reference", "sources", "vector")
 
 
 def private_parts(file):

@@ -111,10 +111,11 @@ def _teach(function: Any, generate: Callable[..., Any], result: Any, kinds: tupl
                 return None
             return signature(of(result, lanes), *(a if k == types.Array else k for a, k in zip(args, mine)))
 
+    of_numba: Any = infer_global
     if function.__module__ == "_operator":
-        infer_global(function)(_Template)
+        of_numba(function)(_Template)
     else:
-        infer_global(function, types.Function(_Template))
+        of_numba(function, types.Function(_Template))
 
     def lower(context: Any, builder: Any, made: Any, values: Any) -> Any:
         given = [

@@ -9,14 +9,15 @@ import numpy as np
 from vibgym import checks
 
 DISC_CORNERS = 64
-"""A disc's contact area is a regular polygon of this many corners with the disc's exact area: its border deviates by at
-most 0.06 % of the radius. Its inertia is the disc's own."""
+"""A disc's outline is a regular polygon of this many corners with the disc's exact area: its border deviates by at most 0.08 %
+of the radius. Its inertia is the disc's own. Where it slides it has fewer, see :func:`sliding_corners`."""
 
 SAGITTA = 1.0 / 300.0
-"""Of an element, by which the border of a disc's contact area may deviate where only sliding is computed. Measured (discs of 10 to
-160 mm on random fields, one second): what the corners add is at most a quarter of the planar model's own error."""
+"""Of an element, by which the border of a disc's contact area may deviate where sliding is computed. Measured with discs of 10
+to 160 mm on random fields, one second: what the corners add is at most about a quarter of the planar model's own error."""
 
 FEWEST_CORNERS = 16
+"""Of a disc, however small."""
 
 LEAST_SIZE, MOST_PLACE = 1e-5, 1e3
 """m: size of an outline, and how far from its origin it may be given."""

@@ -13,7 +13,7 @@ _PER_QUARTER = 2.0 / math.pi
 _HIGH, _MIDDLE, _LOW = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 
 _WIDEST = 0.8
-"""Beyond an eighth of a turn by more than rounding there are angles alone that differ from their neighbours by more than that."""
+"""More than an eighth of a turn is left only of angles so large that their neighbours are farther away than that."""
 
 
 @exact_inlined
