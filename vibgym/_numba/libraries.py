@@ -63,14 +63,19 @@ class Whole(codegen.JITCodeLibrary):
     symbols: frozenset[str]
 
     def finalize(self) -> None:
-        libraries = dict.fromkeys(self._linking_libraries)
-        todo = list(libraries)
+        # Whoever uses a library goes before it: LLVM takes over what is asked for when its turn comes, and nothing else.
+        order: dict[Any, None] = {}
+        todo = [(self, iter(self._linking_libraries))]
         while todo:
-            for each in todo.pop()._linking_libraries:
-                if each not in libraries:
-                    libraries[each] = None
-                    todo.append(each)
-        self._linking_libraries = list(libraries)
+            library, rest = todo[-1]
+            following = next((each for each in rest if each not in order), None)
+            if following is None:
+                order[library] = None
+                todo.pop()
+            else:
+                todo.append((following, iter(following._linking_libraries)))
+        del order[self]
+        self._linking_libraries = list(reversed(order))
         super().finalize()
 
     def _optimize_final_module(self) -> None:
