@@ -142,6 +142,7 @@ benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.camera
 	$(PY) -m studies.benchmarks.control
 	$(PY) -m studies.benchmarks.training
+	$(PY) -m studies.benchmarks.costs
 
 # Some hours: three seeds of every agent; then their table and the best of each. AGENTS="Align/ideal" for some of them.
 train: $(LEARN)

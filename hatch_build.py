@@ -42,7 +42,8 @@ def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) 
 
 def _tested() -> list[str]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    needed = {_plain(each) for each in project["dependencies"]} | {"llvmlite"}
+    wanted = [*project["dependencies"], *project["optional-dependencies"]["policies"], "llvmlite"]
+    needed = {_plain(each) for each in wanted}
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     return [line for line in lines if _plain(line) in needed]
 

@@ -10,7 +10,6 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from numba.core.caching import _CacheLocator
 
 ROOT = Path(__file__).parents[1]
 
@@ -80,31 +79,13 @@ def installed(wheel, directory):
     return python, own
 
 
-def share_kernels(own, cache):
-    """Let both copies of the package keep their kernels in one place: they are the same, as digests of their sources say."""
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    for copy in own.joinpath("vibgym").rglob("*.py"):
-        source = ROOT / copy.relative_to(own)
-        stamp = source.stat().st_mtime_ns
-        os.utime(copy, ns=(stamp, stamp))
-        link = cache / _CacheLocator.get_suitable_cache_subpath(str(copy))
-        kept = source.parent / "__pycache__"
-        if given is not None:
-            kept = Path(given) / _CacheLocator.get_suitable_cache_subpath(str(source))
-        if not link.exists():
-            kept.mkdir(parents=True, exist_ok=True)
-            link.symlink_to(kept)
-
-
 def test_the_wheel_alone_plays_and_trains(wheel, tmp_path):
     python, own = installed(wheel, tmp_path / "environment")
-    (tmp_path / "kernels").mkdir()
-    share_kernels(own, tmp_path / "kernels")
     hidden = {"PYTHONPATH", "VIRTUAL_ENV", "PYTHONHOME"}
     environment = {name: value for name, value in os.environ.items() if name not in hidden}
-    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")
+    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "kernels")  # empty: all kernels came with the wheel
     result = subprocess.run([python, "-c", PLAY], cwd=tmp_path, env=environment, capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
+    assert result.returncode == 0 and "compiling" not in result.stderr, result.stderr
     said = json.loads(result.stdout.splitlines()[-1])
     assert said["found"].pop("vibgym") == str(own / "vibgym" / "__init__.py")
     assert set(said["found"].values()) == {None}  # nothing of the checkout can be imported
@@ -117,3 +98,17 @@ def test_the_wheel_holds_the_shipped_agents_and_no_laboratory(wheel):
     shipped = ROOT / "vibgym" / "policies" / "trained" / "shipped"
     assert {path.relative_to(ROOT).as_posix() for path in shipped.rglob("*.*")} <= names
     assert {name.partition("/")[0] for name in names} == {"vibgym", "vibgym-0.1.0.dist-info"}
+    assert sum(name.endswith(".bitcode") for name in names) > 30
+
+
+def test_a_build_that_cannot_compile_says_so(tmp_path):
+    (tmp_path / "python").write_text("#!/bin/sh\necho No module named numba >&2\nexit 1\n")
+    (tmp_path / "python").chmod(0o755)
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(tmp_path)]
+    pythons = {**os.environ, "VIBGYM_SHIP_PYTHONS": str(tmp_path / "python")}
+    failed = subprocess.run(command, cwd=ROOT, env=pythons, capture_output=True, text=True)
+    assert failed.returncode != 0 and "No module named numba" in failed.stderr and "VIBGYM_SHIP=0" in failed.stderr
+    without = subprocess.run(command, cwd=ROOT, env={**pythons, "VIBGYM_SHIP": "0"}, capture_output=True, text=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    assert without.returncode == 0 and "no kernels" in without.stderr
+    assert not any(name.endswith(".bitcode") for name in zipfile.ZipFile(wheel).namelist())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -9,11 +10,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from vibgym import Part, Simulator, Surface
+from vibgym import Part, Simulator, Surface, make_policy
 from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
 from vibgym.physics.core.drive import all_phasors, polar_drive
+from vibgym.policies import TaskInfo
 
 BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)]
 
@@ -78,6 +80,23 @@ def bounds() -> None:
     bound.steps([0.2, 0.1, 0.0], [0.6, 0.1, 1.0])
 
 
+def policies() -> None:
+    """A step of each classical policy, where what they need is installed (extra ``policies``)."""
+    if importlib.util.find_spec("scipy") is None:
+        return
+    for task, names in {"Align": ("pose",), "Sort": ("planner", "pose")}.items():
+        made = gymnasium.make_vec(f"vibgym/{task}-v0", num_envs=2)
+        for name in names:
+            policy = make_policy(name, TaskInfo.of(made))
+            wanted = gymnasium.make_vec(
+                f"vibgym/{task}-v0", num_envs=2, action=policy.action, observation=policy.observation
+            )
+            seen, _ = wanted.reset(seed=0)
+            policy.predict(seen, None, np.ones(2, bool))
+            wanted.close()
+        made.close()
+
+
 def phasors() -> None:
     """What viewers draw."""
     still = np.zeros((1, 1, 1))
@@ -93,6 +112,7 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "bounds", bounds
     yield "wrench action", lambda: machine(action="wrench")
     yield "viewers", phasors
+    yield "policies", policies
     for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
         for observation in ("state", "goal", "image"):
             yield f"{name}, {observation}", lambda name=name, kind=observation: environment(name, kind)

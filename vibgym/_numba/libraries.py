@@ -63,19 +63,17 @@ class Whole(codegen.JITCodeLibrary):
     symbols: frozenset[str]
 
     def finalize(self) -> None:
-        # Each after all that call it: LLVM leaves out a function that nothing linked so far has called.
+        # Whoever uses a library goes before it: LLVM takes over what is asked for when its turn comes, and nothing else.
         order: dict[Any, None] = {}
-        begun, todo = set(), [(self, iter(tuple(self._linking_libraries)))]
+        todo = [(self, iter(self._linking_libraries))]
         while todo:
-            library, called = todo[-1]
-            for each in called:
-                if each not in begun:
-                    begun.add(each)
-                    todo.append((each, iter(tuple(each._linking_libraries))))
-                    break
-            else:
+            library, rest = todo[-1]
+            following = next((each for each in rest if each not in order), None)
+            if following is None:
                 order[library] = None
                 todo.pop()
+            else:
+                todo.append((following, iter(following._linking_libraries)))
         del order[self]
         self._linking_libraries = list(reversed(order))
         super().finalize()
