@@ -1,11 +1,14 @@
 """Speed: environments against CartPole-v1, training, imports. ``python -m studies.benchmarks.speed``
 
 Ratios are measured alternately in one process, because machines drift: each figure is the median of its rounds.
+
+    python -m studies.benchmarks.speed --against ../base   # this checkout and another one, in two processes that take turns
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import platform
 import statistics
@@ -115,6 +118,74 @@ def environments() -> None:
     )
 
 
+BATCHES = (("Rotate", "element"), ("Rotate", "patch"), ("Align", "field"))
+
+
+def serve() -> None:
+    """Measure once for every line on stdin: rates of vibgym and of CartPole, a line of JSON each."""
+    cartpole = best_cartpole()
+    measures = {"CartPole, batch": batch_rate(cartpole, max(8, 100_000 // cartpole.num_envs))}
+    for task, action in BATCHES:
+        env = gym.make_vec(f"vibgym/{task}-v0", num_envs=WORLDS, action=action)
+        measures[f"{task}, {action}, batch of {WORLDS}"] = batch_rate(env, 50)
+    measures["CartPole, single"] = single_rate(gym.make("CartPole-v1"), 10_000)
+    measures["Rotate, element, single"] = single_rate(gym.make("vibgym/Rotate-v0"), 2000)
+    for _ in sys.stdin:
+        print(json.dumps({name: measure() for name, measure in measures.items()}), flush=True)
+
+
+def against(other: Path, rounds: int = ROUNDS) -> None:
+    """Rates of this checkout and of another one, measured in turn, and how many times CartPole's each of them is.
+
+    Args:
+        other: a checkout of vibgym, of any commit. It is measured by this file, with a cache of its own.
+    """
+    own = Path(__file__).parents[2]
+    code = "import runpy, sys; sys.argv = ['speed', '--serve']; runpy.run_path({!r}, run_name='__main__')"
+    servers = []
+    for path in (own, other.resolve()):
+        environment = {**os.environ, "PYTHONPATH": str(path)}
+        if path != own:
+            environment["NUMBA_CACHE_DIR"] = os.environ.get("NUMBA_CACHE_DIR_OTHER", str(path / ".numba"))
+        command = [sys.executable, "-c", code.format(str(Path(__file__).resolve()))]
+        servers.append(
+            subprocess.Popen(
+                command, env=environment, cwd=path, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
+            )
+        )
+    rows: list[list[dict[str, float]]] = []
+    for _ in range(rounds):
+        row = []
+        for server in servers:
+            assert server.stdin and server.stdout
+            server.stdin.write("\n")
+            server.stdin.flush()
+            row.append(json.loads(server.stdout.readline()))
+        rows.append(row)
+    for server in servers:
+        server.communicate()
+    print(f"\nSteps/s, medians of {rounds} rounds; beside {other}, and as multiples of CartPole's in the same process")
+    print(f"  {'':34s} {'here':>10s} {'there':>10s} {'ratio':>7s} {'x CartPole':>11s} {'there':>7s}")
+    for name in rows[0][0]:
+        kind = name.rpartition(", ")[2].split()[0]
+        here, there, ratio, ours, theirs = (
+            statistics.median(each)
+            for each in zip(
+                *(
+                    (
+                        a[name],
+                        b[name],
+                        a[name] / b[name],
+                        a[name] / a[f"CartPole, {kind}"],
+                        b[name] / b[f"CartPole, {kind}"],
+                    )
+                    for a, b in rows
+                )
+            )
+        )
+        print(f"  {name:34s} {here:10.0f} {there:10.0f} {ratio:7.2f} {ours:11.3f} {theirs:7.3f}")
+
+
 def start() -> None:
     """Import time and the first step with a warm cache."""
     base = in_fresh_process(TIMED.format("import numba, gymnasium"))
@@ -149,8 +220,18 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--no-training", action="store_true", help="leave the training rate out (needs torch)")
+    parser.add_argument(
+        "--against", type=Path, metavar="CHECKOUT", help="compare with another checkout, and nothing else"
+    )
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.serve:
+        serve()
+        return
     print(f"vibgym {vibgym.__version__}, Python {platform.python_version()}, {os.cpu_count()} processors")
+    if arguments.against is not None:
+        against(arguments.against)
+        return
     environments()
     start()
     if not arguments.no_training:

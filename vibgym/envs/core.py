@@ -39,6 +39,9 @@ from vibgym.tasks.reward import OwnReward
 
 NONE = np.zeros(0, dtype=np.int64)
 
+WORTH_SHARING = 2**20
+"""Bytes of a batch of actions above which several threads look whether they are finite."""
+
 BOUND = ("information", "told", "_accept", "_relating", "_writing", "_arrays", "_by_blocks", "_afterwards")
 """What hangs on the addresses of a core's own arrays, and is of no use to a copy."""
 
@@ -126,7 +129,7 @@ class Core:
         self._choose_reward(weights)
         self._information, self._everyone = information, np.arange(worlds)
         self.seen: Any = None
-        self._taken = np.zeros((worlds, self.action.size), dtype=np.float32)
+        self._taken = np.zeros((worlds, self.action.size), dtype=np.float32)  # memory only where it is written to
         self._bind()
         self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
@@ -171,7 +174,9 @@ class Core:
         rewards = self.term_names, self.terms, self.part_terms
         self.information = self._information(episode, state.diverged, *rewards, self.facts, self.details)
         self.told = self.information.fresh()
-        self._accept = self._take_in if len(self.simulator.blocks.edges) == 1 else self._look_through
+        self._accept = self._take_in
+        if len(self.simulator.blocks.edges) > 1:
+            self._accept = self._look_through if self._taken.nbytes < WORTH_SHARING else self._look_through_together
         self._relating = () if self.sensing.exact else (self.scoring.relating(self._measured),)
         self._writing = self._writers()
         self._arrays: list[np.ndarray] = []
@@ -335,6 +340,18 @@ class Core:
     def _look_through(self, action: np.ndarray) -> np.ndarray | None:
         """The action itself: for many worlds a copy costs more."""
         return action if all_finite(action) else None
+
+    def _look_through_together(self, action: np.ndarray) -> np.ndarray | None:
+        """:meth:`_look_through` by several threads: most of it is waiting for memory."""
+        blocks = self.simulator.blocks
+        sound = [False] * len(blocks.edges)
+
+        def look(k: int) -> None:
+            start, stop = blocks.edges[k]
+            sound[k] = all_finite(action[start:stop])
+
+        blocks.run(look)
+        return action if all(sound) else None
 
     def _open(self) -> None:
         """Begin a batch of observations, and of what there is to tell: what was handed out is not written again."""
