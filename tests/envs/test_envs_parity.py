@@ -1,5 +1,7 @@
 """The batch gives, bit for bit, what single environments and Gymnasium's own SyncVectorEnv of them give."""
 
+import copy
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -88,6 +90,24 @@ def test_results_depend_neither_on_batch_size_nor_on_order_nor_on_threads(task, 
     for threads in (1, 2, 5):
         monkeypatch.setattr(workers, "available_threads", lambda threads=threads: threads)
         assert_same(trajectory(made(worlds), seeds, actions), whole)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_bad_number_anywhere_changes_nothing_and_what_was_handed_out_stays(threads, monkeypatch):
+    monkeypatch.setattr(workers, "available_threads", lambda: threads)
+    env = batch("Rotate", 600)  # more than a megabyte of actions: looked through block by block
+    seen, info = env.reset(seed=0)
+    action = np.random.default_rng(1).uniform(-1, 1, env.action_space.shape).astype(np.float32)
+    kept = copy.deepcopy((seen, info))
+    stepped = env.step(action)
+    assert_same((seen, info), kept)
+    before, kept, bad = env.get_state(), copy.deepcopy(stepped), action.copy()
+    bad[-1, -1] = np.nan
+    with pytest.raises(ValueError, match=r"action: got .nan at \[599, 511\]"):
+        env.step(bad)
+    assert_same(env.get_state()["simulator"], before["simulator"])
+    env.step(-action)
+    assert_same(stepped, kept)
 
 
 def test_seeds():

@@ -28,6 +28,7 @@ from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
+from vibgym.simulation.threads import Blocks
 from vibgym.snapshots import Live
 
 
@@ -59,6 +60,49 @@ def take_in(values, kept):
         for k in range(values.shape[1]):
             kept[w, k] = values[w, k]
     return True
+
+
+WORTH_SHARING = 2**20
+"""Bytes of a batch of actions above which several threads look whether they are finite."""
+
+
+class Intake:
+    """Takes actions in before a step: nothing changes under one with numbers that are not finite.
+
+    Few worlds' actions are copied to the same place in memory as ever, so that drives need not be pinned anew; of many worlds
+    a copy would cost more. Most of looking at a large batch is waiting for memory: then all threads do.
+
+    Args:
+        worlds, size: of a batch.
+        blocks: of the worlds.
+
+    Attributes:
+        take: ``take(values)`` of float32 (worlds, size) returns what counts until the next step; None: not all are finite.
+    """
+
+    def __init__(self, worlds: int, size: int, blocks: Blocks) -> None:
+        self._blocks = blocks
+        self._kept = np.zeros((worlds if len(blocks.edges) == 1 else 0, size), dtype=np.float32)
+        self.take = self._copied
+        if len(blocks.edges) > 1:
+            self.take = self._looked_at if 4 * worlds * size < WORTH_SHARING else self._looked_at_together
+
+    def _copied(self, values: np.ndarray) -> np.ndarray | None:
+        return self._kept if take_in(values, self._kept) else None
+
+    def _looked_at(self, values: np.ndarray) -> np.ndarray | None:
+        return values if all_finite(values) else None
+
+    def _looked_at_together(self, values: np.ndarray) -> np.ndarray | None:
+        edges = self._blocks.edges
+        sound = [False] * len(edges)
+
+        def look(k: int) -> None:
+            start, stop = edges[k]
+            sound[k] = all_finite(values[start:stop])
+
+        self._blocks.run(look)
+        return values if all(sound) else None
 
 
 class Action(Live, ABC):

@@ -9,8 +9,7 @@ One step goes in one direction:
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,14 +17,15 @@ import numpy as np
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
-from vibgym.envs.actions import ACTIONS, all_finite, take_in
-from vibgym.envs.base import Observation, RowObservation, Writer
+from vibgym.envs.actions import ACTIONS, Intake
+from vibgym.envs.base import Observation
 from vibgym.envs.info import Information
 from vibgym.envs.limits import longest_paths, step_limit
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.options import Options
 from vibgym.envs.randomization import Randomization
 from vibgym.envs.reset_options import StartOverride
+from vibgym.envs.stages import Stages
 from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
 from vibgym.sensing import sensing_from
@@ -38,9 +38,6 @@ from vibgym.tasks.episode import new_relations
 from vibgym.tasks.reward import OwnReward
 
 NONE = np.zeros(0, dtype=np.int64)
-
-BOUND = ("information", "told", "_accept", "_relating", "_writing", "_arrays", "_by_blocks", "_afterwards")
-"""What hangs on the addresses of a core's own arrays, and is of no use to a copy."""
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """What a world takes at least: its generator, what is known of each part, and spaces, actions and drives of the elements."""
@@ -63,7 +60,8 @@ class Core:
     Attributes:
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
         facts, details: what ``info`` says, and groups of what it says besides, live arrays (worlds, ...).
-        seen, told: what the last step has come to, of its own: a batch of observations, and what ``info`` says.
+        information: makes ``info`` of what :attr:`stages` have told.
+        stages: what follows the simulation, with what the last step has come to.
         term_names, terms: names of the reward terms, and their values (worlds, terms).
         part_terms: their values for each part alone, (worlds, parts, terms).
         step_limit: steps after which episodes are truncated; None: not here.  longest: s that paths of an episode may last.
@@ -124,9 +122,8 @@ class Core:
         self.drive: Any = None
         self._own_reward: OwnReward | None = None
         self._choose_reward(weights)
-        self._information, self._everyone = information, np.arange(worlds)
-        self.seen: Any = None
-        self._taken = np.zeros((worlds, self.action.size), dtype=np.float32)
+        self._information = information
+        self._intake = Intake(worlds, self.action.size, self.simulator.blocks)
         self._bind()
         self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
@@ -154,7 +151,7 @@ class Core:
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy has of its own; the rest is made anew."""
-        return {name: value for name, value in vars(self).items() if name not in BOUND}
+        return {name: value for name, value in vars(self).items() if name not in ("information", "stages")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
@@ -170,68 +167,11 @@ class Core:
         self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
         rewards = self.term_names, self.terms, self.part_terms
         self.information = self._information(episode, state.diverged, *rewards, self.facts, self.details)
-        self.told = self.information.fresh()
-        self._accept = self._take_in if len(self.simulator.blocks.edges) == 1 else self._look_through
-        self._relating = () if self.sensing.exact else (self.scoring.relating(self._measured),)
-        self._writing = self._writers()
-        self._arrays: list[np.ndarray] = []
-        self._by_blocks, self._afterwards = self._stages()
-
-    def _writers(self) -> list[Writer] | None:
-        """What writes observations world by world, with working arrays of its own; None: only the observation itself can."""
-        if (
-            not isinstance(self.observation, RowObservation)
-            or type(self.observation).observe is not RowObservation.observe
-        ):
-            return None
-        return self.observation.writers(self.sensing.measurement, self._measured, self.episode)
-
-    def _stages(self) -> tuple[list[Callable[[], None]], list[Callable[[], None]]]:
-        """What follows the simulation: for each block on the thread that has advanced it, and for all worlds afterwards.
-
-        What only Python can do, a sensor, a reward or an observation, stands for all worlds between what kernels do.
-        """
-        by_rows, own, goals = self._writing is not None, self._own_reward is not None, self.observation.goal_reward
-        waits = not self.sensing.exact
-        first = self._block_stages(score=True, see=by_rows and not waits, tell=not (own or goals or waits))
-        rest: list[Callable[[], None]] = []
-        if own:
-            rest.append(self._own_reward.score)  # type: ignore[union-attr]
-        elif goals:
-            rest.append(self._reward_goals)
-        if waits or own or goals:
-            then = self._block_stages(relate=waits, see=by_rows and waits, tell=True)
-            rest.append(partial(self.simulator.blocks.run, lambda k: then[k]()))
-        if not by_rows:
-            rest.append(self._observe_all)
-        return first, rest
-
-    def _block_stages(
-        self, *, score: bool = False, relate: bool = False, see: bool = False, tell: bool = False
-    ) -> list[Callable[[], None]]:
-        """Some stages for each block, with working arrays of their own."""
-
-        def stage(start: int, stop: int) -> Callable[[], None]:
-            worlds = self._everyone[start:stop]
-            scoring = self.scoring.stages() if score else []
-            relating = [self.scoring.relating(self._measured)] if relate else []
-            writing = self._writers() if see else []
-            telling = [self.information.write] if tell else []
-            measured = self.sensing.measurement
-
-            def run() -> None:
-                for each in scoring:
-                    each(worlds)
-                for each in relating:
-                    each(worlds, measured.pose, measured.gone)
-                for write, array in zip(writing, self._arrays):
-                    write(worlds, array)
-                for each in telling:
-                    each(worlds, *self.told)
-
-            return run
-
-        return [stage(*edges) for edges in self.simulator.blocks.edges]
+        score = None if self._own_reward is None else self._own_reward.score
+        self.stages = Stages(
+            self.simulator.blocks, self.scoring, self.sensing, self._measured, self.observation, self.information,
+            self._reward_goals if self.observation.goal_reward else score,
+        )  # fmt: skip
 
     @property
     def draws(self) -> int:
@@ -268,7 +208,7 @@ class Core:
             remembered[worlds] = 0
         self.actuators.reset(worlds, uniform[:, own:driven])
         self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
-        self._relate(worlds)
+        self.stages.relate(worlds)
         self.began = True
 
     def _idle_velocity(self, factors: np.ndarray) -> np.ndarray:
@@ -303,18 +243,18 @@ class Core:
         Raises:
             ValueError: a number that is not finite; nothing has changed.
         """
-        values = self._accept(action)
+        values = self._intake.take(action)
         if values is None:
             raise self.action.not_finite(action if given is None else given)
         command = self.action.command(values, self.sensing.measurement)
         self.sensing.predict(command)
         if self._own_reward is not None:
             self._own_reward.begin_step()
-        self._open()
+        self.stages.open()
         run, elapsed, instant, state = self.simulator.go_on, 0, self.sensing.instant, self.simulator.state
         for drive, periods in self.actuators.apply(command):
             self.drive = drive
-            then = self._by_blocks if elapsed + periods == self.periods else ()
+            then = self.stages.by_blocks if elapsed + periods == self.periods else ()
             if elapsed < instant < elapsed + periods:  # the sensor looks within this stretch
                 run(drive, instant - elapsed)
                 self.sensing.look(state)
@@ -325,22 +265,8 @@ class Core:
                     self.sensing.look(state)
             elapsed += periods
         self.sensing.correct()
-        for stage in self._afterwards:
+        for stage in self.stages.afterwards:
             stage()
-
-    def _take_in(self, action: np.ndarray) -> np.ndarray | None:
-        """A copy of the action at the same place in memory as ever, so that drives need not be pinned anew."""
-        return self._taken if take_in(action, self._taken) else None
-
-    def _look_through(self, action: np.ndarray) -> np.ndarray | None:
-        """The action itself: for many worlds a copy costs more."""
-        return action if all_finite(action) else None
-
-    def _open(self) -> None:
-        """Begin a batch of observations, and of what there is to tell: what was handed out is not written again."""
-        self.told = self.information.fresh()
-        if self._writing is not None:
-            self._arrays, self.seen = self.observation.fresh(self.worlds)  # type: ignore[attr-defined]
 
     def _reward_goals(self) -> None:
         """The reward of a goal observation."""
@@ -350,28 +276,6 @@ class Core:
         self.episode.reward[:] = reward
         self.terms[:, 0] = reward
         self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(present, reward[:, None], 0.0)
-
-    def _relate(self, worlds: np.ndarray) -> None:
-        """Bring the relations of what is measured in ``worlds`` up to date; those of an exact sensor are the score's."""
-        for relate in self._relating:
-            relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
-
-    def _observe_all(self) -> None:
-        self.seen = self.observe()
-
-    def show(self, worlds: np.ndarray) -> None:
-        """Observe and tell of ``worlds`` (index array) anew, in the batch of this step: their episodes have just begun."""
-        self.information.write(worlds, *self.told)
-        if self._writing is None:
-            self._observe_all()
-            return
-        for write, array in zip(self._writing, self._arrays):
-            write(worlds, array)
-
-    def show_all(self) -> None:
-        """Observe and tell of all worlds, in a batch of its own."""
-        self._open()
-        self.show(self._everyone)
 
     def observe(self) -> Any:
         """A fresh batch of observations."""
@@ -453,7 +357,7 @@ class Core:
         if began:
             if self.sensing.exact:
                 self.sensing.reset(NONE, self.simulator.state, np.zeros((0, self.sensing.draws)))
-            self._relate(self._everyone)
+            self.stages.relate(np.arange(self.worlds))
         self.drive, self.began = None, began
 
     def _progress(self) -> dict[str, np.ndarray]:

@@ -64,13 +64,6 @@ class Told(NamedTuple):
 
 
 @borrowing
-def copy_column(worlds, columns, column, row):
-    """Copy a column of (worlds, columns) into (worlds,), of ``worlds`` (n,)."""
-    for k in range(worlds.shape[0]):
-        row[worlds[k]] = columns[worlds[k], column]
-
-
-@borrowing
 def tell_worlds(live, worlds, number, count, flag, part_number, part_flag):
     """Write what there is to tell of some worlds.
 
@@ -82,23 +75,24 @@ def tell_worlds(live, worlds, number, count, flag, part_number, part_flag):
     all_of = live_at(live)
     terms, part_terms = all_of.terms, all_of.part_terms
     # Row by row: all rows at a time would be as many places in memory, often a power of two apart.
-    for row, column in enumerate(NUMBERS):
-        copy_column(worlds, all_of.number, column, number[row])
-    for row, column in enumerate(COUNTS):
-        copy_column(worlds, all_of.count, column, count[row])
-    for row, column in enumerate(FLAGS):
-        copy_column(worlds, all_of.flag, column, flag[row])
-    for k in range(worlds.shape[0]):
-        flag[DIVERGED, worlds[k]] = all_of.diverged[worlds[k]]
+    for row in range(TERMS):
+        for k in range(worlds.shape[0]):
+            number[row, worlds[k]] = all_of.number[worlds[k], NUMBERS[row]]
     for term in range(terms.shape[1]):
-        copy_column(worlds, terms, term, number[TERMS + term])
-    for part in range(part_terms.shape[1]):
-        copy_column(worlds, all_of.done, part, part_flag[0, :, part])
-        copy_column(worlds, all_of.part_fallen, part, part_flag[1, :, part])
-        copy_column(worlds, all_of.present, part, part_flag[2, :, part])
-        copy_column(worlds, all_of.part_reward, part, part_number[0, :, part])
-        for term in range(terms.shape[1]):
-            copy_column(worlds, part_terms[:, part], term, part_number[1 + term, :, part])
+        for k in range(worlds.shape[0]):
+            number[TERMS + term, worlds[k]] = terms[worlds[k], term]
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        count[0, w], count[1, w] = all_of.count[w, PARTS_DONE], all_of.count[w, IN_TOUCH]
+        flag[0, w], flag[1, w] = all_of.flag[w, ENDED], all_of.flag[w, DOWN]
+        flag[2, w], flag[DIVERGED, w] = all_of.flag[w, SUCCEEDED], all_of.diverged[w]
+        for part in range(part_terms.shape[1]):
+            part_flag[0, w, part], part_flag[1, w, part] = all_of.done[w, part], all_of.part_fallen[w, part]
+            part_flag[2, w, part], part_number[0, w, part] = all_of.present[w, part], all_of.part_reward[w, part]
+    for term in range(terms.shape[1]):
+        for k in range(worlds.shape[0]):
+            for part in range(part_terms.shape[1]):
+                part_number[1 + term, worlds[k], part] = part_terms[worlds[k], part, term]
 
 
 class Information:
@@ -166,9 +160,7 @@ class Information:
             masks = iter(self._everyone.copy())
         else:
             masks = iter(np.tile(mask, (self._masks, 1)))
-            told = Told(
-                *(np.where(mask if each.ndim == 2 else mask[:, None], each, _ZERO[each.dtype]) for each in told)
-            )
+            told = _masked(told, mask)
         rows, info = [list(each) for each in told[:3]], {}
         for name, where in self._facts.items():
             info[name] = _shown(self._own[name], mask) if where is None else rows[where[0]][where[1]]
@@ -195,7 +187,7 @@ class OneWorld(Information):
         self._part_number = np.zeros((1 + terms, self._shape[1]))
         self._part_flag = np.zeros((len(PART_FLAGS), self._shape[1]), dtype=bool)
         rows = (each[:, None] for each in (self._number, self._count, self._flag))
-        self._told = Told(*rows, self._part_number[:, None], self._part_flag[:, None])
+        self._told = Told._make([*rows, self._part_number[:, None], self._part_flag[:, None]])
 
     def fresh(self) -> Told:
         """The same ever after."""
@@ -243,6 +235,13 @@ def _with_masks(names: Sequence[str], values: Sequence[np.ndarray], masks: Itera
     for name, each in zip(names, values, strict=True):
         shown[name], shown[f"_{name}"] = each, next(masks)
     return shown
+
+
+def _masked(told: Told, mask: np.ndarray) -> Told:
+    """A copy with zeros outside the mask (worlds,)."""
+    of_worlds = [np.where(mask, each, _ZERO[each.dtype]) for each in told[:3]]
+    of_parts = [np.where(mask[:, None], each, _ZERO[each.dtype]) for each in told[3:]]
+    return Told._make([*of_worlds, *of_parts])
 
 
 def _shown(values: np.ndarray, mask: np.ndarray | None) -> np.ndarray:

@@ -233,8 +233,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
-        self.core.show_all()
-        return self._own(self.core.seen), self._told()[2]
+        self.core.stages.show_all()
+        return self._own(self.core.stages.seen), self._told()[2]
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -248,7 +248,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._draw()
         truncated = core.step_limit is not None and self._steps >= core.step_limit
         reward, ended, info = self._told()
-        return self._own(core.seen), reward, ended, truncated, info
+        return self._own(core.stages.seen), reward, ended, truncated, info
 
     @property
     def compute_reward(self) -> Any:

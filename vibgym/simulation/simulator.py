@@ -16,11 +16,11 @@ from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
+from vibgym.simulation import threads as workers
 from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS as FIXED
 from vibgym.simulation.protocol import Setup
-from vibgym.simulation.threads import Blocks, available_threads
 from vibgym.snapshots import check_keys, copied, put_back, restored
 
 MODELS = (*FIXED, "auto")
@@ -128,8 +128,8 @@ class Simulator:
         else:
             self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
         self.model = self.choice.model
-        threads = available_threads() if threads is None else checks.count("threads", threads, most=4096)
-        self.blocks = Blocks(self.worlds, threads)
+        threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
+        self.blocks = workers.Blocks(self.worlds, threads)
         self._nothing = [_nothing] * len(self.blocks.edges)
         self._model = FIXED[self.model](setup, self.choice.knobs)
         self._state = new_state(self.worlds, len(self.parts))

@@ -111,10 +111,12 @@ class Blocks:
         threads: that may be at work.
 
     Attributes:
+        worlds: how many.
         edges: first world of each block, and the one after its last.
     """
 
     def __init__(self, worlds: int, threads: int) -> None:
+        self.worlds = worlds
         self._threads = max(min(threads, worlds // SMALLEST_BLOCK), 1)
         count = min(self._threads * BLOCKS_PER_THREAD, worlds // SMALLEST_BLOCK) if self._threads > 1 else 1
         # Whole bundles: a block that ends within one would leave lanes empty.
