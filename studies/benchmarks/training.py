@@ -25,7 +25,13 @@ from agents.training.train_settings import TrainSettings
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.simulation.threads import available_threads
 
-TARGETS = {"Align, patch": 80_000, "Align, element": 25_000, "Sort, field": 12_000, "Sort, wrench": 12_000}
+TARGETS = {
+    "Align, patch": 80_000,
+    "Align, element": 25_000,
+    "Sort, field": 12_000,
+    "Sort, field, overlap": 12_000,
+    "Sort, wrench": 12_000,
+}
 """Steps of worlds a second that are asked for on two free cores."""
 
 ITERATIONS = 4
@@ -71,6 +77,9 @@ CASES: dict[str, Callable[[], Callable[[], float]]] = {
     "Align, element": lambda: ours("Align", "element", 512, network="elements", batch_size=8192, net=[64, 64]),
     "Align, wrench": lambda: ours("Align", "wrench", 512, batch_size=8192),
     "Sort, field": lambda: ours("Sort", "field", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
+    "Sort, field, overlap": lambda: ours(
+        "Sort", "field", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64], overlap=True
+    ),
     "Sort, wrench": lambda: ours("Sort", "wrench", 256, batch_size=16384, n_epochs=2, activation="relu", net=[64, 64]),
 }
 
