@@ -24,6 +24,7 @@ from vibgym._numba import options
 from vibgym._numba.by_reference import handed_on
 from vibgym._numba.cache import Files
 from vibgym._numba.sources import last_edit, sources
+from vibgym._numba.vec8 import WIDTH
 
 config: Any = numba_config
 
@@ -166,7 +167,7 @@ class _Kernel(CPUDispatcher):
         own: Any = Files(cache.cache_path, cache._impl.filename_base, cache._cache_file._source_stamp)
         # The version is looked at before anything else is read, which may no longer be readable.
         where = self.py_func.__code__.co_filename, self.py_func.__module__
-        own._version = f"{own._version} {sources(*where)}"
+        own._version = f"{own._version} {sources(*where)} {WIDTH}"
         cache._cache_file = own
         if last_edit(*where) > self.imported:  # what is compiled is older than what the version tells of
             cache.disable()
