@@ -31,6 +31,9 @@ SHIP = os.environ.get("VIBGYM_SHIP", "1") != "0"
 
 OTHERWISE = "Set VIBGYM_SHIP=0 for a wheel whose kernels are compiled where they are used."
 
+WIDTHS = ("4", "8")
+"""Doubles in a register of the processors that the wheel is for: AVX2 and NEON by twos, AVX-512. ``VIBGYM_VECTOR`` names one."""
+
 UNSET = ("NUMBA_BOUNDSCHECK", "NUMBA_DEBUGINFO", "NUMBA_DISABLE_JIT", "VIBGYM_CACHE", "VIBGYM_PLAIN_NUMBA")
 """Environment variables that bitcode must not depend on."""
 
@@ -73,15 +76,20 @@ class Kernels(BuildHookInterface):
     def _collect(self, python: str, folder: Path) -> None:
         environment = {name: value for name, value in os.environ.items() if name not in UNSET}
         command = [python, "-m", "vibgym", "warm", "--ship", str(folder)]
-        try:
-            done = subprocess.run(command, cwd=ROOT, env=environment, text=True, capture_output=True)
-            said, failed = done.stdout + done.stderr, done.returncode != 0
-        except OSError as error:
-            said, failed = str(error), True
-        if failed:
-            self._remove()
-            self.app.abort(f"{said.strip()}\nkernels for the wheel: {' '.join(command)} failed, see above. {OTHERWISE}")
-        self.app.display_info(said.strip())
+        for width in os.environ.get("VIBGYM_VECTOR", " ".join(WIDTHS)).split():
+            try:
+                done = subprocess.run(
+                    command, cwd=ROOT, env={**environment, "VIBGYM_VECTOR": width}, text=True, capture_output=True
+                )
+                said, failed = done.stdout + done.stderr, done.returncode != 0
+            except OSError as error:
+                said, failed = str(error), True
+            if failed:
+                self._remove()
+                self.app.abort(
+                    f"{said.strip()}\nkernels for the wheel: {' '.join(command)} failed, see above. {OTHERWISE}"
+                )
+            self.app.display_info(said.strip())
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """After the wheel is written."""

@@ -11,6 +11,11 @@ import hashlib
 import re
 from pathlib import Path
 
+from vibgym._numba.vec8 import WIDTH
+
+_BY_WIDTH = Path(__file__).with_name("vec8.py")
+"""Kernels for one width that were given arrays for another would write beyond them."""
+
 _TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?: .*)?\n)+", re.MULTILINE)
 """What only the type checker reads: nothing runs by it, and ``vibgym/__init__.py`` names half the package so."""
 
@@ -39,9 +44,10 @@ def _imported(file: str, module: str) -> tuple[Path, ...]:
 
 @functools.cache
 def sources(file: str, module: str) -> str:
-    """Digest of what :func:`_imported` finds."""
-    digest = hashlib.sha256()
-    for path in _imported(file, module):
+    """Digest of what :func:`_imported` finds, and of the registers' width where that counts."""
+    paths = _imported(file, module)
+    digest = hashlib.sha256(str(WIDTH).encode() if _BY_WIDTH in paths else b"")
+    for path in paths:
         digest.update(path.read_bytes())
     return digest.hexdigest()
 

@@ -28,7 +28,11 @@ from numba.core.typing.templates import AbstractTemplate, infer_global, signatur
 LANES = 8
 """Doubles of a value."""
 
-WIDTH = int(os.environ.get("VIBGYM_VECTOR", 0)) or (8 if binding.get_host_cpu_features().get("avx512f") else 4)
+_ASKED = os.environ.get("VIBGYM_VECTOR", "")
+if _ASKED not in ("", "4", "8"):
+    raise ValueError(f"VIBGYM_VECTOR: got {_ASKED!r}; allowed: 4 or 8")
+
+WIDTH = int(_ASKED or (8 if binding.get_host_cpu_features().get("avx512f") else 4))
 """Doubles of a value that fits into one of the processor's registers, 4 or 8."""
 
 _INDEX, _BYTE = ir.IntType(32), ir.IntType(8)
