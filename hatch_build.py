@@ -32,7 +32,7 @@ SHIP = os.environ.get("VIBGYM_SHIP", "1") != "0"
 OTHERWISE = "Set VIBGYM_SHIP=0 for a wheel whose kernels are compiled where they are used."
 
 WIDTHS = ("4", "8")
-"""Doubles in a register of the processors that the wheel is for: AVX2 and NEON by twos, AVX-512. ``VIBGYM_VECTOR`` names one."""
+"""Doubles in a register of the processors that the wheel is for: AVX2, and AVX-512. ``VIBGYM_VECTOR`` names one of them."""
 
 UNSET = ("NUMBA_BOUNDSCHECK", "NUMBA_DEBUGINFO", "NUMBA_DISABLE_JIT", "VIBGYM_CACHE", "VIBGYM_PLAIN_NUMBA")
 """Environment variables that bitcode must not depend on."""

@@ -11,9 +11,9 @@ import hashlib
 import re
 from pathlib import Path
 
-from vibgym._numba.vec8 import WIDTH
+from vibgym._numba.vector import WIDTH
 
-_BY_WIDTH = Path(__file__).with_name("vec8.py")
+_BY_WIDTH = Path(__file__).with_name("vector.py")
 """Kernels for one width that were given arrays for another would write beyond them."""
 
 _TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?: .*)?\n)+", re.MULTILINE)
