@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
+from vibgym._numba.options import WIDTH
 from vibgym._numba.plain import exact
 
-LANES = WIDTH = 1
+LANES = WIDTH
 """Doubles of a value."""
 
 

@@ -11,7 +11,7 @@ import hashlib
 import re
 from pathlib import Path
 
-from vibgym._numba.vector import WIDTH
+from vibgym._numba.options import WIDTH
 
 _BY_WIDTH = Path(__file__).with_name("vector.py")
 """Kernels for one width that were given arrays for another would write beyond them."""
