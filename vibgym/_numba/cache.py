@@ -17,7 +17,7 @@ from numba.core.compiler import CompileResult
 
 from vibgym._numba import options, shipped
 from vibgym._numba.libraries import Whole
-from vibgym._numba.sources import last_edit, sources
+from vibgym._numba.sources import last_edit
 
 LOGGER = logging.getLogger("vibgym")
 
@@ -120,7 +120,7 @@ class _Kept(caching.FunctionCache):
         self._impl._function = function
         own: Any = Files(self._cache_path, self._impl.filename_base, self._cache_file._source_stamp)
         # The version is looked at before anything else is read, which may no longer be readable.
-        own._version = f"{own._version} {sources(function.__code__.co_filename, function.__module__)}"
+        own._version = f"{own._version} {shipped.state_of(function.__code__.co_filename, function.__module__)}"
         self._cache_file = own
 
 

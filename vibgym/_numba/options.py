@@ -13,19 +13,10 @@ import logging
 import os
 from typing import Any
 
-from llvmlite import binding
-
 LOGGER = logging.getLogger("vibgym")
 
 PLAIN = os.environ.get("VIBGYM_PLAIN_NUMBA", "0") not in ("", "0")
 """Whether kernels lean on numba's public interface alone (:mod:`vibgym._numba.plain`): slower, for a numba that is too new."""
-
-_REGISTERS = os.environ.get("VIBGYM_VECTOR", "")
-if _REGISTERS not in ("", "4", "8"):
-    raise ValueError(f"VIBGYM_VECTOR: got {_REGISTERS!r}; allowed: 4 or 8")
-
-WIDTH = 1 if PLAIN else int(_REGISTERS or (8 if binding.get_host_cpu_features().get("avx512f") else 4))
-"""Doubles that one of the processor's registers is to hold, 4 or 8; in plain mode values of several are not used."""
 
 CACHE = os.environ.get("VIBGYM_CACHE", "1") != "0"
 """Whether compiled kernels are kept."""

@@ -21,7 +21,8 @@ from llvmlite import binding as llvm
 from numba.core import config as numba_config
 from numba.core.serialize import dumps
 
-from vibgym._numba.sources import sources
+from vibgym._numba.sources import depends_on, sources
+from vibgym._numba.vec8 import WIDTH
 
 config: Any = numba_config
 
@@ -104,10 +105,17 @@ def reason() -> str:
     return f"the kernels that came along are for {theirs}, this is {ours}"
 
 
+def state_of(file: str, module: str) -> str:
+    """Digest of a kernel's sources, and the registers' width where that counts: a kernel for one width that was given arrays
+    for another would write beyond them."""
+    width = f" {WIDTH}" if depends_on(file, module, "vec8.py") else ""
+    return sources(file, module) + width
+
+
 def _name(function: Any, arguments: Any) -> str:
     """Of a kernel's file."""
     place = function.__code__.co_filename, function.__module__
-    told = (*_own(), sources(*place), function.__qualname__, function.__code__.co_firstlineno, tuple(arguments))
+    told = (*_own(), state_of(*place), function.__qualname__, function.__code__.co_firstlineno, tuple(arguments))
     return f"{function.__name__}-{hashlib.sha256(repr(told).encode()).hexdigest()[:20]}.bitcode"
 
 

@@ -11,11 +11,6 @@ import hashlib
 import re
 from pathlib import Path
 
-from vibgym._numba.options import WIDTH
-
-_BY_WIDTH = Path(__file__).with_name("vector.py")
-"""Kernels for one width that were given arrays for another would write beyond them."""
-
 _TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?: .*)?\n)+", re.MULTILINE)
 """What only the type checker reads: nothing runs by it, and ``vibgym/__init__.py`` names half the package so."""
 
@@ -44,10 +39,9 @@ def _imported(file: str, module: str) -> tuple[Path, ...]:
 
 @functools.cache
 def sources(file: str, module: str) -> str:
-    """Digest of what :func:`_imported` finds, and of the registers' width where that counts."""
-    paths = _imported(file, module)
-    digest = hashlib.sha256(str(WIDTH).encode() if _BY_WIDTH in paths else b"")
-    for path in paths:
+    """Digest of what :func:`_imported` finds."""
+    digest = hashlib.sha256()
+    for path in _imported(file, module):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -56,3 +50,8 @@ def sources(file: str, module: str) -> str:
 def last_edit(file: str, module: str) -> float:
     """When the youngest of these files was written."""
     return max(path.stat().st_mtime for path in _imported(file, module))
+
+
+def depends_on(file: str, module: str, name: str) -> bool:
+    """Whether it imports a file of this folder, directly or not."""
+    return Path(__file__).with_name(name) in _imported(file, module)

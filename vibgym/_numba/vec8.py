@@ -14,20 +14,26 @@ and ARM's, do.
 from __future__ import annotations
 
 import operator
+import os
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import ir
+from llvmlite import binding, ir
 from numba.core import cgutils, types
 from numba.core.datamodel import models
 from numba.core.datamodel.registry import register_default
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 
-from vibgym._numba.options import WIDTH
-
 LANES = 8
 """Doubles of a value."""
+
+_ASKED = os.environ.get("VIBGYM_VECTOR", "")
+if _ASKED not in ("", "4", "8"):
+    raise ValueError(f"VIBGYM_VECTOR: got {_ASKED!r}; allowed: 4 or 8")
+
+WIDTH = int(_ASKED or (8 if binding.get_host_cpu_features().get("avx512f") else 4))
+"""Doubles of a value that fits into one of the processor's registers, 4 or 8."""
 
 _INDEX, _BYTE = ir.IntType(32), ir.IntType(8)
 

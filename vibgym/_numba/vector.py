@@ -12,7 +12,7 @@ numbers for values.
 
 from __future__ import annotations
 
-from vibgym._numba.options import PLAIN, WIDTH
+from vibgym._numba.options import PLAIN
 
 if PLAIN:
     from vibgym._numba import one_lane as _form
@@ -20,6 +20,7 @@ else:
     from vibgym._numba import vec8 as _form
 
 LANES: int = _form.LANES
+WIDTH: int = _form.WIDTH
 load, load_register, store = _form.load, _form.load_register, _form.store
 load_mask, store_mask = _form.load_mask, _form.store_mask
 spread, spread_register = _form.spread, _form.spread_register
