@@ -114,7 +114,7 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "viewers", phasors
     yield "policies", policies
     for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
-        for observation in ("state", "goal", "image"):
+        for observation in ("state", "parts", "goal", "image"):
             yield f"{name}, {observation}", lambda name=name, kind=observation: environment(name, kind)
     for name, hardware in MACHINES.items():
         yield name, lambda hardware=hardware: machine(**hardware)
