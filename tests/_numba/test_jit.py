@@ -175,10 +175,10 @@ def test_where_no_folder_can_be_written(run):
 TOGETHER = """
 import itertools, sys, threading, time
 sys.path.insert(0, {folder!r})
-from vibgym._numba import cache
+from vibgym._numba import shipped
 from mine import double
-digest, turn = cache.sources, itertools.count(1)
-cache.sources = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
+digest, turn = shipped.state_of, itertools.count(1)
+shipped.state_of = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
 threads = [threading.Thread(target=double, args=(1.0,)) for _ in range(int(sys.argv[1]))]
 for thread in threads:
     thread.start()
