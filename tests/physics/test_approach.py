@@ -51,7 +51,7 @@ def encounter_of(parts, walls):
         new_contacts(len(parts), hulls), coupling_of(kinds_of(parts)[0], schemes), schemes.walls,
     )  # fmt: skip
     drive = polar_drive(np.zeros((1, 1, 1)), np.zeros((1, 1, 1)), SURFACE.angular_frequency)
-    scene = Scene(table, bodies, scheme, drive, state, workspace)
+    scene = Scene(table, bodies, scheme, drive, state, workspace, 1)
     return space, Encounter(scene, *fixed[1:5], 0, len(parts), 1, OVERLAP, 0.0, schemes.walls)
 
 

@@ -45,7 +45,7 @@ def cut_once(fixed, drive, state, alone):
     """Cut what lies under the parts of a world, or under one of them alone; returns how many lie on elements."""
     fixed = fixed_scene_at(fixed)
     scene = reference(
-        Scene(fixed.table, fixed.bodies, fixed.scheme, reference(drive), state_at(state), fixed.workspace)
+        Scene(fixed.table, fixed.bodies, fixed.scheme, reference(drive), state_at(state), fixed.workspace, 1)
     )
     for slot in range(LANES):
         enter_part(scene, slot, 0, slot, 0 <= alone != slot)

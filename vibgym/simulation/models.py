@@ -10,12 +10,12 @@ import numpy as np
 
 from vibgym import checks
 from vibgym._numba.reference import Pinned
+from vibgym._numba.vector import LANES
 from vibgym.physics.averaged import contact, integrator
 from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of, kinds_of
 from vibgym.simulation.conditions import Conditions

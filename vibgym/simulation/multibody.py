@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from vibgym._numba.reference import Pinned
+from vibgym._numba.vector import LANES
 from vibgym.physics.collision.broad_phase import CONTACT, FREE, NEAR
 from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, Coupling, FixedEncounter, new_contacts
 from vibgym.physics.collision.multibody import (
@@ -22,7 +23,6 @@ from vibgym.physics.collision.multibody import (
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.physics.planar.friction import slide_rows
-from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.simulation.conditions import Conditions

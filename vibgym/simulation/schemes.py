@@ -12,7 +12,6 @@ import numpy as np
 from vibgym import checks
 from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.core.records import Scheme
-from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part
@@ -43,9 +42,7 @@ class PlanarSchemes(NamedTuple):
 
     alone: tuple[Scheme, ...]  # one a kind
     fewest: int  # steps of the coupling in a period
-    bend: tuple[
-        float, ...
-    ]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: friction has no say in their number
+    bend: tuple[float, ...]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: friction has no say in it
     overlap: tuple[float, ...]  # m that an impact may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 
@@ -77,7 +74,7 @@ def planar_scheme(
         raise checks.refuse("substeps", inner, allowed)
     cells = chosen("pieces", pieces, most=64) or 0
     phase = np.arange(3 * cuts * inner + 1) * (2.0 * math.pi / (3 * cuts * inner))
-    return Scheme(cuts, inner, cells, LANES, np.cos(phase), np.sin(phase))
+    return Scheme(cuts, inner, cells, np.cos(phase), np.sin(phase))
 
 
 def planar_schemes(

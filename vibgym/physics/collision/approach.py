@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 from vibgym._numba.jit import borrowing
+from vibgym._numba.vector import LANES
 from vibgym.physics.collision.hulls import A_FACE, B_FACE, farthest, hull_contact, place_hulls, wall_direction
 from vibgym.physics.core.records import friction_in, incline_size
-from vibgym.physics.planar.pressure_moments import LANES
 
 FAST, SLOWLY = 0.02, 6.0
 """m/s; where parts come together more slowly, so many times the overlap of an impact is allowed."""

@@ -20,6 +20,7 @@ import numpy as np
 
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import Layout, reference
+from vibgym._numba.vector import LANES
 from vibgym.physics.collision.approach import parts_moved, place_slot, safe_step
 from vibgym.physics.collision.broad_phase import (
     Circles,
@@ -34,7 +35,6 @@ from vibgym.physics.collision.hulls import Hulls
 from vibgym.physics.collision.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts, weigh_parts
 from vibgym.physics.collision.solver import JOLT, Solver, forget_impacts, leave, raise_walls, solve
 from vibgym.physics.core.records import friction_in, incline_size
-from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.stepper import apply_friction, cut_stale, enter_part
 from vibgym.physics.planar.workspace import FixedScene, Scene, Step
 
@@ -248,7 +248,7 @@ def enter_island(encounter):
         for k in range(3):
             contacts.begun[slot, k] = workspace.pose[slot // LANES, k * LANES + slot % LANES]
         contacts.gone[slot] = contacts.turned[slot] = 0.0
-    for slot in range(encounter.parts, LANES * workspace.pose.shape[0]):
+    for slot in range(encounter.parts, LANES * scene.groups):
         workspace.away[slot] = True
 
 
@@ -370,7 +370,7 @@ def collide_period(encounter, n, paths):
     calls = 0
     for turn in range(steps):
         elapsed, stale = 0.0, True
-        for slot in range(LANES * workspace.pose.shape[0]):
+        for slot in range(LANES * scene.groups):
             workspace.stale[slot] = True
         while elapsed < span:
             left = span - elapsed

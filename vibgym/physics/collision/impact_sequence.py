@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym._numba.jit import borrowing
+from vibgym._numba.vector import LANES
 from vibgym.physics.collision.approach import RESTING, part_motion
 from vibgym.physics.collision.impact import Mobility, both, impact_impulse, mobility_of
 from vibgym.physics.collision.span import Span, hull_span, wall_span
-from vibgym.physics.planar.pressure_moments import LANES
 
 CONTACT_FROM = 2e-6
 """m of overlap from which there is a contact; the solver's shapes are so much smaller together."""

@@ -20,11 +20,11 @@ import numpy as np
 
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import reference
+from vibgym._numba.vector import LANES
 from vibgym.physics.collision.broad_phase import IN_TOUCH, circle_gap, pair_capacity, paths_cross
 from vibgym.physics.collision.coupling import Encounter, collide_period, order_pairs
 from vibgym.physics.core.records import Scheme, friction_in, incline_size
-from vibgym.physics.planar.pressure_moments import LANES
-from vibgym.physics.planar.workspace import Scene, Workspace
+from vibgym.physics.planar.workspace import Scene
 
 CLOSE = 5e-3
 """m; what begins a period nearer than this to a part of an island is taken along: else most would have to be run again."""
@@ -174,18 +174,6 @@ def put_together(islands, root, pairs, workspace, pose, contacts):
 
 
 @borrowing
-def with_groups(workspace, groups):
-    """The workspace with only its first groups of slots: kernels go through as many as there are poses of."""
-    w = workspace
-    return Workspace(
-        w.world, w.part, w.away, w.by_points, w.stale, w.most_square, w.slow_rate, w.pose[:groups], w.velocity, w.old_pose,
-        w.old_velocity, w.begun_pose, w.begun_velocity, w.middle, w.own, w.kind, w.outline, w.shape, w.corners, w.lowest,
-        w.sector, w.across, w.base, w.known, w.phasor_c, w.phasor_s, w.cells, w.crossings, w.pieces, w.held, w.moments,
-        w.cosine, w.sine, w.cut, w.phasors,
-    )  # fmt: skip
-
-
-@borrowing
 def scheme_of(fixed, part, parts):
     """The steps of an island: those of the kind among its parts that takes most."""
     coupling, kinds, finest = fixed.coupling, fixed.friction.bodies.kind, part[0]
@@ -193,7 +181,7 @@ def scheme_of(fixed, part, parts):
         if coupling.steps[kinds[part[slot]]] > coupling.steps[kinds[finest]]:
             finest = part[slot]
     steps, substeps, base = coupling.steps[kinds[finest]], coupling.substeps[kinds[finest]], fixed.friction.scheme
-    return Scheme(steps, substeps, base.pieces, base.lanes, base.cosine, base.sine)
+    return Scheme(steps, substeps, base.pieces, base.cosine, base.sine)
 
 
 @borrowing
@@ -208,8 +196,8 @@ def run_island(islands, root, fixed, drive, state, world, pairs, paths):
     kinds, part = friction.bodies.kind, friction.workspace.part
     parts, n = put_together(islands, root, pairs, friction.workspace, state.pose[world], contacts)
     scheme = scheme_of(fixed, part, parts)
-    workspace = with_groups(friction.workspace, (parts + LANES - 1) // LANES)
-    scene = Scene(friction.table, friction.bodies, reference(scheme), drive, state, reference(workspace))
+    groups = (parts + LANES - 1) // LANES
+    scene = Scene(friction.table, friction.bodies, reference(scheme), drive, state, friction.workspace, groups)
     bend, overlap, slop, most = math.inf, math.inf, math.inf, 0.0
     for slot in range(parts):
         kind = kinds[part[slot]]

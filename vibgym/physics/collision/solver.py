@@ -10,7 +10,7 @@ import numpy as np
 
 from vibgym._numba.foreign import call_foreign
 from vibgym._numba.jit import borrowing
-from vibgym.physics.planar.pressure_moments import LANES
+from vibgym._numba.vector import LANES
 
 JOLT = 0.1
 """m/s; where contacts change a part's velocity by more, it has been hit, not held: what lies beneath it is looked at again, and

@@ -80,7 +80,6 @@ class Scheme(NamedTuple):
     steps: int  # cuts of the contact area a period
     substeps: int  # Runge-Kutta steps from cut to cut
     pieces: int  # cells per element and direction; 0: series where it holds, else by spin
-    lanes: int  # LANES, handed in at run time
     cosine: np.ndarray  # (3 * steps * substeps + 1) cos wt at the stage times
     sine: np.ndarray
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import reference
+from vibgym._numba.vector import LANES
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import state_at
-from vibgym.physics.planar.pressure_moments import LANES
 from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, enter_part, finite_lane
 from vibgym.physics.planar.workspace import Scene, Step, fixed_scene_at
 
@@ -105,8 +105,10 @@ def slide_rows(rows, fixed, drive, state, periods, paths, base):
     """
     fixed = fixed_scene_at(fixed)
     scene = reference(
-        Scene(fixed.table, fixed.bodies, fixed.scheme, reference(pinned_drive(drive)), state_at(state), fixed.workspace)
-    )
+        Scene(
+            fixed.table, fixed.bodies, fixed.scheme, reference(pinned_drive(drive)), state_at(state), fixed.workspace, 1,
+        )
+    )  # fmt: skip
     state, workspace = scene.state, scene.workspace
     parts = state.pose.shape[1]
     for first in range(0, rows.shape[0], LANES):

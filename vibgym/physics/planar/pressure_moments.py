@@ -29,8 +29,6 @@ from vibgym._numba.vector import (
 from vibgym.physics.planar.group_cut import CELL
 from vibgym.physics.planar.phasors import phasor_under
 
-__all__ = ["LANES", "MOMENT_ROWS", "PIECE_FIELDS", "collect_pieces", "pressure_moments"]
-
 MOMENT_ROWS = 45
 """M00, M11, M22, then real and imaginary part of M10, M21, M20, M31, M30, M40; each for ``g``, C and S."""
 

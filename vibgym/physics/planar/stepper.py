@@ -75,12 +75,8 @@ def enter_shape(scene, slot, kind):
 @borrowing
 def enter_outlines(scene, g, lanes):
     """Write down the outlines of those lanes whose bits are set, beginning with their lowest corner."""
-    workspace, bodies, outline, sector = (
-        scene.workspace,
-        scene.bodies,
-        scene.workspace.outline[g],
-        scene.workspace.sector[g],
-    )
+    workspace, bodies = scene.workspace, scene.bodies
+    outline, sector = workspace.outline[g], workspace.sector[g]
     for lane in range(LANES):
         if lanes >> lane & 1:
             kind = workspace.kind[g * LANES + lane]
@@ -142,6 +138,16 @@ def settle(scene, slot, pushed):
     return fate == PLACED
 
 
+@borrowing
+def sticking_lanes(scene, first):
+    """Which parts in the slots of a group from ``first`` on stick, a bit each."""
+    state, workspace, stuck = scene.state, scene.workspace, 0
+    for lane in range(LANES):
+        if state.sticking[workspace.world[first + lane], workspace.part[first + lane]]:
+            stuck |= 1 << lane
+    return stuck
+
+
 @exact
 def choose_lanes(scene, g, active, left, pushed):
     """Say where a group's parts will be after half of ``left`` s, and which of the active lanes take their next steps by
@@ -150,7 +156,7 @@ def choose_lanes(scene, g, active, left, pushed):
     Returns:
         The latter.
     """
-    table, state, workspace, first = scene.table, scene.state, scene.workspace, g * LANES
+    table, workspace, first = scene.table, scene.workspace, g * LANES
     pose, velocity, middle, shape = workspace.pose[g], workspace.velocity[g], workspace.middle, workspace.shape[g]
     half, pitch = 0.5 * left, table.element_size
     vx, vy, spin = load(velocity, 0), load(velocity, LANES), load(velocity, 2 * LANES)
@@ -171,11 +177,7 @@ def choose_lanes(scene, g, active, left, pushed):
     for lane in range(LANES):
         if doubtful >> lane & 1 and not settle(scene, first + lane, pushed):
             placed &= ~(1 << lane)
-    stuck = 0
-    if not pushed:
-        for lane in range(LANES):
-            if state.sticking[workspace.world[first + lane], workspace.part[first + lane]]:
-                stuck |= 1 << lane
+    stuck = 0 if pushed else sticking_lanes(scene, first)
     far = MOST_TRAVEL * pitch
     by_points = (magnitude(spin) * left > MOST_TURN) | (left * left * (vx * vx + vy * vy) > far * far) | mask_of(stuck)
     if scene.scheme.pieces > 0:
@@ -262,7 +264,7 @@ def cut_group(scene, g, left, pushed):
 @borrowing
 def cut_stale(scene, left, pushed):
     """Cut what lies under every stale part, see :func:`cut_group`, and bring the moments of its group up to date."""
-    for g in range(scene.workspace.pose.shape[0]):
+    for g in range(scene.groups):
         cut_group(scene, g, left, pushed)
 
 
@@ -308,7 +310,7 @@ def series_held(workspace, g, h):
 def slide_group(scene, g, step):
     """Let friction alone move a group's parts for a step, by the series; returns bits of the lanes that must take it by points,
     which have not moved."""
-    state, workspace, first = scene.state, scene.workspace, g * LANES
+    workspace, first = scene.workspace, g * LANES
     pose, velocity = workspace.pose[g], workspace.velocity[g]
     here = no(load_mask(workspace.away, first))
     by_points = here & load_mask(workspace.by_points, first)
@@ -320,11 +322,7 @@ def slide_group(scene, g, step):
             store(old_pose, k, load(pose, k))
             store(old_velocity, k, load(velocity, k))
         slide_by_series(scene.table, step, workspace.moments[g], pose, velocity, workspace.own[g])
-        stuck = 0
-        for lane in range(LANES):
-            if state.sticking[workspace.world[first + lane], workspace.part[first + lane]]:
-                stuck |= 1 << lane
-        by_series = here & no(by_points | mask_of(stuck)) & series_held(workspace, g, step.h)
+        by_series = here & no(by_points | mask_of(sticking_lanes(scene, first))) & series_held(workspace, g, step.h)
         if bits(no(by_series)) != 0:
             for k in range(0, 3 * LANES, LANES):
                 store(pose, k, select(by_series, load(pose, k), load(old_pose, k)))
@@ -335,7 +333,7 @@ def slide_group(scene, g, step):
 @borrowing
 def apply_friction(scene, step):
     """Let friction alone move all parts for a step."""
-    for g in range(scene.workspace.pose.shape[0]):
+    for g in range(scene.groups):
         again = slide_group(scene, g, step)
         lane = 0
         while again >> lane != 0:

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym._numba.reference import Layout
-from vibgym._numba.vector import WIDTH
+from vibgym._numba.vector import LANES, WIDTH
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Bodies, Body, Scheme, State, Table, body_of
 from vibgym.physics.planar.cut import Cut, cells_across, finest_split, new_cut
 from vibgym.physics.planar.group_cut import CELL, window
 from vibgym.physics.planar.phasors import Phasors, new_phasors
-from vibgym.physics.planar.pressure_moments import LANES, MOMENT_ROWS, PIECE
+from vibgym.physics.planar.pressure_moments import MOMENT_ROWS, PIECE
 
 SECTORS = 8
 """Of headings: in each, eight outlines begin with their lowest corner, so that their edges go the same way and meet the same
@@ -60,9 +60,7 @@ class Workspace(NamedTuple):
     shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.enter_shape
     corners: int  # of the outline with the most
     lowest: np.ndarray  # (kinds, SECTORS) corner that is the lowest of an outline whose heading is in a sector
-    sector: (
-        np.ndarray
-    )  # (groups, lane) for which the outline is written down: it begins with the corner that is the lowest
+    sector: np.ndarray  # (groups, lane) in which the corner is the lowest that the outline written down begins with
     across: int  # elements along a side of the window that holds any part
     base: np.ndarray  # (groups, 2 x lane) column and row of the window's first element
     known: np.ndarray  # (groups, across x across) lanes whose phasors in the window have been read, a bit each
@@ -70,9 +68,7 @@ class Workspace(NamedTuple):
     phasor_s: np.ndarray
     cells: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.group_cut.cut_outlines
     crossings: np.ndarray  # (across x register)
-    pieces: (
-        np.ndarray
-    )  # (across x across x field x register), see vibgym.physics.planar.pressure_moments.collect_pieces
+    pieces: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.pressure_moments
     held: np.ndarray  # (slots,) bool: by elements that the moments are of
     moments: np.ndarray  # (groups, row x lane)
     cosine: np.ndarray  # (4 x substeps) of a step whose times are in no table
@@ -103,6 +99,7 @@ class Scene(NamedTuple):
     drive: Drive
     state: State
     workspace: Workspace
+    groups: int  # of slots that are in use, the first ones
 
 
 def _noughts(*shape: int) -> np.ndarray:
