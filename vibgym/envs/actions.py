@@ -205,7 +205,8 @@ class Action(Live, ABC):
 
         Args:
             values: (worlds, size).
-            measurement: where the parts are, as far as is known; parts that are gone command nothing.
+            measurement: where the parts are, as far as is known; for parts that are gone, or that the task does not drive, nothing
+                is commanded.
         """
 
 
@@ -350,7 +351,7 @@ class Wrench(Action):
 
 
 REASONS = (
-    "served", "gone: absent or fallen", "its centre is beside the surface", "it may stick at this velocity",
+    "served", "gone: absent, fallen, or not driven", "its centre is beside the surface", "it may stick at this velocity",
     "left out by the action",
 )  # fmt: skip
 """Why elements rest under a part whatever ``action="wrench"`` says, see :class:`Wrench`."""

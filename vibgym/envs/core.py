@@ -29,7 +29,7 @@ from vibgym.envs.stages import Stages
 from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
 from vibgym.sensing import sensing_from
-from vibgym.sensing.measurement import new_measurement
+from vibgym.sensing.measurement import Measurement, new_measurement
 from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
@@ -102,6 +102,7 @@ class Core:
         self.task.features = (*self.task.features, *self.sensing.tell)
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
+        self._aim = _at_all if self.task.driven.all() else self._at_driven
         self._commanded = self.action.resolve_limits(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
@@ -246,7 +247,7 @@ class Core:
         values = self._intake.take(action)
         if values is None:
             raise self.action.not_finite(action if given is None else given)
-        command = self.action.command(values, self.sensing.measurement)
+        command = self.action.command(values, self._aim(self.sensing.measurement))
         self.sensing.predict(command)
         if self._own_reward is not None:
             self._own_reward.begin_step()
@@ -267,6 +268,10 @@ class Core:
         self.sensing.correct()
         for stage in self.stages.afterwards:
             stage()
+
+    def _at_driven(self, measurement: Measurement) -> Measurement:
+        """What actions aim by where they do not speak for all parts: for the others nothing is commanded."""
+        return measurement._replace(gone=measurement.gone | ~self.task.driven)
 
     def _reward_goals(self) -> None:
         """The reward of a goal observation."""
@@ -369,6 +374,11 @@ class Core:
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
+
+
+def _at_all(measurement: Measurement) -> Measurement:
+    """What actions aim by where they speak for all parts."""
+    return measurement
 
 
 def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:

@@ -40,6 +40,9 @@ class TaskInfo:
     parts_layout: tuple[Any, ...]  # what the numbers of a row of the observation by parts mean
     hardware: DataSheet  # what the actuators' data sheet says
     step_limit: int | None  # steps
+    driven: tuple[bool, ...] = ()  # of each part: whether actions speak for it
+    asked: tuple[bool, ...] = ()  # of each part: whether anything is asked of it
+    flows: bool = False  # parts arrive and leave while an episode goes on
     goal_moves: bool = False  # while an episode goes on; observations tell how, see vibgym.policies.classical.measured
     lead: int = 0  # periods after the present of which measurements tell: what an estimator predicts
 
@@ -86,6 +89,9 @@ class TaskInfo:
             parts_layout=base.parts_layout,
             hardware=base.data_sheet,
             step_limit=limit,
+            driven=tuple(task.driven.tolist()),
+            asked=tuple(task.asked.tolist()),
+            flows=task.flows,
             goal_moves=task.goal_moves,
             lead=base.measurement_lead,
         )

@@ -46,6 +46,8 @@ class Task(ABC):
     Attributes:
         kinds: names of the parts' kinds.  kind: (parts,) of each part.
         zones: (kinds, 4) m, where each kind shall end: x_low, y_low, x_high, y_high; None for tasks without zones.
+        driven: (parts,) bool, parts that actions speak for: elements obey nobody for the sake of others.
+        asked: (parts,) bool, parts of which something is asked; others have no errors, and are done unless they have fallen.
         apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
         lasts: s that an episode takes at least before it can succeed, the hold aside.
         slots: blocks of the state observation.
@@ -84,6 +86,9 @@ class Task(ABC):
     goal_moves: ClassVar[bool] = False
     """Whether goals move while an episode goes on."""
 
+    flows: ClassVar[bool] = False
+    """Whether parts arrive and leave while an episode goes on."""
+
     position_tolerance: ClassVar[float] = 0.0  # m, from the goal or the zone
     heading_tolerance: ClassVar[float] = math.inf  # rad; infinite where headings do not count
     speed_limit: ClassVar[float] = math.inf  # m/s, mean over the last period, below which a part is done
@@ -100,6 +105,7 @@ class Task(ABC):
         self.zones: np.ndarray | None = None
         self.apart, self.lasts = -math.inf, 0.0
         self.slots, self.features = len(self.parts), tuple(self.FEATURES)
+        self.driven, self.asked = (np.ones(len(self.parts), dtype=bool) for _ in range(2))
         self.hulls = hulls_of(self.parts)
         self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_own_reward)
 
@@ -112,6 +118,10 @@ class Task(ABC):
     def has_heading(self) -> bool:
         """Whether headings count."""
         return math.isfinite(self.heading_tolerance)
+
+    def tolerances(self) -> np.ndarray:
+        """(parts, 2) m and rad, of each part: :attr:`position_tolerance` and :attr:`heading_tolerance`, unless a task has more."""
+        return np.tile([self.position_tolerance, self.heading_tolerance], (len(self.parts), 1))
 
     def heading_period(self, part: Part) -> float:
         """Turn that leaves a part's goal the same, rad; 0 where headings are not wrapped."""
@@ -162,8 +172,6 @@ class Task(ABC):
         elif self.has_goal:
             zone = np.zeros((parts, 4))
         limits = {
-            "position": self.position_tolerance,
-            "heading": self.heading_tolerance,
             "slow": self.speed_limit,
             "apart": self.apart,
             "far": math.hypot(surface.width, surface.depth),
@@ -174,7 +182,9 @@ class Task(ABC):
         if self.has_own_reward:  # which is made of all quantities as they are
             counted = [(of, 1.0) for of in QUANTITIES]
         return Rules(
-            zone=zone,
+            zone=np.where(self.asked[:, None], zone, [-math.inf, -math.inf, math.inf, math.inf]),
+            tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
+            asked=self.asked,
             heading_period=np.array([self.heading_period(part) for part in self.parts]),
             limit=np.array([limits[name] for name in LIMITS]),
             term=np.array([QUANTITIES.index(of) for of, _ in counted], dtype=np.int64),

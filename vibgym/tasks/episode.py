@@ -48,20 +48,24 @@ class Rules(NamedTuple):
     """What the kernels know of the task."""
 
     zone: np.ndarray  # (parts, 4) m: x_low, y_low, x_high, y_high of each part's rectangle, about its goal
+    tolerance: np.ndarray  # (parts, 2) m from the rectangle, and rad, which is infinite where headings do not count
+    asked: (
+        np.ndarray
+    )  # (parts,) bool, of which anything is asked: others are done, unless they fall, and count no errors
     heading_period: np.ndarray  # (parts,) rad; headings that differ by it are the same; 0: headings are not wrapped
     limit: np.ndarray  # (LIMITS,)
     term: np.ndarray  # (terms,) int64 index among QUANTITIES of each reward term
     weight: np.ndarray  # (terms,)
 
 
-LIMITS = ("position", "heading", "slow", "apart", "far", "hold", "periods")
-"""- position: m, tolerance from the rectangle; heading: rad, tolerance, infinite where headings do not count
-- slow: m/s, speed below which a part is done
+LIMITS = ("slow", "apart", "far", "hold", "periods")
+"""- slow: m/s, speed below which a part is done
 - apart: m, distance to the nearest other part above which a part is done; -inf where it does not count
 - far: m, taken as the distance where there is no other part
 - hold: periods in a row with all parts done; periods: of a step
 """
-POSITION, HEADING, SLOW, APART, FAR, HOLD, PERIODS = range(len(LIMITS))
+SLOW, APART, FAR, HOLD, PERIODS = range(len(LIMITS))
+AWAY, TURNED = range(2)  # of Rules.tolerance
 
 
 PREVIEW = 4
@@ -280,7 +284,7 @@ def relate_world(all_of, pose, gone, world):
             x, y, gx, gy = pose[world, i, 0], pose[world, i, 1], goal[world, i, 0], goal[world, i, 1]
             ex = min(max(x, gx + rules.zone[i, 0]), gx + rules.zone[i, 2]) - x
             ey = min(max(y, gy + rules.zone[i, 1]), gy + rules.zone[i, 3]) - y
-            if rules.limit[HEADING] < math.inf:
+            if rules.tolerance[i, TURNED] < math.inf:
                 turn = wrapped(goal[world, i, 2] - pose[world, i, 2], rules.heading_period[i])
         error[world, i, 0], error[world, i, 1], error[world, i, 2] = ex, ey, turn
     return clearance, touching
@@ -296,11 +300,11 @@ def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
     Returns:
         Whether all parts are done, and whether all are where and as they should be, be it on the floor.
     """
-    relations, episode, limit = all_of.relations, all_of.episode, all_of.rules.limit
+    relations, episode, rules, limit = all_of.relations, all_of.episode, all_of.rules, all_of.rules.limit
     number = episode.number[world]
     apart = limit[APART]
     error, clear = max(apart - clearance, 0.0), 0.0
-    down, count, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
+    down, count, asked, done, fit, distance, turn, inside, most_turned = False, 0, 0, 0, 0, 0.0, 0.0, 0.0, 0.0
     for i in range(mean_velocity.shape[1]):
         episode.done[world, i] = False
         if not episode.present[world, i]:
@@ -309,11 +313,15 @@ def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
         away, turned, gap = math.sqrt(ex * ex + ey * ey), abs(relations.error[world, i, 2]), relations.gap[world, i]
         vx, vy = mean_velocity[world, i, 0], mean_velocity[world, i, 1]
         error, most_turned = max(error, away), max(most_turned, turned)
-        count, distance, turn, inside = count + 1, distance + away, turn + turned, inside + (ex == 0.0 and ey == 0.0)
-        if apart > 0.0:
-            clear += min(max(gap, 0.0), apart) / apart
+        count += 1
+        if rules.asked[i]:
+            asked, distance, turn = asked + 1, distance + away, turn + turned
+            inside += ex == 0.0 and ey == 0.0
+            if apart > 0.0:
+                clear += min(max(gap, 0.0), apart) / apart
         slow = vx * vx + vy * vy < limit[SLOW] * limit[SLOW]
-        fitting = away <= limit[POSITION] and turned <= limit[HEADING] and slow and gap > apart
+        fitting = away <= rules.tolerance[i, AWAY] and turned <= rules.tolerance[i, TURNED] and slow and gap > apart
+        fitting = fitting or not rules.asked[i]
         fit += fitting
         all_of.fits[i] = fitting
         if fallen[world, i]:
@@ -321,7 +329,7 @@ def judge_world(all_of, mean_velocity, fallen, world, clearance, touching):
         elif fitting:
             episode.done[world, i] = True
             done += 1
-    share = float(max(count, 1))
+    share = float(max(asked, 1))
     number[MEAN_DISTANCE], number[MEAN_TURN] = distance / share, turn / share
     number[SHARE_INSIDE], number[SHARE_CLEAR] = inside / share, clear / share
     number[POSITION_ERROR], number[HEADING_ERROR], number[SMALLEST_GAP] = error, most_turned, clearance

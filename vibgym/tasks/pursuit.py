@@ -10,7 +10,7 @@ import numpy as np
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import Layout, Pinned, bound
 from vibgym.physics.core.records import State
-from vibgym.tasks.episode import BARRED, HEADING, MOTION, POSITION, PREVIEW, Episode, Relations, Rules, Start
+from vibgym.tasks.episode import AWAY, BARRED, MOTION, PREVIEW, TURNED, Episode, Relations, Rules, Start
 from vibgym.tasks.paths import route
 from vibgym.tasks.scoring import Scoring, Stage
 
@@ -98,7 +98,7 @@ def move_goals(pursuit, worlds):
 def note_errors(pursuit, worlds):
     """Note how far the parts of ``worlds`` (n,) are from their goals at a step's end, by relations that are up to date."""
     all_of = pursuit_at(pursuit)
-    error, limit, present = all_of.relations.error, all_of.rules.limit, all_of.episode.present
+    error, tolerance, present = all_of.relations.error, all_of.rules.tolerance, all_of.episode.present
     for k in range(worlds.shape[0]):
         world = worlds[k]
         all_of.looks[world] += 1
@@ -112,7 +112,7 @@ def note_errors(pursuit, worlds):
             all_of.squares[world, i] += square
             worst = max(worst, all_of.squares[world, i])
             noted[LARGEST] = max(noted[LARGEST], away)
-            if away > limit[POSITION] or abs(error[world, i, 2]) > limit[HEADING]:
+            if away > tolerance[i, AWAY] or abs(error[world, i, 2]) > tolerance[i, TURNED]:
                 noted[LEFT] = 1.0
         noted[RMS] = math.sqrt(worst / all_of.looks[world])
 
