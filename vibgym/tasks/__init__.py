@@ -5,6 +5,8 @@ from vibgym.tasks.align import Align
 from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.follow import Follow
+from vibgym.tasks.pack import Pack
+from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.reward import Step
 from vibgym.tasks.rotate import Rotate
@@ -15,7 +17,15 @@ from vibgym.tasks.transport import Transport
 
 TASKS: Registry[type[Task]] = Registry(
     "task",
-    {"Transport": Transport, "Align": Align, "Rotate": Rotate, "Follow": Follow, "Sort": Sort, "Singulate": Singulate},
+    {
+        "Transport": Transport,
+        "Align": Align,
+        "Rotate": Rotate,
+        "Follow": Follow,
+        "Sort": Sort,
+        "Singulate": Singulate,
+        "Pack": Pack,
+    },
 )
 """Tasks by name; ``TASKS.register(name, cls)`` adds one of your own."""
 
@@ -24,6 +34,8 @@ __all__ = [
     "Align",
     "ArrangedTask",
     "Follow",
+    "Pack",
+    "Pattern",
     "PoseTask",
     "Rotate",
     "Singulate",
