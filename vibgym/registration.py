@@ -21,6 +21,8 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "Singulate": (500, {"task": "Singulate"}),
     "Pack": (750, {"task": "Pack"}),
     "PackFull": (1000, {"task": "Pack", "parts": ["aluminium_block"] * 20}),
+    "Feed": (1500, {"task": "Feed"}),
+    "FeedHeaps": (1500, {"task": "Feed", "parts": BLOCKS * 9, "task_settings": {"heap": 6}}),
 }
 """Limit, in oscillation periods (steps, with one a step), and keyword arguments of each environment."""
 

@@ -4,6 +4,7 @@ from vibgym.registry import Registry
 from vibgym.tasks.align import Align
 from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import Start, Task
+from vibgym.tasks.feed import Feed
 from vibgym.tasks.follow import Follow
 from vibgym.tasks.pack import Pack
 from vibgym.tasks.patterns import Pattern
@@ -25,6 +26,7 @@ TASKS: Registry[type[Task]] = Registry(
         "Sort": Sort,
         "Singulate": Singulate,
         "Pack": Pack,
+        "Feed": Feed,
     },
 )
 """Tasks by name; ``TASKS.register(name, cls)`` adds one of your own."""
@@ -33,6 +35,7 @@ __all__ = [
     "TASKS",
     "Align",
     "ArrangedTask",
+    "Feed",
     "Follow",
     "Pack",
     "Pattern",
