@@ -47,8 +47,6 @@ class Preferences(NamedTuple):
     acceleration: float  # m/s^2 that the model of a part can do
     braking: float  # m/s^2 that the stopping law counts on
     approach: float  # 1/s
-    spacing: float  # m, distance between parts that the thesis asks for
-    safe: float  # m, distance that is kept where there is no room for more
     soft: float  # price of a second in touch for breaking the spacing rule, s
     hard: float  # the same for breaking the safe distance
     yielding: float  # share of these prices that a part reckons for those over which it has right of way
@@ -64,6 +62,10 @@ class Scene(NamedTuple):
     target: np.ndarray  # (worlds, parts, 2) m
     patience: np.ndarray  # (worlds, parts) see nearness()
     order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
+    spacing: (
+        np.ndarray
+    )  # (worlds, parts, parts) m, distance that the thesis asks for, or goals have room for
+    safe: np.ndarray  # (worlds, parts, parts) m, distance that is kept where there is no room for more
 
 
 @borrowing
@@ -161,18 +163,19 @@ def distance_at_least(hulls, p, q, facing, dx, dy):
 
 
 @borrowing
-def nearness(wants, gap, patience):
+def nearness(wants, spacing, safe, gap, patience):
     """Price of a second at a distance between two parts: below the spacing rule, and much more below the safe distance.
 
     Args:
+        spacing, safe, gap: m.
         patience: share of the spacing rule's price that still counts.
     """
     price = 0.0
-    if gap < wants.spacing:
-        lack = (wants.spacing - gap) / wants.spacing
+    if gap < spacing:
+        lack = (spacing - gap) / spacing
         price += patience * wants.soft * lack * lack
-    if gap < wants.safe:
-        price += wants.hard * min((wants.safe - gap) / wants.safe, DEEPEST)
+    if gap < safe:
+        price += wants.hard * min((safe - gap) / safe, DEEPEST)
     return price
 
 
@@ -209,14 +212,15 @@ def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
         if q == p or rank[q] < 0:
             continue
         share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
-        far = hulls.radius[p] + hulls.radius[q] + wants.spacing
+        spacing, safe = scene.spacing[world, p, q], scene.safe[world, p, q]
+        far = hulls.radius[p] + hulls.radius[q] + spacing
         for k in range(INSTANTS):
             dx, dy = paths[q, k, 0] - trial[k, 0], paths[q, k, 1] - trial[k, 1]
             if dx * dx + dy * dy < far * far:
                 if price > limit:
                     return price
                 gap = distance_at_least(hulls, p, q, scene.facing[world], dx, dy)
-                price += share * nearness(wants, gap, patience) * (1.0 - FADING * k / INSTANTS)
+                price += share * nearness(wants, spacing, safe, gap, patience) * (1.0 - FADING * k / INSTANTS)
     return price
 
 
