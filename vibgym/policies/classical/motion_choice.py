@@ -98,6 +98,19 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
 
 
 @borrowing
+def beyond(wants, x, y):
+    """By how much a centre is too near the border, m."""
+    return max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+
+
+@borrowing
+def allowed_beyond(wants, target):
+    """By how much it may be, since its target is, m."""
+    out = beyond(wants, target[0], target[1])
+    return out if out > SLACK else 0.0
+
+
+@borrowing
 def follow(wants, motion, centre, velocity, target, path, limit):
     """Predict a motion of one part: ``path`` (INSTANTS, 2) is overwritten with its places after 1, 2, ... intervals.
 
@@ -109,7 +122,7 @@ def follow(wants, motion, centre, velocity, target, path, limit):
         How many places were written; all, unless a lower bound of the price is above the limit.
     """
     x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
-    spent = 0.0
+    spent, allowed = 0.0, allowed_beyond(wants, target)
     # As price_of_place() counts it, if from here on the part went straight to its target as fast as it can.
     fastest = max(wants.top_speed, math.sqrt(vx * vx + vy * vy))
     gain = INTERVAL * fastest / wants.top_speed
@@ -125,7 +138,7 @@ def follow(wants, motion, centre, velocity, target, path, limit):
         dx, dy = target[0] - x, target[1] - y
         left, more = math.sqrt(dx * dx + dy * dy) / wants.top_speed, INSTANTS - 1 - k
         spent += left / INSTANTS
-        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+        out = beyond(wants, x, y) - allowed
         if out > SLACK:
             spent += wants.hard * INTERVAL * out / OUTSIDE
         count = min(int(left / gain), more - 1)  # the last place counts in full
@@ -182,13 +195,13 @@ def nearness(wants, spacing, safe, gap, patience):
 @borrowing
 def price_of_place(wants, path, target):
     """Price of a path (INSTANTS, 2) by itself, s: the time to the target that is left on the way, and the border."""
-    price = 0.0
+    price, allowed = 0.0, allowed_beyond(wants, target)
     for k in range(INSTANTS):
         x, y = path[k, 0], path[k, 1]
         dx, dy = target[0] - x, target[1] - y
         left = math.sqrt(dx * dx + dy * dy) / wants.top_speed
         price += left if k == INSTANTS - 1 else left / INSTANTS
-        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+        out = beyond(wants, x, y) - allowed
         if out > SLACK:  # targets may lie on that line
             price += wants.hard * INTERVAL * out / OUTSIDE
     return price
