@@ -15,6 +15,7 @@ from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy
 from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
@@ -128,6 +129,7 @@ CONTROLLERS = Controllers(
         "open_loop": OpenLoopPolicy,
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
+        "two_phases": TwoPhasesPolicy,
         "learned": learned,
         "trained": trained,
         "residual": residual,
@@ -204,7 +206,7 @@ def action_of(env: Any) -> str | None:
 
 def _spoken(kind: str, arguments: Mapping[str, Any], spoken: str | None) -> dict[str, str]:
     """The argument by which a policy that knows several actions speaks that of its environment."""
-    steers = kind in ("local_field", "planner") or kind in LAWS
+    steers = kind in ("local_field", "planner", "two_phases") or kind in LAWS
     if spoken is None or "action" in arguments or not (spoken in OUTPUTS if steers else kind == "learned"):
         return {}
     return {} if spoken == UNSAID else {"action": spoken}

@@ -167,30 +167,35 @@ class PlannerPolicy(Steering):
     def choose(self, measured: Measured, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
         """Set velocities (batch, parts, 2), m/s, and for how long parts have waited (batch, parts), s; ``memory.motion`` is
         overwritten."""
-        centre, present, target = np.ascontiguousarray(measured.centre), measured.present, memory.target
-        period, rules = self.info.step_time, self.spacing
-        way = np.sqrt(((target - centre) ** 2).sum(axis=-1))
+        period, way = self.info.step_time, np.sqrt(((memory.target - measured.centre) ** 2).sum(axis=-1))
         stuck = (way > ARRIVED) & (np.sqrt((measured.velocity**2).sum(axis=-1)) < SLOW)
         waited = np.where(stuck, memory.waited + period, np.maximum(memory.waited - CALMING * period, 0.0))
-        room = memory.room + NEARING * (way[:, :, None] + way[:, None])
-        scene = Scene(
-            present=present,
+        scene, faithful = self.scene(measured, memory.target, memory.room, waited), self.spacing.faithful
+        velocity = np.empty_like(scene.centre)
+
+        def choose(start: int, stop: int) -> None:
+            choose_motions(start, stop, self.preferences, self.hulls, scene, faithful, memory.motion, velocity)
+
+        workers.share(choose, len(velocity), self.threads)
+        return velocity, waited
+
+    def scene(self, measured: Measured, target: np.ndarray, room: np.ndarray, waited: np.ndarray) -> Scene:
+        """The parts at this instant, which go to ``target`` (batch, parts, 2) m, where they have ``room`` (batch, parts, parts)
+        m, and have ``waited`` (batch, parts) s."""
+        centre, rules = np.ascontiguousarray(measured.centre), self.spacing
+        way = np.sqrt(((target - centre) ** 2).sum(axis=-1))
+        room = room + NEARING * (way[:, :, None] + way[:, None])
+        return Scene(
+            present=measured.present,
             centre=centre,
             velocity=np.ascontiguousarray(measured.velocity),
             facing=np.stack([np.cos(measured.heading), np.sin(measured.heading)], axis=-1),
-            target=target,
+            target=np.ascontiguousarray(target),
             patience=1.0 / (1.0 + (waited / rules.calm) ** 2),
             order=np.argsort(self.right_of_way(way), axis=1, kind="stable"),
             spacing=np.clip(room, LEAST_SPACING, self.targets.spacing),
             safe=np.clip(0.5 * room, LEAST_SAFE, rules.safe),
         )
-        velocity = np.empty_like(centre)
-
-        def choose(start: int, stop: int) -> None:
-            choose_motions(start, stop, self.preferences, self.hulls, scene, rules.faithful, memory.motion, velocity)
-
-        workers.share(choose, len(centre), self.threads)
-        return velocity, waited
 
     def right_of_way(self, way: np.ndarray) -> np.ndarray:
         """(batch, parts), the smaller the sooner a part chooses, by the ways that are left, m."""
