@@ -16,6 +16,7 @@ from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy
 from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
@@ -27,7 +28,7 @@ Maker = Callable[..., Policy]
 EXTRA = ("safetensors", "scipy")
 """What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
 
-STEERED = ("local_field", "planner", "lanes")
+STEERED = ("local_field", "planner", "lanes", "two_phases")
 """Policies that steer parts by a law, and speak any action that steering knows."""
 
 FILES = ("trained", "residual", "learned")
@@ -133,6 +134,7 @@ CONTROLLERS = Controllers(
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
         "lanes": FeedingPolicy,
+        "two_phases": TwoPhasesPolicy,
         "learned": learned,
         "trained": trained,
         "residual": residual,
