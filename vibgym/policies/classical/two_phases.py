@@ -46,7 +46,6 @@ class Memory(NamedTuple):
     apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart, minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
     closing: np.ndarray  # (batch,) bool, in the second phase
-    stuck: np.ndarray  # (batch,) s in the second phase in which nobody has moved, with somebody off
 
 
 @dataclass(frozen=True)
@@ -58,8 +57,10 @@ class Closing:
     """
 
     apart: float = 0.020  # m between parts in the pattern drawn apart, where there is room
-    margin: float = 0.004  # m between parts on their straight ways, where their goals have room
-    give_up: float = 1.0  # s of standstill in the second phase, with a part off its goal, after which the first begins anew
+    margin: float = 0.012  # m between parts on their straight ways, far from their goals
+    growth: float = 0.1  # m of it for each m that is left of their ways, on top of ``share``
+    share: float = 0.5  # of the distance of two goals
+    doubt: float = 0.2  # share of all that, below which the first phase begins anew
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -89,7 +90,7 @@ class TwoPhasesPolicy(PlannerPolicy):
         """Memory at the very start, before anything has been seen."""
         parts = len(self.info.parts)
         apart, goals = np.zeros((batch, parts, 2)), np.full((batch, parts, parts), np.inf)
-        return Memory(super().initial(batch), apart, goals, np.zeros(batch, dtype=bool), np.zeros(batch))
+        return Memory(super().initial(batch), apart, goals, np.zeros(batch, dtype=bool))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -121,22 +122,19 @@ class TwoPhasesPolicy(PlannerPolicy):
         one = slice(world, world + 1)
         memory.goals[one] = self.distances(goal[one], heading[None], measured.present[one])
         memory.plan.room[one] = self.distances(goal[one] + memory.apart[one], heading[None], measured.present[one])
-        memory.closing[world], memory.stuck[world] = False, 0.0
+        memory.closing[world] = False
 
     def switch(self, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
-        """Begin the second phase where straight ways lead to the goals, and end it where nobody gets on; in place."""
-        info, rules = self.info, self.settings
-        waiting = np.flatnonzero(~memory.closing)
-        free = np.zeros(len(goal), dtype=bool)
+        """Begin the second phase where straight ways lead to the goals, and the first anew where they do no longer; in place."""
+        rules = self.settings
         scene = self.scene(measured, goal, memory.goals, memory.plan.waited)
+        factor = np.where(memory.closing, rules.doubt, 1.0)
 
         def ask(start: int, stop: int) -> None:
-            may_close(waiting[start:stop], self.preferences, self.hulls, scene, measured.heading, measured.turn,
-                      memory.goals, rules.margin, free)  # fmt: skip
+            may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.turn, memory.goals,
+                      (rules.margin, rules.growth, rules.share), factor, memory.closing)  # fmt: skip
 
-        workers.share(ask, len(waiting), self.threads)
-        memory.closing[free] = True
-
+        workers.share(ask, len(goal), self.threads)
 
     def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
@@ -191,21 +189,22 @@ def _half(part: Part, heading: float) -> np.ndarray:
 
 
 @jit
-def may_close(worlds, wants, hulls, scene, heading, turn, goals, margin, free):
-    """Whether all parts of ``worlds`` (n,) may go straight to their goals at once.
+def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, factor, free):
+    """Whether all parts of a world may go straight to their goals at once.
 
     Args:
+        start, stop: first world, and the one after the last.
         wants, hulls: see :mod:`.motion_choice`.
         scene: whose targets are the goals.
         heading, turn: (worlds, parts) rad, now and still to go.
         goals: (worlds, parts, parts) m, distances at the goals.
-        margin: m that they keep on the way, or half of what they have at the goals.
-        free: (worlds,) bool, overwritten for these.
+        margins: distance that two parts keep: at most so many m; share of the ways that are left, and of the goals' distance.
+        factor: (worlds,) on that distance.
+        free: (worlds,) bool, overwritten.
     """
     parts = heading.shape[1]
     paths, placed = np.empty((parts, INSTANTS, 2)), np.empty_like(hulls.corner)
-    for k in range(worlds.shape[0]):
-        w = worlds[k]
+    for w in range(start, stop):
         for p in range(parts):
             if scene.present[w, p]:
                 go_straight(wants, scene.centre[w, p], scene.velocity[w, p], scene.target[w, p], paths[p])
@@ -216,7 +215,7 @@ def may_close(worlds, wants, hulls, scene, heading, turn, goals, margin, free):
                     left = max(abs(turn[w, p]) - SPIN * INTERVAL * (t + 1), 0.0)
                     angle = heading[w, p] + np.sign(turn[w, p]) * (abs(turn[w, p]) - left)
                     place_hulls(hulls, p, paths[p, t, 0], paths[p, t, 1], angle, placed)
-            if not clear(hulls, placed, scene.present[w], paths, t, goals[w], margin):
+            if not clear(hulls, placed, scene.present[w], paths, t, scene.target[w], goals[w], margins, factor[w]):
                 free[w] = False
                 break
 
@@ -237,15 +236,24 @@ def go_straight(wants, centre, velocity, target, path):
 
 
 @borrowing
-def clear(hulls, placed, present, paths, t, goals, margin):
+def distance(one, other):
+    """m between two places."""
+    dx, dy = one[0] - other[0], one[1] - other[1]
+    return math.sqrt(dx * dx + dy * dy)
+
+
+@borrowing
+def clear(hulls, placed, present, paths, t, target, goals, margins, factor):
     """Whether all parts of a world keep their distance at an instant; they are placed."""
     for p in range(paths.shape[0]):
         if not present[p]:
             continue
+        own = distance(paths[p, t], target[p])
         for q in range(p):
             if not present[q]:
                 continue
-            least = min(margin, 0.5 * goals[p, q])
+            left = own + distance(paths[q, t], target[q])
+            least = factor * min(margins[0], margins[1] * left + margins[2] * goals[p, q])
             dx, dy = paths[p, t, 0] - paths[q, t, 0], paths[p, t, 1] - paths[q, t, 1]
             far = hulls.radius[p] + hulls.radius[q] + least
             if dx * dx + dy * dy < far * far and part_gap(hulls, placed, p, q) < least:
