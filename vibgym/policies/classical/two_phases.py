@@ -56,11 +56,11 @@ class Closing:
         ValueError: a bad value.
     """
 
-    apart: float = 0.020  # m between parts in the pattern drawn apart, where there is room
-    margin: float = 0.012  # m between parts on their straight ways, far from their goals
-    growth: float = 0.1  # m of it for each m that is left of their ways, on top of ``share``
+    apart: float = 0.036  # m between parts in the pattern drawn apart, where there is room
+    margin: float = 0.004  # m between parts on their straight ways, far from their goals
+    growth: float = 0.03  # m of it for each m that is left of their ways, on top of ``share``
     share: float = 0.5  # of the distance of two goals
-    doubt: float = 0.2  # share of all that, below which the first phase begins anew
+    doubt: float = 0.006  # m that straight ways lead parts into each other, from which on the first phase begins anew
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -80,7 +80,7 @@ class TwoPhasesPolicy(PlannerPolicy):
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
         own = {each.name: settings.pop(each.name) for each in fields(Closing) if each.name in settings}
-        super().__init__(info, **{"law": "pose", "edge": 0.018, **settings})
+        super().__init__(info, **{"law": "pose", "edge": 0.018, "soft": 0.5, **settings})
         if not info.has_goal or info.goal_moves:
             allowed = "tasks whose parts have goal poses that stay, such as Pack"
             raise checks.refuse("policy 'two_phases'", f"the task {info.name}", allowed)
@@ -128,11 +128,10 @@ class TwoPhasesPolicy(PlannerPolicy):
         """Begin the second phase where straight ways lead to the goals, and the first anew where they do no longer; in place."""
         rules = self.settings
         scene = self.scene(measured, goal, memory.goals, memory.plan.waited)
-        factor = np.where(memory.closing, rules.doubt, 1.0)
 
         def ask(start: int, stop: int) -> None:
             may_close(start, stop, self.preferences, self.hulls, scene, measured.heading, measured.turn, memory.goals,
-                      (rules.margin, rules.growth, rules.share), factor, memory.closing)  # fmt: skip
+                      (rules.margin, rules.growth, rules.share, rules.doubt), memory.closing)  # fmt: skip
 
         workers.share(ask, len(goal), self.threads)
 
@@ -189,7 +188,7 @@ def _half(part: Part, heading: float) -> np.ndarray:
 
 
 @jit
-def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, factor, free):
+def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, free):
     """Whether all parts of a world may go straight to their goals at once.
 
     Args:
@@ -198,9 +197,9 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
         scene: whose targets are the goals.
         heading, turn: (worlds, parts) rad, now and still to go.
         goals: (worlds, parts, parts) m, distances at the goals.
-        margins: distance that two parts keep: at most so many m; share of the ways that are left, and of the goals' distance.
-        factor: (worlds,) on that distance.
-        free: (worlds,) bool, overwritten.
+        margins: distance that two parts keep: at most so many m; share of the ways that are left, and of the goals' distance;
+            where they go straight already, minus the last.
+        free: (worlds,) bool, whether they go straight already; overwritten.
     """
     parts = heading.shape[1]
     paths, placed = np.empty((parts, INSTANTS, 2)), np.empty_like(hulls.corner)
@@ -208,14 +207,14 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
         for p in range(parts):
             if scene.present[w, p]:
                 go_straight(wants, scene.centre[w, p], scene.velocity[w, p], scene.target[w, p], paths[p])
-        free[w] = True
+        least, free[w] = -margins[3] if free[w] else math.inf, True
         for t in range(INSTANTS):
             for p in range(parts):
                 if scene.present[w, p]:
                     left = max(abs(turn[w, p]) - SPIN * INTERVAL * (t + 1), 0.0)
                     angle = heading[w, p] + np.sign(turn[w, p]) * (abs(turn[w, p]) - left)
                     place_hulls(hulls, p, paths[p, t, 0], paths[p, t, 1], angle, placed)
-            if not clear(hulls, placed, scene.present[w], paths, t, scene.target[w], goals[w], margins, factor[w]):
+            if not clear(hulls, placed, scene.present[w], paths, t, scene.target[w], goals[w], margins, least):
                 free[w] = False
                 break
 
@@ -243,7 +242,7 @@ def distance(one, other):
 
 
 @borrowing
-def clear(hulls, placed, present, paths, t, target, goals, margins, factor):
+def clear(hulls, placed, present, paths, t, target, goals, margins, most):
     """Whether all parts of a world keep their distance at an instant; they are placed."""
     for p in range(paths.shape[0]):
         if not present[p]:
@@ -253,7 +252,7 @@ def clear(hulls, placed, present, paths, t, target, goals, margins, factor):
             if not present[q]:
                 continue
             left = own + distance(paths[q, t], target[q])
-            least = factor * min(margins[0], margins[1] * left + margins[2] * goals[p, q])
+            least = min(margins[0], margins[1] * left + margins[2] * goals[p, q], most)
             dx, dy = paths[p, t, 0] - paths[q, t, 0], paths[p, t, 1] - paths[q, t, 1]
             far = hulls.radius[p] + hulls.radius[q] + least
             if dx * dx + dy * dy < far * far and part_gap(hulls, placed, p, q) < least:
