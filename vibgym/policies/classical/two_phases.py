@@ -35,6 +35,9 @@ EDGE = 0.001
 SUBSTEPS = 5
 """Of an interval between two instants of a prediction."""
 
+TURN = math.radians(30.0)
+"""Of parts that close in and have no more left, nobody has to be afraid: near its goal a part takes up least when it is straight."""
+
 SPIN = 4.0
 """rad/s, by which parts are expected to turn at least."""
 
@@ -108,7 +111,8 @@ class TwoPhasesPolicy(PlannerPolicy):
         plan = plan._replace(target=np.where(closing, goal, goal + memory.apart))
         velocity, waited = self.choose(measured, plan)
         way = np.where(closing, measured.way, self.lead * velocity)
-        action, steered = self.steer(measured, way, plan.steering)
+        turns = memory.closing[:, None] & (np.abs(measured.turn) < TURN)
+        action, steered = self.steer(measured, way, plan.steering, turns)
         return action, memory._replace(plan=plan._replace(waited=waited, steering=steered))
 
     def begin_world(self, world: int, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
