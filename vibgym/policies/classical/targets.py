@@ -88,6 +88,7 @@ class Targets:
 
     def leaving(self, centre: np.ndarray) -> np.ndarray:
         """Targets (batch, parts, 2) m at the far end of each part's gate, where each comes: no two are the same."""
+        assert self.zones is not None
         zone = self.zones[self.kind]
         inset = np.minimum(self.size[:, 1], 0.5 * (zone[:, 3] - zone[:, 1]))
         height = np.clip(centre[..., 1], zone[:, 1] + 0.5 * inset, zone[:, 3] - 0.5 * inset)
