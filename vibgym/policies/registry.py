@@ -10,6 +10,7 @@ from typing import Any
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
+from vibgym.policies.classical.feeding import FeedingPolicy
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy
@@ -26,6 +27,9 @@ Maker = Callable[..., Policy]
 
 EXTRA = ("safetensors", "scipy")
 """What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
+
+STEERED = ("local_field", "planner", "lanes", "two_phases")
+"""Policies that steer parts by a law, and speak any action that steering knows."""
 
 FILES = ("trained", "residual", "learned")
 """Policies that are read from files and act in environments with the action that they were trained with alone."""
@@ -129,6 +133,7 @@ CONTROLLERS = Controllers(
         "open_loop": OpenLoopPolicy,
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
+        "lanes": FeedingPolicy,
         "two_phases": TwoPhasesPolicy,
         "learned": learned,
         "trained": trained,
@@ -206,7 +211,7 @@ def action_of(env: Any) -> str | None:
 
 def _spoken(kind: str, arguments: Mapping[str, Any], spoken: str | None) -> dict[str, str]:
     """The argument by which a policy that knows several actions speaks that of its environment."""
-    steers = kind in ("local_field", "planner", "two_phases") or kind in LAWS
+    steers = kind in STEERED or kind in LAWS
     if spoken is None or "action" in arguments or not (spoken in OUTPUTS if steers else kind == "learned"):
         return {}
     return {} if spoken == UNSAID else {"action": spoken}
