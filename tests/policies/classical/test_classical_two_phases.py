@@ -56,6 +56,11 @@ def test_twenty_are_packed():
     assert found.success >= 19 and found.time < 4.5
 
 
+def test_a_pattern_that_fills_the_width_is_packed():
+    found = episodes("two_phases", "Pack", 12, task_settings={"heading_deg": 90})
+    assert found.success >= 11 and found.time < 4.5
+
+
 def test_absent_parts_do_not_count():
     found = episodes(
         "two_phases", "Pack", 20, parts=["steel_block", "aluminium_block"] * 3, randomize={"parts": [1, 6]}

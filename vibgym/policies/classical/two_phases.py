@@ -32,6 +32,9 @@ SUBSTEPS = 5
 TURN = math.radians(30.0)
 """Parts that close in and have no more left turn at once: at its goal a part takes up least when it is straight."""
 
+THERE = 0.002
+"""m from its place in the pattern drawn apart within which a part is there."""
+
 SPIN = 4.0
 """rad/s, by which parts are expected to turn at least."""
 
@@ -143,6 +146,10 @@ class TwoPhasesPolicy(PlannerPolicy):
 
         workers.share(ask, len(goal), self.threads)
         memory.closing[memory.stuck >= rules.give_up] = False
+        # Side by side in a pattern that fills the width parts are nearer than they might be, but nobody gets farther apart.
+        away = np.hypot(*np.moveaxis(measured.way + memory.apart, -1, 0)) > THERE
+        waits = (away | (np.abs(measured.turn) > info.heading_tolerance)) & measured.present
+        memory.closing[~waits.any(axis=1)] = True
 
     def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
