@@ -1,5 +1,7 @@
-"""A lower bound on the time that a part needs to its goal, whatever the elements do; ``docs/bound.md`` derives it."""
+"""Lower bounds on the time that parts need to their goals, whatever the elements do; ``docs/bound.md`` derives them."""
 
+from vibgym.bounds.pushing import PushBound
+from vibgym.bounds.several import SeveralBound
 from vibgym.bounds.time_bound import TimeBound
 
-__all__ = ["TimeBound"]
+__all__ = ["PushBound", "SeveralBound", "TimeBound"]

@@ -87,6 +87,11 @@ class TimeBound:
         """s."""
         return self.stride * self.surface.period
 
+    @property
+    def least_steps(self) -> int:
+        """Of an episode in which nothing has to move: the hold's."""
+        return self._hold.instants
+
     def steps(self, start: Any, goal: Any) -> np.ndarray:
         """Fewest steps to success, int64 (n,), the hold's own included.
 

@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from vibgym.bounds import TimeBound
+from vibgym.bounds import PushBound, SeveralBound, TimeBound
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface, Truth
 from vibgym.policies.rollout import Ends, Outcomes, Step, Timing
 from vibgym.scene import Part
 from vibgym.scene.hulls import gaps_between
-from vibgym.tasks import PoseTask
 from vibgym.tasks.episode import TOUCHING
 
 
@@ -99,30 +98,57 @@ class Touches:
 
 
 def least_times(env: SharedInterface) -> np.ndarray:
-    """Least time to goal (worlds,) of the episodes that have just begun, s; see :class:`vibgym.bounds.TimeBound`.
+    """Least time to goal (worlds,) of the episodes that have just begun, s; see :mod:`vibgym.bounds`.
+
+    With several parts it is that of the slowest. Parts that actions do not speak for are pushed by those that they do.
 
     Args:
         env: with all worlds at the start of an episode.
 
     Returns:
-        nan where no bound is known: for several parts and tasks without a goal pose, models other than the planar one, parts
-        that may stick, and where friction or the table's incline are not what part and table say.
+        nan where no bound is known: for tasks without goal poses or with goals that move, models other than the planar one,
+        parts that may stick, and where friction or the table's incline are not what part and table say.
     """
-    core, truth = env.core, env.truth
-    state = core.simulator.state
-    known = isinstance(env.task, PoseTask) and len(env.parts) == 1 and core.simulator.model == "planar"
-    if not known or not env.surface.slides_permanently(env.parts[0].static_friction) or env.parts[0].friction == 0.0:
+    core, task, truth = env.core, env.task, env.truth
+    known = task.has_goal and not task.goal_moves and not task.flows and core.simulator.model == "planar"
+    slide = all(env.surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
+    steps = None
+    if known and slide:
+        pushed = task.asked & ~task.driven
+        steps = _steps_pushed(env, truth, pushed) if pushed.any() else _steps_driven(env, truth)
+    if steps is None:
         return np.full(len(truth.pose), np.nan)
-    bound = TimeBound(
-        env.surface,
-        env.parts[0],
-        position_tolerance=env.task.position_tolerance,
-        heading_tolerance=env.task.heading_tolerance,
-        heading_period=env.task.heading_period(env.parts[0]),
-        hold=env.task.hold,
-        periods_per_step=env.periods_per_step,
-        amplitude=core.actuators.most_amplitude,
-        latency=core.actuators.least_latency,
-    )
-    usual = (state.friction[:, 0] == 1.0) & (state.incline == 0.0).all(axis=1)
-    return np.where(usual, bound.seconds(truth.pose[:, 0], truth.goal[:, 0]), np.nan)
+    state = core.simulator.state
+    usual = ((state.friction == 1.0) | ~truth.present).all(axis=1) & (state.incline == 0.0).all(axis=1)
+    return np.where(usual, env.step_time * steps, np.nan)
+
+
+def _asks(env: SharedInterface, part: int) -> dict[str, Any]:
+    """What a bound has to know of one part's goal and of the machine."""
+    away, turned = env.task.tolerances()[part].tolist()
+    return {
+        "position_tolerance": away,
+        "heading_tolerance": turned,
+        "heading_period": env.task.heading_period(env.parts[part]),
+        "hold": env.task.hold,
+        "periods_per_step": env.periods_per_step,
+        "amplitude": env.core.actuators.most_amplitude,
+        "latency": env.core.actuators.least_latency,
+    }
+
+
+def _steps_driven(env: SharedInterface, truth: Truth) -> np.ndarray:
+    """Fewest steps where the elements drive all parts of which something is asked."""
+    asked = np.flatnonzero(env.task.asked)
+    bound = SeveralBound([TimeBound(env.surface, env.parts[part], **_asks(env, part)) for part in asked])
+    return bound.steps(truth.pose[:, asked], truth.goal[:, asked], truth.present[:, asked])
+
+
+def _steps_pushed(env: SharedInterface, truth: Truth, pushed: np.ndarray) -> np.ndarray | None:
+    """Fewest steps where one part is to be pushed by those that the elements drive; None: no bound is known."""
+    driven, (part, *others) = np.flatnonzero(env.task.driven), np.flatnonzero(pushed)
+    if others or not truth.present.all():
+        return None
+    bound = PushBound(env.surface, env.parts[part], [env.parts[each] for each in driven], **_asks(env, part))
+    gap = gaps_between(env.parts, truth.pose)[:, part, driven]
+    return bound.steps(truth.pose[:, part], truth.goal[:, part], np.maximum(gap, 0.0))
