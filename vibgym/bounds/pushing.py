@@ -45,8 +45,8 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 class PushBound:
     """Fewest steps, and least time, in which pushers can bring a part to a pose whose pressure the elements do not change.
 
-    The part's friction takes at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``, and nobody but the pushers gives it
-    energy, to whom the elements give no more than :func:`most_power`. With ``D^2 = way^2 + k^2 turn^2`` and a first touch
+    The part's friction takes at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Nobody but the pushers gives it
+    energy, and the elements give these no more than :func:`most_power`. With ``D^2 = way^2 + k^2 turn^2`` and a first touch
     after a time ``t``, Cauchy and Schwarz leave
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
@@ -83,7 +83,7 @@ class PushBound:
         if part.friction == 0.0:
             raise checks.refuse("part", "friction 0", "parts that friction brakes")
         self.position_tolerance = checks.number("position_tolerance", self.position_tolerance, above=0.0)
-        amplitude = surface.max_amplitude if self.amplitude is None else self.amplitude
+        amplitude = surface.full_scale / surface.angular_frequency**2 if self.amplitude is None else self.amplitude
         self.instants = -(-self.hold // self.periods_per_step)
         power = sum(each.mass * most_power(surface, each.friction, amplitude) for each in self.pushers)
         drag = part.friction * surface.gravity / (2.0 * surface.table_speed)

@@ -123,7 +123,7 @@ def least_times(env: SharedInterface) -> np.ndarray:
     return np.where(usual, env.step_time * steps, np.nan)
 
 
-def _asks(env: SharedInterface, part: int) -> dict[str, Any]:
+def _asks(env: SharedInterface, part: Any) -> dict[str, Any]:
     """What a bound has to know of one part's goal and of the machine."""
     away, turned = env.task.tolerances()[part].tolist()
     return {

@@ -17,6 +17,7 @@ from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.protocol import Policy
+from vibgym.policies.search.mpc import MPCPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.registry import Registry
 
@@ -96,6 +97,24 @@ def learned(
     return CONTROLLERS[agent.kind](info, path=str(agent.path))
 
 
+def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: int = 0, **settings: Any) -> Policy:
+    """Plans by sampling in a simulation (:class:`vibgym.policies.search.mpc.MPCPolicy`).
+
+    Args:
+        info: task and scene.
+        base: None, or a policy whose actions plans begin with, as :func:`make_policy` takes it.
+        action, seed, **settings: of the search.
+
+    Raises:
+        ValueError: a bad argument, or a policy that does not serve this task.
+    """
+    if base is not None:
+        named = dict(base) if isinstance(base, Mapping) else {"kind": base}
+        spoken = {"action": action or "wrench"} if _steers(named.get("kind")) else {}
+        base = make_policy(spoken | named, info, seed)
+    return MPCPolicy(info, base=base, action=action, seed=seed, **settings)
+
+
 def schedule(info: TaskInfo, *, path: str) -> Policy:
     """The sensorless schedule in a JSON file.
 
@@ -128,6 +147,7 @@ CONTROLLERS = Controllers(
         "open_loop": OpenLoopPolicy,
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
+        "mpc": mpc,
         "learned": learned,
         "trained": trained,
         "residual": residual,
@@ -138,7 +158,8 @@ CONTROLLERS = Controllers(
 
 ``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"local_field"`` and
 ``"planner"`` those that ask for places: goals, zones, or a distance to keep; the first takes every part straight there, the
-second past the others. The names of laws are in the first one's place with one part, in the second one's with several:
+second past the others. ``"mpc"`` serves all tasks whose goals stay. The names of laws are in the first one's place with one part,
+in the second one's with several:
 ``vibgym.policies.classical.laws.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
 """
 LAWS.taken = CONTROLLERS
@@ -192,6 +213,9 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     return InElements(chosen) if (spoken, chosen.action) == ("element", "phasor") else chosen
 
 
+STEERING = ("local_field", "planner")
+"""Controllers that speak any of :data:`vibgym.policies.classical.outputs.OUTPUTS`, as laws do by themselves."""
+
 UNSAID = "element"
 """Action of environments for which none has been chosen: it asks a policy for nothing."""
 
@@ -204,10 +228,16 @@ def action_of(env: Any) -> str | None:
 
 def _spoken(kind: str, arguments: Mapping[str, Any], spoken: str | None) -> dict[str, str]:
     """The argument by which a policy that knows several actions speaks that of its environment."""
-    steers = kind in ("local_field", "planner") or kind in LAWS
-    if spoken is None or "action" in arguments or not (spoken in OUTPUTS if steers else kind == "learned"):
+    if spoken is None or "action" in arguments:
+        return {}
+    if not (spoken in OUTPUTS if _steers(kind) else ACTIONS[spoken].by_part if kind == "mpc" else kind == "learned"):
         return {}
     return {} if spoken == UNSAID else {"action": spoken}
+
+
+def _steers(kind: Any) -> bool:
+    """Whether policies of this kind steer parts by a law, in any of :data:`OUTPUTS`."""
+    return kind in STEERING or kind in LAWS
 
 
 def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Policy:
