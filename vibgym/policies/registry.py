@@ -158,7 +158,7 @@ CONTROLLERS = Controllers(
 
 ``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"local_field"`` and
 ``"planner"`` those that ask for places: goals, zones, or a distance to keep; the first takes every part straight there, the
-second past the others. ``"mpc"`` serves all tasks whose goals stay. The names of laws are in the first one's place with one part,
+second past the others. ``"mpc"`` serves all tasks whose goals stay. Names of laws are in the first one's place with one part,
 in the second one's with several:
 ``vibgym.policies.classical.laws.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
 """
