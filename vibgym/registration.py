@@ -19,6 +19,8 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "SortThreeKinds": (750, {"task": "Sort", "parts": [*BLOCKS, DISC] * 2}),
     "SortCrowded": (750, {"task": "Sort", "start": "crowded"}),
     "Singulate": (500, {"task": "Singulate"}),
+    "Feed": (1500, {"task": "Feed"}),
+    "FeedHeaps": (1500, {"task": "Feed", "parts": BLOCKS * 9, "task_settings": {"heap": 6}}),
 }
 """Limit, in oscillation periods (steps, with one a step), and keyword arguments of each environment."""
 

@@ -205,8 +205,7 @@ class Action(Live, ABC):
 
         Args:
             values: (worlds, size).
-            measurement: where the parts are, as far as is known; for parts that are gone, or that the task does not drive, nothing
-                is commanded.
+            measurement: where the parts are, as far as is known; nothing is commanded for those that are gone, or not driven.
         """
 
 

@@ -101,10 +101,14 @@ class Core:
             options.sensor, self.surface, self.parts, worlds, self.periods,
             plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
         )  # fmt: skip
+        if self.task.flows and not self.sensing.sensor.renews:
+            allowed = f"'ideal', 'pose', or another that {self.task.name}, whose parts come and go, can do with"
+            raise checks.refuse("sensor", options.sensor, allowed)
         self.task.features = (*self.task.features, *self.sensing.tell)
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
         self._aim = _at_all if self.task.driven.all() else self._at_driven
+        self._renew = self._renew_parts if self.task.flows else _nothing
         self._commanded = self.action.resolve_limits(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
@@ -168,8 +172,8 @@ class Core:
         groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
         self.details = {name: each for name, each in groups.items() if each}
         self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
-        rewards = self.term_names, self.terms, self.part_terms
-        self.information = self._information(episode, state.diverged, *rewards, self.facts, self.details)
+        rewards, part_facts = (self.term_names, self.terms, self.part_terms), self.scoring.part_facts()
+        self.information = self._information(episode, state.diverged, *rewards, self.facts, self.details, part_facts)
         score = None if self._own_reward is None else self._own_reward.score
         self.stages = Stages(
             self.simulator.blocks, self.scoring, self.sensing, self._measured, self.observation, self.information,
@@ -277,8 +281,18 @@ class Core:
                     self.sensing.look(state)
             elapsed += periods
         self.sensing.correct()
+        self._renew()
         for stage in self.stages.afterwards:
             stage()
+
+    def _renew_parts(self) -> None:
+        """Let nothing of a part that has left be remembered of the next one in its slot."""
+        changed = self.scoring.changed
+        if changed.any():
+            for remembered in self.action.live().values():
+                if remembered.shape[:2] == changed.shape:
+                    remembered[changed] = 0
+            self.sensing.renew(changed, self.simulator.state)
 
     def _at_driven(self, measurement: Measurement) -> Measurement:
         """What actions aim by where they do not speak for all parts: for the others nothing is commanded."""
@@ -385,6 +399,10 @@ class Core:
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
+
+
+def _nothing() -> None:
+    """What there is to renew where parts stay."""
 
 
 def _at_all(measurement: Measurement) -> Measurement:

@@ -126,6 +126,7 @@ TABLE = (
             "longer side of the surface", "longer side", "linear", STATE),
     Feature("way_ahead", "way_ahead", 2 * PREVIEW, f"{AHEAD} centre, x and y of each", "250 mm", FAR, "linear", PARTS),
     Feature("turn_ahead", "turn_ahead", PREVIEW, f"{AHEAD} heading, on from that of turn", "full turn", TURN, "linear"),
+    Feature("arrived", "arrived", 1, "1: it has arrived in this step, where parts come and go", "1", 1.0, "flag"),
     Feature("age", "age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", AGE_SCALE, "tanh"),
     Feature("sigma", "sigma", 2, "tanh of what the measurement may be off by (standard deviation): position in 1 mm, heading "
             "in 1 deg", "1", SIGMA_SCALES, "tanh"),

@@ -104,6 +104,7 @@ class Information:
         terms, part_terms: their values (worlds, terms), of each part alone (worlds, parts, terms).
         facts: what is told besides, (worlds,): live arrays.
         more: groups of what else is told, live arrays (worlds, ...); a group may hold groups. It stands before the parts.
+        part_facts: what is told of each part besides, (worlds, parts): live arrays.
 
     Attributes:
         write: ``write(worlds, *told)`` writes what there is to tell of some worlds; of others it may at the same time.
@@ -118,10 +119,11 @@ class Information:
         part_terms: np.ndarray,
         facts: Mapping[str, np.ndarray],
         more: Mapping[str, Any],
+        part_facts: Mapping[str, np.ndarray],
     ) -> None:
         part = (episode.done, episode.part_fallen, episode.present, episode.part_reward)
         live = Live(episode.number, episode.count, episode.flag, diverged, *part, terms, part_terms)
-        self._names, self._more = tuple(names), more
+        self._names, self._more, self._part_facts = tuple(names), more, part_facts
         self.write = bound(tell_worlds, Pinned(LIVE, live))
         self._shape = episode.done.shape
         columns = [episode.number[:, k] for k in NUMBERS], [episode.count[:, k] for k in COUNTS]
@@ -135,7 +137,7 @@ class Information:
         self._known = tuple(name for name, where in self._facts.items() if where is not None)
         self._pick = _picker(order)
         worlds = self._shape[0]
-        self._masks = len(facts) + 2 * (len(self._names) + 1) + len(PART_FLAGS) + 2 + _size(more)
+        self._masks = len(facts) + 2 * (len(self._names) + 1) + len(PART_FLAGS) + len(part_facts) + 2 + _size(more)
         self._everyone = np.ones((self._masks, worlds), dtype=bool)
 
     def fresh(self) -> Told:
@@ -170,6 +172,7 @@ class Information:
         _add(info, self._more, mask, masks)
         reward, *terms = told.part_number
         parts = _with_masks((*PART_FLAGS, "reward"), [*told.part_flag, reward], masks)
+        _add(parts, self._part_facts, mask, masks)
         parts["reward_terms"] = _with_masks(self._names, terms, masks)
         parts["_reward_terms"] = next(masks)
         info["parts"], info["_parts"] = parts, next(masks)
@@ -205,7 +208,7 @@ class OneWorld(Information):
             info |= _first(self._more)
         done, fallen, present = self._part_flag.copy()
         rows = iter(self._part_number.copy())
-        parts = {"done": done, "fallen": fallen, "present": present, "reward": next(rows)}
+        parts = {"done": done, "fallen": fallen, "present": present, "reward": next(rows), **_first(self._part_facts)}
         parts["reward_terms"] = dict(zip(names, rows))
         info["parts"] = parts
         return number[0], flag[0], info

@@ -77,6 +77,10 @@ def parse_reset_options(
     pose = goal = present = None
     draw = task.start
     if "pose" in given:
+        if task.flows:
+            raise checks.refuse(
+                "options['pose']", given["pose"], f"nothing for {task.name}, whose parts come through an inlet"
+            )
         pose = _on_surface("options['pose']", given["pose"], shape, task)
     if "goal" in given:
         if not task.has_goal or task.goal_moves:

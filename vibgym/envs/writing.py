@@ -38,7 +38,7 @@ POSITION, HEADING, WAY, TURN = (OF_PART[name] for name in ("position", "heading"
 VELOCITY, SPIN, BORDERS, ZONE = (OF_PART[name] for name in ("velocity", "spin", "borders", "zone"))
 GAP, TOWARDS, AGE, SIGMA = (OF_PART[name] for name in ("gap", "neighbour", "age", "sigma"))
 GOAL_VELOCITY, GOAL_SPIN = OF_PART["goal_velocity"], OF_PART["goal_spin"]
-WAY_AHEAD, TURN_AHEAD = OF_PART["way_ahead"], OF_PART["turn_ahead"]
+WAY_AHEAD, TURN_AHEAD, ARRIVED = OF_PART["way_ahead"], OF_PART["turn_ahead"], OF_PART["arrived"]
 
 APART, BETWEEN, FASTER = OF_NEIGHBOUR["apart"], OF_NEIGHBOUR["gap"], OF_NEIGHBOUR["velocity"]
 THEIR_HEADING, SAME_KIND, THEIR_WAY = (OF_NEIGHBOUR[name] for name in ("heading", "same_kind", "way"))
@@ -59,6 +59,7 @@ class Scene(NamedTuple):
 
     relations: Relations  # of the measured poses
     present: np.ndarray  # (worlds, parts) bool
+    arrived: np.ndarray  # (worlds, parts) bool
     motion: np.ndarray  # (worlds, parts, ...) of the goals, see vibgym.tasks.episode.Episode
     kind: np.ndarray  # (parts, 2) int64, kind and symmetry
     zone: np.ndarray  # (parts, 4) m, x_low, y_low, x_high, y_high
@@ -120,6 +121,7 @@ def look_at_part(scene, pose, velocity, age, sigma, w, p, known):
     known[SPIN], known[TURN], known[GAP], known[AGE] = velocity[p, 2], error[2], relations.gap[w, p], age[p]
     known[SIGMA] = math.sqrt(sigma[p, 0] * sigma[p, 0] + sigma[p, 1] * sigma[p, 1])
     known[SIGMA + 1] = sigma[p, 2]
+    known[ARRIVED] = 1.0 if scene.arrived[w, p] else 0.0
     if motion.shape[0] > 0:
         known[GOAL_VELOCITY], known[GOAL_VELOCITY + 1], known[GOAL_SPIN] = motion[0], motion[1], motion[2]
         for ahead in range(PREVIEW):
@@ -253,6 +255,7 @@ def pinned_scene(task: Task, layout: Layout, relations: Relations, episode: Epis
     scene = Scene(
         relations=relations,
         present=episode.present,
+        arrived=episode.arrived,
         motion=episode.motion,
         kind=np.ascontiguousarray(np.column_stack([task.kind, [part.symmetry for part in parts]])),
         zone=np.ascontiguousarray(zones),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -55,6 +55,9 @@ class Sensor(ABC):
 
     draws: int = 0
     """Uniform numbers that it needs at the start of each episode, in :meth:`begin`."""
+
+    renews: ClassVar[bool] = True
+    """Whether parts may come and go while an episode goes on: what :meth:`measure` writes does not depend on earlier looks."""
 
     def __init__(
         self,
@@ -131,6 +134,24 @@ class Sensor(ABC):
                 kept[worlds] = read[worlds]
         for each in self._readings[1:]:  # until the first look of a step is due there is nothing new
             each.seen[worlds] = False
+
+    def renew(self, which: np.ndarray, state: State) -> None:
+        """Start afresh with single parts in the middle of an episode: ``which`` (worlds, parts) have just come or gone.
+
+        What is to be read of them until a look of theirs is due is what is read now.
+        """
+        fresh = self._fresh
+        self.looking = np.flatnonzero(which.any(axis=1))
+        fresh.seen[...] = True
+        self.measure(state, fresh)
+        if self._effects:
+            self._effects.renew(which, fresh)
+        self.looking = self._everyone
+        for each in self._readings:
+            for kept, read in zip(each, fresh, strict=True):
+                kept[which] = read[which]
+        for each in self._readings[1:]:
+            each.seen[which] = False
 
     def look(self, state: State) -> None:
         """Take in the true state of this instant; called once a step, at :attr:`instant`."""

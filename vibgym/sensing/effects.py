@@ -151,6 +151,7 @@ class Effects:
         self.draws = self._splits[-1] if self._stages else 0
         shape = (sensor.worlds, len(sensor.parts))
         self._last, self._elapsed = np.zeros((*shape, 3)), np.zeros(shape, dtype=np.int64)
+        self._new = np.zeros(shape, dtype=bool)
         noise, bias, dropout = (self._stages.get(name) for name in ("noise", "bias", "dropout"))
         self._noise = noise.deviation if isinstance(noise, Noise) else np.zeros(2)
         self._offset = bias.offset if isinstance(bias, Bias) else np.zeros((*shape, 3))
@@ -176,9 +177,18 @@ class Effects:
             each.apply(reading)
         sensor = self._sensor
         read_poses(
-            sensor.looking, sensor.key, sensor.looks, self._noise, self._offset, self._dropout, sensor.step, self._last,
-            self._elapsed, reading,
+            sensor.looking, sensor.key, sensor.looks, self._new, self._noise, self._offset, self._dropout, sensor.step,
+            self._last, self._elapsed, reading,
         )  # fmt: skip
+
+    def renew(self, which: np.ndarray, reading: Reading) -> None:
+        """Change what has been read of parts that have just come, ``which`` (worlds, parts): no look misses them."""
+        others = ~which
+        last, elapsed = self._last[others], self._elapsed[others]
+        self._new[...] = which
+        self.apply(reading)
+        self._new[...] = False
+        self._last[others], self._elapsed[others] = last, elapsed
 
     def live(self) -> dict[str, np.ndarray]:
         """All live arrays of a snapshot."""
@@ -216,23 +226,24 @@ def draw_offsets(worlds, key, bias, offset):
 
 
 @borrowing
-def read_poses(worlds, key, looks, noise, offset, dropout, step, last, elapsed, reading):
+def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elapsed, reading):
     """Add noise and bias to the poses of a reading, miss parts, and make mean velocities of the poses' differences.
 
     Args:
         worlds: (n,) index of those that are looked at.
         key: (worlds, 2).  looks: (worlds,) number of this look.
+        new: (worlds, parts) bool, parts that have come since the one before; at the first look of an episode all have.
         noise: (2,) standard deviations of position (m) and heading (rad), anew at each look.
         offset: (worlds, parts, 3) error of the whole episode.
-        dropout: probability that a look misses a part; the first look of an episode misses none.
+        dropout: probability that a look misses a part; the first look at a part does not.
         step: s of a step.
         last: (worlds, parts, 3) pose that was read last; overwritten.
         elapsed: (worlds, parts) int64, steps since then; overwritten.
         reading: overwritten.
     """
     for w in worlds:
-        first = looks[w] == 0
         for p in range(last.shape[1]):
+            first = looks[w] == 0 or new[w, p]
             elapsed[w, p] += 1
             lost = not reading.seen[w, p]
             if dropout > 0.0 and not first:

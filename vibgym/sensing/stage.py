@@ -26,6 +26,9 @@ class Estimator(Protocol):
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         """Start afresh in ``worlds`` (index array) from what was read of them at the start."""
 
+    def renew(self, which: np.ndarray, reading: Reading) -> None:
+        """Start afresh with parts that have come or gone, ``which`` (worlds, parts); only tasks whose parts do ask for it."""
+
     def predict(self, command: Drive) -> None:
         """Carry the estimate on by a step under its command, before it acts."""
 
@@ -75,6 +78,11 @@ class Sensing(Live):
         self.sensor.reset(worlds, state, uniform)
         self.estimator.reset(worlds, self.sensor.due)
 
+    def renew(self, which: np.ndarray, state: State) -> None:
+        """Start afresh with single parts, see :meth:`Sensor.renew`."""
+        self.sensor.renew(which, state)
+        self.estimator.renew(which, self.sensor.due)
+
     def predict(self, command: Drive) -> None:
         """Carry the estimate on by a step under its command, before it acts."""
         self.estimator.predict(command)
@@ -118,6 +126,9 @@ class ExactSensing(Sensing):
 
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
         self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none)
+
+    def renew(self, which: np.ndarray, state: State) -> None:
+        """Nothing to do: the state is live."""
 
     def predict(self, command: Drive) -> None:
         """Nothing to do."""

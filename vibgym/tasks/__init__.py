@@ -4,6 +4,7 @@ from vibgym.registry import Registry
 from vibgym.tasks.align import Align
 from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import Start, Task
+from vibgym.tasks.feed import Feed
 from vibgym.tasks.follow import Follow
 from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.reward import Step
@@ -15,7 +16,15 @@ from vibgym.tasks.transport import Transport
 
 TASKS: Registry[type[Task]] = Registry(
     "task",
-    {"Transport": Transport, "Align": Align, "Rotate": Rotate, "Follow": Follow, "Sort": Sort, "Singulate": Singulate},
+    {
+        "Transport": Transport,
+        "Align": Align,
+        "Rotate": Rotate,
+        "Follow": Follow,
+        "Sort": Sort,
+        "Singulate": Singulate,
+        "Feed": Feed,
+    },
 )
 """Tasks by name; ``TASKS.register(name, cls)`` adds one of your own."""
 
@@ -23,6 +32,7 @@ __all__ = [
     "TASKS",
     "Align",
     "ArrangedTask",
+    "Feed",
     "Follow",
     "PoseTask",
     "Rotate",

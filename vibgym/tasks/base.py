@@ -120,7 +120,7 @@ class Task(ABC):
         return math.isfinite(self.heading_tolerance)
 
     def tolerances(self) -> np.ndarray:
-        """(parts, 2) m and rad, of each part: :attr:`position_tolerance` and :attr:`heading_tolerance`, unless a task has more."""
+        """(parts, 2) m and rad, of each part; the same for all, unless a task has it otherwise."""
         return np.tile([self.position_tolerance, self.heading_tolerance], (len(self.parts), 1))
 
     def heading_period(self, part: Part) -> float:

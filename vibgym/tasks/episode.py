@@ -25,7 +25,7 @@ TOUCHING = 1e-4
 """Pairs closer than this are counted as touching, m."""
 
 QUANTITIES = (
-    "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen"
+    "distance", "approach", "turn", "alignment", "inside", "within", "clearance", "time", "success", "fallen", "good", "faulty"
 )  # fmt: skip
 """What reward terms may count, each at most 1 in magnitude; changes are those since the last step, all means are over the
 parts.
@@ -36,12 +36,15 @@ parts.
 - within: 1 if all parts are where and as they should be
 - clearance: change of the mean of min(distance to the nearest part / what is asked, 1)
 - time: -1, success: 1, fallen: -1 if a part has fallen
+- good, faulty: 1 if a part has left as it should, -1 if it has left otherwise, where parts arrive and leave (:mod:`.flow`)
 
 A part's own terms count the same of that part alone: its distance, its heading error, whether it is inside, and within, and
 its distance to the nearest; -1 for fallen if it is the one; time and success as they are. So the mean of the parts' terms is
 the world's where that is linear in the parts: not for approach, alignment, within and fallen, nor at the bound of a term.
 """
-(DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN) = range(len(QUANTITIES))
+(DISTANCE, APPROACH, TURN, ALIGNMENT, INSIDE, WITHIN, CLEARANCE, TIME, SUCCESS, FALLEN, GOOD, FAULTY) = range(
+    len(QUANTITIES)
+)
 
 
 class Rules(NamedTuple):
@@ -74,7 +77,13 @@ PREVIEW = 4
 MOTION = 3 * (1 + PREVIEW)
 """Numbers of a goal's motion, see :attr:`Episode.motion`."""
 
+EVENTS = ("stays", "good", "tilted", "close", "wrong", "lost")
+"""What becomes of a part where parts arrive and leave: it stays; it leaves good, tilted, too close to another, through the
+wrong gate; or it has fallen."""
+STAYS, LEFT_GOOD, TILTED, TOO_CLOSE, WRONG, LOST = range(len(EVENTS))
+
 NO_PATHS = np.zeros((0, 0, 0, 0))
+NO_KEY = np.zeros((0, 2), dtype=np.int64)
 
 
 class Start(NamedTuple):
@@ -84,6 +93,9 @@ class Start(NamedTuple):
     present: np.ndarray  # (n, parts) bool
     goal: np.ndarray  # (n, parts, 3) goal poses; zeros for tasks without
     paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.paths.route; else empty
+    key: np.ndarray = (
+        NO_KEY  # (n, 2) int64 of the random numbers of parts that arrive, see vibgym.tasks.flow; else empty
+    )
 
 
 class Relations(NamedTuple):
@@ -102,7 +114,9 @@ class Episode(NamedTuple):
     # (worlds, parts, MOTION): velocity of the goal (m/s, m/s, rad/s), and its pose 1, 2, ... PREVIEW periods ahead minus the
     # present one (m, m, rad); (worlds, parts, 0) for tasks whose goals stay
     motion: np.ndarray
-    present: np.ndarray  # (worlds, parts) bool, for the whole episode
+    present: np.ndarray  # (worlds, parts) bool, for the whole episode, unless parts arrive and leave
+    arrived: np.ndarray  # (worlds, parts) bool, parts that have arrived in this step
+    event: np.ndarray  # (worlds, parts) int64, what has become of parts that have left in this step, of EVENTS
     done: np.ndarray  # (worlds, parts) bool
     number: np.ndarray  # (worlds, NUMBERS)
     count: np.ndarray  # (worlds, COUNTS) int64
@@ -200,6 +214,8 @@ def new_episode(worlds: int, parts: int, terms: int, motion: int = 0) -> Episode
         goal=np.zeros((worlds, parts, 3)),
         motion=np.zeros((worlds, parts, motion)),
         present=np.zeros((worlds, parts), dtype=bool),
+        arrived=np.zeros((worlds, parts), dtype=bool),
+        event=np.zeros((worlds, parts), dtype=np.int64),
         done=np.zeros((worlds, parts), dtype=bool),
         number=np.zeros((worlds, 8)),
         count=np.zeros((worlds, 3), dtype=np.int64),
@@ -359,6 +375,7 @@ def reward_world(all_of, within, world):
     quantity[TIME] = -1.0
     quantity[SUCCESS] = 1.0 if flag[SUCCEEDED] else 0.0
     quantity[FALLEN] = -1.0 if flag[DOWN] else 0.0
+    quantity[GOOD] = quantity[FAULTY] = 0.0
     terms = episode.terms[world]
     for k in range(terms.shape[0]):
         terms[k] = rules.weight[k] * quantity[rules.term[k]]
@@ -391,6 +408,9 @@ def reward_part(all_of, world, part):
     quantity[TIME] = -1.0
     quantity[SUCCESS] = 1.0 if episode.flag[world, SUCCEEDED] else 0.0
     quantity[FALLEN] = -1.0 if episode.part_fallen[world, part] else 0.0
+    event = episode.event[world, part]
+    quantity[GOOD] = 1.0 if event == LEFT_GOOD else 0.0
+    quantity[FAULTY] = -1.0 if event > LEFT_GOOD and event != LOST else 0.0
     before[PART_AWAY], before[PART_NEAR], before[PART_TURN] = away, near, turned
     before[PART_ALIGNED], before[PART_INSIDE], before[PART_CLEAR] = aligned, inside, clear
     total = 0.0

@@ -146,7 +146,7 @@ class OwnReward:
                 with numbers that are not finite.
         """
         episode = self._scoring.episode
-        present, terms, part_terms = episode.present, self.terms, self.part_terms
+        present, terms, part_terms = self._scoring.rewarded, self.terms, self.part_terms
         parts, reward, part_reward = present.shape[1], episode.reward, episode.part_reward
         reward[:], part_reward[:] = 0.0, 0.0
         share, made_of = np.maximum(present.sum(axis=1), 1), self._task.made_of

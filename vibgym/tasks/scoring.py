@@ -40,6 +40,8 @@ class Scoring:
     Attributes:
         episode: progress of every world.
         relations: how parts stand to their goals and to one another, by the true state.
+        rewarded: (worlds, parts) bool, live: the parts whom a step's reward is of.
+        changed: (worlds, parts) bool, live: parts that have arrived or left in a step.
     """
 
     def __init__(self, task: Task, state: State, periods: int, motion: int = 0) -> None:
@@ -47,6 +49,7 @@ class Scoring:
         self._task, self._rules, self._state = task, task.rules(periods), Pinned(STATE, state)
         self.relations = new_relations(worlds, parts)
         self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
+        self.rewarded, self.changed = self.episode.present, self.episode.arrived
         self._judged = self.judged(self.relations)
         self._everyone = np.arange(worlds)
 
@@ -63,6 +66,10 @@ class Scoring:
 
     def facts(self) -> dict[str, np.ndarray]:
         """What ``info`` says besides what the task's facts are, each (worlds,); live arrays."""
+        return {}
+
+    def part_facts(self) -> dict[str, np.ndarray]:
+        """What ``info["parts"]`` says besides what it says of every task's parts, each (worlds, parts); live arrays."""
         return {}
 
     def lines(self, world: int) -> list[np.ndarray]:

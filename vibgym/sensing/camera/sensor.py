@@ -58,6 +58,8 @@ class CameraSensor(Sensor):
     SETTINGS = Settings
     draws = KEY_DRAWS
 
+    renews = False  # it follows parts from look to look by their names
+
     def __init__(
         self,
         surface: Surface,

@@ -208,11 +208,13 @@ def start_covariance(all_of, w, p, k):
 
 
 @borrowing
-def begin_filter(worlds, pose, gone, address):
-    """Start afresh in ``worlds``, whose parts the predictor has put down at ``pose``."""
+def begin_filter(which, pose, gone, address):
+    """Start afresh with the parts ``which`` (worlds, parts), which the predictor has put down at ``pose``."""
     all_of = filter_at(address)
-    for w in worlds:
+    for w in range(pose.shape[0]):
         for p in range(pose.shape[1]):
+            if not which[w, p]:
+                continue
             for k in range(3):
                 all_of.before[w, p, k], all_of.disturbance[w, p, k] = 0.0, 0.0
                 all_of.trend[w, p, k] = 0.0
@@ -382,8 +384,13 @@ class FilterEstimator:
 
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         self._predictor.place(worlds, reading.pose[worlds], reading.gone[worlds])
-        if len(worlds):
-            begin_filter(worlds, reading.pose, reading.gone, self._filter.address)
+        which = np.zeros(reading.gone.shape, dtype=bool)
+        which[worlds] = True
+        begin_filter(which, reading.pose, reading.gone, self._filter.address)
+
+    def renew(self, which: np.ndarray, reading: Reading) -> None:
+        self._predictor.renew(which, reading.pose[which], reading.gone[which])
+        begin_filter(which, reading.pose, reading.gone, self._filter.address)
 
     def predict(self, command: Drive) -> None:
         record = self._filter.record

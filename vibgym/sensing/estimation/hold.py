@@ -30,6 +30,11 @@ class Hold:
             kept[worlds] = read[worlds]
         self.measurement.age[worlds] = 0
 
+    def renew(self, which: np.ndarray, reading: Reading) -> None:
+        for kept, read in zip(self.measurement[:3], reading[:3]):
+            kept[which] = read[which]
+        self.measurement.age[which] = 0
+
     def predict(self, command: Drive) -> None:
         """Nothing to do."""
 

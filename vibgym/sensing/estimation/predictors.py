@@ -44,6 +44,9 @@ class Predictor(Protocol):
     def prepare(self, command: Drive) -> None:
         """See what commands will look like."""
 
+    def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
+        """Put the parts ``which`` (worlds, parts) down at poses (n, 3), (n,) of them beside the table; the others go on."""
+
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
         """Put parts down at rest in ``worlds``."""
 
@@ -77,6 +80,11 @@ class ModelPredictor:
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
         self._plant.reset(worlds, np.full((len(worlds), self._plant.draws), 0.5))
         self.simulator.place(worlds, pose, np.where(fallen[..., None], 0.0, self._idle), 0.0, fallen)
+
+    def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
+        idle = np.broadcast_to(self._idle, self.state.velocity.shape)[which]
+        self.state.pose[which], self.state.velocity[which] = pose, np.where(fallen[:, None], 0.0, idle)
+        self.state.mean_velocity[which], self.state.sticking[which], self.state.fallen[which] = 0.0, False, fallen
 
     def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
         elapsed = 0
@@ -123,6 +131,9 @@ class FreePredictor:
 
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
         self.state.pose[worlds], self.state.mean_velocity[worlds], self.state.fallen[worlds] = pose, 0.0, fallen
+
+    def renew(self, which: np.ndarray, pose: np.ndarray, fallen: np.ndarray) -> None:
+        self.place(which, pose, fallen)
 
     def run(self, command: Drive, instant: int, kept: np.ndarray) -> None:
         glide(self.state, self._drag, instant * self._period)

@@ -1,0 +1,128 @@
+"""Feed: a part feeder, in at one end and out through the gate of its kind at the other, straight and apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.core.noise import KEY_DRAWS, keys_from
+from vibgym.physics.core.records import State
+from vibgym.scene.parts import Part
+from vibgym.scene.sliding import LEAST_SPEED, sliding_of
+from vibgym.scene.surface import Surface
+from vibgym.tasks.base import Start, Task, looks_same_after
+from vibgym.tasks.episode import Episode, Relations
+from vibgym.tasks.flow import FlowScoring
+from vibgym.tasks.inlet import new_inlet
+from vibgym.tasks.zones import zones_from
+
+GATE = 0.050
+"""m along x that gates take at the right border."""
+
+INLET = (0.020, 0.055)
+"""m, least and largest x of the centres of parts that arrive one at a time."""
+
+HEAP_LENGTH = 0.200
+"""m along x in which heaps arrive."""
+
+WARM_UP = 12.0
+"""s that rates leave out."""
+
+
+class Feed(Task):
+    """Parts arrive at the left end at any heading, and leave when their centre enters a gate at the right end.
+
+    A part is *good* if it leaves through the gate of its kind, within 5 degrees of straight (heading 0, modulo its symmetry),
+    with nothing nearer than the largest dimension of an element (36.8 mm), and no sooner after the last one through that gate
+    than such parts follow each other at full speed (0.28 s). Else it is *wrong*, *tilted* or *close*, in this order; *lost* is
+    one that has fallen. Where a part has left, another of its kind arrives as soon as there is room for it, so an episode has
+    no end but its limit, and no success: what counts is good parts a minute.
+
+    ``info`` says how many parts have been ``good``, ``tilted``, ``close``, ``wrong``, ``lost``, and how many of each a minute
+    (``good_per_minute`` and so on), the mean time of parts from arrival to leaving (``transit``, s), and the mean number of
+    parts ``on_table``, all without the first 12 s. ``info["parts"]`` says which have ``arrived`` in this step, and what has
+    become of those that have left in it (``event``, an index of :data:`vibgym.tasks.episode.EVENTS`). The reward of the step
+    that a part leaves in is still its own; a world's terms are the sums of its parts', over the number of parts in play.
+
+    Args:
+        surface: the table.
+        parts: as many as there may be on the table; those with the same name are of one kind; at most three kinds.
+        zones: gates, a mapping from kind to [x_low, y_low, x_high, y_high], m; None: strips across the last 50 mm.
+        heap: parts that arrive at once, in a heap in which they touch, as soon as the first 0.2 m of the table are free;
+            1: parts arrive one at a time, with centres 20 to 55 mm from the left border.
+        warm_up: s that the rates leave out.
+
+    Raises:
+        ValueError: a gate for no kind or none for a kind, gates that overlap, a heap of more parts than there are or than fit.
+    """
+
+    DEFAULT_PARTS = ("steel_block", "aluminium_block") * 6
+    TERMS = {
+        "progress": ("distance", 1.0),
+        "turn": ("turn", 0.5),
+        "alignment": ("alignment", 0.5),
+        "good": ("good", 5.0),
+        "faulty": ("faulty", 5.0),
+        "fallen": ("fallen", 5.0),
+    }
+    FACTS = ("is_success", "clearance", "touching", "parts_done", "diverged")
+    FEATURES = (
+        "present", "kind", "element", "heading", "position", "way", "way_coarse", "turn", "turn_coarse", "turn_fine",
+        "velocity", "spin", "gap", "neighbour", "arrived",
+    )  # fmt: skip
+    flows = True
+    heading_tolerance = math.radians(5.0)
+    draws = KEY_DRAWS
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        *,
+        zones: Mapping[str, Sequence[float]] | None = None,
+        heap: int = 1,
+        warm_up: float = WARM_UP,
+    ) -> None:
+        super().__init__(surface, parts)
+        self.zones = zones_from(default_gates(surface, self.kinds) if zones is None else zones, surface, self.kinds)
+        self.inlet = new_inlet(surface, self.parts, *INLET, heap, HEAP_LENGTH)
+        self.warm_up = round(checks.number("task_settings['warm_up']", warm_up, least=0.0, most=1e9) / surface.period)
+        self.spacing = math.sqrt(2.0) * surface.element_size
+        shortest = min(float(np.ptp(part.outline[:, 0])) for part in self.parts)
+        top = max(sliding_of(surface, self.parts).top_speed, LEAST_SPEED)
+        self.headway = math.floor((shortest + self.spacing) / (top * surface.period))
+
+    def heading_period(self, part: Part) -> float:
+        return looks_same_after(part)
+
+    def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
+        """None are on the table yet: ``present`` says which may come."""
+        shape = len(uniform), len(self.parts)
+        pose = np.tile([-self.surface.width, -self.surface.depth, 0.0], (*shape, 1))
+        there = np.ones(shape, dtype=bool) if present is None else present
+        return Start(pose, there, np.zeros_like(pose), key=keys_from(uniform))
+
+    def scoring(self, state: State, periods: int) -> FlowScoring:
+        return FlowScoring(self, state, periods, self.inlet, self.spacing, self.headway, self.warm_up)
+
+    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
+        on_table = episode.present[world].sum()
+        return f"{self.name}   {on_table} parts on the table, {episode.parts_done[world]} of them straight and apart"
+
+
+def default_gates(surface: Surface, names: Sequence[str]) -> dict[str, Any]:
+    """Strips of equal width across the last 50 mm, the first kind's at the bottom.
+
+    Raises:
+        ValueError: the surface is shorter than inlet and gates.
+    """
+    if surface.width < GATE + INLET[1]:
+        allowed = f"at least {GATE + INLET[1]:g} m long, or gates of your own"
+        raise checks.refuse("zones", f"the default on a surface {surface.width:g} m long", allowed)
+    edges = np.linspace(0.0, surface.depth, len(names) + 1).tolist()
+    low = surface.width - GATE
+    return {name: [low, edges[k], surface.width, edges[k + 1]] for k, name in enumerate(names)}

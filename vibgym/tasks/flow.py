@@ -1,0 +1,392 @@
+"""Episodes in which parts arrive and leave: what becomes of each, and how many a minute leave as they should.
+
+A part's place among the parts is a slot: a part leaves when its centre enters a gate, or when it has fallen, and some steps
+later another one of its kind arrives in its slot. A part that leaves is gone at the end of that step, and one that arrives is
+there at the end of its step, so no slot is ever handed on within a step. The reward of the step that it leaves in is its own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import Layout, Pinned, bound
+from vibgym.physics.collision.hulls import place_hulls
+from vibgym.physics.core.records import STATE, State, state_at
+from vibgym.tasks.episode import (
+    BARRED,
+    DOWN,
+    ENDED,
+    EVENTS,
+    HEADING_ERROR,
+    HELD,
+    IN_TOUCH,
+    LEFT_GOOD,
+    LOST,
+    PARTS_DONE,
+    POSITION_ERROR,
+    REWARD,
+    SMALLEST_GAP,
+    STAYS,
+    SUCCEEDED,
+    TILTED,
+    TOO_CLOSE,
+    TURNED,
+    WRONG,
+    Judged,
+    Start,
+    relate_world,
+    reward_part,
+)
+from vibgym.tasks.inlet import Inlet, deliver
+from vibgym.tasks.scoring import Scoring, Stage
+
+if TYPE_CHECKING:
+    from vibgym.tasks.base import Task
+
+LEFT, TRANSIT, ON_TABLE, STEPS = len(EVENTS), len(EVENTS) + 1, len(EVENTS) + 2, len(EVENTS) + 3
+"""Columns of :attr:`Flow.tally` behind those of the events."""
+
+MEAN_TRANSIT, MEAN_LOAD = len(EVENTS), len(EVENTS) + 1
+"""Columns of :attr:`Flow.rate` behind those of the events."""
+
+
+class Flow(NamedTuple):
+    """Parts that come and go in all worlds, pinned in memory and changed in place."""
+
+    clock: np.ndarray  # (worlds,) int64, periods since the episode's start
+    key: np.ndarray  # (worlds, 2) int64 of its random numbers
+    tried: np.ndarray  # (worlds,) int64, arrivals that have been tried
+    pool: np.ndarray  # (worlds, parts) bool, parts of this episode, on the table or not
+    there: np.ndarray  # (worlds, parts) bool, parts that were on the table in this step
+    changed: np.ndarray  # (worlds, parts) bool, parts that have arrived or left in this step
+    age: np.ndarray  # (worlds, parts) int64, periods since the part's arrival
+    last: np.ndarray  # (worlds, kinds) int64, when a part has last left through each gate
+    # (worlds, ...) int64 since the warm-up: parts by what became of them, all that left, periods that they took, ends of steps
+    # that parts were on the table at, all ends of steps
+    tally: np.ndarray
+    rate: np.ndarray  # (worlds, ...) of these: parts a minute by event, s of a transit, parts on the table
+    idle: np.ndarray  # (worlds, parts, 3) velocity of a part that slides in place
+    gate: np.ndarray  # (kinds, 4) m: x_low, y_low, x_high, y_high
+    kind: np.ndarray  # (parts,) int64, whose gate is a part's own
+    away: np.ndarray  # (3,) pose of parts that are not on the table
+    spacing: float  # m that parts keep when they leave
+    headway: int  # periods between parts that leave through the same gate
+    warm_up: int  # periods that do not count
+    period: float  # s
+    inlet: Inlet
+    judged: Judged
+
+
+FLOW: Layout[Flow] = Layout("FLOW", __name__)
+flow_at = FLOW.at
+
+
+@borrowing
+def gate_of(flow, x, y):
+    """The gate in which a place lies; -1: in none."""
+    gate = flow.gate
+    for k in range(gate.shape[0]):
+        if gate[k, 0] <= x and x <= gate[k, 2] and gate[k, 1] <= y and y <= gate[k, 3]:
+            return k
+    return -1
+
+
+@borrowing
+def would_pass(flow, world, part):
+    """Whether a part is straight and far enough from the others to leave, by relations that are up to date."""
+    relations, rules = flow.judged.relations, flow.judged.rules
+    return abs(relations.error[world, part, 2]) <= rules.tolerance[part, TURNED] and (
+        relations.gap[world, part] >= flow.spacing
+    )
+
+
+@borrowing
+def event_of(flow, state, world, part):
+    """What becomes of a part on the table in this step, see :data:`vibgym.tasks.episode.EVENTS`."""
+    if state.fallen[world, part]:
+        return LOST
+    gate = gate_of(flow, state.pose[world, part, 0], state.pose[world, part, 1])
+    if gate < 0:
+        return STAYS
+    since = flow.clock[world] - flow.last[world, gate]
+    flow.last[world, gate] = flow.clock[world]
+    if gate != flow.kind[part]:
+        return WRONG
+    judged = flow.judged
+    if abs(judged.relations.error[world, part, 2]) > judged.rules.tolerance[part, TURNED]:
+        return TILTED
+    if judged.relations.gap[world, part] < flow.spacing or since < flow.headway:
+        return TOO_CLOSE
+    return LEFT_GOOD
+
+
+@borrowing
+def judge_parts(flow, state, world):
+    """Say what becomes of every part of a world, and reward it."""
+    episode, done = flow.judged.episode, 0
+    total = episode.terms[world]
+    slots = 0
+    for k in range(total.shape[0]):
+        total[k] = 0.0
+    for part in range(state.fallen.shape[1]):
+        here = episode.present[world, part]
+        flow.there[world, part], episode.arrived[world, part] = here, False
+        episode.event[world, part] = event_of(flow, state, world, part) if here else STAYS
+        episode.part_fallen[world, part] = episode.event[world, part] == LOST
+        flow.judged.fits[part] = here and would_pass(flow, world, part)
+        at_own = gate_of(flow, flow.gate[flow.kind[part], 0], state.pose[world, part, 1]) == flow.kind[part]
+        episode.done[world, part] = flow.judged.fits[part] and at_own
+        done += episode.done[world, part]
+        slots += flow.pool[world, part]
+        episode.part_reward[world, part] = 0.0
+        for k in range(total.shape[0]):
+            episode.part_terms[world, part, k] = 0.0
+        if here:
+            reward_part(flow.judged, world, part)
+            for k in range(total.shape[0]):
+                total[k] += episode.part_terms[world, part, k]
+    reward = 0.0
+    for k in range(total.shape[0]):
+        total[k] /= max(slots, 1)
+        reward += total[k]
+    episode.number[world, REWARD] = reward
+    episode.count[world, PARTS_DONE] = done
+
+
+@borrowing
+def take_away(flow, state, world, part):
+    """Take a part off the table."""
+    for k in range(3):
+        state.pose[world, part, k] = flow.away[k]
+        state.velocity[world, part, k] = state.mean_velocity[world, part, k] = 0.0
+    state.fallen[world, part], state.sticking[world, part] = True, False
+    flow.judged.episode.present[world, part] = flow.judged.episode.done[world, part] = False
+
+
+@borrowing
+def put_down(flow, state, world, part, pose):
+    """Put a part on the table at a pose (3,), where it slides in place."""
+    for k in range(3):
+        state.pose[world, part, k] = pose[k]
+        state.velocity[world, part, k], state.mean_velocity[world, part, k] = flow.idle[world, part, k], 0.0
+    state.fallen[world, part] = state.sticking[world, part] = state.doubtful[world, part] = False
+    episode = flow.judged.episode
+    episode.present[world, part] = episode.arrived[world, part] = True
+    flow.age[world, part] = 0
+
+
+@borrowing
+def let_go(flow, state, world):
+    """Take parts off the table that leave in this step, and count them; returns whether there are any."""
+    event, counts, tally = flow.judged.episode.event, flow.clock[world] > flow.warm_up, flow.tally[world]
+    some = False
+    for part in range(event.shape[1]):
+        flow.changed[world, part] = event[world, part] != STAYS
+        if event[world, part] != STAYS:
+            some = True
+            if counts:
+                tally[event[world, part]] += 1
+                if event[world, part] != LOST:
+                    tally[LEFT] += 1
+                    tally[TRANSIT] += flow.age[world, part]
+            take_away(flow, state, world, part)
+    return some
+
+
+@borrowing
+def let_in(flow, state, world, most):
+    """Let up to ``most`` parts, or heaps, arrive; returns how many parts have come."""
+    inlet, judged, pose, arrivals = flow.inlet, flow.judged, state.pose[world], 0
+    present, placed, hulls = judged.episode.present[world], judged.placed, judged.hulls
+    waiting = judged.fits
+    for _ in range(most):
+        for part in range(present.shape[0]):  # who has left in this step comes later
+            waiting[part] = flow.pool[world, part] and not present[part] and not flow.changed[world, part]
+            if present[part]:
+                place_hulls(hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], placed)
+        count = deliver(inlet, hulls, placed, flow.key[world], flow.tried[world], waiting, present, pose)
+        flow.tried[world] += 1
+        if count == 0:
+            break
+        for k in range(count):
+            put_down(flow, state, world, inlet.order[k], inlet.pose[inlet.order[k]])
+        arrivals += count
+    for part in range(present.shape[0]):
+        if judged.episode.arrived[world, part]:
+            flow.changed[world, part] = True
+    return arrivals
+
+
+@borrowing
+def note_rates(flow, world):
+    """Bring rates and means up to date."""
+    tally, rate, present = flow.tally[world], flow.rate[world], flow.judged.episode.present
+    if flow.clock[world] <= flow.warm_up:
+        return
+    tally[STEPS] += 1
+    for part in range(present.shape[1]):
+        tally[ON_TABLE] += present[world, part]
+    minutes = (flow.clock[world] - flow.warm_up) * flow.period / 60.0
+    for k in range(1, LEFT):
+        rate[k] = tally[k] / minutes
+    rate[MEAN_TRANSIT] = flow.period * tally[TRANSIT] / max(tally[LEFT], 1)
+    rate[MEAN_LOAD] = tally[ON_TABLE] / tally[STEPS]
+
+
+@borrowing
+def look_round(flow, state, world):
+    """Bring the relations of a world up to date, and what ``info`` says of them."""
+    clearance, touching = relate_world(flow.judged, state.pose, state.fallen, world)
+    episode = flow.judged.episode
+    episode.number[world, SMALLEST_GAP], episode.count[world, IN_TOUCH] = clearance, touching
+
+
+@borrowing
+def welcome(flow, state, world):
+    """After arrivals: relations, and what the rewards of those who have come will be held against."""
+    episode = flow.judged.episode
+    look_round(flow, state, world)
+    for part in range(state.fallen.shape[1]):
+        if episode.arrived[world, part]:
+            episode.event[world, part] = STAYS
+            reward_part(flow.judged, world, part)
+            episode.part_reward[world, part] = 0.0
+            for k in range(episode.part_terms.shape[2]):
+                episode.part_terms[world, part, k] = 0.0
+
+
+@borrowing
+def begin_flow(state, flow, worlds, pools):
+    """Start the episodes of ``worlds`` (n,), whose keys are set, with the parts of ``pools`` (n, parts), none on the table yet.
+
+    Args:
+        state: address of the pinned true state, in which parts of the pool have the velocity of those that slide in place.
+        flow: address of a pinned :class:`Flow`.
+    """
+    true, all_of = state_at(state), flow_at(flow)
+    episode, parts = all_of.judged.episode, pools.shape[1]
+    for k in range(worlds.shape[0]):
+        world = worlds[k]
+        all_of.clock[world] = all_of.tried[world] = 0
+        for part in range(parts):
+            all_of.pool[world, part] = pools[k, part]
+            episode.arrived[world, part] = all_of.changed[world, part] = all_of.there[world, part] = False
+            episode.event[world, part], all_of.age[world, part] = STAYS, 0
+            episode.part_fallen[world, part], episode.part_reward[world, part] = False, 0.0
+            for term in range(episode.terms.shape[1]):
+                episode.part_terms[world, part, term] = 0.0
+            for axis in range(3):
+                all_of.idle[world, part, axis] = true.velocity[world, part, axis]
+            take_away(all_of, true, world, part)
+        for gate in range(all_of.last.shape[1]):
+            all_of.last[world, gate] = -all_of.headway
+        for column in range(all_of.tally.shape[1]):
+            all_of.tally[world, column] = 0
+        for column in range(all_of.rate.shape[1]):
+            all_of.rate[world, column] = 0.0
+        for flag in (DOWN, SUCCEEDED, ENDED, BARRED):
+            episode.flag[world, flag] = False
+        for number in (REWARD, POSITION_ERROR, HEADING_ERROR):
+            episode.number[world, number] = 0.0
+        episode.count[world, HELD] = episode.count[world, PARTS_DONE] = 0
+        for term in range(episode.terms.shape[1]):
+            episode.terms[world, term] = 0.0
+        let_in(all_of, true, world, parts)
+        welcome(all_of, true, world)
+
+
+@borrowing
+def score_flow(state, flow, periods, worlds):
+    """Score one step of some worlds, take parts away that leave, and let others in; see :func:`begin_flow`."""
+    true, all_of = state_at(state), flow_at(flow)
+    for k in range(worlds.shape[0]):
+        world = worlds[k]
+        all_of.clock[world] += periods
+        for part in range(true.fallen.shape[1]):
+            all_of.age[world, part] += periods
+        look_round(all_of, true, world)
+        judge_parts(all_of, true, world)
+        gone = let_go(all_of, true, world)
+        if let_in(all_of, true, world, periods) > 0:
+            welcome(all_of, true, world)
+        elif gone:
+            look_round(all_of, true, world)
+        note_rates(all_of, world)
+        all_of.judged.episode.flag[world, ENDED] = true.diverged[world]
+
+
+class FlowScoring(Scoring):
+    """Scores episodes in which parts arrive and leave: no success, no end but the limit or a simulation that has diverged.
+
+    Args:
+        task: with its parts, gates (``task.zones``) and an ``inlet``.
+        state: true state of the worlds.
+        periods: oscillation periods of a step.
+        inlet: where parts come in.
+        spacing: m, that parts keep from the nearest other when they leave.
+        headway: periods between parts that leave through the same gate.
+        warm_up: periods that rates leave out.
+    """
+
+    def __init__(
+        self, task: Task, state: State, periods: int, inlet: Inlet, spacing: float, headway: int, warm_up: int
+    ) -> None:
+        super().__init__(task, state, periods)
+        worlds, parts = state.pose.shape[:2]
+        surface = task.surface
+        gates = np.array(task.zones)
+        self._periods, self._true = periods, Pinned(STATE, state)
+        self._flow = Flow(
+            clock=np.zeros(worlds, dtype=np.int64),
+            key=np.zeros((worlds, 2), dtype=np.int64),
+            tried=np.zeros(worlds, dtype=np.int64),
+            pool=np.zeros((worlds, parts), dtype=bool),
+            there=np.zeros((worlds, parts), dtype=bool),
+            changed=np.zeros((worlds, parts), dtype=bool),
+            age=np.zeros((worlds, parts), dtype=np.int64),
+            last=np.zeros((worlds, len(gates)), dtype=np.int64),
+            tally=np.zeros((worlds, STEPS + 1), dtype=np.int64),
+            rate=np.zeros((worlds, MEAN_LOAD + 1)),
+            idle=np.zeros((worlds, parts, 3)),
+            gate=np.ascontiguousarray(gates),
+            kind=np.ascontiguousarray(task.kind),
+            away=np.array([-surface.width, -surface.depth, 0.0]),
+            spacing=spacing,
+            headway=headway,
+            warm_up=warm_up,
+            period=surface.period,
+            inlet=inlet,
+            judged=self._judged.record,
+        )
+        self.rewarded, self.changed = self._flow.there, self._flow.changed
+        self._pinned = self._with_scratch()
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        names = ("clock", "key", "tried", "pool", "there", "changed", "age", "last", "tally", "rate", "idle")
+        return {f"flow_{name}": getattr(self._flow, name) for name in names}
+
+    def facts(self) -> dict[str, np.ndarray]:
+        tally, rate = self._flow.tally, self._flow.rate
+        counts = {name: tally[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
+        rates = {f"{name}_per_minute": rate[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
+        return {**counts, **rates, "transit": rate[:, MEAN_TRANSIT], "on_table": rate[:, MEAN_LOAD]}
+
+    def part_facts(self) -> dict[str, np.ndarray]:
+        return {"arrived": self.episode.arrived, "event": self.episode.event}
+
+    def begin(self, worlds: np.ndarray, start: Start) -> None:
+        self._flow.key[worlds] = start.key
+        begin_flow(self._true.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
+
+    def stages(self) -> list[Stage]:
+        return [bound(score_flow, self._true, self._with_scratch(), self._periods)]
+
+    def _with_scratch(self) -> Pinned[Flow]:
+        """What one thread needs."""
+        shared = self._flow.inlet
+        scratch = {name: getattr(shared, name).copy() for name in ("numbers", "order", "chance", "pose")}
+        inlet = shared._replace(**scratch)
+        return Pinned(FLOW, self._flow._replace(inlet=inlet, judged=self.judged(self.relations).record))
