@@ -16,6 +16,7 @@ from vibgym.policies.registry import CONTROLLERS, make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding
 from vibgym.policies.trained.residual import with_base
+from vibgym.tasks import TASKS
 
 WORLDS, STEPS = 4, 5
 SHIPPED = Path("vibgym/policies/trained/shipped")
@@ -85,7 +86,8 @@ def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
         policy = policy_of(case, name, folder)
         if isinstance(policy, str):
             continue
-        settings = {"randomize": {"parts": [2, 6]}} if len(policy_info(name).parts) > 1 else {}
+        drawn = TASKS[gym.spec(name).kwargs["task"]].RANDOMIZED
+        settings = {"randomize": {"parts": [2, 6]}} if "parts" in drawn else {}
         env = gym.make_vec(name, num_envs=WORLDS, action=policy.action, observation=policy.observation, **settings)
         draws = "seed" in inspect.signature(CONTROLLERS[case[0]]).parameters
         seen, _ = env.reset(seed=3)

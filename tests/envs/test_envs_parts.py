@@ -128,13 +128,14 @@ def test_each_task_has_the_columns_that_it_can_fill():
     own = {each.name for each in OWN}
     moving = {"goal_velocity", "goal_spin", "way_ahead", "turn_ahead"}
     turning = {"turn", "turn_coarse", "turn_fine", "turn_finest"}
-    told, zoned = {"age", "sigma"}, {"kind", "zone"}
+    told, zoned = {"age", "sigma", "arrived"}, {"kind", "zone"}
     assert names("Transport") == (own - moving - turning - told - zoned, 25)
     assert names("Rotate") == (own - moving - told - zoned, 29)
-    assert names("Rotate", sensor=NOISY) == (own - moving - zoned, 32)
+    assert names("Rotate", sensor=NOISY) == (own - moving - zoned - {"arrived"}, 32)
     sort, size = names("Sort")
     assert sort & own == own - moving - turning - told and size == 32 + 65
     assert names("Singulate")[0] == sort - {"zone"}
+    assert names("Feed")[0] == sort | turning | {"arrived"}
     follow, size = names("Follow")
     assert follow & own == own - told - zoned and size == 29 + 15 + 65
 
