@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.bounds.tables import PERIODS, Hold, Reach, way_reach
+from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -18,9 +18,6 @@ MARGIN = 0.15
 """Added to the power of the elements, as a share: of velocities that change within a period, see docs/bound.md."""
 
 SPEEDS, INSTANTS = 400, 720  # of the table's speed up to which power is looked for, and of a period
-
-FREE_END = 10.0
-"""m, a tolerance that any end of a way is within."""
 
 
 def most_power(surface: Surface, friction: float, amplitude: float) -> float:
@@ -112,8 +109,9 @@ class PushBound:
         turn = np.maximum(turn - self.heading_tolerance, 0.0)
         way = np.maximum(np.hypot(*(goal - start)[:, :2].T) - self.position_tolerance, 0.0)
         far = way**2 + self.part.gyration * turn**2
-        first = np.min([_fewest(each, apart) for each, apart in zip(self._approach, gap.T, strict=True)], axis=0)
-        touch = period * (first + self.latency)
+        first = np.min([fewest_periods(each, apart) for each, apart in zip(self._approach, gap.T, strict=True)], axis=0)
+        # Part of the last period may do.
+        touch = period * (np.maximum(first - 1, 0) + self.latency)
         least = 0.5 * (touch + np.sqrt(touch**2 + 4.0 * far / self.top_speed**2))
         periods = np.where(far > 0.0, np.ceil(least / period - 1e-9), 1.0)
         arrival = np.maximum(np.ceil(periods / self.periods_per_step), 1.0).astype(np.int64)
@@ -122,11 +120,3 @@ class PushBound:
     def seconds(self, start: Any, goal: Any, gap: Any) -> np.ndarray:
         """Least time to success, s (n,); see :meth:`steps`."""
         return self.periods_per_step * self.surface.period * self.steps(start, goal, gap)
-
-
-def _fewest(reach: Reach, way: np.ndarray) -> np.ndarray:
-    """Fewest periods for a way in whatever direction it is shortest, less one: part of the last may do."""
-    most = np.maximum.accumulate(reach.most.max(axis=0))
-    inside = np.searchsorted(most, way).astype(float)
-    beyond = np.ceil(np.maximum(way - most[-1], 0.0) / reach.pace)
-    return np.maximum(np.where(inside > PERIODS, PERIODS + beyond, inside) - 1.0, 0.0)

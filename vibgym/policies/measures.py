@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from vibgym.bounds import PushBound, SeveralBound, TimeBound
+from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface, Truth
 from vibgym.policies.rollout import Ends, Outcomes, Step, Timing
 from vibgym.scene import Part
 from vibgym.scene.hulls import gaps_between
+from vibgym.tasks import Feed
 from vibgym.tasks.episode import TOUCHING
 
 
@@ -22,12 +23,18 @@ class Measured(Outcomes):
     """How episodes ended, with what each is measured by."""
 
     bound: np.ndarray  # s, least time to goal from this start, hold included; nan where none is known
+    rate_bound: np.ndarray  # most good parts a minute, where parts come and go; nan elsewhere, and where none is known
     collisions: np.ndarray  # pairs newly in touch, see Touches; nan where the task does not count them
 
     @property
     def time_over_bound(self) -> np.ndarray:
         """Time to goal as a multiple of the least one; nan without success, and where no bound is known."""
         return self.time_to_goal / self.bound
+
+    @property
+    def rate_over_bound(self) -> np.ndarray:
+        """Good parts a minute as a share of the most; nan where parts stay, and where no bound is known."""
+        return self.facts["good_per_minute"] / self.rate_bound
 
 
 class Measures(Ends):
@@ -45,6 +52,7 @@ class Measures(Ends):
         self.touches = Touches(env.parts, len(seeds)) if "touching" in info else None
         self.fields |= {
             "bound": least_times(env),
+            "rate_bound": most_rates(env),
             "collisions": np.full(len(seeds), np.nan if self.touches is None else 0.0),
         }
         if self.touches is not None:
@@ -118,9 +126,39 @@ def least_times(env: SharedInterface) -> np.ndarray:
         steps = _steps_pushed(env, truth, pushed) if pushed.any() else _steps_driven(env, truth)
     if steps is None:
         return np.full(len(truth.pose), np.nan)
-    state = core.simulator.state
-    usual = ((state.friction == 1.0) | ~truth.present).all(axis=1) & (state.incline == 0.0).all(axis=1)
-    return np.where(usual, env.step_time * steps, np.nan)
+    return np.where(_usual(env, truth.present), env.step_time * steps, np.nan)
+
+
+def _usual(env: SharedInterface, present: np.ndarray) -> np.ndarray:
+    """(worlds,) bool: friction and the table's incline are what parts and table say."""
+    state = env.core.simulator.state
+    return ((state.friction == 1.0) | ~present).all(axis=1) & (state.incline == 0.0).all(axis=1)
+
+
+def most_rates(env: SharedInterface) -> np.ndarray:
+    """Most good parts a minute (worlds,) of the episodes that have just begun; see :class:`vibgym.bounds.FlowBound`.
+
+    Args:
+        env: with all worlds at the start of an episode, and a limit.
+
+    Returns:
+        nan for tasks whose parts stay, and where no bound is known, as for :func:`least_times`.
+    """
+    task, surface, worlds = env.task, env.surface, len(env.truth.pose)
+    limit = getattr(env, "max_episode_steps", None)
+    slide = all(surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
+    if not isinstance(task, Feed) or limit is None or env.core.simulator.model != "planar" or not slide:
+        return np.full(worlds, np.nan)
+    assert task.zones is not None  # its gates
+    inlet = task.inlet
+    # Heaps lie wholly in the room that they have, one part alone with its centre in a strip.
+    inner = np.array([part.inner_radius for part in env.parts])
+    begin = np.full(len(env.parts), inlet.high) if inlet.heap == 1 else inlet.room.width - inner
+    bound = FlowBound(
+        surface, env.parts, task.kind, np.maximum(task.zones[task.kind, 0] - begin, 0.0), task.headway,
+        max(limit * env.periods_per_step - task.warm_up, 0), env.periods_per_step, env.core.actuators.most_amplitude,
+    )  # fmt: skip
+    return np.where(_usual(env, np.ones((worlds, len(env.parts)), dtype=bool)), bound.per_minute, np.nan)
 
 
 def _asks(env: SharedInterface, part: Any) -> dict[str, Any]:
