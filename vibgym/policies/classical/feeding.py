@@ -56,9 +56,7 @@ class FeedingPolicy(Steering):
         settings.setdefault("law", "pose")
         super().__init__(info, **settings)
         if not info.flows or info.zones is None:
-            raise checks.refuse(
-                "policy 'lanes'", f"the task {info.name}", "tasks whose parts leave through gates, such as Feed"
-            )
+            raise checks.refuse("policy 'lanes'", f"the task {info.name}", "tasks whose parts leave through gates, such as Feed")
         self.traffic, zones = Traffic(**own), info.zones[list(info.kind)]
         self.top = info.plant.top_speed
         self.lead = lead_of(self.law, info, 0.5 * self.top)
@@ -91,9 +89,7 @@ class FeedingPolicy(Steering):
         gap = np.abs(between) - reach[:, :, None] - reach[:, None]
         there = measured.present[:, :, None] & measured.present[:, None] & ~np.eye(centre.shape[1], dtype=bool)
         # Whoever is farther along goes first.
-        ahead = there & (
-            (between[..., 0] > 0.0) | ((between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1))
-        )
+        ahead = there & ((between[..., 0] > 0.0) | ((between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1)))
         way = np.clip((centre[..., 0] - self.inlet) / (0.5 * (self.gate - self.inlet)), 0.0, 1.0)
         wanted = traffic.near + way * (self.spacing + traffic.spare - traffic.near)
         along, across = gap[..., 0], gap[..., 1]
