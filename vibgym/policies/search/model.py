@@ -36,6 +36,7 @@ class Model:
         self.rest = np.stack([rest, np.zeros_like(rest)])
         """(2, parts, 3) :meth:`drift` of parts at rest."""
         self._info, self._all = info, np.arange(worlds)
+        self._key = np.zeros((worlds, 2), dtype=np.int64)  # of arrivals: the same for all plans
         asked, driven = np.array(info.asked, dtype=bool), np.array(info.driven, dtype=bool)
         # Who has a share in what each part earns: itself if it is driven; of the others' all that are.
         self._credit = np.where(driven[:, None], np.diag(driven | ~asked), 0.0) + np.outer(driven, asked & ~driven)
@@ -56,9 +57,13 @@ class Model:
         goal = np.zeros_like(seen.pose)
         if self._info.has_goal:
             goal = seen.pose + np.concatenate([seen.way, seen.turn[..., None]], axis=-1)
-        start = Start(seen.pose, present, np.where(present[..., None], goal, 0.0))
+        pose = np.where(present[..., None], seen.pose, -1.0)  # beside the surface
+        coming = present | self._info.flows  # parts that are not there may arrive
+        start = Start(pose, coming, np.where(present[..., None], goal, 0.0), key=self._key)
         velocity = np.where(present[..., None], seen.rate + drift[:, 0], 0.0)
-        self.core.put(self._all, start, velocity, seen.rate)
+        self.core.put(self._all, start, velocity, np.where(present[..., None], seen.rate, 0.0))
+        if self._info.flows:
+            self.core.scoring.own_state()["flow_idle"][...] = self.rest[0]
         remembered = self.core.action.live()
         if "given" in remembered:
             remembered["given"][...] = drift[:, 1]
