@@ -19,6 +19,8 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "SortThreeKinds": (750, {"task": "Sort", "parts": [*BLOCKS, DISC] * 2}),
     "SortCrowded": (750, {"task": "Sort", "start": "crowded"}),
     "Singulate": (500, {"task": "Singulate"}),
+    "Pack": (750, {"task": "Pack"}),
+    "PackFull": (1000, {"task": "Pack", "parts": ["aluminium_block"] * 20}),
     "Feed": (1500, {"task": "Feed"}),
     "FeedHeaps": (1500, {"task": "Feed", "parts": BLOCKS * 9, "task_settings": {"heap": 6}}),
 }

@@ -61,8 +61,7 @@ def test_a_controller_of_ones_own_has_a_name(monkeypatch):
 
 
 @pytest.mark.parametrize("policy, named", [
-    ("magic", "policy.kind.*magic.*'zero', 'random', 'open_loop', 'local_field', 'planner', 'mpc', 'learned', 'trained', 'residual', "
-     "'schedule', 'local', 'pose', 'lqr', 'pid', 'state_space'"),
+    ("magic", f"policy.kind.*magic.*{', '.join(map(repr, CONTROLLERS))}"),
     ("local_fields", "policy.kind.*local_fields.*'local_field'"),
     (3, "policy.*3"), (None, "policy.*None"), ({}, "policy.kind.*None"), ({"kind": 3}, "policy.kind"),
     ({"kind": "zero", "colour": 1}, "policy 'zero'.*colour"),

@@ -22,7 +22,7 @@ class Keywords(TypedDict, total=False):
     sensor: str | Mapping[str, Any]
     randomize: Mapping[str, Any] | None
     walls: Sequence[str] | None
-    start: str | None
+    start: str | Mapping[str, Any] | None
     zones: Mapping[str, Sequence[float]] | None
     slots: int | None
     paths: Any
@@ -45,7 +45,7 @@ class Options:
     sensor: str | Mapping[str, Any] = "ideal"
     randomize: Mapping[str, Any] | None = None
     walls: Sequence[str] | None = None
-    start: str | None = None
+    start: str | Mapping[str, Any] | None = None
     zones: Mapping[str, Sequence[float]] | None = None
     slots: int | None = None
     paths: Any = None

@@ -149,8 +149,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     at a term's bound. With ``observation="goal"`` they are the goal reward.
 
     Args:
-        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, or one that you have
-            registered.
+        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``, or one
+            that you have registered.
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields (keys may carry ``_mm``).
         parts: a list of names of shipped parts (``"aluminium_block"``, ``"steel_block"``) or mappings with ``shape`` and its
             fields; with one of them for Transport, Align and Rotate.
@@ -167,19 +167,20 @@ class VibgymEnv(SharedInterface, gym.Env):
             the last look (``swaps``), how many ran into one another (``merges``), and how many it lost (``losses``).
         randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
             factors on friction between table and part, and on mass, one a part. ``"incline"``: the largest angle of an inclined
-            table, or [low, high], rad; its direction is drawn, too. Sort and Singulate also take ``"parts": [low, high]``: so
-            many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
+            table, or [low, high], rad; its direction is drawn, too. Sort, Singulate and Pack also take ``"parts": [low,
+            high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
             (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was drawn.
-        start: of Sort: ``"scattered"`` (default: at random, at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
+        start: of Sort and Pack: ``"scattered"`` (default: at random, at least 2 mm apart), ``"crowded"`` (one heap, in touch)
+            or ``"pattern"``; or a mapping with ``kind`` and settings (:data:`vibgym.tasks.starts.STARTS`).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left
             end for the first kind, at the right end for the second, in the middle for the third.
-        slots: of Sort and Singulate: parts for which the state observation has room, at least the number of parts.
-        walls: of Sort and Singulate: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
+        slots: of Sort, Singulate and Pack: parts for which the state observation has room, at least the number of parts.
+        walls: of Sort, Singulate and Pack: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
         paths: of Follow: a list with a mapping for each part, or a mapping for paths that are drawn, see
             :class:`vibgym.tasks.Follow`.
         task_settings: keyword arguments that the task has besides: ``hold``, periods in a row with all parts done that make
-            success (10; at most an episode); ``weights``, a mapping from reward terms to what they count instead; and those
-            that only a task of your own has.
+            success (10; at most an episode); ``weights``, a mapping from reward terms to what they count instead; of Pack its
+            pattern's (``gap_mm``, ``rows``, ..., see :class:`vibgym.tasks.Pack`); and those of a task of your own.
         periods_per_step: oscillation periods per step. Hold, time cost and limit count periods, so the task stays the same.
         max_episode_periods: periods after which an episode is truncated, where a step has several; with one a step that is
             Gymnasium's own ``max_episode_steps``. None: no limit.

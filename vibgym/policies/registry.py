@@ -10,6 +10,7 @@ from typing import Any
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
+from vibgym.policies.classical.feeding import FeedingPolicy
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy
@@ -26,6 +27,9 @@ Maker = Callable[..., Policy]
 
 EXTRA = ("safetensors", "scipy")
 """What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
+
+STEERED = ("local_field", "planner", "lanes")
+"""Policies that steer parts by a law, and speak any action that steering knows."""
 
 FILES = ("trained", "residual", "learned")
 """Policies that are read from files and act in environments with the action that they were trained with alone."""
@@ -110,7 +114,8 @@ def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: in
     """
     if base is not None:
         named = dict(base) if isinstance(base, Mapping) else {"kind": base}
-        spoken = {"action": action or "wrench"} if _steers(named.get("kind")) else {}
+        kind = named.get("kind")
+        spoken = {"action": action or "wrench"} if kind in STEERED or kind in LAWS else {}
         base = make_policy(spoken | named, info, seed)
     return MPCPolicy(info, base=base, action=action, seed=seed, **settings)
 
@@ -147,6 +152,7 @@ CONTROLLERS = Controllers(
         "open_loop": OpenLoopPolicy,
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
+        "lanes": FeedingPolicy,
         "mpc": mpc,
         "learned": learned,
         "trained": trained,
@@ -213,9 +219,6 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     return InElements(chosen) if (spoken, chosen.action) == ("element", "phasor") else chosen
 
 
-STEERING = ("local_field", "planner")
-"""Controllers that speak any of :data:`vibgym.policies.classical.outputs.OUTPUTS`, as laws do by themselves."""
-
 UNSAID = "element"
 """Action of environments for which none has been chosen: it asks a policy for nothing."""
 
@@ -230,14 +233,10 @@ def _spoken(kind: str, arguments: Mapping[str, Any], spoken: str | None) -> dict
     """The argument by which a policy that knows several actions speaks that of its environment."""
     if spoken is None or "action" in arguments:
         return {}
-    if not (spoken in OUTPUTS if _steers(kind) else ACTIONS[spoken].by_part if kind == "mpc" else kind == "learned"):
+    steers = kind in STEERED or kind in LAWS
+    if not (spoken in OUTPUTS if steers else ACTIONS[spoken].by_part if kind == "mpc" else kind == "learned"):
         return {}
     return {} if spoken == UNSAID else {"action": spoken}
-
-
-def _steers(kind: Any) -> bool:
-    """Whether policies of this kind steer parts by a law, in any of :data:`OUTPUTS`."""
-    return kind in STEERING or kind in LAWS
 
 
 def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Policy:

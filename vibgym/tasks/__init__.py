@@ -6,6 +6,8 @@ from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.feed import Feed
 from vibgym.tasks.follow import Follow
+from vibgym.tasks.pack import Pack
+from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.reward import Step
 from vibgym.tasks.rotate import Rotate
@@ -23,6 +25,7 @@ TASKS: Registry[type[Task]] = Registry(
         "Follow": Follow,
         "Sort": Sort,
         "Singulate": Singulate,
+        "Pack": Pack,
         "Feed": Feed,
     },
 )
@@ -34,6 +37,8 @@ __all__ = [
     "ArrangedTask",
     "Feed",
     "Follow",
+    "Pack",
+    "Pattern",
     "PoseTask",
     "Rotate",
     "Singulate",

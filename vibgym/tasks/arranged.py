@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ class ArrangedTask(Task):
     Args:
         surface: the table.
         parts: the parts; those with the same name are of one kind, and there are at most three kinds.
-        start: ``"scattered"`` (random poses at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
+        start: ``"scattered"`` (random poses at least 2 mm apart), ``"crowded"`` (one heap, in touch) or ``"pattern"``; or a
+            mapping with ``kind`` and settings, see :data:`vibgym.tasks.starts.STARTS`.
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there in an episode.
         slots: blocks of the state observation, at least the number of parts, which is the default.
         apart: m, distance to the nearest other part above which a part is done; None: it does not count.
@@ -51,7 +52,7 @@ class ArrangedTask(Task):
         surface: Surface,
         parts: Sequence[Part],
         *,
-        start: str = "scattered",
+        start: str | Mapping[str, Any] = "scattered",
         randomize: Any = None,
         slots: int | None = None,
         apart: float | None = None,

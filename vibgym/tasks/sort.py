@@ -29,7 +29,7 @@ class Sort(ArrangedTask):
         surface: Surface,
         parts: Sequence[Part],
         *,
-        start: str = "scattered",
+        start: str | Mapping[str, Any] = "scattered",
         zones: Mapping[str, Sequence[float]] | None = None,
         randomize: Any = None,
         slots: int | None = None,

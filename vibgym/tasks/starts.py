@@ -1,4 +1,4 @@
-"""Where parts start: scattered over the surface, or in a heap and in touch.
+"""Where parts start: scattered over the surface, in a heap and in touch, or in a pattern.
 
 All is computed from uniform numbers, which the environments draw, so an episode's start depends on nothing but them. Where
 chance finds no room within a number of tries, parts go to a lattice that has been checked to hold them.
@@ -19,6 +19,7 @@ from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.lattice import lattice
+from vibgym.tasks.patterns import Pattern
 
 TRIES = 20
 """Random poses, or directions of approach, for each part."""
@@ -34,6 +35,15 @@ MOST_STEPS = 200
 
 START_NUMBERS = {"scattered": 3, "crowded": 2}
 """Uniform numbers of one try."""
+
+STARTS = (*START_NUMBERS, "pattern")
+"""Arrangements that ``start=`` knows, by name or as a mapping with ``kind`` and settings:
+
+- ``"scattered"``: random poses at least 2 mm apart
+- ``"crowded"``: one heap, in touch
+- ``"pattern"``: a pattern (:class:`vibgym.tasks.patterns.Pattern`), whose settings it takes: ``{"kind": "pattern", "gap_mm":
+  5.0, "rows": 2}``. Which part lies in which place of a lattice is drawn; poses that are given are those parts' own.
+"""
 
 
 class Room(NamedTuple):
@@ -253,7 +263,7 @@ class Starts:
 
     Args:
         surface, parts: the scene.
-        arrangement: ``"scattered"`` (random poses at least 2 mm apart) or ``"crowded"`` (one heap, in touch).
+        arrangement: one of :data:`STARTS`, or a mapping with ``kind`` and its settings.
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there; None: all.
         apart: m, distance that the surface has to have room for between parts.
 
@@ -266,16 +276,27 @@ class Starts:
     """
 
     def __init__(
-        self, surface: Surface, parts: Sequence[Part], arrangement: str, randomize: Any = None, apart: float = 0.0
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        arrangement: str | Mapping[str, Any],
+        randomize: Any = None,
+        apart: float = 0.0,
     ) -> None:
-        checks.choice("start", arrangement, tuple(START_NUMBERS))
-        self.parts, self.heaped = tuple(parts), arrangement == "crowded"
+        kind, settings = checks.named("start", arrangement, STARTS)
+        self.parts, self.heaped, self.pattern = tuple(parts), kind == "crowded", None
         self.fewest, self.most = _number_present(randomize, len(parts))
-        self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[arrangement])
+        if kind == "pattern":
+            self.pattern = checks.made("start", Pattern, (surface, self.parts, "start"), settings)
+            self.draws = 1 + 2 * len(parts) + self.pattern.draws
+        elif settings:
+            raise checks.refuse("start", f"the setting {next(iter(settings))!r}", f"no settings of {kind!r}")
+        else:
+            self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[kind])
         gap = max(0.0 if self.heaped else CLEAR, apart)
         radius = max(part.radius for part in parts)
         cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
-        if len(cells) < self.most:
+        if self.pattern is None and len(cells) < self.most:
             names = ", ".join(dict.fromkeys(part.name for part in parts))
             raise checks.refuse(
                 "parts",
@@ -295,8 +316,28 @@ class Starts:
         pose, given = np.empty((*shape, 3)), present is not None
         there = np.array(present) if present is not None else np.empty(shape, dtype=bool)
         uniform = np.ascontiguousarray(uniform)
+        if self.pattern is not None:
+            return self._in_pattern(self.pattern, uniform, there, given)
         draw_starts(self._hulls, self._room, self.heaped, self.fewest, self.most, given, uniform, pose, there)
         return pose, there
+
+    def _in_pattern(
+        self, pattern: Pattern, uniform: np.ndarray, there: np.ndarray, given: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As :meth:`draw`, of parts in a pattern; ``there`` says who, where that is given."""
+        worlds, parts = there.shape
+        if not given:
+            count = self.fewest + (uniform[:, 0] * (self.most - self.fewest + 1)).astype(np.int64)
+            rank = uniform[:, 1 : 1 + parts].argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
+            there = rank < np.minimum(count, self.most)[:, None]
+        goals = pattern.draw(uniform[:, 1 + 2 * parts :])
+        if pattern.shuffles:
+            mixed = uniform[:, 1 + parts : 1 + 2 * parts].argsort(axis=1, kind="stable")
+            pose = goals[np.arange(worlds)[:, None], mixed]
+        else:
+            pose = pattern.own(goals, there)
+        beside = np.array([-self._room.width, -self._room.depth, 0.0])
+        return np.where(there[..., None], pose, beside), there
 
 
 def _number_present(randomize: Any, parts: int) -> tuple[int, int]:

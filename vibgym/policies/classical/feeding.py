@@ -1,4 +1,4 @@
-"""Lanes through the gates: every part to the lane of its kind, and along it at full speed, no nearer to the one ahead than it has to.
+"""Lanes through the gates: every part to the lane of its kind, and along it at full speed, with room to the one ahead.
 
 No part has a target: it has a velocity, as a car in traffic has. Whoever is farther along goes first, and those behind make
 room: along the table they keep a distance to what is in their way, which grows on the way to the gate from next to nothing to
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.policies.classical import steering
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.classical.steering import Steering
@@ -28,12 +27,12 @@ class Traffic:
         ValueError: a bad value.
     """
 
-    near: float = 0.006  # m, distance that parts keep at the inlet
+    near: float = 0.003  # m, distance that parts keep at the inlet
     spare: float = 0.004  # m, that parts keep at the gate beyond what it asks for
-    along: float = 0.15  # s, in which a lack of distance along the table is made up for
-    across: float = 0.10  # s, in which parts go to the middle of their lanes
+    along: float = 0.12  # s, in which a lack of distance along the table is made up for
+    across: float = 0.20  # s, in which parts go to the middle of their lanes
     beside: float = 0.006  # m, distance to those beside
-    slip: float = 0.7  # most velocity across the table over the top speed
+    slip: float = 0.3  # most velocity across the table over the top speed
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -56,7 +55,9 @@ class FeedingPolicy(Steering):
         settings.setdefault("law", "pose")
         super().__init__(info, **settings)
         if not info.flows or info.zones is None:
-            raise checks.refuse("policy 'lanes'", f"the task {info.name}", "tasks whose parts leave through gates, such as Feed")
+            raise checks.refuse(
+                "policy 'lanes'", f"the task {info.name}", "tasks whose parts leave through gates, such as Feed"
+            )
         self.traffic, zones = Traffic(**own), info.zones[list(info.kind)]
         self.top = info.plant.top_speed
         self.lead = lead_of(self.law, info, 0.5 * self.top)
@@ -89,7 +90,9 @@ class FeedingPolicy(Steering):
         gap = np.abs(between) - reach[:, :, None] - reach[:, None]
         there = measured.present[:, :, None] & measured.present[:, None] & ~np.eye(centre.shape[1], dtype=bool)
         # Whoever is farther along goes first.
-        ahead = there & ((between[..., 0] > 0.0) | ((between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1)))
+        ahead = there & (
+            (between[..., 0] > 0.0) | ((between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1))
+        )
         way = np.clip((centre[..., 0] - self.inlet) / (0.5 * (self.gate - self.inlet)), 0.0, 1.0)
         wanted = traffic.near + way * (self.spacing + traffic.spare - traffic.near)
         along, across = gap[..., 0], gap[..., 1]

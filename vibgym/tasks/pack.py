@@ -1,0 +1,154 @@
+"""Pack: bring the parts to a pattern, close together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import bound
+from vibgym.physics.core.records import State
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.tasks.arranged import ArrangedTask
+from vibgym.tasks.base import HOLD_PERIODS, Start, looks_same_after
+from vibgym.tasks.episode import Episode, Relations
+from vibgym.tasks.patterns import Pattern
+from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.scoring import Scoring, Stage
+
+
+class Pack(ArrangedTask):
+    """Every part in its place of a pattern, within 1 mm and 3 degrees, all of them at once for ten periods; none has fallen.
+
+    The pattern is a lattice of the parts, 2 mm apart, somewhere on the surface, or what the settings make of it
+    (:class:`vibgym.tasks.patterns.Pattern`). Headings count modulo a part's symmetry.
+
+    Args:
+        free: parts of a kind are as good as one another: goals are given out at the start, so that the cubes of the ways add up
+            to the least. False: each part has the goal of its number among its kind's.
+        pattern, rows, columns, gap, gap_mm, heading, heading_deg, place, place_mm: of the
+            :class:`vibgym.tasks.patterns.Pattern`.
+        start, randomize, slots, hold: see :class:`ArrangedTask`. With fewer parts the last goals of each kind stay open.
+    """
+
+    DEFAULT_PARTS = ("aluminium_block",) * 12
+    TERMS = {
+        "distance": ("distance", 1.0),
+        "approach": ("approach", 1.0),
+        "turn": ("turn", 1.0),
+        "alignment": ("alignment", 1.0),
+        "within": ("within", 0.003),  # a part in its place loses no time
+        "time": ("time", 0.003),  # a whole episode of it costs less than a fall, lest falling pays
+        "success": ("success", 5.0),
+        "fallen": ("fallen", 5.0),
+    }
+    FACTS = (
+        "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged"
+    )  # fmt: skip
+    FEATURES = (
+        "present", "kind", *PoseTask.FEATURES, "gap", "neighbour"
+    )  # fmt: skip
+    has_goal = True
+    position_tolerance = 0.001
+    heading_tolerance = math.radians(3.0)
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        *,
+        start: str | Mapping[str, Any] = "scattered",
+        free: bool = True,
+        pattern: Any = None,
+        rows: int | None = None,
+        columns: int | None = None,
+        gap: float | None = None,
+        gap_mm: float | None = None,
+        heading: float | None = None,
+        heading_deg: float | None = None,
+        place: Any = None,
+        place_mm: Any = None,
+        randomize: Any = None,
+        slots: int | None = None,
+        hold: int = HOLD_PERIODS,
+    ) -> None:
+        super().__init__(surface, parts, start=start, randomize=randomize, slots=slots, hold=hold)
+        self.free = checks.flag("task_settings['free']", free)
+        self.pattern = Pattern(
+            surface, self.parts, pattern=pattern, rows=rows, columns=columns, gap=gap, gap_mm=gap_mm,
+            heading=heading, heading_deg=heading_deg, place=place, place_mm=place_mm,
+        )  # fmt: skip
+        self.draws = self.starts.draws + self.pattern.draws
+
+    def heading_period(self, part: Part) -> float:
+        return looks_same_after(part)
+
+    def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
+        pose, there = self.starts.draw(uniform[:, : self.starts.draws], present)
+        goals = self.pattern.draw(uniform[:, self.starts.draws :])
+        if self.free:
+            return Start(pose, there, self.pattern.free(goals, there, pose))
+        return Start(pose, there, self.pattern.own(goals, there))
+
+    def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
+        return self.pattern.again(start.goal, start.present, pose) if self.free else start.goal
+
+    def scoring(self, state: State, periods: int) -> PatternScoring:
+        return PatternScoring(self, state, periods)
+
+    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
+        error = 1e3 * float(episode.position_error[world])
+        return f"{super().caption(relations, episode, world)}   largest error {error:.1f} mm"
+
+
+class PatternScoring(Scoring):
+    """Says besides how far the parts are off their pattern.
+
+    Args:
+        task, state, periods: see :class:`vibgym.tasks.scoring.Scoring`.
+
+    Attributes:
+        pattern_error: (worlds,) m, root of the mean square distance to the goals.
+    """
+
+    def __init__(self, task: Pack, state: State, periods: int) -> None:
+        super().__init__(task, state, periods)
+        self.pattern_error = np.zeros(len(state.pose))
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        return {"pattern_error": self.pattern_error}
+
+    def facts(self) -> dict[str, np.ndarray]:
+        return self.own_state()
+
+    def begin(self, worlds: np.ndarray, start: Start) -> None:
+        super().begin(worlds, start)
+        self._note()(worlds)
+
+    def stages(self) -> list[Stage]:
+        return [*super().stages(), self._note()]
+
+    def _note(self) -> Stage:
+        return bound(note_pattern, self.relations.error, self.episode.present, self.pattern_error)
+
+
+@borrowing
+def note_pattern(error, present, pattern_error, worlds):
+    """Root of the mean square distances of the present parts of ``worlds`` (n,) to their goals, m.
+
+    Args:
+        error: (worlds, parts, 3) m, m, rad.  present: (worlds, parts) bool.
+        pattern_error: (worlds,), overwritten.
+    """
+    for k in range(worlds.shape[0]):
+        world, squares, count = worlds[k], 0.0, 0
+        for i in range(error.shape[1]):
+            if present[world, i]:
+                squares += error[world, i, 0] ** 2 + error[world, i, 1] ** 2
+                count += 1
+        pattern_error[world] = math.sqrt(squares / max(count, 1))
