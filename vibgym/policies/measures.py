@@ -34,7 +34,7 @@ class Measured(Outcomes):
     @property
     def rate_over_bound(self) -> np.ndarray:
         """Good parts a minute as a share of the most; nan where parts stay, and where no bound is known."""
-        return self.facts["good_per_minute"] / self.rate_bound
+        return self.fact("good_per_minute") / self.rate_bound
 
 
 class Measures(Ends):

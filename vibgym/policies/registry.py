@@ -101,6 +101,21 @@ def learned(
     return CONTROLLERS[agent.kind](info, path=str(agent.path))
 
 
+def by_task(info: TaskInfo, **policies: Any) -> Policy:
+    """Another policy for every task: ``{"kind": "by_task", "Swap": "lanes", "Pack": {"kind": "two_phases"}}``.
+
+    Args:
+        info: task and scene.
+        **policies: by the names of environments, each as :func:`make_policy` takes it.
+
+    Raises:
+        ValueError: none for this task, or one that does not serve it.
+    """
+    if info.name not in policies:
+        raise checks.refuse("policy 'by_task'", f"the task {info.name}", f"tasks that it names: {', '.join(policies)}")
+    return make_policy(policies[info.name], info)
+
+
 def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: int = 0, **settings: Any) -> Policy:
     """Plans by sampling in a simulation (:class:`vibgym.policies.search.mpc.MPCPolicy`).
 
@@ -154,6 +169,7 @@ CONTROLLERS = Controllers(
         "planner": PlannerPolicy,
         "lanes": FeedingPolicy,
         "mpc": mpc,
+        "by_task": by_task,
         "learned": learned,
         "trained": trained,
         "residual": residual,
@@ -164,8 +180,8 @@ CONTROLLERS = Controllers(
 
 ``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"local_field"`` and
 ``"planner"`` those that ask for places: goals, zones, or a distance to keep; the first takes every part straight there, the
-second past the others. ``"mpc"`` serves all tasks whose goals stay. Names of laws are in the first one's place with one part,
-in the second one's with several:
+second past the others. ``"mpc"`` serves all tasks whose goals stay, ``"by_task"`` those that it names. The names of laws are in
+the first one's place with one part, in the second one's with several:
 ``vibgym.policies.classical.laws.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
 """
 LAWS.taken = CONTROLLERS

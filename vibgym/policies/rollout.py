@@ -163,12 +163,16 @@ class Outcomes:
     position_error: np.ndarray  # m, at the end; nan where a task does not say it
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
     path_error: np.ndarray  # m, rms distance from a goal that moves, of the part that was worst; nan where goals stay
-    facts: dict[str, np.ndarray]  # all that ``info`` said at the end among :data:`OWN_FACTS`; nan where a task does not
+    facts: np.ndarray  # (episodes, OWN_FACTS) what ``info`` said at the end; nan where a task does not say it
 
     @property
     def time_to_goal(self) -> np.ndarray:
         """Simulated time until success was established, its hold included, s; nan without success."""
         return np.where(self.success, self.steps * self.step_time, np.nan)
+
+    def fact(self, name: str) -> np.ndarray:
+        """One of :data:`OWN_FACTS`, (episodes,)."""
+        return self.facts[..., OWN_FACTS.index(name)]
 
 
 class Ends:
@@ -185,12 +189,12 @@ class Ends:
 
     def __init__(self, env: VibgymVectorEnv, info: dict[str, Any], seeds: Sequence[int]) -> None:
         self.env, self.seeds, count = env, tuple(seeds), len(seeds)
-        self.fields: dict[str, Any] = {
+        self.fields: dict[str, np.ndarray] = {
             "steps": np.zeros(count, dtype=np.int64),
             **{key: np.zeros(count, dtype=bool) for key in ("success", "fallen", "diverged")},
             "returns": np.zeros(count),
             **{key: np.full(count, np.nan) for key in ("position_error", "heading_error", "path_error")},
-            "facts": {key: np.full(count, np.nan) for key in OWN_FACTS},
+            "facts": np.full((count, len(OWN_FACTS)), np.nan),
         }
 
     def add(self, step: Step) -> None:
@@ -204,9 +208,9 @@ class Ends:
             for key in ("fallen", "diverged", "position_error", "heading_error", "path_error"):
                 if key in info:
                     fields[key][which] = info[key][step.ended]
-            for key, values in fields["facts"].items():
+            for column, key in enumerate(OWN_FACTS):
                 if key in info:
-                    values[which] = info[key][step.ended]
+                    fields["facts"][which, column] = info[key][step.ended]
 
     def result(self, task: str, timing: Timing) -> Outcomes:
         """All of it, when all episodes have ended."""

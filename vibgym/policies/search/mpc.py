@@ -24,9 +24,8 @@ from vibgym.policies.task_info import TaskInfo
 WIDTHS = (1.0, 0.3, 0.1)
 """Of the noise in turn, as shares of ``noise``: far from the goal much is worth trying, at the goal little."""
 
-KNOTS = 4  # steps from one drawn number of a plan to the next, straight lines between them
+KNOTS = 12  # steps from one drawn number of a plan to the next, straight lines between them
 COLDNESS = 10.0  # of the weights: e-folds from the mean to the best sample
-NEIGHBOURS = 0.1  # share that a part has in what each other part earns: lest it stands in their way
 MODEL_WORLDS = 256  # at most, side by side
 
 
@@ -86,8 +85,6 @@ class MPCPolicy:
         self.model = Model(info, self.together * self.samples, self.action)
         self.size = self.model.core.action.size
         self.parts = len(info.parts)
-        share = np.full((self.parts, self.parts), NEIGHBOURS)
-        self.share = share + (1.0 - NEIGHBOURS) * np.eye(self.parts)
         if base is not None:
             checks.choice("base.action", base.action, (self.action,))
             self.alone = Model(info, self.together, self.action)
@@ -153,7 +150,7 @@ class MPCPolicy:
             most = np.where(better, whole[everyone, first], most)
             best = np.where(better[:, None, None], tried[everyone, first], best)
             drift = np.where(better[:, None, None, None], then[everyone, first], drift)
-            weight = _weights(earned @ self.share)
+            weight = _weights(earned)
             each = tried.reshape(*tried.shape[:3], self.parts, -1)
             change = np.einsum("wsp,wstpn->wtpn", weight, each).reshape(change.shape)
         return best, drift
