@@ -31,6 +31,17 @@ def test_pettingzoo_api(settings):
         parallel_seed_test(lambda: vibgym.parallel_env("Singulate", **settings), num_cycles=8)
 
 
+def test_agents_of_parts_that_come_and_go_stay():
+    parallel_api_test(vibgym.parallel_env("Feed", **FEW), num_cycles=60)
+    env = vibgym.parallel_env("Feed", **FEW)
+    _, infos = env.reset(seed=1, options={"parts": [0, 1, 2, 3]})
+    assert env.agents == [f"part_{k}" for k in range(4)] and not all(each["present"] for each in infos.values())
+    for _ in range(30):
+        rows, _, _, _, infos = env.step(dict.fromkeys(env.agents, np.zeros(3)))
+        assert all(rows[agent].any() == info["present"] for agent, info in infos.items())
+    assert any(each["present"] for each in infos.values())
+
+
 @pytest.mark.parametrize("action", ["wrench", "patch"])
 def test_agents_get_their_part_of_everything(action):
     settings = {"randomize": {"parts": [3, 3]}, "slots": 8, "action": action, "max_episode_steps": 6}

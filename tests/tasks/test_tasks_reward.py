@@ -166,7 +166,7 @@ def returning(values):
     ({"a": 1.0}, lambda step: {"a": [[1.0], [1.0, 2.0]]}, r"^reward of Mine, term 'a': got .*\(worlds, parts\)"),
     ({"a": 1.0}, lambda step: {"a": np.array([["one"]])}, r"^reward of Mine, term 'a': got .*an array of numbers"),
     ({"a": 1.0}, lambda step: step.now.gap, "^reward of Mine: got .*; allowed: a mapping"),
-    ({"a": ("gap", 1.0)}, None, r"^Mine.TERMS\['a'\]\[0\]: got 'gap'; allowed: 'distance', .*'fallen'$"),
+    ({"a": ("gap", 1.0)}, None, r"^Mine.TERMS\['a'\]\[0\]: got 'gap'; allowed: 'distance', .*'faulty'$"),
     ({"a": ("gap", 1.0)}, lambda step: {}, r"^Mine.TERMS\['a'\]\[0\]: got 'gap'; allowed: 'distance'"),
     ({"a": 1.0}, None, r"^Mine.TERMS\['a'\]: got 1.0; allowed: \(quantity, weight\) .*clearance.*or a reward"),
     ({"a": float("inf")}, lambda step: {}, r"^Mine.TERMS\['a'\]: got inf; allowed: a finite number"),

@@ -49,12 +49,13 @@ class PartsParallelEnv(ParallelEnv):
 
     An agent sees its part's row of the observation by parts (``env.unwrapped.parts_layout`` explains the numbers), acts by its
     share of the action, and earns its part's reward, ``info["parts"]["reward"]``. Agents whose parts are not there in an
-    episode are not in :attr:`agents`. An episode ends for all at once: when the task is done, a part has fallen, the
-    simulation has diverged, or at the limit.
+    episode are not in :attr:`agents`, and parts that the task does not drive have none. An episode ends for all at once: when
+    the task is done, a part has fallen, the simulation has diverged, or at the limit. Where parts arrive and leave an agent
+    waits, with a row of zeros, for the next part that is its own.
 
     Every agent is paid for its part alone, or the world's reward where a wrapper has changed it, see
-    :func:`vibgym.adapters.credit.credits_parts`. ``infos`` tell every agent ``done`` and ``fallen`` of its part, its
-    ``reward_terms``, and ``is_success`` of the episode.
+    :func:`vibgym.adapters.credit.credits_parts`. ``infos`` tell every agent ``present``, ``done`` and ``fallen`` of its part,
+    its ``reward_terms``, and ``is_success`` of the episode.
 
     Args:
         env: a single environment, with Gymnasium's wrappers or without, made with ``observation="parts"``.
@@ -79,7 +80,7 @@ class PartsParallelEnv(ParallelEnv):
         self.env, self._base, self._credits_parts = env, base, credits_parts(env)
         self._shape = acting.shape[1:]
         self._share = acting.size // len(base.parts)
-        self.possible_agents = [f"part_{part}" for part in range(len(base.parts))]
+        self.possible_agents = [f"part_{part}" for part in np.flatnonzero(base.task.driven)]
         self.agents: list[str] = []
         self.render_mode = base.render_mode
         name = base.task.name if env.spec is None else env.spec.id
@@ -121,7 +122,8 @@ class PartsParallelEnv(ParallelEnv):
             if foreign:
                 gym.logger.warn(f"reset(): options {', '.join(foreign)} are ignored; known are {', '.join(KEYS)}")
         seen, info = self.env.reset(seed=seed, options=known or None)
-        self.agents = [self.possible_agents[part] for part in np.flatnonzero(seen["mask"])]
+        players = self._base.core.scoring.players[0]
+        self.agents = [agent for agent in self.possible_agents if players[self._part(agent)]]
         self._rows = seen["parts"]
         return self._observations(), self._infos(info)
 
@@ -144,7 +146,7 @@ class PartsParallelEnv(ParallelEnv):
             raise gym.error.ResetNeeded("call reset() before step(): no episode goes on")
         seen, reward, terminated, truncated, info = self.env.step(self._action(actions))
         self._rows = seen["parts"]
-        rewards = info["parts"]["reward"] if self._credits_parts else [reward] * len(self.possible_agents)
+        rewards = info["parts"]["reward"] if self._credits_parts else [reward] * len(self._base.parts)
         result = (
             self._observations(),
             {agent: float(rewards[self._part(agent)]) for agent in self.agents},
@@ -176,7 +178,7 @@ class PartsParallelEnv(ParallelEnv):
         if not isinstance(actions, Mapping) or set(actions) != set(self.agents):
             got = sorted(map(str, actions)) if isinstance(actions, Mapping) else actions
             raise checks.refuse("actions", got, f"a mapping with exactly the keys {', '.join(self.agents)}")
-        together = np.zeros((len(self.possible_agents), self._share), dtype=np.float32)
+        together = np.zeros((len(self._base.parts), self._share), dtype=np.float32)
         for agent, given in actions.items():
             name, allowed = f"actions[{agent!r}]", f"finite numbers of shape {(self._share,)} or {self._shape}"
             values = checks.shaped(name, given, ((self._share,), self._shape), "finite numbers")
@@ -193,6 +195,7 @@ class PartsParallelEnv(ParallelEnv):
         for agent in self.agents:
             part = self._part(agent)
             infos[agent] = {
+                "present": bool(told["present"][part]),
                 "done": bool(told["done"][part]),
                 "fallen": bool(told["fallen"][part]),
                 "reward_terms": {name: float(values[part]) for name, values in told["reward_terms"].items()},

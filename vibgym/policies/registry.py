@@ -16,6 +16,7 @@ from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy
 from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.search.mpc import MPCPolicy
@@ -28,7 +29,7 @@ Maker = Callable[..., Policy]
 EXTRA = ("safetensors", "scipy")
 """What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
 
-STEERED = ("local_field", "planner", "lanes")
+STEERED = ("local_field", "planner", "lanes", "two_phases")
 """Policies that steer parts by a law, and speak any action that steering knows."""
 
 FILES = ("trained", "residual", "learned")
@@ -168,6 +169,7 @@ CONTROLLERS = Controllers(
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
         "lanes": FeedingPolicy,
+        "two_phases": TwoPhasesPolicy,
         "mpc": mpc,
         "by_task": by_task,
         "learned": learned,

@@ -217,8 +217,9 @@ class Canvas:
     def trail(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
         """Line through ``points`` (k, 2), m, oldest first, fading with age; light colours get a dark edge."""
         points = self._to_pixels(points[-TRAIL_POINTS:])
-        # What lies off the picture is not worth a layer, and pygame cannot take every number.
-        points = points[((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1)]
+        # What lies off the picture is not worth a layer, and pygame cannot take every number; who was there has come anew.
+        beside = np.flatnonzero(~((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1))
+        points = points[beside[-1] + 1 if len(beside) else 0 :]
         if len(points) < 2:
             return
         alpha = np.linspace(30.0, 240.0, len(points))[1:]

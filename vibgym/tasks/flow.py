@@ -369,7 +369,7 @@ class FlowScoring(Scoring):
             inlet=inlet,
             judged=self._judged.record,
         )
-        self.rewarded, self.changed = self._flow.there, self._flow.changed
+        self.players, self.rewarded, self.changed = self._flow.pool, self._flow.there, self._flow.changed
         self._pinned = self._with_scratch()
 
     def own_state(self) -> dict[str, np.ndarray]:

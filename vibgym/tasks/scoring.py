@@ -40,6 +40,7 @@ class Scoring:
     Attributes:
         episode: progress of every world.
         relations: how parts stand to their goals and to one another, by the true state.
+        players: (worlds, parts) bool, live: the parts of the episodes, on the table or not.
         rewarded: (worlds, parts) bool, live: the parts whom a step's reward is of.
         changed: (worlds, parts) bool, live: parts that have arrived or left in a step.
     """
@@ -49,7 +50,8 @@ class Scoring:
         self._task, self._rules, self._state = task, task.rules(periods), Pinned(STATE, state)
         self.relations = new_relations(worlds, parts)
         self.episode = new_episode(worlds, parts, len(self._rules.term), motion)
-        self.rewarded, self.changed = self.episode.present, self.episode.arrived
+        self.players = self.rewarded = self.episode.present
+        self.changed = self.episode.arrived
         self._judged = self.judged(self.relations)
         self._everyone = np.arange(worlds)
 

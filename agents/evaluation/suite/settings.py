@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from pydantic import Field
 
@@ -18,7 +18,7 @@ class SuiteSettings(RunSettings):
     """A suite; what is run is as in :class:`agents.evaluation.run_settings.RunSettings`.
 
     Every policy is asked for every task, on all hardware: on a task that it does not serve its score is 0. A policy's mapping
-    may say ``training_steps``, what it has been trained on, and ``episodes``, at most so many of each task: of one that takes long.
+    may say ``training_steps``, what it has been trained on, and ``episodes``: at most so many of each task.
 
     Attributes:
         training_steps: steps of environments, all tasks together, that a policy may have been trained on.

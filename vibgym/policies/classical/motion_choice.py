@@ -47,8 +47,6 @@ class Preferences(NamedTuple):
     acceleration: float  # m/s^2 that the model of a part can do
     braking: float  # m/s^2 that the stopping law counts on
     approach: float  # 1/s
-    spacing: float  # m, distance between parts that the thesis asks for
-    safe: float  # m, distance that is kept where there is no room for more
     soft: float  # price of a second in touch for breaking the spacing rule, s
     hard: float  # the same for breaking the safe distance
     yielding: float  # share of these prices that a part reckons for those over which it has right of way
@@ -64,6 +62,10 @@ class Scene(NamedTuple):
     target: np.ndarray  # (worlds, parts, 2) m
     patience: np.ndarray  # (worlds, parts) see nearness()
     order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
+    spacing: (
+        np.ndarray
+    )  # (worlds, parts, parts) m, distance that the thesis asks for, or goals have room for
+    safe: np.ndarray  # (worlds, parts, parts) m, distance that is kept where there is no room for more
 
 
 @borrowing
@@ -96,6 +98,19 @@ def set_velocity(wants, motion, time, x, y, target_x, target_y):
 
 
 @borrowing
+def beyond(wants, x, y):
+    """By how much a centre is too near the border, m."""
+    return max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+
+
+@borrowing
+def allowed_beyond(wants, target):
+    """By how much it may be, since its target is, m."""
+    out = beyond(wants, target[0], target[1])
+    return out if out > SLACK else 0.0
+
+
+@borrowing
 def follow(wants, motion, centre, velocity, target, path, limit):
     """Predict a motion of one part: ``path`` (INSTANTS, 2) is overwritten with its places after 1, 2, ... intervals.
 
@@ -107,7 +122,7 @@ def follow(wants, motion, centre, velocity, target, path, limit):
         How many places were written; all, unless a lower bound of the price is above the limit.
     """
     x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
-    spent = 0.0
+    spent, allowed = 0.0, allowed_beyond(wants, target)
     # As price_of_place() counts it, if from here on the part went straight to its target as fast as it can.
     fastest = max(wants.top_speed, math.sqrt(vx * vx + vy * vy))
     gain = INTERVAL * fastest / wants.top_speed
@@ -123,7 +138,7 @@ def follow(wants, motion, centre, velocity, target, path, limit):
         dx, dy = target[0] - x, target[1] - y
         left, more = math.sqrt(dx * dx + dy * dy) / wants.top_speed, INSTANTS - 1 - k
         spent += left / INSTANTS
-        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+        out = beyond(wants, x, y) - allowed
         if out > SLACK:
             spent += wants.hard * INTERVAL * out / OUTSIDE
         count = min(int(left / gain), more - 1)  # the last place counts in full
@@ -161,31 +176,32 @@ def distance_at_least(hulls, p, q, facing, dx, dy):
 
 
 @borrowing
-def nearness(wants, gap, patience):
+def nearness(wants, spacing, safe, gap, patience):
     """Price of a second at a distance between two parts: below the spacing rule, and much more below the safe distance.
 
     Args:
+        spacing, safe, gap: m.
         patience: share of the spacing rule's price that still counts.
     """
     price = 0.0
-    if gap < wants.spacing:
-        lack = (wants.spacing - gap) / wants.spacing
+    if gap < spacing:
+        lack = (spacing - gap) / spacing
         price += patience * wants.soft * lack * lack
-    if gap < wants.safe:
-        price += wants.hard * min((wants.safe - gap) / wants.safe, DEEPEST)
+    if gap < safe:
+        price += wants.hard * min((safe - gap) / safe, DEEPEST)
     return price
 
 
 @borrowing
 def price_of_place(wants, path, target):
     """Price of a path (INSTANTS, 2) by itself, s: the time to the target that is left on the way, and the border."""
-    price = 0.0
+    price, allowed = 0.0, allowed_beyond(wants, target)
     for k in range(INSTANTS):
         x, y = path[k, 0], path[k, 1]
         dx, dy = target[0] - x, target[1] - y
         left = math.sqrt(dx * dx + dy * dy) / wants.top_speed
         price += left if k == INSTANTS - 1 else left / INSTANTS
-        out = max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
+        out = beyond(wants, x, y) - allowed
         if out > SLACK:  # targets may lie on that line
             price += wants.hard * INTERVAL * out / OUTSIDE
     return price
@@ -209,14 +225,15 @@ def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
         if q == p or rank[q] < 0:
             continue
         share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
-        far = hulls.radius[p] + hulls.radius[q] + wants.spacing
+        spacing, safe = scene.spacing[world, p, q], scene.safe[world, p, q]
+        far = hulls.radius[p] + hulls.radius[q] + spacing
         for k in range(INSTANTS):
             dx, dy = paths[q, k, 0] - trial[k, 0], paths[q, k, 1] - trial[k, 1]
             if dx * dx + dy * dy < far * far:
                 if price > limit:
                     return price
                 gap = distance_at_least(hulls, p, q, scene.facing[world], dx, dy)
-                price += share * nearness(wants, gap, patience) * (1.0 - FADING * k / INSTANTS)
+                price += share * nearness(wants, spacing, safe, gap, patience) * (1.0 - FADING * k / INSTANTS)
     return price
 
 

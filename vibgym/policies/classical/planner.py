@@ -6,6 +6,10 @@ The thesis's rule is that parts stay farther apart than the largest dimension of
 coming near the others than they for coming near it, so they move aside, those that have arrived first of all. Where parts have
 hardly moved for a while far from their targets they lose patience: the spacing rule counts less, and right of way more, until
 one of them goes ahead.
+
+Where goals are nearer together than the rule, it asks no more of two parts than their goals have room for, as they near them.
+Parts that leave the table go to the far end of their own kind's gate, each at the height at which it comes, and who is nearest
+to the gate has right of way.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
+from vibgym.physics.collision.hulls import all_gaps
 from vibgym.policies.classical import steering
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall
@@ -32,6 +37,11 @@ CALMING = 0.5  # s of waiting that are forgotten in a second of motion
 ACCELERATION = 0.8  # share of the largest push that parts are expected to gain speed by
 BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
 SWAP_GAIN = 0.010  # m, lest two parts swap targets to and fro
+NEARING = 0.5
+"""m that two parts keep beyond the distance of their goals for each m that is left of their ways."""
+
+LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4
+"""m, to which the spacing rule and the safe distance shrink at goals, at least."""
 
 
 class Memory(NamedTuple):
@@ -40,6 +50,9 @@ class Memory(NamedTuple):
     target: np.ndarray  # (batch, parts, 2) m
     motion: np.ndarray  # (batch, parts) int64, of vibgym.policies.classical.motion_choice
     waited: np.ndarray  # (batch, parts) s
+    room: (
+        np.ndarray
+    )  # (batch, parts, parts) m, distance of two parts at their targets; infinite where it is not looked at
     steering: steering.Memory
 
 
@@ -93,6 +106,7 @@ class PlannerPolicy(Steering):
         surface, plant, self.spacing = info.surface, info.plant, Spacing(**own)
         edge = min(self.spacing.edge, 0.5 * surface.width, 0.5 * surface.depth)
         self.targets = Targets(info, edge, self.spacing.inset, 2.0 * self.slack)
+        self.tight = info.has_goal and not info.goal_moves and len(info.parts) > 1
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Parts without zones may all swap targets: apart is apart.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
@@ -105,8 +119,6 @@ class PlannerPolicy(Steering):
             acceleration=ACCELERATION * plant.push.min(),
             braking=BRAKING * plant.push.min(),
             approach=1.0 / self.lead,
-            spacing=self.targets.spacing,
-            safe=self.spacing.safe,
             soft=self.spacing.soft,
             hard=self.spacing.hard,
             yielding=self.spacing.yielding,
@@ -115,44 +127,79 @@ class PlannerPolicy(Steering):
     def initial(self, batch: int) -> Memory:
         """Memory at the very start, before anything has been seen."""
         shape = (batch, len(self.info.parts))
-        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), self.begin(batch))
+        room = np.full((*shape, shape[1]), np.inf)
+        return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), room, self.begin(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
         """Actions from the measured poses and mean velocities; the state is a :class:`Memory`."""
-        measured, period = Measured.of(observation, self.info), self.info.step_time
-        batch = len(measured.centre)
-        (target, motion, waited, steered), new = recall(state, episode_start, self.initial(1), batch)
-        measured = self.expected(measured, steered)
-        centre, present = np.ascontiguousarray(measured.centre), measured.present
+        measured = Measured.of(observation, self.info)
+        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre))
+        measured = self.expected(measured, memory.steering)
+        memory = self.aim(measured, memory, new)
+        velocity, waited = self.choose(measured, memory)
+        action, steered = self.steer(measured, self.lead * velocity, memory.steering)
+        return action, memory._replace(waited=waited, steering=steered)
+
+    def aim(self, measured: Measured, memory: Memory, new: np.ndarray) -> Memory:
+        """The memory with the targets of this step, in episodes of which those of ``new`` (batch,) have just begun."""
+        centre, present, target = measured.centre, measured.present, memory.target
         if self.info.has_goal:
             target = centre + measured.way
+            if self.tight and new.any():
+                memory.room[new] = self.distances(target[new], (measured.heading + measured.turn)[new], present[new])
+        elif self.info.flows:
+            target = self.targets.leaving(centre)
         else:
             for world in np.flatnonzero(new):
                 target[world] = self.targets.give(centre[world], present[world])
-            swap(self.kind, present, centre, target, SWAP_GAIN)
+            swap(self.kind, present, np.ascontiguousarray(centre), target, SWAP_GAIN)
+        return memory._replace(target=target)
 
-        way = np.sqrt(((target - centre) ** 2).sum(axis=-1))
+    def distances(self, target: np.ndarray, heading: np.ndarray, present: np.ndarray) -> np.ndarray:
+        """Distances (n, parts, parts) m of parts at ``target`` (n, parts, 2) m with ``heading`` (n, parts) rad; infinite of
+        absent ones."""
+        room = np.empty((*heading.shape, heading.shape[1]))
+        all_gaps(self.hulls, np.concatenate([target, heading[..., None]], axis=-1), room)
+        return np.where(present[:, :, None] & present[:, None], room, np.inf)
+
+    def choose(self, measured: Measured, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
+        """Set velocities (batch, parts, 2), m/s, and for how long parts have waited (batch, parts), s; ``memory.motion`` is
+        overwritten."""
+        period, way = self.info.step_time, np.sqrt(((memory.target - measured.centre) ** 2).sum(axis=-1))
         stuck = (way > ARRIVED) & (np.sqrt((measured.velocity**2).sum(axis=-1)) < SLOW)
-        waited = np.where(stuck, waited + period, np.maximum(waited - CALMING * period, 0.0))
-        scene = Scene(
-            present=present,
+        waited = np.where(stuck, memory.waited + period, np.maximum(memory.waited - CALMING * period, 0.0))
+        scene, faithful = self.scene(measured, memory.target, memory.room, waited), self.spacing.faithful
+        velocity = np.empty_like(scene.centre)
+
+        def choose(start: int, stop: int) -> None:
+            choose_motions(start, stop, self.preferences, self.hulls, scene, faithful, memory.motion, velocity)
+
+        workers.share(choose, len(velocity), self.threads)
+        return velocity, waited
+
+    def scene(self, measured: Measured, target: np.ndarray, room: np.ndarray, waited: np.ndarray) -> Scene:
+        """The parts at this instant, which go to ``target`` (batch, parts, 2) m, where they have ``room`` (batch, parts, parts)
+        m, and have ``waited`` (batch, parts) s."""
+        centre, rules = np.ascontiguousarray(measured.centre), self.spacing
+        way = np.sqrt(((target - centre) ** 2).sum(axis=-1))
+        room = room + NEARING * (way[:, :, None] + way[:, None])
+        return Scene(
+            present=measured.present,
             centre=centre,
             velocity=np.ascontiguousarray(measured.velocity),
             facing=np.stack([np.cos(measured.heading), np.sin(measured.heading)], axis=-1),
-            target=target,
-            patience=1.0 / (1.0 + (waited / self.spacing.calm) ** 2),
-            order=np.argsort(-way, axis=1, kind="stable"),
+            target=np.ascontiguousarray(target),
+            patience=1.0 / (1.0 + (waited / rules.calm) ** 2),
+            order=np.argsort(self.right_of_way(way), axis=1, kind="stable"),
+            spacing=np.clip(room, LEAST_SPACING, self.targets.spacing),
+            safe=np.clip(0.5 * room, LEAST_SAFE, rules.safe),
         )
-        velocity = np.empty_like(centre)
 
-        def choose(start: int, stop: int) -> None:
-            choose_motions(start, stop, self.preferences, self.hulls, scene, self.spacing.faithful, motion, velocity)
-
-        workers.share(choose, batch, self.threads)
-        action, steered = self.steer(measured, self.lead * velocity, steered)
-        return action, Memory(target, motion, waited, steered)
+    def right_of_way(self, way: np.ndarray) -> np.ndarray:
+        """(batch, parts), the smaller the sooner a part chooses, by the ways that are left, m."""
+        return way if self.info.flows else -way
 
     def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""

@@ -86,6 +86,13 @@ class Targets:
             target[own] = assign(centre[own], free)
         return target
 
+    def leaving(self, centre: np.ndarray) -> np.ndarray:
+        """Targets (batch, parts, 2) m at the far end of each part's gate, where each comes: no two are the same."""
+        zone = self.zones[self.kind]
+        inset = np.minimum(self.size[:, 1], 0.5 * (zone[:, 3] - zone[:, 1]))
+        height = np.clip(centre[..., 1], zone[:, 1] + 0.5 * inset, zone[:, 3] - 0.5 * inset)
+        return np.stack([np.broadcast_to(zone[:, 2], height.shape), height], axis=-1)
+
     def _apart(self, centre: np.ndarray) -> np.ndarray:
         """Places of the lattice, shifted along the table so that the longest way is shortest."""
         free = places(self.low, self.high, self.size.max(axis=0), self.room, len(centre))
