@@ -82,12 +82,16 @@ class MPCPolicy:
         self.seed = checks.count("seed", seed, least=0)
         self.info, self.base = info, base
         self.together = max(1, MODEL_WORLDS // self.samples)  # worlds that are planned for at a time
-        self.model = Model(info, self.together * self.samples, self.action)
-        self.size = self.model.core.action.size
-        self.parts = len(info.parts)
+        self._models: dict[int, Model] = {}
+        self.rest, self.size, self.parts = self._model(1).rest, self._model(1).core.action.size, len(info.parts)
         if base is not None:
             checks.choice("base.action", base.action, (self.action,))
-            self.alone = Model(info, self.together, self.action)
+
+    def _model(self, worlds: int) -> Model:
+        """The simulation of so many worlds."""
+        if worlds not in self._models:
+            self._models[worlds] = Model(self.info, worlds, self.action)
+        return self._models[worlds]
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -95,7 +99,7 @@ class MPCPolicy:
         """Actions from the measured poses and mean velocities; the state is a :class:`Plan` and what the base remembers."""
         measured = Measured.of(observation, self.info)
         batch = len(measured.centre)
-        first = Plan(np.zeros((1, self.horizon, self.size)), self.model.rest[None], np.zeros(1, dtype=np.int64))
+        first = Plan(np.zeros((1, self.horizon, self.size)), self.rest[None], np.zeros(1, dtype=np.int64))
         own, based = (None, None) if state is None else state
         plan, _ = recall(own, episode_start, first, batch)
         told = np.zeros((batch, self.size)), None
@@ -104,28 +108,26 @@ class MPCPolicy:
         action, after = np.empty((batch, self.size), dtype=np.float32), plan._replace(age=plan.age + 1)
         for low in range(0, batch, self.together):
             some = np.arange(low, min(low + self.together, batch))
-            # The model's worlds are always as many; what the last ones are of is of no account.
-            chosen = np.append(some, np.full(self.together - len(some), some[-1]))
-            seen, drift = measured_rows(measured, chosen), plan.drift[chosen]
-            usual = self._usual(seen, drift, told[0][chosen], rows_of(told[1], chosen))
-            best, drift = self._searched(seen, drift, usual, plan.change[chosen], plan.age[chosen])
-            action[some] = np.clip(usual[:, 0] + best[:, 0], -1.0, 1.0)[: len(some)]
-            after.change[some, :-1], after.change[some, -1] = best[: len(some), 1:], 0.0
-            after.drift[some] = drift[: len(some)]
+            seen, drift = measured_rows(measured, some), plan.drift[some]
+            usual = self._usual(seen, drift, told[0][some], rows_of(told[1], some))
+            best, after.drift[some] = self._searched(seen, drift, usual, plan.change[some], plan.age[some])
+            action[some] = np.clip(usual[:, 0] + best[:, 0], -1.0, 1.0)
+            after.change[some, :-1], after.change[some, -1] = best[:, 1:], 0.0
         return (action[0] if measured.single else action), (after, told[1])
 
     def _usual(self, seen: Measured, drift: np.ndarray, action: np.ndarray, memory: Any) -> np.ndarray:
         """What the base would do over the horizon (worlds, horizon, size); zeros without one."""
-        result = np.zeros((self.together, self.horizon, self.size))
+        worlds = len(action)
+        result = np.zeros((worlds, self.horizon, self.size))
         if self.base is None:
             return result
-        self.alone.begin(seen, drift)
+        model, going_on = self._model(worlds), np.zeros(worlds, dtype=bool)
+        model.begin(seen, drift)
         for step in range(self.horizon):
             result[:, step] = action
             if step + 1 < self.horizon:
-                self.alone.step(action)
-                going_on = np.zeros(self.together, dtype=bool)
-                action, memory = self.base.predict(self.alone.observation, memory, going_on)
+                model.step(action)
+                action, memory = self.base.predict(model.observation, memory, going_on)
         return result
 
     def _searched(
@@ -157,11 +159,12 @@ class MPCPolicy:
 
     def _tried(self, seen: Measured, drift: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What every part earns in every world of the model, (worlds, parts), and the drift after the first step."""
-        self.model.begin(seen, drift)
-        earned = self.model.step(actions[:, 0])
-        after = self.model.drift()
+        model = self._model(len(actions))
+        model.begin(seen, drift)
+        earned = model.step(actions[:, 0])
+        after = model.drift()
         for step in range(1, self.horizon):
-            earned += self.model.step(actions[:, step])
+            earned += model.step(actions[:, step])
         return earned, after
 
     def _noise(self, age: np.ndarray, iteration: int) -> np.ndarray:
