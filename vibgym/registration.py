@@ -21,6 +21,8 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "Singulate": (500, {"task": "Singulate"}),
     "Pack": (750, {"task": "Pack"}),
     "PackFull": (1000, {"task": "Pack", "parts": ["aluminium_block"] * 20}),
+    "Swap": (750, {"task": "Swap"}),
+    "SwapCrowded": (1000, {"task": "Swap", "parts": BLOCKS * 12}),
     "Feed": (1500, {"task": "Feed"}),
     "FeedHeaps": (1500, {"task": "Feed", "parts": BLOCKS * 9, "task_settings": {"heap": 6}}),
 }

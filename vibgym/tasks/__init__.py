@@ -14,6 +14,7 @@ from vibgym.tasks.rotate import Rotate
 from vibgym.tasks.singulate import Singulate
 from vibgym.tasks.sort import Sort
 from vibgym.tasks.starts import Starts
+from vibgym.tasks.swap import Swap
 from vibgym.tasks.transport import Transport
 
 TASKS: Registry[type[Task]] = Registry(
@@ -27,6 +28,7 @@ TASKS: Registry[type[Task]] = Registry(
         "Singulate": Singulate,
         "Pack": Pack,
         "Feed": Feed,
+        "Swap": Swap,
     },
 )
 """Tasks by name; ``TASKS.register(name, cls)`` adds one of your own."""
@@ -46,6 +48,7 @@ __all__ = [
     "Start",
     "Starts",
     "Step",
+    "Swap",
     "Task",
     "Transport",
 ]

@@ -266,6 +266,7 @@ class Starts:
         arrangement: one of :data:`STARTS`, or a mapping with ``kind`` and its settings.
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there; None: all.
         apart: m, distance that the surface has to have room for between parts.
+        clear: m, smallest distance between scattered parts.
 
     Attributes:
         most: largest number of parts in an episode.
@@ -282,6 +283,7 @@ class Starts:
         arrangement: str | Mapping[str, Any],
         randomize: Any = None,
         apart: float = 0.0,
+        clear: float = CLEAR,
     ) -> None:
         kind, settings = checks.named("start", arrangement, STARTS)
         self.parts, self.heaped, self.pattern = tuple(parts), kind == "crowded", None
@@ -293,7 +295,7 @@ class Starts:
             raise checks.refuse("start", f"the setting {next(iter(settings))!r}", f"no settings of {kind!r}")
         else:
             self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[kind])
-        gap = max(0.0 if self.heaped else CLEAR, apart)
+        gap = max(0.0 if self.heaped else clear, apart)
         radius = max(part.radius for part in parts)
         cells = lattice(np.zeros(2), np.array([surface.width, surface.depth]), radius, gap)
         if self.pattern is None and len(cells) < self.most:
@@ -304,7 +306,7 @@ class Starts:
                 f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m",
             )
         self._hulls = hulls_of(parts)
-        self._room = Room(surface.width, surface.depth, cells, CLEAR)
+        self._room = Room(surface.width, surface.depth, cells, clear)
 
     def draw(self, uniform: np.ndarray, present: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Poses (n, parts, 3) and which parts are there (n, parts), from ``uniform`` (n, draws) in [0, 1).

@@ -62,9 +62,7 @@ class Scene(NamedTuple):
     target: np.ndarray  # (worlds, parts, 2) m
     patience: np.ndarray  # (worlds, parts) see nearness()
     order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
-    spacing: (
-        np.ndarray
-    )  # (worlds, parts, parts) m, distance that the thesis asks for, or goals have room for
+    spacing: np.ndarray  # (worlds, parts, parts) m, distance that the thesis asks for, or goals have room for
     safe: np.ndarray  # (worlds, parts, parts) m, distance that is kept where there is no room for more
 
 

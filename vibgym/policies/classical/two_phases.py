@@ -1,4 +1,4 @@
-"""Two phases for patterns that are too tight to be entered one by one: the planner to the pattern drawn apart, then all close in.
+"""Two phases for patterns too tight to be entered one by one: the planner to the pattern drawn apart, then all close in.
 
 The pattern is drawn apart along the table and across it, each as far as there is room and no farther than it takes to let a
 part pass (:func:`drawn_apart`). From there everybody goes straight to its goal at once: the distances shrink together, and
@@ -59,7 +59,9 @@ class Closing:
 
     apart: float = 0.020  # m between parts in the pattern drawn apart, where there is room
     margin: float = 0.004  # m between parts on their straight ways, where their goals have room
-    give_up: float = 1.0  # s of standstill in the second phase, with a part off its goal, after which the first begins anew
+    give_up: float = (
+        1.0  # s of standstill in the second phase, with a part off its goal, after which the first begins anew
+    )
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -125,7 +127,7 @@ class TwoPhasesPolicy(PlannerPolicy):
 
     def switch(self, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
         """Begin the second phase where straight ways lead to the goals, and end it where nobody gets on; in place."""
-        info, rules = self.info, self.settings
+        rules = self.settings
         waiting = np.flatnonzero(~memory.closing)
         free = np.zeros(len(goal), dtype=bool)
         scene = self.scene(measured, goal, memory.goals, memory.plan.waited)
@@ -136,7 +138,6 @@ class TwoPhasesPolicy(PlannerPolicy):
 
         workers.share(ask, len(waiting), self.threads)
         memory.closing[free] = True
-
 
     def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
@@ -176,7 +177,9 @@ def drawn_apart(
         gaps.append(scales[-1][:, None] * between[:, axis] - both[:, axis])
     distance = np.maximum(gaps[0][:, None], gaps[1][None]).min(axis=2)  # (along, across)
     middle = low + 0.5 * np.ptp(goal, axis=0)
-    away = np.hypot(*np.meshgrid(*((scale - 1.0) * np.ptp(goal[:, k]) for k, scale in enumerate(scales)), indexing="ij"))
+    away = np.hypot(
+        *np.meshgrid(*((scale - 1.0) * np.ptp(goal[:, k]) for k, scale in enumerate(scales)), indexing="ij")
+    )
     good = distance >= min(apart, distance.max()) - 1e-9
     i, j = np.unravel_index(int(np.where(good, away, np.inf).argmin()), away.shape)
     place = middle + np.array([scales[0][i], scales[1][j]]) * (goal - middle)
