@@ -207,7 +207,7 @@ def arrivals(results: Results, task: str, hardware: str) -> bytes:
 
 def _rates(results: Results, rollouts: Mapping[str, Rollout]) -> bytes:
     """Parts a minute by what became of them, a bar for every policy."""
-    figure = new_figure(8.6, 0.6 + 0.34 * len(rollouts))
+    figure = new_figure(8.6, 0.9 + 0.34 * len(rollouts))
     axes, left = figure.subplots(), np.zeros(len(rollouts))
     for name, event in RATES.items():
         rates = np.array([each.fact(name).mean() for each in rollouts.values()])
@@ -215,7 +215,7 @@ def _rates(results: Results, rollouts: Mapping[str, Rollout]) -> bytes:
         left += rates
     axes.invert_yaxis()
     style(axes, xlabel="parts a minute")
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.28), ncols=len(RATES), frameon=False, fontsize=8)
+    figure.legend(loc="outside lower center", ncols=len(RATES), frameon=False, fontsize=8, labelcolor=INK)
     return png(figure)
 
 
