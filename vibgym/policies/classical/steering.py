@@ -108,9 +108,17 @@ class Steering:
             turn=measured.turn + goal[..., 2] - turn if self.info.has_heading else measured.turn,
         )
 
-    def steer(self, measured: Measured, way: np.ndarray, memory: Memory) -> tuple[np.ndarray, Memory]:
-        """The action that takes the parts the ways (batch, parts, 2) that are left, and turns them to where they shall be."""
+    def steer(
+        self, measured: Measured, way: np.ndarray, memory: Memory, free: np.ndarray | None = None
+    ) -> tuple[np.ndarray, Memory]:
+        """The action that takes the parts the ways (batch, parts, 2) that are left, and turns them to where they shall be.
+
+        Args:
+            free: (batch, parts) bool, parts that turn as fast as they can however near others are; None: no part.
+        """
         room = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
+        if free is not None:
+            room = np.where(free, 1.0, room)
         seen = self.seen(measured)
         wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
         wanted = wanted + measured.goal_acceleration
