@@ -16,10 +16,13 @@ from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.patterns import give_out
 from vibgym.tasks.pose import PoseTask
-from vibgym.tasks.starts import CLEAR, Starts
+from vibgym.tasks.starts import Starts
 
-END_COLUMNS = 11
-"""Elements along x of an end: room for twelve of the shipped blocks at any heading, 7 mm apart."""
+APART = 0.005
+"""m, least distance between goals, and between starts."""
+
+END_COLUMNS = 13
+"""Elements along x of an end: room for fifteen of the shipped blocks at any heading."""
 
 
 class Swap(Task):
@@ -33,7 +36,7 @@ class Swap(Task):
         parts: of two kinds, by their names, in any order.
         free: parts of a kind are as good as one another: goals are given out at the start, so that the cubes of the ways add up
             to the least. False: each part has the goal that was drawn for it.
-        apart: m, least distance between goals, and between starts; ``apart_mm`` in mm.
+        apart: m, least distance between goals, and between starts (5 mm); ``apart_mm`` in mm.
         columns: elements along x of each end.
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there.
         slots: blocks of the state observation, at least the number of parts, which is the default.
@@ -65,7 +68,7 @@ class Swap(Task):
         surface: Surface,
         parts: Sequence[Part],
         *,
-        free: bool = False,
+        free: bool = True,
         apart: float | None = None,
         apart_mm: float | None = None,
         columns: int = END_COLUMNS,
@@ -82,8 +85,8 @@ class Swap(Task):
         if apart is not None and apart_mm is not None:
             raise checks.refuse("task_settings['apart_mm']", apart_mm, "nothing beside task_settings['apart']")
         name, given = ("apart_mm", apart_mm) if apart is None else ("apart", apart)
-        least = CLEAR if given is None else checks.number(f"task_settings[{name!r}]", given, least=0.0)
-        least *= 1e-3 if apart_mm is not None else 1.0
+        least = APART if given is None else checks.number(f"task_settings[{name!r}]", given, least=0.0)
+        least *= 1.0 if apart_mm is None else 1e-3
         columns = checks.count("task_settings['columns']", columns, most=surface.columns // 2)
         self.slots = (
             len(self.parts) if slots is None else checks.count("slots", slots, least=len(self.parts), most=10_000)
