@@ -31,7 +31,7 @@ PRICE = 30.0
 """Of an end that is too fast, see :func:`vibgym.bounds.programme.furthest`."""
 
 FREE_END = 10.0
-"""m, tolerance of ways whose end may be as fast as can be."""
+"""m or rad, tolerance of ways and turns whose end may be as fast as can be."""
 
 DIRECTIONS = 8
 """Of ways: what the first and the last period add depends on where the table moves just then, by up to a millimetre."""

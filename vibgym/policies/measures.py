@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -155,7 +155,7 @@ def most_rates(env: SharedInterface) -> np.ndarray:
     inner = np.array([part.inner_radius for part in env.parts])
     begin = np.full(len(env.parts), inlet.high) if inlet.heap == 1 else inlet.room.width - inner
     bound = FlowBound(
-        surface, env.parts, task.kind, np.maximum(task.zones[task.kind, 0] - begin, 0.0), task.headway,
+        surface, _pushed_together(env.parts), task.kind, np.maximum(task.zones[task.kind, 0] - begin, 0.0), task.headway,
         max(limit * env.periods_per_step - task.warm_up, 0), env.periods_per_step, env.core.actuators.most_amplitude,
     )  # fmt: skip
     return np.where(_usual(env, np.ones((worlds, len(env.parts)), dtype=bool)), bound.per_minute, np.nan)
@@ -177,9 +177,16 @@ def _asks(env: SharedInterface, part: Any) -> dict[str, Any]:
 
 def _steps_driven(env: SharedInterface, truth: Truth) -> np.ndarray:
     """Fewest steps where the elements drive all parts of which something is asked."""
-    asked = np.flatnonzero(env.task.asked)
-    bound = SeveralBound([TimeBound(env.surface, env.parts[part], **_asks(env, part)) for part in asked])
+    asked, parts = np.flatnonzero(env.task.asked), _pushed_together(env.parts)
+    stopped = len(parts) > 1 or bool(env.walls)
+    bound = SeveralBound([TimeBound(env.surface, parts[k], stopped=stopped, **_asks(env, k)) for k in asked])
     return bound.steps(truth.pose[:, asked], truth.goal[:, asked], truth.present[:, asked])
+
+
+def _pushed_together(parts: Sequence[Part]) -> list[Part]:
+    """The parts with the friction of the one that has most: who is pushed by that one may gain speed as fast as it."""
+    most, sticks = (max(getattr(part, name) for part in parts) for name in ("friction", "static_friction"))
+    return [replace(part, friction=most, static_friction=sticks) for part in parts]
 
 
 def _steps_pushed(env: SharedInterface, truth: Truth, pushed: np.ndarray) -> np.ndarray | None:
