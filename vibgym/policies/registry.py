@@ -10,6 +10,7 @@ from typing import Any
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
+from vibgym.policies.classical.crossing import CrossingPolicy
 from vibgym.policies.classical.feeding import FeedingPolicy
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
@@ -29,7 +30,7 @@ Maker = Callable[..., Policy]
 EXTRA = ("safetensors", "scipy")
 """What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
 
-STEERED = ("local_field", "planner", "lanes", "two_phases")
+STEERED = ("local_field", "planner", "lanes", "two_phases", "crossing")
 """Policies that steer parts by a law, and speak any action that steering knows."""
 
 FILES = ("trained", "residual", "learned")
@@ -170,6 +171,7 @@ CONTROLLERS = Controllers(
         "planner": PlannerPolicy,
         "lanes": FeedingPolicy,
         "two_phases": TwoPhasesPolicy,
+        "crossing": CrossingPolicy,
         "mpc": mpc,
         "by_task": by_task,
         "learned": learned,
