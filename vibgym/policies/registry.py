@@ -30,7 +30,7 @@ Maker = Callable[..., Policy]
 EXTRA = ("safetensors", "scipy")
 """What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
 
-STEERED = ("local_field", "planner", "lanes", "two_phases", "crossing")
+STEERED = ("local_field", "planner", "lanes", "two_phases")
 """Policies that steer parts by a law, and speak any action that steering knows."""
 
 FILES = ("trained", "residual", "learned")
@@ -48,6 +48,12 @@ def lawful(law: str) -> Maker:
         return (LocalFieldPolicy if straight else PlannerPolicy)(info, law=law, **arguments)
 
     return make
+
+
+def lanes(info: TaskInfo, **arguments: Any) -> Policy:
+    """Lanes to the gates where parts come and go (:class:`FeedingPolicy`), else both ways past one another
+    (:class:`CrossingPolicy`)."""
+    return (FeedingPolicy if info.flows else CrossingPolicy)(info, **arguments)
 
 
 def file_of(path: Any, info: TaskInfo) -> Path:
@@ -169,9 +175,8 @@ CONTROLLERS = Controllers(
         "open_loop": OpenLoopPolicy,
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
-        "lanes": FeedingPolicy,
+        "lanes": lanes,
         "two_phases": TwoPhasesPolicy,
-        "crossing": CrossingPolicy,
         "mpc": mpc,
         "by_task": by_task,
         "learned": learned,
