@@ -276,7 +276,7 @@ EXCHANGE = 0.010
 
 @borrowing
 def exchange_goals(kind, present, pose, goal, worlds):
-    """Let parts of a kind exchange goals, in place, where their ways, cubed with :data:`EXCHANGE` more each, then add up to less.
+    """Let parts of a kind exchange goals, in place, where their ways, cubed with :data:`EXCHANGE` more, then add up to less.
 
     Args:
         kind: (parts,).  present: (worlds, parts) bool.
