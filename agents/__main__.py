@@ -13,6 +13,7 @@ from agents.command_line import Room, run_one_of  # noqa: E402 - imports take se
 ROOMS = {
     "evaluate": Room("agents.evaluation.commands", "run policies on tasks and write a report"),
     "compare": Room("agents.evaluation.commands", "compare learned with classical policies on the same seeds"),
+    "score": Room("agents.evaluation.commands", "score policies on a suite of tasks, or a policy of your own"),
     "publish": Room("agents.evaluation.commands", "keep the figures and episodes of an evaluation"),
     "verify": Room(
         "agents.evaluation.commands",

@@ -36,7 +36,14 @@ def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
 def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -> np.ndarray:
     """Frame of a film, (height, width, 3) uint8."""
     trail = film.poses[: frame + 1, :, :2]
-    shown = (film.poses[frame], film.present, film.goals[frame], film.phasors[frame], trail, film.captions[frame])
+    shown = (
+        film.poses[frame],
+        film.present[frame],
+        film.goals[frame],
+        film.phasors[frame],
+        trail,
+        film.captions[frame],
+    )
     return painter.paint(scenery.view(*shown, film.paths))
 
 

@@ -1,4 +1,4 @@
-"""``python -m agents evaluate CONFIG``, ``compare``, ``publish`` and ``verify``."""
+"""``python -m agents evaluate CONFIG``, ``compare``, ``score``, ``publish`` and ``verify``."""
 
 from __future__ import annotations
 
@@ -122,11 +122,45 @@ def verify(arguments: argparse.Namespace) -> int:
     return 0 if found.holds else 1
 
 
+SUITE = Path("configs/suite/open.yaml")
+
+
+def score_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``score`` takes."""
+    parser.add_argument(
+        "config", type=Path, nargs="?", default=SUITE, metavar="CONFIG", help=f"the suite, else {SUITE}"
+    )
+    parser.add_argument(
+        "--policy", type=Path, metavar="FILE", help="your own, YAML or JSON as 'policies' have it: score it alone"
+    )
+    parser.add_argument(
+        "--episodes", type=int, metavar="N", help="of each policy on each task, instead of the protocol's"
+    )
+    command_line.side_by_side(parser, processes=False)
+
+
+def score(arguments: argparse.Namespace) -> None:
+    """Play a suite, or go on where it was left, write its scores and print them."""
+    from agents.evaluation import suite
+
+    settings = _settings(suite, arguments)
+    if arguments.policy is not None:
+        settings = settings.entered_by(arguments.policy)
+    with checks.within(arguments.policy or arguments.config):
+        prepared = suite.prepare(settings)
+        held = _held(settings)
+    with held:
+        found = suite.score(prepared, arguments.quiet, arguments.ray)
+        page = suite.write(found)
+    print(f"{suite.summary(found)}\n\npage: {page}")
+
+
 OUTPUT = "directory for what is written, instead of the file's"
 
 COMMANDS = {
     "evaluate": Command(evaluate_arguments, evaluate, OUTPUT),
     "compare": Command(compare_arguments, compare, OUTPUT),
+    "score": Command(score_arguments, score, OUTPUT),
     "publish": Command(publish_arguments, publish, f"directory for what is kept, instead of {PUBLISHED}"),
     "verify": Command(verify_arguments, verify, f"directory of {FIGURES}: all figures and their intervals"),
 }

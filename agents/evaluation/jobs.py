@@ -261,7 +261,7 @@ def serves(content: Any, info: TaskInfo) -> bool:
     A controller is where it can be made with its own defaults. All others are: where they do not fit, making them says so.
     """
     kind = content.get("kind") if isinstance(content, Mapping) else content
-    if not isinstance(kind, str) or kind not in CONTROLLERS or kind in ("trained", "residual", "schedule"):
+    if not isinstance(kind, str) or kind not in CONTROLLERS or kind in ("trained", "residual", "schedule", "by_task"):
         return True
     try:
         make_policy(kind, info)

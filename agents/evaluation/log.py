@@ -31,7 +31,7 @@ class Film:
 
     seed: int
     poses: np.ndarray  # (frames, parts, 3) m, m, rad
-    present: np.ndarray  # (parts,) bool
+    present: np.ndarray  # (frames, parts) bool
     phasors: np.ndarray  # (frames, rows, columns, 2) float32, fractions of full scale, of the step that led to the pose
     goals: np.ndarray  # (frames, parts, 3); zeros for tasks without goal poses
     paths: tuple[np.ndarray, ...]  # (n, 2) m, along which the goals of the parts move; empty where they stay
@@ -130,7 +130,7 @@ class Log(Measures):
         worlds, parts = truth.present.shape
         limit = env.max_episode_steps
         assert limit is not None  # else nobody could play
-        self.several = truth.present.sum(axis=1) > 1
+        self.several = (truth.present.sum(axis=1) > 1) | (env.task.flows and parts > 1)
         way = np.where(truth.present[..., None], truth.error, 0.0)
         self.fields |= {
             "path_lengths": np.zeros((worlds, parts)),
@@ -139,10 +139,10 @@ class Log(Measures):
             "goals": truth.goal,
             "series": np.full((len(SERIES), worlds, limit + 1), np.nan, dtype=np.float32),
         }
-        self.last = truth.pose[..., :2]
+        self.last = np.full((worlds, parts, 2), np.nan)
         self.watched = farthest_goal(env, info.get("touching", np.zeros(worlds)))
         self.paths = tuple(env.paths(self.watched))
-        self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, str]] = []
+        self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str]] = []
         self._keep(0, np.ones(worlds, dtype=bool), info)
 
     def add(self, step: Step) -> None:
@@ -157,10 +157,12 @@ class Log(Measures):
 
     def _keep(self, step: int, playing: np.ndarray, info: dict[str, Any]) -> None:
         fields, truth = self.fields, self.env.truth
-        there = self.start.present & playing[:, None]
+        there = truth.present & playing[:, None]
         fields["poses"][:, step][there] = truth.pose[there]
-        fields["path_lengths"][there] += np.hypot(*(truth.pose[..., :2] - self.last)[there].T)
-        self.last = truth.pose[..., :2]
+        place = np.where(there[..., None], truth.pose[..., :2], np.nan)
+        moved = np.hypot(*np.moveaxis(place - self.last, -1, 0))
+        fields["path_lengths"] += np.where(np.isfinite(moved), moved, 0.0)  # who arrives begins a way of its own
+        self.last = place
         for name, values in zip(SERIES, fields["series"], strict=True):
             if name in info:
                 which = playing & self.several if name == "clearance" else playing
@@ -168,11 +170,12 @@ class Log(Measures):
         if playing[self.watched]:
             self.frames.append(self._frame(truth, step))
 
-    def _frame(self, truth: Truth, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
+    def _frame(self, truth: Truth, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str]:
         said = self.env.caption(self.watched).removeprefix(self.env.task.name).strip()
         phasors = self.env.phasors(self.watched).astype(np.float32)
         return (
             truth.pose[self.watched],
+            truth.present[self.watched],
             truth.goal[self.watched],
             phasors,
             f"{step * self.env.step_time:.2f} s   {said}",
@@ -184,12 +187,12 @@ class Log(Measures):
 
     def _film(self) -> Film:
         """The watched world's."""
-        poses, goals, phasors, captions = zip(*self.frames, strict=True)
+        poses, present, goals, phasors, captions = zip(*self.frames, strict=True)
         world, fields = self.watched, self.fields
         return Film(
             self.seeds[world],
             np.array(poses),
-            self.start.present[world],
+            np.array(present),
             np.array(phasors),
             np.array(goals),
             self.paths,

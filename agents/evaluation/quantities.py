@@ -12,6 +12,7 @@ from agents.evaluation.records import Row
 from agents.evaluation.resampling import Interval, bootstrap
 from agents.evaluation.statistics import median_interval, success_interval
 from agents.evaluation.tables import number, quantity
+from vibgym.tasks.episode import EVENTS
 
 OCCURRENCES = ("success", "fallen")
 """Columns of 0 and 1."""
@@ -65,6 +66,9 @@ class Quantity:
         return Interval(sample[0], sample[0], "none") if equal else bootstrap(sample, level, resamples)
 
 
+RATES = {f"{event}_per_minute": event for event in EVENTS[1:]}
+"""Columns of parts a minute, by what became of them."""
+
 QUANTITIES = (
     Quantity("success_rate", "success", "success", 100.0, 1, "%", median=False),
     Quantity("fallen_rate", "fallen", "fallen", 100.0, 1, "%", median=False),
@@ -75,6 +79,12 @@ QUANTITIES = (
     Quantity("path_error_median_m", "path_error_m", "path error (rms)", 1e3, 2, "mm"),
     Quantity("throughput_median_parts_per_s", "throughput_parts_per_s", "throughput", 1.0, 2, "parts/s"),
     Quantity("collisions_mean", "collisions", "collisions", 1.0, 2, "", median=False),
+    Quantity("rate_over_bound_mean", "rate_over_bound", "rate / bound", 100.0, 1, "%", median=False),
+    *(Quantity(f"{name}_mean", name, label, 1.0, 1, "/min", median=False) for name, label in RATES.items()),
+    Quantity("transit_mean_s", "transit_s", "transit", 1.0, 2, "s", median=False),
+    Quantity("on_table_mean", "on_table", "on the table", 1.0, 1, "", median=False),
+    Quantity("pattern_error_median_m", "pattern_error_m", "pattern error (rms)", 1e3, 2, "mm"),
+    Quantity("coverage_median", "coverage", "coverage", 100.0, 1, "%"),
     Quantity("path_efficiency_median", "path_efficiency", "efficiency", 100.0, 0, "%"),
 )
 """Of every place, where they apply. Tables have the number of falls instead of their rate."""

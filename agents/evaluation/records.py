@@ -11,7 +11,7 @@ import numpy as np
 from agents.evaluation.resampling import Interval
 from agents.evaluation.statistics import quartiles, success_interval
 from agents.evaluation.tables import colour, quantity
-from vibgym.policies.rollout import Outcomes
+from vibgym.policies.rollout import OWN_FACTS, Outcomes
 
 
 class Trial(NamedTuple):
@@ -80,6 +80,13 @@ ENDS = {
 }
 """Column -> what it holds of episodes of which the ends are kept."""
 
+OWN = {
+    "transit_s": "transit",
+    "pattern_error_m": "pattern_error",
+    **{name: name for name in OWN_FACTS if name not in ("transit", "pattern_error")},
+}
+"""The same of what some tasks alone say at the end."""
+
 ALL = {
     "seed": "seeds",
     "success": "success",
@@ -99,15 +106,22 @@ ALL = {
     "throughput_parts_per_s": "throughput",
     "collisions": "collisions",
     "clearance_m": "clearance",
+    "rate_over_bound": "rate_over_bound",
+    **OWN,
 }
 """The same of episodes of which all is kept: the columns of episodes.csv."""
 
 COUNTS = ("parts_done", "collisions")
 
 
+def of_episodes(found: Outcomes, what: str) -> np.ndarray:
+    """(episodes,) what is kept of each, or what tasks say at the end."""
+    return found.fact(what) if what in OWN_FACTS else np.asarray(getattr(found, what))
+
+
 def episodes_of(found: Outcomes, columns: dict[str, str] = ENDS, **head: Any) -> list[dict[str, Any]]:
     """One mapping per episode, each with ``head`` first."""
-    values = {name: np.asarray(getattr(found, what)).tolist() for name, what in columns.items()}
+    values = {name: of_episodes(found, what).tolist() for name, what in columns.items()}
     for name in COUNTS:
         if name in values:
             values[name] = [int(value) if math.isfinite(value) else value for value in values[name]]

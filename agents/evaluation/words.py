@@ -46,6 +46,8 @@ def loads(tasks: Mapping[str, tuple[TaskInfo, int]]) -> list[dict[str, Any]]:
 
 def asked(task: TaskInfo) -> str:
     """What counts as success."""
+    if task.flows:
+        return "parts that leave through the gate of their kind, straight and apart"
     asked = []
     if task.has_goal:
         heading = f" and {math.degrees(task.heading_tolerance):.3g}°" if task.has_heading else ""

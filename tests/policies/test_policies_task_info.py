@@ -58,10 +58,11 @@ def test_single_vector_wrapped_and_plain_environments_say_the_same():
         )
     ]  # fmt: skip
     for field in dataclasses.fields(TaskInfo):
-        if field.name not in ("surface", "parts", "layout", "zones", "step_limit"):
+        if field.name not in ("surface", "parts", "layout", "zones", "step_limit", "scene"):
             assert len({getattr(info, field.name) for info in infos}) == 1, field.name
     assert {tuple(part.name for part in info.parts) for info in infos} == {("steel_block", "aluminium_block") * 3}
     assert {info.layout.rows for info in infos} == {infos[0].layout.rows}
+    assert all(info.scene == infos[0].scene for info in infos) and infos[0].scene["slots"] == 7
     assert [info.step_limit for info in infos] == [750] * 3 + [None] * 2
     assert TaskInfo.of(single("Align"), "mine").name == "mine"
 

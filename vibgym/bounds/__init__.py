@@ -1,5 +1,12 @@
-"""A lower bound on the time that a part needs to its goal, whatever the elements do; ``docs/bound.md`` derives it."""
+"""Bounds on what any policy can do, whatever the elements do; ``docs/bound.md`` derives them.
 
+Least times of one part (:class:`TimeBound`), of several (:class:`SeveralBound`), of one that others push (:class:`PushBound`),
+and the most parts a minute where parts come and go (:class:`FlowBound`).
+"""
+
+from vibgym.bounds.flow import FlowBound
+from vibgym.bounds.pushing import PushBound
+from vibgym.bounds.several import SeveralBound
 from vibgym.bounds.time_bound import TimeBound
 
-__all__ = ["TimeBound"]
+__all__ = ["FlowBound", "PushBound", "SeveralBound", "TimeBound"]

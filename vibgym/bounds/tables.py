@@ -30,6 +30,9 @@ TURN_MARGIN = 0.005
 PRICE = 30.0
 """Of an end that is too fast, see :func:`vibgym.bounds.programme.furthest`."""
 
+FREE_END = 10.0
+"""m or rad, tolerance of ways and turns whose end may be as fast as can be."""
+
 DIRECTIONS = 8
 """Of ways: what the first and the last period add depends on where the table moves just then, by up to a millimetre."""
 
@@ -104,6 +107,12 @@ class Reach(NamedTuple):
         inside = (table < way[..., None]).sum(axis=-1)
         beyond = np.ceil(np.maximum(way - table[..., -1], 0.0) / self.pace).astype(np.int64)
         return np.where(inside > PERIODS, PERIODS + beyond, inside)
+
+
+def fewest_periods(reach: Reach, way: np.ndarray) -> np.ndarray:
+    """Fewest periods, int64 of the shape of ``way`` (n,), in the direction (or from the heading) in which it is shortest."""
+    angles = reach.circle / len(reach.most) * np.arange(len(reach.most))
+    return np.min([reach.periods(np.full(len(way), angle), way) for angle in angles], axis=0)
 
 
 @functools.lru_cache(maxsize=64)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym.bounds.tables import Hold, Reach, turn_reach, way_reach
+from vibgym.bounds.tables import FREE_END, Hold, Reach, turn_reach, way_reach
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 
@@ -40,6 +40,7 @@ class TimeBound:
         periods_per_step: oscillation periods of a step; the part is looked at when a step ends.
         amplitude: m, largest vertical amplitude that an element may reach; None: the surface's.
         latency: periods before the first command acts; until then the elements rest.
+        stopped: whether others may stop the part at its goal, which then need not brake: other parts, or walls.
 
     Raises:
         ValueError: a bad argument, or a part that might stick.
@@ -55,6 +56,7 @@ class TimeBound:
     periods_per_step: int = 1
     amplitude: float | None = None
     latency: int = 0
+    stopped: bool = False
 
     def __post_init__(self) -> None:
         surface, part = checks.instance("surface", self.surface, Surface), checks.instance("part", self.part, Part)
@@ -75,17 +77,24 @@ class TimeBound:
             allowed = "parts that slide all the time: mu > 0 and a_h w^2 > mu_0 (g + a_v w^2)"
             raise checks.refuse("part", f"friction {part.friction:g} (static: {part.static_friction:g})", allowed)
         self._hold = Hold(-(-self.hold // self.stride), self.stride)
-        self._ways = way_reach(surface, part.friction, amplitude, self.position_tolerance, self._hold)
+        end = FREE_END if checks.flag("stopped", self.stopped) else self.position_tolerance
+        self._ways = way_reach(surface, part.friction, amplitude, end, self._hold)
         self._turns: tuple[Reach, Reach] | None = None
         if 0.0 < self.heading_period <= 2.0 * heading_tolerance:
             heading_tolerance = math.inf  # no heading is ever off
         if heading_tolerance < math.inf:
-            self._turns = _turns(surface, _Key(part), amplitude, heading_tolerance, self._hold)
+            end = FREE_END if self.stopped else heading_tolerance
+            self._turns = _turns(surface, _Key(part), amplitude, end, self._hold)
 
     @property
     def step_time(self) -> float:
         """s."""
         return self.stride * self.surface.period
+
+    @property
+    def least_steps(self) -> int:
+        """Of an episode in which nothing has to move: the hold's."""
+        return self._hold.instants
 
     def steps(self, start: Any, goal: Any) -> np.ndarray:
         """Fewest steps to success, int64 (n,), the hold's own included.

@@ -58,6 +58,7 @@ class Core:
         information: what makes ``info``.
 
     Attributes:
+        options: what it was made of, as given.
         episode: progress of every world, by the true state.  relations: how parts stand by the true state.
         facts, details: what ``info`` says, and groups of what it says besides, live arrays (worlds, ...).
         information: makes ``info`` of what :attr:`stages` have told.
@@ -75,6 +76,7 @@ class Core:
 
     def __init__(self, options: Options, worlds: int, information: type[Information] = Information) -> None:
         cls = TASKS.choose("task", options.task)
+        self.options = options
         self.surface = surface_from(options.surface)
         self.parts = _parts_from(options.parts, cls)
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
@@ -203,17 +205,26 @@ class Core:
         idle = self.idle
         if "friction" in drawn:
             idle = np.array([self._idle_velocity(factors) for factors in drawn["friction"]])
-        velocity = np.where(start.present[..., None], idle, 0.0)
-        self.simulator.place(worlds, start.pose, velocity, 0.0, ~start.present)
+        self.put(worlds, start, np.where(start.present[..., None], idle, 0.0))
         self.simulator.condition(worlds, drawn)
+        self.actuators.reset(worlds, uniform[:, own:driven])
+        self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
+        self.stages.relate(worlds)
+
+    def put(self, worlds: np.ndarray, start: Start, velocity: Any, mean_velocity: Any = 0.0) -> None:
+        """Put parts down in ``worlds`` (index array), at rest or in motion, and begin to score them there.
+
+        With ideal actuators and sensor that is all there is to a start: so simulations go on from what a policy has measured.
+
+        Args:
+            velocity, mean_velocity: (n, parts, 3) at this instant, and over the last period, m/s, m/s, rad/s.
+        """
+        self.simulator.place(worlds, start.pose, velocity, mean_velocity, ~start.present)
         self.scoring.begin(worlds, start)
         if self.terms is not self.episode.terms:  # which have just been set
             self.terms[worlds], self.part_terms[worlds] = 0.0, 0.0
         for remembered in self.action.live().values():
             remembered[worlds] = 0
-        self.actuators.reset(worlds, uniform[:, own:driven])
-        self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
-        self.stages.relate(worlds)
         self.began = True
 
     def _idle_velocity(self, factors: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import Any
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
+from vibgym.policies.classical.crossing import CrossingPolicy
 from vibgym.policies.classical.feeding import FeedingPolicy
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
@@ -19,6 +20,7 @@ from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.protocol import Policy
+from vibgym.policies.search.mpc import MPCPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.registry import Registry
 
@@ -46,6 +48,12 @@ def lawful(law: str) -> Maker:
         return (LocalFieldPolicy if straight else PlannerPolicy)(info, law=law, **arguments)
 
     return make
+
+
+def lanes(info: TaskInfo, **arguments: Any) -> Policy:
+    """Lanes to the gates where parts come and go (:class:`FeedingPolicy`), else both ways past one another
+    (:class:`CrossingPolicy`)."""
+    return (FeedingPolicy if info.flows else CrossingPolicy)(info, **arguments)
 
 
 def file_of(path: Any, info: TaskInfo) -> Path:
@@ -101,6 +109,40 @@ def learned(
     return CONTROLLERS[agent.kind](info, path=str(agent.path))
 
 
+def by_task(info: TaskInfo, **policies: Any) -> Policy:
+    """Another policy for every task: ``{"kind": "by_task", "Swap": "lanes", "Pack": {"kind": "two_phases"}}``.
+
+    Args:
+        info: task and scene.
+        **policies: by the names of environments, each as :func:`make_policy` takes it.
+
+    Raises:
+        ValueError: none for this task, or one that does not serve it.
+    """
+    if info.name not in policies:
+        raise checks.refuse("policy 'by_task'", f"the task {info.name}", f"tasks that it names: {', '.join(policies)}")
+    return make_policy(policies[info.name], info)
+
+
+def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: int = 0, **settings: Any) -> Policy:
+    """Plans by sampling in a simulation (:class:`vibgym.policies.search.mpc.MPCPolicy`).
+
+    Args:
+        info: task and scene.
+        base: None, or a policy whose actions plans begin with, as :func:`make_policy` takes it.
+        action, seed, **settings: of the search.
+
+    Raises:
+        ValueError: a bad argument, or a policy that does not serve this task.
+    """
+    if base is not None:
+        named = dict(base) if isinstance(base, Mapping) else {"kind": base}
+        kind = named.get("kind")
+        spoken = {"action": action or "wrench"} if kind in STEERED or kind in LAWS else {}
+        base = make_policy(spoken | named, info, seed)
+    return MPCPolicy(info, base=base, action=action, seed=seed, **settings)
+
+
 def schedule(info: TaskInfo, *, path: str) -> Policy:
     """The sensorless schedule in a JSON file.
 
@@ -133,8 +175,10 @@ CONTROLLERS = Controllers(
         "open_loop": OpenLoopPolicy,
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
-        "lanes": FeedingPolicy,
+        "lanes": lanes,
         "two_phases": TwoPhasesPolicy,
+        "mpc": mpc,
+        "by_task": by_task,
         "learned": learned,
         "trained": trained,
         "residual": residual,
@@ -145,7 +189,8 @@ CONTROLLERS = Controllers(
 
 ``"zero"`` and ``"random"`` serve all tasks, ``"open_loop"`` those for one part with a goal pose, ``"local_field"`` and
 ``"planner"`` those that ask for places: goals, zones, or a distance to keep; the first takes every part straight there, the
-second past the others. The names of laws are in the first one's place with one part, in the second one's with several:
+second past the others. ``"mpc"`` serves all tasks whose goals stay, ``"by_task"`` those that it names. The names of laws are in
+the first one's place with one part, in the second one's with several:
 ``vibgym.policies.classical.laws.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
 """
 LAWS.taken = CONTROLLERS
@@ -211,8 +256,10 @@ def action_of(env: Any) -> str | None:
 
 def _spoken(kind: str, arguments: Mapping[str, Any], spoken: str | None) -> dict[str, str]:
     """The argument by which a policy that knows several actions speaks that of its environment."""
+    if spoken is None or "action" in arguments:
+        return {}
     steers = kind in STEERED or kind in LAWS
-    if spoken is None or "action" in arguments or not (spoken in OUTPUTS if steers else kind == "learned"):
+    if not (spoken in OUTPUTS if steers else ACTIONS[spoken].by_part if kind == "mpc" else kind == "learned"):
         return {}
     return {} if spoken == UNSAID else {"action": spoken}
 

@@ -20,9 +20,17 @@ from vibgym.envs.named import batch_of, environment_id
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
+from vibgym.tasks.episode import EVENTS
 
 OWN_ARGUMENTS = ("num_envs", "autoreset_mode")
 """Of an environment, which follow from the seeds."""
+
+
+OWN_FACTS = (
+    *(f"{event}_per_minute" for event in EVENTS[1:]), "transit", "on_table", "pattern_error", "coverage"
+)  # fmt: skip
+"""What ``info`` says at the end of episodes of some tasks alone: parts a minute by what became of them, s from arrival to
+leaving, parts on the table (Feed); m, rms (Pack); share of the goal's area that is covered (Push)."""
 
 
 @dataclass
@@ -152,14 +160,19 @@ class Outcomes:
     fallen: np.ndarray  # bool
     diverged: np.ndarray  # bool
     returns: np.ndarray  # sum of rewards
-    position_error: np.ndarray  # m, at the end
+    position_error: np.ndarray  # m, at the end; nan where a task does not say it
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
     path_error: np.ndarray  # m, rms distance from a goal that moves, of the part that was worst; nan where goals stay
+    facts: np.ndarray  # (episodes, OWN_FACTS) what ``info`` said at the end; nan where a task does not say it
 
     @property
     def time_to_goal(self) -> np.ndarray:
         """Simulated time until success was established, its hold included, s; nan without success."""
         return np.where(self.success, self.steps * self.step_time, np.nan)
+
+    def fact(self, name: str) -> np.ndarray:
+        """One of :data:`OWN_FACTS`, (episodes,)."""
+        return self.facts[..., OWN_FACTS.index(name)]
 
 
 class Ends:
@@ -179,8 +192,9 @@ class Ends:
         self.fields: dict[str, np.ndarray] = {
             "steps": np.zeros(count, dtype=np.int64),
             **{key: np.zeros(count, dtype=bool) for key in ("success", "fallen", "diverged")},
-            **{key: np.zeros(count) for key in ("returns", "position_error")},
-            **{key: np.full(count, np.nan) for key in ("heading_error", "path_error")},
+            "returns": np.zeros(count),
+            **{key: np.full(count, np.nan) for key in ("position_error", "heading_error", "path_error")},
+            "facts": np.full((count, len(OWN_FACTS)), np.nan),
         }
 
     def add(self, step: Step) -> None:
@@ -194,6 +208,9 @@ class Ends:
             for key in ("fallen", "diverged", "position_error", "heading_error", "path_error"):
                 if key in info:
                     fields[key][which] = info[key][step.ended]
+            for column, key in enumerate(OWN_FACTS):
+                if key in info:
+                    fields["facts"][which, column] = info[key][step.ended]
 
     def result(self, task: str, timing: Timing) -> Outcomes:
         """All of it, when all episodes have ended."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,11 @@ from vibgym.allocation.allocator import strongest
 from vibgym.envs.layout import Layout
 from vibgym.envs.limits import step_limit
 from vibgym.scene.sliding import Sliding, sliding_of
+
+SCENE = (
+    "task", "surface", "parts", "model", "walls", "start", "zones", "slots", "task_settings", "periods_per_step"
+)  # fmt: skip
+"""Options of an environment that say what :attr:`TaskInfo.scene` is: neither the machine nor what an episode draws."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +53,8 @@ class TaskInfo:
     flows: bool = False  # parts arrive and leave while an episode goes on
     goal_moves: bool = False  # while an episode goes on; observations tell how, see vibgym.policies.classical.measured
     lead: int = 0  # periods after the present of which measurements tell: what an estimator predicts
+    # keyword arguments, as given, of an environment with this task and scene: for policies that simulate
+    scene: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
@@ -96,6 +105,7 @@ class TaskInfo:
             flows=task.flows,
             goal_moves=task.goal_moves,
             lead=base.measurement_lead,
+            scene=copy.deepcopy({name: getattr(base.core.options, name) for name in SCENE}),
         )
 
     @property

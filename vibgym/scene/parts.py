@@ -130,6 +130,14 @@ class Part:
             contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
         )
 
+    @property
+    def inner_radius(self) -> float:
+        """Of the largest circle about the centre of mass that no edge crosses, m."""
+        ends = np.roll(self.outline, -1, axis=0)
+        edge = ends - self.outline
+        along = np.clip(-(self.outline * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
+        return float(np.hypot(*(self.outline + along[:, None] * edge).T).min())
+
     def body(self, element_size: float | None = None) -> Body:
         """The part as the kernels take it; a disc with as few corners as sliding on elements of that size (m) needs."""
         outline = np.array(self.outline)

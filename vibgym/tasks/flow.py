@@ -260,7 +260,9 @@ def welcome(flow, state, world):
 
 @borrowing
 def begin_flow(state, flow, worlds, pools):
-    """Start the episodes of ``worlds`` (n,), whose keys are set, with the parts of ``pools`` (n, parts), none on the table yet.
+    """Start the episodes of ``worlds`` (n,), whose keys are set, with the parts of ``pools`` (n, parts).
+
+    Those whose centres are on the table are there already; nobody else comes at once where there are any.
 
     Args:
         state: address of the pinned true state, in which parts of the pool have the velocity of those that slide in place.
@@ -269,7 +271,7 @@ def begin_flow(state, flow, worlds, pools):
     true, all_of = state_at(state), flow_at(flow)
     episode, parts = all_of.judged.episode, pools.shape[1]
     for k in range(worlds.shape[0]):
-        world = worlds[k]
+        world, begun = worlds[k], 0
         all_of.clock[world] = all_of.tried[world] = 0
         for part in range(parts):
             all_of.pool[world, part] = pools[k, part]
@@ -280,7 +282,12 @@ def begin_flow(state, flow, worlds, pools):
                 episode.part_terms[world, part, term] = 0.0
             for axis in range(3):
                 all_of.idle[world, part, axis] = true.velocity[world, part, axis]
-            take_away(all_of, true, world, part)
+            x, y = true.pose[world, part, 0], true.pose[world, part, 1]
+            if pools[k, part] and x >= 0.0 and y >= 0.0:
+                episode.present[world, part] = episode.arrived[world, part] = True
+                begun += 1
+            else:
+                take_away(all_of, true, world, part)
         for gate in range(all_of.last.shape[1]):
             all_of.last[world, gate] = -all_of.headway
         for column in range(all_of.tally.shape[1]):
@@ -294,7 +301,8 @@ def begin_flow(state, flow, worlds, pools):
         episode.count[world, HELD] = episode.count[world, PARTS_DONE] = 0
         for term in range(episode.terms.shape[1]):
             episode.terms[world, term] = 0.0
-        let_in(all_of, true, world, parts)
+        if begun == 0:
+            let_in(all_of, true, world, parts)
         welcome(all_of, true, world)
 
 

@@ -16,6 +16,7 @@ from agents.evaluation.jobs import Job, run_jobs
 from agents.evaluation.log import Log, Rollout
 from agents.evaluation.records import Row, Trial
 from agents.evaluation.report.effects import Effects, cell_of
+from agents.evaluation.report.load import Load, Loaded, loaded_row
 from agents.evaluation.report.prepare import FILES, Evaluation
 from agents.evaluation.report.results import Results, row_of
 from agents.evaluation.report.texts_of_results import all_episodes, json_text
@@ -23,6 +24,7 @@ from agents.evaluation.statistics import PairedComparison, compare
 from agents.provenance import policy_files, provenance
 from agents.workers import side_by_side, usable
 from vibgym.files import csv_text, write_together
+from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import Ends, Outcomes
 
 
@@ -35,7 +37,7 @@ def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None
     statistics = settings.confidence, settings.resamples
     alone = ray is None and usable(settings.processes) == 1
     measured: Cost | Future[Cost] | None = None
-    jobs: dict[tuple[str, ...], Job] = {**evaluation.jobs, **evaluation.study}
+    jobs: dict[tuple[str, ...], Job] = {**evaluation.jobs, **evaluation.study, **evaluation.load}
     # Of what is about to run: while it does, files may change.
     origin = provenance() | {"policy_files": policy_files((job.content, job.info.name) for job in jobs.values())}
     with side_by_side(settings.processes, ray) as submit:
@@ -57,6 +59,7 @@ def evaluate(evaluation: Evaluation, quiet: bool = False, ray: str | None = None
         provenance=origin,
         cost=measured,
         effects=_effects(evaluation, {key: found[key] for key in evaluation.study}),
+        load=_load(evaluation, [found[key] for key in evaluation.load]),
     )
 
 
@@ -82,6 +85,13 @@ def _effects(evaluation: Evaluation, found: dict[tuple[str, str], tuple[Outcomes
     return Effects(asked.task, seeds, asked.arguments(), policies, cells, episodes)
 
 
+def _load(evaluation: Evaluation, rows: list[Row]) -> Load | None:
+    asked = evaluation.settings.under_load
+    if asked is None:
+        return None
+    return Load(asked.task, max(row.episodes for row in rows), tuple(asked.policies), tuple(rows))
+
+
 def _first_line(policy: Any) -> str:
     """What the policy's documentation says of it, without the marks of code."""
     return (inspect.getdoc(policy) or "").partition("\n")[0].replace("`", "").replace('"', "")
@@ -89,11 +99,14 @@ def _first_line(policy: Any) -> str:
 
 def _judged(
     job: Job, key: tuple[str, ...], level: float, resamples: int, quiet: bool
-) -> tuple[Rollout, Row] | tuple[Outcomes, Row]:
-    """A trial's rollout and its statistics; of the study of effects, where ``key`` is (case, policy), outcomes and a cell."""
+) -> tuple[Rollout, Row] | tuple[Outcomes, Row] | Row:
+    """A trial's rollout and its statistics; of the study of effects, where ``key`` is (case, policy), outcomes and a cell; of
+    that of load a row."""
     if isinstance(key, Trial):
         rollout = job.play(Log, key.policy, quiet)
         return rollout, row_of(key, rollout, level, resamples)
+    if isinstance(key, Loaded):
+        return loaded_row(key, job.play(Measures, key.policy, quiet), level, resamples)
     case, name = key
     ends = job.play(Ends, name, quiet)
     return ends, cell_of(case, name, ends, level, resamples)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,9 @@ from agents.evaluation.figures import (
     style,
 )  # fmt: skip
 from agents.evaluation.log import Rollout
+from agents.evaluation.quantities import RATES
 from agents.evaluation.records import Trial
+from agents.evaluation.report.load import COLOURS
 from agents.evaluation.report.results import Results
 from agents.evaluation.tables import WORTH_SHOWING
 from vibgym.policies.task_info import TaskInfo
@@ -100,12 +103,14 @@ def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None
         dashed: dict[str, Any] = {"fill": False, "edgecolor": tint, "linewidth": 0.9, "linestyle": (0, (4, 2))}
         axes.add_patch(Rectangle(tuple(low), *size, **dashed, zorder=2))
     outcomes = outcome_colours(rollout)
-    for episode in range(min(MAPPED if several else SHOWN, len(rollout.seeds))):
+    most = 1 if task.flows else MAPPED if several else SHOWN
+    for episode in range(min(most, len(rollout.seeds))):
         for part, kind in enumerate(task.kind):
             points = 1e3 * rollout.poses[episode, :, part, :2]
-            points = points[np.isfinite(points[:, 0])]
-            if not len(points):
+            there = np.flatnonzero(np.isfinite(points[:, 0]))
+            if not len(there):
                 continue
+            points = points[there[0] : there[-1] + 1]  # a line has a gap where nobody was in the slot
             draw_path(axes, points, kind_colour(kind) if several else outcomes[episode])
             if task.has_goal:
                 centre = tuple(1e3 * rollout.goals[episode, part, :2])
@@ -125,10 +130,16 @@ def _turns(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> 
 
 
 def _shares(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
-    present = np.isfinite(rollout.poses[:SHOWN, 0, :, 0]).sum(axis=1)
+    present = in_play(rollout, task)[:SHOWN]
     _lines(axes, rollout, 100.0 * values / present[:, None], alpha=0.5, drawstyle="steps-post")
     axes.set(ylim=(-4.0, 104.0))
     style(axes, xlabel="time (s)", ylabel="parts done (%)")
+
+
+def in_play(rollout: Rollout, task: TaskInfo) -> np.ndarray:
+    """(episodes,) parts of an episode: those at its start, or all that may come."""
+    there = np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
+    return np.full(len(there), len(task.parts)) if task.flows else there
 
 
 def _clearances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
@@ -175,6 +186,8 @@ def policy_colour(results: Results, name: str) -> str:
 def arrivals(results: Results, task: str, hardware: str) -> bytes:
     """Share of the episodes at the goal by a time, and of the parts that are done where they are counted, for every policy."""
     rollouts = _rollouts(results, task, hardware)
+    if results.tasks[task].flows:
+        return _rates(results, rollouts)
     done = {name: each.over_time("parts_done") for name, each in rollouts.items()}
     figure = new_figure(8.6, 2.8)
     counted = all(each is not None for each in done.values())
@@ -189,6 +202,20 @@ def arrivals(results: Results, task: str, hardware: str) -> bytes:
         axes.set(xlim=(0.0, end), ylim=(-2.0, 103.0))
         style(axes, xlabel="time (s)", ylabel="parts done, mean (%)")
     name_lines(figure, left.get_lines())
+    return png(figure)
+
+
+def _rates(results: Results, rollouts: Mapping[str, Rollout]) -> bytes:
+    """Parts a minute by what became of them, a bar for every policy."""
+    figure = new_figure(8.6, 0.9 + 0.34 * len(rollouts))
+    axes, left = figure.subplots(), np.zeros(len(rollouts))
+    for name, event in RATES.items():
+        rates = np.array([each.fact(name).mean() for each in rollouts.values()])
+        axes.barh(list(rollouts), rates, left=left, color=COLOURS[event], height=0.66, label=event)
+        left += rates
+    axes.invert_yaxis()
+    style(axes, xlabel="parts a minute")
+    figure.legend(loc="outside lower center", ncols=len(RATES), frameon=False, fontsize=8, labelcolor=INK)
     return png(figure)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from agents.evaluation.jobs import Job, effects_jobs, trials, writable
 from agents.evaluation.records import Trial
+from agents.evaluation.report.load import Loaded, load_jobs
 from agents.evaluation.settings import EvaluationSettings
 from vibgym import checks
 from vibgym.files import output_files
@@ -36,6 +37,7 @@ class Evaluation:
     scenery: dict[str, Scenery]  # what pictures of each task show
     jobs: dict[Trial, Job]
     study: dict[tuple[str, str], Job]  # (case, policy) of the study of effects, case after case
+    load: dict[Loaded, Job]
     film: tuple[Trial, Path] | None  # that is asked for as a file
 
 
@@ -48,12 +50,12 @@ def prepare(settings: EvaluationSettings, gif: Gif | None = None) -> Evaluation:
     import agents.evaluation.report.report_page  # noqa: F401 - a package that pages need is missed before anything runs
 
     tasks, scenery, jobs = trials(settings)
-    study = effects_jobs(settings)
+    study, load = effects_jobs(settings), dict(load_jobs(settings))
     film = None if gif is None else (_filmed(gif, jobs), gif.path)
     writable(settings, FILES)
     if gif is not None and gif.path.resolve() in [(Path(settings.output) / name).resolve() for name in FILES]:
         raise checks.refuse("--gif PATH", str(gif.path), "a name that no other file of the report has")
-    return Evaluation(settings, tasks, scenery, jobs, study, film)
+    return Evaluation(settings, tasks, scenery, jobs, study, load, film)
 
 
 def _filmed(gif: Gif, jobs: dict[Trial, Job]) -> Trial:

@@ -15,11 +15,13 @@ from agents.evaluation import animation, machine, words
 from agents.evaluation.entries import laid_over
 from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film, Rollout
 from agents.evaluation.pages import data_address, render
-from agents.evaluation.quantities import BY_NAME, QUANTITIES
+from agents.evaluation.quantities import BY_NAME, QUANTITIES, RATES
 from agents.evaluation.records import Row, Trial
 from agents.evaluation.report import cost_figure, plots_of_episodes
+from agents.evaluation.report.load import Load
+from agents.evaluation.report.load import draw as draw_load
 from agents.evaluation.report.results import Results
-from agents.evaluation.report.texts_of_results import kind_of
+from agents.evaluation.report.texts_of_results import LOAD_HEADS, kind_of, load_cells
 from agents.evaluation.statistics import PairedComparison
 from agents.evaluation.tables import WORTH_SHOWING, number, plain, seeds_text, signed, thousands
 from agents.workers import side_by_side, usable
@@ -46,6 +48,17 @@ TABLES = (
         ("time_to_goal_median_s", "path_error_median_m", "heading_error_median_rad", "fallen", "steps_per_second"),
     ),
     (
+        "Several parts with goals of their own",
+        "patterns",
+        ("time_to_goal_median_s", "time_over_bound_median", "collisions_mean", "pattern_error_median_m", "coverage_median",
+         "position_error_median_m", "fallen"),
+    ),
+    (
+        "Parts that come and go, parts a minute",
+        "flows",
+        ("rate_over_bound_mean", *(f"{name}_mean" for name in RATES), "transit_mean_s", "on_table_mean"),
+    ),
+    (
         "Several parts",
         "together",
         ("time_to_goal_median_s", "throughput_median_parts_per_s", "parts_done_mean", "collisions_mean",
@@ -67,8 +80,9 @@ def page(results: Results, quiet: bool = False) -> str:
     """The whole page as HTML."""
     settings, surface, infos = results.settings, results.surface, results.tasks
     goals = [task for task, info in infos.items() if info.has_goal]
-    together = [task for task in infos if task not in goals]
-    sections, examples = _drawn(results, (goals, together), quiet)
+    flows = [task for task, info in infos.items() if info.flows]
+    together = [task for task in infos if task not in goals and task not in flows]
+    sections, examples = _drawn(results, (goals, together, flows), quiet)
     tasks = {
         task: {
             "name": task,
@@ -83,6 +97,7 @@ def page(results: Results, quiet: bool = False) -> str:
     tables = [
         {
             "title": title,
+            "success": kind != "flows",
             "columns": {name: HEADS.get(name) or BY_NAME[name].label.capitalize() for name in columns},
             "tasks": [tasks[task] for task in names],
         }
@@ -97,6 +112,8 @@ def page(results: Results, quiet: bool = False) -> str:
         loads=words.loads({task: (info, results.episodes(task)) for task, info in infos.items()}),
         goals=goals,
         together=together,
+        flows=flows,
+        load=None if results.load is None else _load(results.load),
         following=any(info.goal_moves for info in infos.values()),
         several=any(len(info.parts) > 1 for info in infos.values()),
         confidence=f"{100 * settings.confidence:g} %",
@@ -163,6 +180,7 @@ def _card(results: Results, row: Row) -> dict[str, Any]:
                 for each in QUANTITIES
                 if each.median
             },
+            **{each.name: (each.text(row), None) for each in QUANTITIES if not each.median and hasattr(row, each.name)},
             "collisions_mean": (number(row.collisions_mean, 1), _millimetres(row.clearance_median_m)),
             "parts_done_mean": (number(row.parts_done_mean, 2), f"of {len(info.parts)}"),
             "fallen": (str(row.fallen), None),
@@ -172,6 +190,7 @@ def _card(results: Results, row: Row) -> dict[str, Any]:
         f"environment {thousands(row.environment_steps_per_second)}",
         "seed": film.seed,
         "outcome": _outcome(film, info),
+        "headline": f"{number(row.good_per_minute_mean, 1)} a minute" if info.flows else f"{row.percent} %",
     }
 
 
@@ -191,7 +210,9 @@ def _outcome(film: Film, info: TaskInfo) -> str:
         verb = ("reaches", "does not reach") if len(info.parts) == 1 else ("reach", "do not all reach")
         part, goal = ("part", "goal") if len(info.parts) == 1 else ("parts", "goals")
         return f"the {part} {verb[0] if film.success else verb[1]} the {goal}"
-    parts = int(film.present.sum())
+    if info.flows:
+        return f"{info.step_limit} steps of {len(info.parts)} parts that come and go"
+    parts = int(film.present[0].sum())
     return f"all {parts} parts are done" if film.success else f"{film.done:.0f} of {parts} parts are done at the end"
 
 
@@ -203,6 +224,8 @@ def _millimetres(value: float) -> str:
 def best_policy(results: Results, task: str, hardware: str) -> str:
     """The policy with the most successes on a task and hardware; of equal ones the fastest to the goal."""
     rows = [row for row in results.rows if (row.task, row.hardware) == (task, hardware)]
+    if results.tasks[task].flows:
+        return max(rows, key=lambda row: row.good_per_minute_mean).policy
     return min(rows, key=lambda row: (-row.successes, np.nan_to_num(row.time_to_goal_median_s, nan=np.inf))).policy
 
 
@@ -210,6 +233,8 @@ def against_best(results: Results) -> list[PairedComparison]:
     """Comparisons of the best policy on every task and hardware with each other one, the best one first."""
     found = []
     for each in results.comparisons:
+        if results.tasks[each.task].flows:  # they know no success
+            continue
         best = best_policy(results, each.task, each.hardware)
         if best == each.first:
             found.append(each)
@@ -241,6 +266,18 @@ def _effects(results: Results) -> dict[str, Any]:
             for case, cells in effects.rows()
         ],
         "own": [{"names": words.joined(names), "words": said} for said, names in own.items()],
+    }
+
+
+def _load(load: Load) -> dict[str, Any]:
+    """The section on parts a minute against the number of parts."""
+    rows = [{"row": row, "cells": load_cells(row)} for row in load.rows]
+    return {
+        "task": load.task,
+        "episodes": load.episodes,
+        "plot": data_address(draw_load(load)),
+        "rows": rows,
+        "heads": LOAD_HEADS,
     }
 
 
@@ -277,7 +314,7 @@ def _example(results: Results, tasks: Sequence[str]) -> str:
             film, radius = results.rollouts[trial].film, results.tasks[row.task].parts[0].radius
             # Half way there: the lines behind the parts show, and the goals are still free, if the task moves them at all.
             way = (film.poses - film.poses[0])[..., :2]
-            travelled = np.hypot(way[..., 0], way[..., 1])[:, film.present].sum(axis=1)
+            travelled = np.where(film.present & film.present[0], np.hypot(way[..., 0], way[..., 1]), 0.0).sum(axis=1)
             frames[trial] = frame = int((travelled >= 0.5 * travelled.max()).argmax())
             moved = bool(travelled[frame] > radius)
             variety[trial] = (moved, float(film.phasors[frame].var(axis=(0, 1)).sum()))

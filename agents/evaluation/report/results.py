@@ -7,8 +7,10 @@ from typing import Any
 
 from agents.evaluation.cost import Cost
 from agents.evaluation.log import Rollout
+from agents.evaluation.quantities import RATES
 from agents.evaluation.records import Row, Trial, spread, successes
 from agents.evaluation.report.effects import Effects
+from agents.evaluation.report.load import Load
 from agents.evaluation.settings import EvaluationSettings
 from agents.evaluation.statistics import PairedComparison, quartiles
 from vibgym.policies.task_info import TaskInfo
@@ -30,6 +32,7 @@ class Results:
     provenance: dict[str, Any]
     cost: Cost | None = None
     effects: Effects | None = None
+    load: Load | None = None
 
     @property
     def surface(self) -> Surface:
@@ -82,4 +85,12 @@ def row_of(trial: Trial, rollout: Rollout, level: float, resamples: int) -> Row:
         collisions_mean=float(rollout.collisions.mean()),  # pairs newly in touch in an episode
         clearance_median_m=quartiles(rollout.clearance).median,  # smallest distance between parts in an episode
         parts_done_mean=float(rollout.parts_done.mean()),
+        rate_over_bound_mean=float(rollout.rate_over_bound.mean()),
+        **{
+            f"{name}_mean": float(rollout.fact(name).mean()) for name in RATES
+        },  # parts a minute, where they come and go
+        transit_mean_s=float(rollout.fact("transit").mean()),
+        on_table_mean=float(rollout.fact("on_table").mean()),
+        **spread("pattern_error", rollout.fact("pattern_error"), "_m"),
+        **spread("coverage", rollout.fact("coverage")),
     )

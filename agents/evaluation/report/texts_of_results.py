@@ -6,9 +6,10 @@ from dataclasses import asdict
 from typing import Any
 
 from agents.evaluation import texts
-from agents.evaluation.quantities import BY_NAME
+from agents.evaluation.quantities import BY_NAME, RATES
 from agents.evaluation.records import ALL, Row, episodes_of
 from agents.evaluation.report.effects import Effects
+from agents.evaluation.report.load import Load
 from agents.evaluation.report.results import Results
 from agents.evaluation.tables import markdown, number, quantity
 from vibgym.policies.task_info import TaskInfo
@@ -19,6 +20,7 @@ def json_text(results: Results) -> str:
     more = {
         "comparisons": [asdict(each) for each in results.comparisons],
         **({} if results.effects is None else {"effects": results.effects.as_values()}),
+        **({} if results.load is None else {"load": results.load.as_values()}),
         **({} if results.cost is None else {"cost_per_period": results.cost.as_values()}),
         "episodes": all_episodes(results),
     }
@@ -39,7 +41,7 @@ def summary_table(results: Results) -> str:
     """
     several = len(results.hardware) > 1
     level = f"{100 * results.settings.confidence:g} % interval"
-    head = ("task", *(["hardware"] if several else []), "policy", "success", level, "time to goal")
+    head, succeed = ("task", *(["hardware"] if several else []), "policy"), ("success", level, "time to goal")
     tables = []
     for kind, more in ENDS.items():
         lines = [
@@ -47,20 +49,26 @@ def summary_table(results: Results) -> str:
                 row.task,
                 *([row.hardware] if several else []),
                 row.policy,
-                f"{row.percent} %",
-                f"{row.percent_between()} %",
-                BY_NAME["time_to_goal_median_s"].text(row),
+                *([] if kind == "flows" else _success(row)),
                 *(_ending(name, row) for name in more),
-                str(row.fallen),
+                *([] if kind == "flows" else [str(row.fallen)]),
             ]
             for row in results.rows
             if kind_of(results.tasks[row.task]) == kind
         ]
         if lines:
-            tables.append(markdown((*head, *(BY_NAME[name].label for name in more), "fallen"), lines))
+            first, last = ((), ()) if kind == "flows" else (succeed, ("fallen",))
+            tables.append(markdown((*head, *first, *(BY_NAME[name].label for name in more), *last), lines))
     if results.effects is not None:
         tables.append(effects_table(results.effects))
+    if results.load is not None:
+        tables.append(load_table(results.load))
     return "\n\n".join(tables)
+
+
+def _success(row: Row) -> list[str]:
+    """How often, and how fast."""
+    return [f"{row.percent} %", f"{row.percent_between()} %", BY_NAME["time_to_goal_median_s"].text(row)]
 
 
 def effects_table(effects: Effects) -> str:
@@ -69,18 +77,41 @@ def effects_table(effects: Effects) -> str:
     return markdown((f"{effects.task}: effect", *effects.policies), lines)
 
 
+def load_table(load: Load) -> str:
+    """Parts a minute of every policy with every number of parts, in Markdown."""
+    lines = ([str(row.parts), row.policy, *load_cells(row)] for row in load.rows)
+    return markdown((f"{load.task}: parts", "policy", *LOAD_HEADS), lines)
+
+
+LOAD_HEADS = ("good", *list(RATES.values())[1:], "bound", "transit", "on the table")
+"""Heads of :func:`load_cells`."""
+
+
+def load_cells(row: Row) -> list[str]:
+    """What is told of a policy with some number of parts."""
+    rates = [number(getattr(row, event), 1) for event in RATES.values()]
+    return [*rates, number(row.bound, 0), quantity(row.transit_s, 1.0, 2, "s"), number(row.on_table, 1)]
+
+
 def _cell(cell: Row) -> str:
     time = f" ({quantity(cell.time_to_goal_median_s, 1.0, 2, 's')})" if cell.successes else ""
     return f"{cell.percent} %{time}"
 
 
 def kind_of(task: TaskInfo) -> str:
-    """Which of the tables a task belongs in: goals that stay, paths, or parts that are done together."""
-    return "together" if not task.has_goal else "paths" if task.goal_moves else "goals"
+    """Which of the tables a task belongs in: parts that come and go, goals of one part or of several, paths, or parts that
+    are done together."""
+    if task.flows:
+        return "flows"
+    if not task.has_goal:
+        return "together"
+    return "paths" if task.goal_moves else "goals" if len(task.parts) == 1 else "patterns"
 
 
 ENDS = {
     "goals": ("time_over_bound_median", "position_error_median_m", "heading_error_median_rad"),
+    "patterns": ("time_over_bound_median", "collisions_mean", "pattern_error_median_m", "coverage_median"),
+    "flows": ("rate_over_bound_mean", *(f"{name}_mean" for name in RATES), "transit_mean_s", "on_table_mean"),
     "paths": ("path_error_median_m", "heading_error_median_rad"),
     "together": ("throughput_median_parts_per_s", "collisions_mean", "path_efficiency_median"),
 }

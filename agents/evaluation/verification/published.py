@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.settings import EvaluationSettings, settings_from
-from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, EpisodeTable, Place, place_of
+from agents.evaluation.verification.published_figures import (
+    COLUMNS,
+    EFFECTS,
+    OPTIONAL,
+    REPORT,
+    EpisodeTable,
+    Place,
+    place_of,
+)
 from agents.provenance import digest
 from vibgym import checks
 from vibgym.files import reason
@@ -125,7 +133,7 @@ def _rows(path: Path, text: str, numbers: tuple[str, ...]) -> list[dict[str, Any
     wanted = (*Place._fields, *numbers)
     rows: list[dict[str, Any]] = []
     try:
-        missing = [name for name in wanted if name not in (reader.fieldnames or ())]
+        missing = [name for name in wanted if name not in (*(reader.fieldnames or ()), *OPTIONAL)]
         if missing:
             raise checks.refuse(f"{path}: columns", reader.fieldnames, f"also {', '.join(missing)}")
         for row in reader:
@@ -136,7 +144,7 @@ def _rows(path: Path, text: str, numbers: tuple[str, ...]) -> list[dict[str, Any
             found: dict[str, Any] = {**row, "place": place_of(row)}
             for name in numbers:
                 try:
-                    found[name] = float(row[name]) if row[name] else float("nan")
+                    found[name] = float(row[name]) if row.get(name) else float("nan")
                 except ValueError:
                     raise checks.refuse(f"{field}: {name}", row[name], "a number, or nothing") from None
             rows.append(found)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.evaluation.quantities import QUANTITIES
+from agents.evaluation.records import OWN
 
 REPORT, EFFECTS = "report", "effects"
 """The two studies of an evaluation: every policy on all hardware, and single effects of it."""
@@ -31,6 +32,9 @@ def place_of(row: Mapping[str, Any]) -> Place:
     return Place(*(row[name].removeprefix("'") for name in Place._fields))
 
 
+OPTIONAL = ("rate_over_bound", *OWN)
+"""Columns that results of former versions do not have."""
+
 COLUMNS = (
     "success",
     "fallen",
@@ -43,6 +47,7 @@ COLUMNS = (
     "throughput_parts_per_s",
     "collisions",
     "path_efficiency",
+    *OPTIONAL,
 )
 """What is kept of an episode beside its seed: those columns of an evaluation's episodes that figures come from."""
 

@@ -35,6 +35,9 @@ TURN = math.radians(30.0)
 THERE = 0.002
 """m from its place in the pattern drawn apart within which a part is there."""
 
+EXCHANGED = 0.005
+"""m, that a goal has moved by where parts have exchanged theirs."""
+
 SPIN = 4.0
 """rad/s, by which parts are expected to turn at least."""
 
@@ -43,6 +46,7 @@ class Memory(NamedTuple):
     """What is handed on from step to step."""
 
     plan: planner.Memory
+    goal: np.ndarray  # (batch, parts, 2) m
     apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart, minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
     closing: np.ndarray  # (batch,) bool, in the second phase
@@ -92,7 +96,8 @@ class TwoPhasesPolicy(PlannerPolicy):
         """Memory at the very start, before anything has been seen."""
         parts = len(self.info.parts)
         apart, goals = np.zeros((batch, parts, 2)), np.full((batch, parts, parts), np.inf)
-        return Memory(super().initial(batch), apart, goals, np.zeros(batch, dtype=bool), np.zeros(batch))
+        nowhere, closing = np.zeros((batch, parts, 2)), np.zeros(batch, dtype=bool)
+        return Memory(super().initial(batch), nowhere, apart, goals, closing, np.zeros(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -103,8 +108,10 @@ class TwoPhasesPolicy(PlannerPolicy):
         plan = memory.plan
         measured = self.expected(measured, plan.steering)
         goal = measured.centre + measured.way
-        for world in np.flatnonzero(new).tolist():
+        moved = measured.present & (np.hypot(*np.moveaxis(goal - memory.goal, -1, 0)) > EXCHANGED)
+        for world in np.flatnonzero(new | moved.any(axis=1)).tolist():
             self.begin_world(world, measured, goal, memory)
+        memory.goal[...] = goal
         self.switch(measured, goal, memory)
         closing = memory.closing[:, None, None]
         plan = plan._replace(target=np.where(closing, goal, goal + memory.apart))

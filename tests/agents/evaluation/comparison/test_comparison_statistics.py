@@ -13,6 +13,7 @@ from agents.evaluation.comparison.profiles import profile
 from agents.evaluation.comparison.sample import Sample
 from agents.evaluation.resampling import drawn, interval_of, iqm, iqm_of, mean_of, mean_where, weights
 from agents.evaluation.statistics import success_interval
+from vibgym.policies.rollout import OWN_FACTS
 
 LEVEL, POWER, DRAWS = 0.95, 0.8, 2000
 
@@ -29,7 +30,8 @@ def sample(time, limit=10.0, bound=1.0, first_seed=0):
         steps=time,
         success=np.isfinite(time),
         **dict.fromkeys(("fallen", "diverged"), no),
-        **dict.fromkeys(("returns", "position_error", "heading_error", "path_error", "collisions"), none),
+        **dict.fromkeys(("returns", "position_error", "heading_error", "path_error", "collisions", "rate_bound"), none),
+            facts=np.full((runs, episodes, len(OWN_FACTS)), np.nan),
         bound=np.full((runs, episodes), bound),
         limit=limit,
     )

@@ -1,0 +1,141 @@
+"""Bounds of several parts, of parts that are pushed, and of parts that come and go: closed forms, and play within them."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from tests.policies.helpers import ALUMINIUM, FRESH, STEEL, SURFACE
+from vibgym import Part
+from vibgym.bounds import FlowBound, PushBound, SeveralBound, TimeBound
+from vibgym.bounds.flow import _fitting
+from vibgym.bounds.moving import moves
+from vibgym.bounds.pushing import MARGIN, most_power
+from vibgym.bounds.several import bottleneck
+from vibgym.bounds.tables import FREE_END, Hold, fewest_periods, way_reach
+from vibgym.policies.measures import Measures
+from vibgym.policies.rollout import rollout
+
+MOST = SURFACE.full_scale / SURFACE.angular_frequency**2
+ASKED = {"position_tolerance": 0.002, "heading_tolerance": math.radians(3.0), "heading_period": math.pi}
+DISC = Part.disc(0.015, friction=0.58)
+
+
+@pytest.fixture(scope="module")
+def bounds():
+    return [TimeBound(SURFACE, part, **ASKED) for part in (ALUMINIUM, STEEL, ALUMINIUM)]
+
+
+def poses(seed, worlds=6, parts=3):
+    random = np.random.default_rng(seed)
+    return random.uniform([0.05, 0.05, -3.0], [0.75, 0.15, 3.0], (worlds, parts, 3))
+
+
+def test_the_slowest_part_alone_counts_of_those_that_are_there(bounds):
+    start, goal, several = poses(0), poses(1), SeveralBound(bounds)
+    each = np.stack([bound.steps(start[:, k], goal[:, k]) for k, bound in enumerate(bounds)], axis=1)
+    np.testing.assert_array_equal(several.steps(start, goal), each.max(axis=1))
+    some = np.array([True, False, True])
+    np.testing.assert_array_equal(several.steps(start, goal, np.tile(some, (6, 1))), each[:, some].max(axis=1))
+    assert (several.steps(start, goal, np.zeros((6, 3), dtype=bool)) == 10).all()  # the hold's
+    assert several.seconds(start, goal) == pytest.approx(0.04 * each.max(axis=1))
+
+
+def test_the_bottleneck_is_the_best_of_all_assignments():
+    random = np.random.default_rng(2)
+    for size in (1, 2, 4, 5):
+        for _ in range(20):
+            cost = random.integers(0, 9, (size, size))
+            every = (max(cost[k, c] for k, c in enumerate(order)) for order in itertools.permutations(range(size)))
+            assert bottleneck(cost) == min(every)
+
+
+def test_free_goals_take_no_longer_and_stay_within_their_group(bounds):
+    start, goal, several = poses(3), poses(4), SeveralBound(bounds)
+    own, free = several.steps(start, goal), several.free_steps(start, goal, [0, 1, 0])
+    swapped = several.steps(start, goal[:, [2, 1, 0]])
+    np.testing.assert_array_equal(free, np.minimum(own, swapped))
+    np.testing.assert_array_equal(several.free_steps(start, goal, [0, 1, 2]), own)
+
+
+def test_power_is_what_a_part_gains_in_a_period():
+    # Independent: what a part that is let go gains within one period at its best phase, over directions of its way.
+    steps, at = 24, math.pi / 24 * np.arange(49)
+    phases = SURFACE.full_scale * np.exp(2j * np.pi * np.arange(96) / 96)
+    phasor, idle = np.column_stack([phases.real, phases.imag]), SURFACE.idle_velocity(0.58)
+    gains = []
+    for direction in 2.0 * math.pi * np.arange(8) / 8:
+        velocity = np.linspace(0.0, 0.4, 41)[:, None] * [math.cos(direction), math.sin(direction)]
+        way, after = np.empty((2, 41, 96, 2))
+        drive = 0.58, SURFACE.gravity, SURFACE.table_speed, SURFACE.period
+        moves(*drive, np.cos(at), np.sin(at), velocity + idle, phasor, way, after)
+        gained = ((after - idle) ** 2).sum(axis=-1) - (velocity**2).sum(axis=-1)[:, None]
+        gains.append(gained.max() / (2.0 * SURFACE.period))
+    power = most_power(SURFACE, 0.58, MOST)
+    assert steps == 24 and np.mean(gains) == pytest.approx(power, rel=0.02)
+    assert max(gains) <= (1.0 + MARGIN) * power
+
+
+def test_pushing_is_bounded_by_energy():
+    bound = PushBound(SURFACE, ALUMINIUM, [DISC, DISC], **ASKED)
+    speed = bound.top_speed
+    drag = ALUMINIUM.friction * SURFACE.gravity / (2.0 * SURFACE.table_speed)
+    power = 2.0 * DISC.mass * (1.0 + MARGIN) * most_power(SURFACE, DISC.friction, MOST)
+    assert drag * ALUMINIUM.mass * speed**2 == pytest.approx(power)  # what friction takes at this speed
+    start, touching = np.zeros((1, 3)), np.zeros((1, 2))
+    far = start + [[0.002 + 1.0, 0.0, 0.0]]
+    assert bound.steps(start, far, touching)[0] == math.ceil(1.0 / speed / 0.04) + 9
+    turned = start + [[0.0, 0.0, 1.0 + math.radians(3.0)]]
+    assert bound.steps(start, turned, touching)[0] == math.ceil(math.sqrt(ALUMINIUM.gyration) / speed / 0.04) + 9
+    assert bound.steps(start, far, touching + 0.1)[0] > bound.steps(start, far, touching)[0]
+    assert bound.steps(start, start, touching + 0.1)[0] == 10
+
+
+def flow(parts=4, **settings):
+    given = {"kind": [0, 1] * (parts // 2), "way": [0.7] * parts, "headway": 7, "periods": 1200, **settings}
+    return FlowBound(SURFACE, [STEEL, ALUMINIUM] * (parts // 2), **given)
+
+
+def test_slots_and_gates_have_so_much_time():
+    assert [_fitting(n, 7) for n in (0, 1, 7, 8, 14, 15)] == [0, 1, 1, 2, 2, 3]
+    transits = [
+        int(fewest_periods(way_reach(SURFACE, part.friction, MOST, FREE_END, Hold(1, 1)), np.array([0.7]))[0])
+        for part in (STEEL, ALUMINIUM)
+    ]
+    assert 0.7 / 0.31 < 0.04 * min(transits) < 0.7 / 0.29
+    passes = [1 + 1199 // (each + 1) for each in transits]
+    assert flow().most == 2 * sum(passes) and flow(8).most == 4 * sum(passes)
+    assert flow().per_minute == pytest.approx(60.0 * flow().most / 48.0)
+    assert flow(100).most == 2 * (1 + 1199 // 7)  # the gates'
+    assert flow(amplitude=0.5 * MOST).most < flow().most and math.isnan(flow(periods=0).per_minute)
+
+
+@pytest.mark.parametrize(("task", "policy"), [("Feed", "lanes"), ("Feed", "random"), ("FeedHeaps", "lanes")])
+def test_nobody_lets_more_pass(task, policy):
+    found = rollout(policy, task, seeds=range(FRESH, FRESH + 2), keep=Measures, max_episode_steps=700)
+    assert np.isfinite(found.rate_bound).all() and (found.rate_over_bound <= 1.0).all()
+    assert np.isnan(found.bound).all()
+
+
+def test_nobody_is_faster():
+    found = rollout("two_phases", "Pack", seeds=range(FRESH, FRESH + 8), keep=Measures)
+    assert found.success.any() and (found.time_over_bound[found.success] >= 1.0).all()
+    assert np.isnan(found.rate_bound).all()
+
+
+@pytest.mark.parametrize(("make", "named"), [
+    (lambda: SeveralBound([]), "bounds"),
+    (lambda: SeveralBound([TimeBound(SURFACE, STEEL, **ASKED), 3]), "bounds\\[1\\]"),
+    (lambda: PushBound(SURFACE, STEEL, [], **ASKED), "pushers"),
+    (lambda: PushBound(SURFACE, Part.disc(0.02, friction=0.0), [DISC], **ASKED), "part"),
+    (lambda: flow(headway=-1), "headway"),
+    (lambda: flow(way=[0.1]), None),
+    (lambda: flow(kind=[0, 1]), "kind"),
+])  # fmt: skip
+def test_bad_arguments(make, named):
+    if named is None:
+        assert make().most > flow().most  # one way stands for all
+        return
+    with pytest.raises(ValueError, match=named):
+        make()

@@ -1,0 +1,189 @@
+"""Model-predictive control by sampling: plans are tried in a simulation, and those parts of them count that earn most.
+
+It is model-predictive path integral control (Williams et al., "Information theoretic MPC for model-based reinforcement
+learning", ICRA 2017): a plan is a sequence of actions, samples are the plan and some noise, and the new plan is their mean,
+weighted by the exponential of what they earn. What is new here is credit for each part: rewards come part by part, and so do
+the weights, so that sixteen parts need no more samples than one. The best of all that has been tried as a whole is done.
+
+The plan may be that of another policy, the base, and the samples then are changes of what that would do.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.envs.actions import ACTIONS
+from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.protocol import Policy
+from vibgym.policies.search.model import Model, measured_rows, rows_of
+from vibgym.policies.task_info import TaskInfo
+
+WIDTHS = (1.0, 0.3, 0.1)
+"""Of the noise in turn, as shares of ``noise``: far from the goal much is worth trying, at the goal little."""
+
+KNOTS = 12  # steps from one drawn number of a plan to the next, straight lines between them
+COLDNESS = 10.0  # of the weights: e-folds from the mean to the best sample
+MODEL_WORLDS = 256  # at most, side by side
+
+
+class Plan(NamedTuple):
+    """What is handed on from step to step."""
+
+    change: np.ndarray  # (batch, horizon, size) of the base's actions, or of none
+    drift: np.ndarray  # (batch, 2, parts, 3), see Model.drift
+    age: np.ndarray  # (batch,) int64, steps of the episode
+
+
+class MPCPolicy:
+    """Tries plans in a simulation of its own, which goes on from the measured state, and does what has earned most.
+
+    It knows what is public of task and scene and sees observations alone, which tell the goals; rewards are the task's.
+    Plans of one world do not depend on the worlds beside it, nor on anything but ``seed`` and what was seen.
+
+    Args:
+        info: task and scene.
+        samples: plans that are tried in an iteration.
+        horizon: steps of a plan.
+        iterations: times that plans are tried, the later ones about the best of the earlier.
+        noise: standard deviation of the samples, of actions in [-1, 1].
+        action: what plans speak: any that has a share of numbers for every part. None: ``"field"``, under which parts brake by
+            themselves where nothing is asked; with a base ``"wrench"``, which most of them speak.
+        base: a policy that reads states and speaks this action, whose actions plans begin with.
+        seed: of the samples.
+
+    Raises:
+        ValueError: a bad argument, a task whose goals move, or a base that speaks another action.
+    """
+
+    observation = "state"
+
+    def __init__(
+        self,
+        info: TaskInfo,
+        *,
+        samples: int = 32,
+        horizon: int = 12,
+        iterations: int = 2,
+        noise: float = 0.5,
+        action: str | None = None,
+        base: Policy | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.samples = checks.count("samples", samples, least=4, most=100_000)
+        self.horizon = checks.count("horizon", horizon, most=10_000)
+        self.iterations = checks.count("iterations", iterations, most=1000)
+        self.noise = checks.number("noise", noise, above=0.0, most=10.0)
+        by_part = tuple(name for name, each in ACTIONS.items() if each.by_part)
+        action = action or ("field" if base is None else "wrench")
+        self.action = checks.choice("action", action, by_part)
+        self.seed = checks.count("seed", seed, least=0)
+        self.info, self.base = info, base
+        self.together = max(1, MODEL_WORLDS // self.samples)  # worlds that are planned for at a time
+        self._models: dict[int, Model] = {}
+        self.rest, self.size, self.parts = self._model(1).rest, self._model(1).core.action.size, len(info.parts)
+        if base is not None:
+            checks.choice("base.action", base.action, (self.action,))
+
+    def _model(self, worlds: int) -> Model:
+        """The simulation of so many worlds."""
+        if worlds not in self._models:
+            self._models[worlds] = Model(self.info, worlds, self.action)
+        return self._models[worlds]
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Actions from the measured poses and mean velocities; the state is a :class:`Plan` and what the base remembers."""
+        measured = Measured.of(observation, self.info)
+        batch = len(measured.centre)
+        first = Plan(np.zeros((1, self.horizon, self.size)), self.rest[None], np.zeros(1, dtype=np.int64))
+        own, based = (None, None) if state is None else state
+        plan, _ = recall(own, episode_start, first, batch)
+        told = np.zeros((batch, self.size)), None
+        if self.base is not None:
+            told = self.base.predict(np.atleast_2d(observation), based, episode_start, deterministic)
+        action, after = np.empty((batch, self.size), dtype=np.float32), plan._replace(age=plan.age + 1)
+        for low in range(0, batch, self.together):
+            some = np.arange(low, min(low + self.together, batch))
+            seen, drift = measured_rows(measured, some), plan.drift[some]
+            usual = self._usual(seen, drift, told[0][some], rows_of(told[1], some))
+            best, after.drift[some] = self._searched(seen, drift, usual, plan.change[some], plan.age[some])
+            action[some] = np.clip(usual[:, 0] + best[:, 0], -1.0, 1.0)
+            after.change[some, :-1], after.change[some, -1] = best[:, 1:], 0.0
+        return (action[0] if measured.single else action), (after, told[1])
+
+    def _usual(self, seen: Measured, drift: np.ndarray, action: np.ndarray, memory: Any) -> np.ndarray:
+        """What the base would do over the horizon (worlds, horizon, size); zeros without one."""
+        worlds = len(action)
+        result = np.zeros((worlds, self.horizon, self.size))
+        if self.base is None:
+            return result
+        model, going_on = self._model(worlds), np.zeros(worlds, dtype=bool)
+        model.begin(seen, drift)
+        for step in range(self.horizon):
+            result[:, step] = action
+            if step + 1 < self.horizon:
+                model.step(action)
+                action, memory = self.base.predict(model.observation, memory, going_on)
+        return result
+
+    def _searched(
+        self, seen: Measured, drift: np.ndarray, usual: np.ndarray, change: np.ndarray, age: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The changes (worlds, horizon, size) of what is usual that have earned most, and the drift after their first step."""
+        worlds, everyone = len(usual), np.arange(len(usual))
+        repeated = np.repeat(everyone, self.samples)
+        seen, begun = measured_rows(seen, repeated), drift[repeated]
+        best, most = change, np.full(worlds, -np.inf)
+        for iteration in range(self.iterations):
+            tried = change[:, None] + self._noise(age, iteration)
+            tried[:, 0], tried[:, 1], tried[:, 2] = 0.0, change, best
+            tried = np.clip(usual[:, None] + tried, -1.0, 1.0) - usual[:, None]
+            actions = (usual[:, None] + tried).reshape(-1, self.horizon, self.size)
+            earned, then = (
+                each.reshape(worlds, self.samples, *each.shape[1:]) for each in self._tried(seen, begun, actions)
+            )
+            whole = earned.sum(axis=2)
+            first = whole.argmax(axis=1)
+            better = whole[everyone, first] > most
+            most = np.where(better, whole[everyone, first], most)
+            best = np.where(better[:, None, None], tried[everyone, first], best)
+            drift = np.where(better[:, None, None, None], then[everyone, first], drift)
+            weight = _weights(earned)
+            each = tried.reshape(*tried.shape[:3], self.parts, -1)
+            change = np.einsum("wsp,wstpn->wtpn", weight, each).reshape(change.shape)
+        return best, drift
+
+    def _tried(self, seen: Measured, drift: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What every part earns in every world of the model, (worlds, parts), and the drift after the first step."""
+        model = self._model(len(actions))
+        model.begin(seen, drift)
+        earned = model.step(actions[:, 0])
+        after = model.drift()
+        for step in range(1, self.horizon):
+            earned += model.step(actions[:, step])
+        return earned, after
+
+    def _noise(self, age: np.ndarray, iteration: int) -> np.ndarray:
+        """(worlds, samples, horizon, size): normal numbers at knots, straight lines between, in several widths."""
+        knots = -(-self.horizon // KNOTS) + 1
+        at = np.arange(self.horizon) / KNOTS
+        low, part = at.astype(int), (at % 1.0)[:, None]
+        width = self.noise * np.resize(WIDTHS, self.samples)[:, None, None]
+        result = np.empty((len(age), self.samples, self.horizon, self.size))
+        for world, steps in enumerate(age.tolist()):
+            drawn = np.random.default_rng([self.seed, steps, iteration]).standard_normal(
+                (self.samples, knots, self.size)
+            )
+            result[world] = width * ((1.0 - part) * drawn[:, low] + part * drawn[:, low + 1])
+        return result
+
+
+def _weights(earned: np.ndarray) -> np.ndarray:
+    """Weights of the samples (worlds, samples, parts), part by part, by what they earned."""
+    best, mean = earned.max(axis=1, keepdims=True), earned.mean(axis=1, keepdims=True)
+    weight = np.exp(COLDNESS * (earned - best) / np.maximum(best - mean, 1e-9))
+    return weight / weight.sum(axis=1, keepdims=True)
