@@ -53,6 +53,7 @@ class PartSettings(Settings):
     name: str | None = None
     restitution: float | None = None
     contact_friction: float | None = None
+    coupling: float | None = None
 
 
 SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon": ("vertices",)}

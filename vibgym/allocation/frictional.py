@@ -66,8 +66,8 @@ class Numbers(NamedTuple):
     second: np.ndarray  # (parts,) k = mu / (w V), s^2/m
     gravity: float
     speed: float  # V, m/s
-    full: float  # a_v w^2 at the surface's largest amplitude, m/s^2
-    limit: float  # largest push, m/s^2
+    full: np.ndarray  # (parts,) a_v w^2 at the surface's largest amplitude, as it reaches the part, m/s^2
+    limit: np.ndarray  # (parts,) largest push, m/s^2
     ahead: float  # s, after which the velocity counts
 
 
@@ -183,7 +183,7 @@ def clear_of_sticking(numbers, k, length, p, q):
 @borrowing
 def forward_part(numbers, k, velocity, push, scratch, acceleration):
     """Mean acceleration (3,) of part ``k`` under a push (3,) over full amplitude, overwritten; returns whether it holds."""
-    c, full = scratch.values, numbers.full
+    c, full = scratch.values, numbers.full[k]
     friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
     interpolate(numbers.table, 1.0 / COUPLING_STEP, length / numbers.speed, scratch)
@@ -199,7 +199,7 @@ def forward_part(numbers, k, velocity, push, scratch, acceleration):
 @borrowing
 def invert_part(numbers, k, velocity, wanted, scratch, push, acceleration):
     """Push (3,) over full amplitude of part ``k`` for a wanted mean acceleration and what it does, see forward_part()."""
-    c, limit, gravity, full = scratch.values, numbers.limit, numbers.gravity, numbers.full
+    c, limit, gravity, full = scratch.values, numbers.limit[k], numbers.gravity, numbers.full[k]
     mu, second = numbers.friction[k], numbers.second[k]
     friction, turning = spun(numbers, k, velocity[2], scratch)
     length, cosine, sine = direction(velocity[0], velocity[1])
@@ -314,6 +314,8 @@ class FrictionalInverse:
         self.limit = largest if limit is None else min(limit, largest)
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         friction = np.array([part.friction for part in self.parts])
+        # Of parts that no element moves nobody asks for a push: what would come of one is not told.
+        share = np.array([part.coupling or 1.0 for part in self.parts])
         self._numbers = Numbers(
             coefficients(),
             friction,
@@ -322,8 +324,8 @@ class FrictionalInverse:
             friction / (surface.angular_frequency * surface.table_speed),
             surface.gravity,
             surface.table_speed,
-            surface.full_scale,
-            self.limit * surface.angular_frequency**2,
+            share * surface.full_scale,
+            share * (self.limit * surface.angular_frequency**2),
             checks.number("ahead", ahead, least=0.0, most=surface.period),
         )
 

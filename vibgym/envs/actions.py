@@ -315,7 +315,7 @@ class Wrench(Action):
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)
         self.shape = (len(self.parts), 3)
-        push = 0.5 * np.array([part.friction for part in self.parts]) * self.full_scale
+        push = 0.5 * np.array([part.coupling * part.friction for part in self.parts]) * self.full_scale
         gyration = np.sqrt([part.gyration for part in self.parts])
         self.scale = np.stack([push, push, push / gyration], axis=-1)
 

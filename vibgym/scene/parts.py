@@ -25,6 +25,7 @@ DEFAULTS: dict[str, Any] = {
     "mass": None,
     "restitution": 0.2,
     "contact_friction": 0.3,
+    "coupling": 1.0,
 }
 """Properties of a part besides outline and friction."""
 
@@ -53,6 +54,8 @@ class Part:
         height: m.  mass: kg (of steel, if not given; sliding does not depend on it).
         restitution, contact_friction: of contacts with other parts and walls; the energetic coefficient of restitution
             (:mod:`vibgym.physics.collision.impact`).
+        coupling: share of the elements' vertical motion that reaches the part, 0 to 1: a soft foot takes the rest. With 0 it
+            presses evenly, whatever the elements do: friction brakes it, and nothing but other parts can move it.
     """
 
     outline: np.ndarray
@@ -67,6 +70,7 @@ class Part:
     name: str
     restitution: float
     contact_friction: float
+    coupling: float = 1.0
 
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
@@ -93,7 +97,7 @@ class Part:
             friction: coefficient of sliding friction, >= 0.
             **properties: ``static_friction`` (default: equal to ``friction``), ``height`` (m, default 10 mm), ``mass``
                 (kg, default: of steel), ``name``, ``restitution`` (0 to 1, default 0.2), ``contact_friction``
-                (default 0.3).
+                (default 0.3), ``coupling`` (0 to 1, default 1).
 
         Raises:
             ValueError: an outline that crosses itself, or a value out of its range.
@@ -107,7 +111,7 @@ class Part:
     def _build(cls, shape: _Shape, friction: float, properties: dict[str, Any]) -> Part:
         unknown = [name for name in properties if name not in DEFAULTS]
         if unknown:
-            allowed = "static_friction, height, mass, name, restitution, contact_friction"
+            allowed = "static_friction, height, mass, name, restitution, contact_friction, coupling"
             raise checks.refuse("part", sorted(unknown), f"properties among {allowed}")
         given = {**DEFAULTS, **properties}
         friction = checks.number("friction", friction, least=0.0)
@@ -128,6 +132,7 @@ class Part:
             name=given["name"],
             restitution=checks.number("restitution", given["restitution"], least=0.0, most=1.0),
             contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
+            coupling=checks.number("coupling", given["coupling"], least=0.0, most=1.0),
         )
 
     @property
@@ -153,6 +158,7 @@ class Part:
             self.static_friction,
             outlines.is_convex(outline),
             self.symmetry != 0,
+            self.coupling,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -161,7 +167,8 @@ class Part:
         if self.symmetry == 0:
             shape = {"shape": "disc", "radius": self._disc_radius()}
         names = ("friction", "static_friction", "height", "mass", "name", "restitution", "contact_friction")
-        return {**shape, **{name: getattr(self, name) for name in names}}
+        soft = {} if self.coupling == 1.0 else {"coupling": self.coupling}  # so that files of other parts stay the same
+        return {**shape, **{name: getattr(self, name) for name in names}, **soft}
 
     def _disc_radius(self) -> float:
         """The number that the disc was made from, to the last bit."""
@@ -172,7 +179,7 @@ class Part:
 
     def slides_as(self, other: Part) -> bool:
         """Whether the other part is equal to this one in all that its motion in the plane depends on, which height does not."""
-        names = ("friction", "static_friction", "mass", "restitution", "contact_friction", "symmetry")
+        names = ("friction", "static_friction", "mass", "restitution", "contact_friction", "symmetry", "coupling")
         return all(getattr(self, name) == getattr(other, name) for name in names) and np.array_equal(
             self.outline, other.outline
         )
@@ -215,6 +222,7 @@ def bodies_of(parts: Sequence[Part], element_size: float) -> Bodies:
         static_friction=np.array([body.static_friction for body in bodies]),
         convex=np.array([body.convex for body in bodies]),
         turns=np.array([body.turns for body in bodies]),
+        coupling=np.array([body.coupling for body in bodies]),
     )
 
 

@@ -44,7 +44,7 @@ class Sliding(NamedTuple):
 
 def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -> Sliding:
     """Of parts on a surface whose elements go up to a share ``strength`` of its largest amplitude."""
-    push = strength * 0.5 * np.array([part.friction for part in parts]) * surface.full_scale
+    push = strength * 0.5 * np.array([part.coupling * part.friction for part in parts]) * surface.full_scale
     return Sliding(
         strength=strength,
         push=push,

@@ -107,7 +107,8 @@ class Task(ABC):
         self.apart, self.lasts = -math.inf, 0.0
         self.slots, self.features = len(self.parts), tuple(self.FEATURES)
         self.goal_gap: float | None = None
-        self.driven, self.asked = (np.ones(len(self.parts), dtype=bool) for _ in range(2))
+        self.driven = np.array([part.coupling > 0.0 for part in self.parts])  # else no element moves it
+        self.asked = np.ones(len(self.parts), dtype=bool)
         self.hulls = hulls_of(self.parts)
         self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_own_reward)
 

@@ -60,7 +60,7 @@ def new_workspace(table: Table, body: Body) -> AveragedWorkspace:
     """Working arrays for parts like ``body``."""
     return AveragedWorkspace(
         cut=new_cut(len(body.outline), cells_across(table, body, finest_split(table, body))),
-        phasors=new_phasors(1, cells_across(table, body, 1)),
+        phasors=new_phasors(1, cells_across(table, body, 1), body.coupling),
         moments=np.zeros((6, 3)),
         before=np.zeros((6, 3)),
         shift=np.zeros(6),

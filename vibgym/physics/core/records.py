@@ -38,6 +38,7 @@ class Body(NamedTuple):
     static_friction: float
     convex: bool
     turns: bool  # False for a disc, whose contact area does not depend on heading
+    coupling: float = 1.0  # share of the elements' vertical motion that reaches the part
     incline_x: float = 0.0  # m/s^2, constant acceleration of what lies on the table, for that is inclined
     incline_y: float = 0.0
 
@@ -55,6 +56,7 @@ class Bodies(NamedTuple):
     static_friction: np.ndarray
     convex: np.ndarray
     turns: np.ndarray
+    coupling: np.ndarray
 
 
 @borrowing
@@ -69,6 +71,7 @@ def body_of(bodies, kind):
         static_friction=bodies.static_friction[kind],
         convex=bodies.convex[kind],
         turns=bodies.turns[kind],
+        coupling=bodies.coupling[kind],
         incline_x=0.0,
         incline_y=0.0,
     )
@@ -152,6 +155,7 @@ def under_conditions(body, state, world, part):
         static_friction=factor * body.static_friction,
         convex=body.convex,
         turns=body.turns,
+        coupling=body.coupling,
         incline_x=state.incline[world, 0],
         incline_y=state.incline[world, 1],
     )

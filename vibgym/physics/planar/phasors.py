@@ -17,15 +17,17 @@ class Phasors(NamedTuple):
     two elements under a part share one.
     """
 
+    coupling: np.ndarray  # (slots,) share of the elements' vertical motion that reaches the part
     element: np.ndarray  # (slots, size, size) which element a place holds, -1: none
     c: np.ndarray  # (slots, size, size) m/s^2
     s: np.ndarray
 
 
-def new_phasors(slots: int, across: int) -> Phasors:
+def new_phasors(slots: int, across: int, coupling: float = 1.0) -> Phasors:
     """Places for parts that extend over up to ``across`` elements along an axis."""
     size = 1 << max(across - 1, 0).bit_length()
-    return Phasors(np.full((slots, size, size), -1), np.zeros((slots, size, size)), np.zeros((slots, size, size)))
+    shape = slots, size, size
+    return Phasors(np.full(slots, coupling), np.full(shape, -1), np.zeros(shape), np.zeros(shape))
 
 
 @borrowing
@@ -39,11 +41,12 @@ def forget_phasors(phasors, slot):
 
 @borrowing
 def phasor_under(phasors, slot, drive, world, row, column):
-    """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``, under the part of a slot."""
+    """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``, as it reaches the part of a slot."""
     mask = phasors.element.shape[1] - 1
     i, j = row & mask, column & mask
     element = row << 32 | column
     if phasors.element[slot, i, j] != element:
         phasors.element[slot, i, j] = element
-        phasors.c[slot, i, j], phasors.s[slot, i, j] = element_phasor(drive, world, row, column)
+        c, s = element_phasor(drive, world, row, column)
+        phasors.c[slot, i, j], phasors.s[slot, i, j] = phasors.coupling[slot] * c, phasors.coupling[slot] * s
     return phasors.c[slot, i, j], phasors.s[slot, i, j]

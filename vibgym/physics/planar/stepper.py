@@ -107,6 +107,7 @@ def enter_part(scene, slot, world, part, away):
     if workspace.kind[slot] != kind:
         enter_shape(scene, slot, kind)
     workspace.base[g, lane] = ELSEWHERE
+    workspace.phasors.coupling[slot] = body.coupling
     forget_phasors(workspace.phasors, slot)
 
 

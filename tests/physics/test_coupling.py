@@ -1,0 +1,74 @@
+"""Parts that only a share of the elements' vertical motion reaches: as if the elements moved less, under them alone."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vibgym import Part, Simulator, Surface
+from vibgym.allocation.frictional import FrictionalInverse
+
+SURFACE = Surface()
+RNG = np.random.default_rng(5)
+AMPLITUDE = RNG.uniform(0.0, SURFACE.max_amplitude, (3, 8, 32))
+PHASE = RNG.uniform(-math.pi, math.pi, (3, 8, 32))
+POSE = np.array([[[0.2, 0.1, 0.3]], [[0.4, 0.08, 1.0]], [[0.6, 0.12, -2.0]]])
+ANGLE = [[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]]
+SHAPES = {
+    "block": lambda **own: Part.rectangle(0.050, 0.035, friction=0.58, **own),
+    "disc": lambda **own: Part.disc(0.020, friction=0.6, **own),
+    "angle": lambda **own: Part.polygon(ANGLE, friction=0.5, **own),
+    "sticking": lambda **own: Part.rectangle(0.05, 0.04, friction=1.0, static_friction=9.0, **own),
+}  # fmt: skip
+
+
+def played(part, share, model="planar", periods=20, **knobs):
+    """Poses and velocities after some periods, with the amplitudes times ``share``."""
+    sim = Simulator(SURFACE, part, worlds=3, model=model, **knobs)
+    sim.reset(POSE)
+    sim.advance(share * AMPLITUDE, PHASE, periods)
+    return np.concatenate([sim.pose, sim.velocity], axis=-1)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("coupling", [0.0, 0.25, 0.7])
+def test_a_share_of_the_motion_is_as_elements_that_move_so_much_less(shape, coupling):
+    soft, hard = SHAPES[shape](coupling=coupling), SHAPES[shape]()
+    assert played(soft, 1.0) == pytest.approx(played(hard, coupling), abs=1e-9)
+    assert coupling == 0.0 or abs(played(soft, 1.0) - played(hard, 1.0)).max() > 1e-3 or shape == "sticking"
+
+
+def test_steps_by_points_and_the_averaged_model_know_it_too():
+    soft, hard = SHAPES["block"](coupling=0.5), SHAPES["block"]()
+    assert played(soft, 1.0, pieces=3) == pytest.approx(played(hard, 0.5, pieces=3), abs=1e-9)
+    assert played(soft, 1.0, model="averaged") == pytest.approx(played(hard, 0.5, model="averaged"), abs=1e-9)
+
+
+def test_each_part_has_its_own_and_contacts_stay_the_same():
+    """Two that touch: one that the elements do not move stands in the other one's way."""
+    pusher, still = SHAPES["disc"](), SHAPES["block"](coupling=0.0, name="soft")
+    sim = Simulator(SURFACE, [pusher, still, SHAPES["block"]()], worlds=1)
+    sim.reset([[[0.2, 0.1, 0.0], [0.25, 0.1, 0.0], [0.6, 0.1, 0.0]]])
+    sim.advance(SURFACE.max_amplitude, -math.pi / 2, 12)  # everything that can goes to the right
+    moved = sim.pose[0, :, 0] - [0.2, 0.25, 0.6]
+    free = Simulator(SURFACE, SHAPES["block"](coupling=0.0), worlds=1)
+    free.reset([0.25, 0.1, 0.0])
+    free.advance(SURFACE.max_amplitude, -math.pi / 2, 12)
+    alone = free.pose[0, 0, 0] - 0.25
+    assert abs(alone) < 6e-3  # from rest, it soon slides in place
+    assert moved[1] > alone + 2e-3 and moved[0] < moved[2]  # pushed, which slows the pusher down
+
+
+def test_pushes_of_soft_parts_take_more_of_the_elements():
+    still = np.zeros((1, 1, 3))
+    wanted = np.array([[[0.5, 0.2, 0.0]]])
+    hard, soft = (FrictionalInverse(SURFACE, SHAPES["block"](coupling=c)).push(still, wanted) for c in (1.0, 0.5))
+    assert soft.push == pytest.approx(2.0 * hard.push) and soft.acceleration == pytest.approx(hard.acceleration)
+    most = FrictionalInverse(SURFACE, SHAPES["block"](coupling=0.5)).push(still, 100.0 * wanted)
+    assert np.hypot(*most.push[0, 0, :2]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("value", [-0.1, 1.1, math.nan, "soft"])
+def test_bad_couplings_are_refused(value):
+    with pytest.raises(ValueError, match="^coupling: got .*; allowed: "):
+        SHAPES["block"](coupling=value)
