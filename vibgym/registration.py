@@ -9,6 +9,19 @@ import gymnasium as gym
 BLOCKS = ["steel_block", "aluminium_block"]
 DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "disc"}
 
+PUSHER = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "pusher"}
+BAR, STEM, WIDE, LONG = 0.012, 0.012, 0.036, 0.072
+TEE = {
+    "shape": "polygon", "friction": 0.58, "coupling": 0.0, "name": "tee",
+    "vertices": [
+        [-STEM, 0.0], [STEM, 0.0], [STEM, LONG - 2 * BAR], [WIDE, LONG - 2 * BAR], [WIDE, LONG], [-WIDE, LONG],
+        [-WIDE, LONG - 2 * BAR], [-STEM, LONG - 2 * BAR],
+    ],
+}  # fmt: skip
+"""72 mm wide and long, with bar and stem of 24 mm; on a soft foot, which takes what the elements do."""
+
+PUSHING = {"task": "Push", "parts": [PUSHER, PUSHER, TEE], "walls": ["left", "right", "bottom", "top"]}
+
 ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "Transport": (250, {"task": "Transport"}),
     "Align": (250, {"task": "Align"}),
@@ -23,6 +36,8 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "PackFull": (1000, {"task": "Pack", "parts": ["aluminium_block"] * 20}),
     "Swap": (750, {"task": "Swap"}),
     "SwapCrowded": (1000, {"task": "Swap", "parts": BLOCKS * 12}),
+    "Push": (1000, {**PUSHING, "task_settings": {"near_mm": 150.0, "near_deg": 60.0}}),
+    "PushAny": (1000, PUSHING),
     "Feed": (1500, {"task": "Feed"}),
     "FeedHeaps": (1500, {"task": "Feed", "parts": BLOCKS * 9, "task_settings": {"heap": 6}}),
 }

@@ -58,6 +58,7 @@ class ImageObservation(Observation):
             if self._unwrapped:
                 level = np.rint(128.0 + relations.error[..., 2] * (127.0 / (4.0 * math.pi)))
                 shown[:] = np.clip(level, 1.0, 255.0)
+            shown[:, ~self.task.asked] = 0  # of these there is nothing to show
         rasterise(
             pose, episode.present, episode.goal, shown, self.marks,
             surface.rows, surface.columns, surface.element_size, PIXELS, image,

@@ -201,6 +201,7 @@ class Scenery:
         kinds: number of each part's kind.
         walls: borders at which a wall stands.
         zones: where the kinds shall end; empty for tasks without.
+        asked: of each part, whether it has a goal; empty: all of them.
         goal_size: numbers of a goal that count: 3 for poses, 2 for positions, 0 for tasks without.
         tolerance: m, from goals; None for tasks without.
         trail: past centres of each part that are shown.
@@ -213,6 +214,7 @@ class Scenery:
     kinds: tuple[int, ...]
     walls: tuple[str, ...] = ()
     zones: tuple[Zone, ...] = ()
+    asked: tuple[bool, ...] = ()
     goal_size: int = 0
     tolerance: float | None = None
     trail: int = TRAIL_STEPS
@@ -243,10 +245,11 @@ class Scenery:
             paths: (n, 2) of each part, m: lines along which goals move; none where they stay.
         """
         there = np.asarray(present, dtype=bool)[:, None]
+        asked = there & np.array(self.asked)[:, None] if self.asked else there
         return View(
             pose=np.where(there, pose, np.nan),
             phasors=phasors,
-            goals=np.where(there, goal[:, : self.goal_size], np.nan) if self.goal_size else None,
+            goals=np.where(asked, goal[:, : self.goal_size], np.nan) if self.goal_size else None,
             tolerance=self.tolerance,
             trails=list(np.moveaxis(np.where(there, trail[-self.trail :], np.nan), 1, 0)),
             zones=self.zones,

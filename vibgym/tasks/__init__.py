@@ -9,6 +9,7 @@ from vibgym.tasks.follow import Follow
 from vibgym.tasks.pack import Pack
 from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.push import Push
 from vibgym.tasks.reward import Step
 from vibgym.tasks.rotate import Rotate
 from vibgym.tasks.singulate import Singulate
@@ -29,6 +30,7 @@ TASKS: Registry[type[Task]] = Registry(
         "Pack": Pack,
         "Feed": Feed,
         "Swap": Swap,
+        "Push": Push,
     },
 )
 """Tasks by name; ``TASKS.register(name, cls)`` adds one of your own."""
@@ -42,6 +44,7 @@ __all__ = [
     "Pack",
     "Pattern",
     "PoseTask",
+    "Push",
     "Rotate",
     "Singulate",
     "Sort",

@@ -1,0 +1,184 @@
+"""Push: parts that the table drives push one that it does not drive to a pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from vibgym import checks
+from vibgym._numba.reference import bound
+from vibgym.physics.core.records import State
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
+from vibgym.tasks.coverage import goal_coverage
+from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.scoring import Scoring, Stage
+
+NEAR, NEAR_DEG = 0.150, 60.0
+"""m and degrees, how far goals lie from the starts at most, unless they may lie anywhere."""
+
+MARGIN = 0.025
+"""m beyond its circle that a pushed part, and its goal, keep from the borders, so that others get behind it."""
+
+CLEAR = 0.002
+"""m between the circles of parts at the start."""
+
+TRIES = 12
+"""Random places for each part that pushes; then it starts in a corner."""
+
+
+class Push(Task):
+    """Every part that the elements do not move, within 5 mm and 5 degrees of its goal for ten periods; none has fallen.
+
+    Such a part has a ``coupling`` of 0: friction brakes it, and only the others, which the elements do move, can push it. They
+    have no goals, and actions speak for them alone. By default two discs push a T of 72 mm, as in PushT (Chi et al., RSS 2023),
+    and all borders have walls. Headings count modulo a part's symmetry.
+
+    ``info`` also says ``coverage``: the share of the goals' area that the pushed parts cover.
+
+    Args:
+        surface: the table.
+        parts: one at least that is pushed (``coupling`` 0), and one that is not.
+        near, near_mm: m or mm, largest distance of a goal from its part's start; None: it may be anywhere.
+        near_deg: degrees, largest turn from there; None: any.
+        hold: see :class:`vibgym.tasks.Task`.
+
+    Raises:
+        ValueError: nobody who pushes, or nothing to push; more than one to push; a part without room on the surface.
+    """
+
+    TERMS = PoseTask.TERMS | {"time": ("time", 0.005)}  # a whole episode of it costs less than a fall
+    FACTS = (
+        "is_success",
+        "position_error",
+        "heading_error",
+        "clearance",
+        "touching",
+        "parts_done",
+        "fallen",
+        "diverged",
+    )
+    FEATURES = ("present", "kind", *PoseTask.FEATURES, "gap", "neighbour")
+    DEFAULT_PARTS = ()
+    has_goal = True
+    position_tolerance = 0.005
+    heading_tolerance = math.radians(5.0)
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        *,
+        near: float | None = None,
+        near_mm: float | None = None,
+        near_deg: float | None = None,
+        hold: int = HOLD_PERIODS,
+    ) -> None:
+        super().__init__(surface, parts, hold=hold)
+        self.asked = ~self.driven
+        if self.asked.sum() != 1 or not self.driven.any():
+            got = f"{int(self.asked.sum())} parts with coupling 0, and {int(self.driven.sum())} others"
+            raise checks.refuse("parts", got, "one part with coupling 0, which is pushed, and at least one that pushes")
+        if near is not None and near_mm is not None:
+            raise checks.refuse("task_settings['near_mm']", near_mm, "nothing beside task_settings['near']")
+        name, given = ("near_mm", near_mm) if near is None else ("near", near)
+        far = math.hypot(surface.width, surface.depth)
+        unit = 1e-3 if near is None else 1.0
+        self.near = far if given is None else unit * checks.number(f"task_settings[{name!r}]", given, above=0.0)
+        most = (
+            180.0 if near_deg is None else checks.number("task_settings['near_deg']", near_deg, above=0.0, most=180.0)
+        )
+        self.turn = math.radians(most)
+        self.pushed, self.pushers = int(np.flatnonzero(self.asked)[0]), np.flatnonzero(self.driven)
+        size = np.array([surface.width, surface.depth])
+        edge = self.parts[self.pushed].radius + MARGIN
+        if 2.0 * self.parts[self.pushed].radius > size.min():
+            got = f"a pushed part of radius {self.parts[self.pushed].radius:.4g} m"
+            raise checks.refuse("parts", got, f"at most {0.5 * size.min():g} m on this surface")
+        self.low = np.minimum(edge, 0.5 * size)
+        self.high = size - self.low
+        largest = max(self.parts[k].radius for k in self.pushers)
+        if len(self.pushers) > 4 or math.hypot(*(self.low - largest)) < edge - MARGIN + largest + CLEAR:
+            got = f"{len(self.pushers)} parts of radius up to {largest:.4g} m that push"
+            raise checks.refuse("parts", got, "at most four, for each of which there is room in a corner")
+        self.draws = 6 + 3 * TRIES * len(self.pushers)
+
+    def heading_period(self, part: Part) -> float:
+        return looks_same_after(part)
+
+    def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
+        shape = len(uniform), len(self.parts)
+        there = np.ones(shape, dtype=bool) if present is None else present
+        pose, goal = np.zeros((*shape, 3)), np.zeros((*shape, 3))
+        own = pose[:, self.pushed]
+        own[:, :2] = self.low + (self.high - self.low) * uniform[:, :2]
+        own[:, 2] = math.pi * (2.0 * uniform[:, 2] - 1.0)
+        goal[:, self.pushed] = self._goals(own, uniform[:, 3:6])
+        tries = uniform[:, 6:].reshape(len(uniform), len(self.pushers), TRIES, 3)
+        for k, part in enumerate(self.pushers):
+            self._put_pusher(k, part, tries[:, k], pose)
+        beside = np.array([-self.surface.width, -self.surface.depth, 0.0])
+        return Start(np.where(there[..., None], pose, beside), there, np.where(there[..., None], goal, 0.0))
+
+    def _goals(self, pose: np.ndarray, uniform: np.ndarray) -> np.ndarray:
+        """Goals (n, 3) of the part that is pushed, of those that may be evenly spread, from ``uniform`` (n, 3)."""
+        low, high = np.maximum(self.low, pose[:, :2] - self.near), np.minimum(self.high, pose[:, :2] + self.near)
+        way = low + (high - low) * uniform[:, :2] - pose[:, :2]
+        length = np.hypot(way[:, 0], way[:, 1])[:, None]
+        way = way * np.minimum(1.0, self.near / np.maximum(length, 1e-12))  # corners of the square go onto the circle
+        return np.column_stack([pose[:, :2] + way, pose[:, 2] + self.turn * (2.0 * uniform[:, 2] - 1.0)])
+
+    def _put_pusher(self, number: int, part: int, tries: np.ndarray, pose: np.ndarray) -> None:
+        """Put a part that pushes anywhere clear of the others, or into the corner of its number; in place.
+
+        Args:
+            tries: (n, TRIES, 3) uniform.
+        """
+        radius, size = self.parts[part].radius, np.array([self.surface.width, self.surface.depth])
+        corner = np.where([number & 1, number >> 1], size - radius, radius)
+        place = np.tile(corner, (len(pose), 1))
+        found = np.zeros(len(pose), dtype=bool)
+        before = [self.pushed, *self.pushers[:number].tolist()]
+        reach = np.array([self.parts[k].radius for k in before]) + radius + CLEAR
+        corners = np.array(
+            [np.where([k & 1, k >> 1], size - radius, radius) for k in range(number + 1, len(self.pushers))]
+        )
+        for t in range(TRIES):
+            at = radius + (size - 2.0 * radius) * tries[:, t, :2]
+            clear = (np.hypot(*np.moveaxis(at[:, None] - pose[:, before, :2], -1, 0)) > reach).all(axis=1)
+            if len(corners):  # which others may need
+                clear &= (np.hypot(*np.moveaxis(at[:, None] - corners, -1, 0)) > 2.0 * radius + CLEAR).all(axis=1)
+            place = np.where((clear & ~found)[:, None], at, place)
+            found |= clear
+        pose[:, part, :2], pose[:, part, 2] = place, math.pi * (2.0 * tries[:, 0, 2] - 1.0)
+
+    def scoring(self, state: State, periods: int) -> CoverageScoring:
+        return CoverageScoring(self, state, periods)
+
+
+class CoverageScoring(Scoring):
+    """Says besides how much of the goal is covered; arguments as of :class:`vibgym.tasks.scoring.Scoring`."""
+
+    def __init__(self, task: Push, state: State, periods: int) -> None:
+        super().__init__(task, state, periods)
+        self._pose, self._hulls, self._pushed = state.pose, task.hulls, task.pushed
+        self.coverage = np.zeros(len(state.pose))
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        return {"coverage": self.coverage}
+
+    def facts(self) -> dict[str, np.ndarray]:
+        return self.own_state()
+
+    def begin(self, worlds: np.ndarray, start: Start) -> None:
+        super().begin(worlds, start)
+        self._cover()(worlds)
+
+    def stages(self) -> list[Stage]:
+        return [*super().stages(), self._cover()]
+
+    def _cover(self) -> Stage:
+        return bound(goal_coverage, self._hulls, self._pushed, self._pose, self.episode.goal, self.coverage)
