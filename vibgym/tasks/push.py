@@ -14,6 +14,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
 from vibgym.tasks.coverage import goal_coverage
+from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.scoring import Scoring, Stage
 
@@ -157,6 +158,10 @@ class Push(Task):
 
     def scoring(self, state: State, periods: int) -> CoverageScoring:
         return CoverageScoring(self, state, periods)
+
+    def caption(self, relations: Relations, episode: Episode, world: int) -> str:
+        turn = round(float(np.degrees(relations.error[world, self.pushed, 2])), 1) + 0.0  # + 0.0: not "-0.0"
+        return f"{self.name}   distance {1e3 * episode.position_error[world]:.1f} mm   heading {turn:+.1f} deg to go"
 
 
 class CoverageScoring(Scoring):

@@ -1,0 +1,123 @@
+"""Push: where goals lie, who acts, what is covered, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same, batch, single
+from vibgym.config import part_from
+from vibgym.registration import PUSHER, TEE
+from vibgym.scene.hulls import gaps_between, hulls_of
+from vibgym.scene.parts import Part
+from vibgym.tasks.coverage import goal_coverage
+
+TEE_PART = part_from(TEE, "tee")
+EVERYWHERE = {"near_mm": 150.0, "near_deg": 60.0}
+
+
+@pytest.mark.parametrize("name, near, turn", [("Push", 0.150, math.radians(60)), ("PushAny", 1.0, math.pi)])
+def test_goals_lie_near_or_anywhere_and_parts_start_apart(name, near, turn):
+    env = batch(name, 400)
+    env.reset(seed=0)
+    truth, task = env.unwrapped.truth, env.unwrapped.task
+    assert task.driven.tolist() == [True, True, False] and task.asked.tolist() == [False, False, True]
+    away = np.hypot(*(truth.goal - truth.pose)[:, 2, :2].T)
+    turned = np.abs(truth.goal - truth.pose)[:, 2, 2]
+    assert away.max() <= near + 1e-12 and turned.max() <= turn + 1e-12
+    assert away.max() > min(0.9 * near, 0.5) and turned.max() > 0.9 * turn and np.ptp(truth.pose[:, 2, 2]) > 6.0
+    assert gaps_between(env.unwrapped.parts, truth.pose).min() >= 0.002 - 1e-12
+    for places in (truth.pose[:, 2], truth.goal[:, 2]):
+        edge = np.minimum(places[:, :2], [0.832, 0.208] - places[:, :2]).min()
+        assert edge >= TEE_PART.radius + 0.025 - 1e-12
+    assert not truth.goal[:, :2].any() and not truth.error[:, :2].any() and truth.done[:, :2].all()
+
+
+def test_elements_do_nothing_for_the_part_that_is_pushed():
+    env = batch("Push", 1, action="wrench")
+    env.reset(seed=1)
+    action = np.zeros((1, 3, 3), dtype=np.float32)
+    action[0, 2] = 1.0
+    env.step(action)
+    assert not env.unwrapped.phasors().any()
+    action[0, 0, 0] = 1.0
+    info = env.step(action)[4]
+    assert env.unwrapped.phasors().any() and info["commanded"]["unserved"].tolist() == [[0, 0, 1]]
+
+
+def test_the_tee_moves_when_it_is_pushed_and_comes_to_rest_by_itself():
+    env = single("PushAny", action="wrench").unwrapped
+    pose = np.array(
+        [[0.3, 0.104, 0.0], [0.1, 0.03, 0.0], [0.4, 0.104, math.pi / 2]]
+    )  # the disc to the left of the bar's middle
+    env.reset(seed=2, options={"pose": pose, "goal": [[0, 0, 0], [0, 0, 0], [0.6, 0.104, math.pi / 2]]})
+    right = np.zeros((3, 3), dtype=np.float32)
+    right[0, 0] = 1.0
+    infos = [env.step(right)[4] for _ in range(40)]
+    pushed = env.truth.pose[0, 2]
+    assert pushed[0] > 0.45 and max(info["touching"] for info in infos) == 1
+    assert (
+        sum(info["reward_terms"]["distance"] for info in infos) > 0.3
+        and infos[-1]["position_error"] < infos[0]["position_error"]
+    )
+    for _ in range(60):
+        env.step(-right)
+    still = env.truth
+    assert np.hypot(*still.mean_velocity[0, 2, :2]) < 1e-3
+
+
+def test_coverage_is_the_area_of_the_intersection():
+    block = Part.rectangle(0.04, 0.02, friction=0.5)
+    pose, goal, coverage = np.zeros((4, 1, 3)), np.zeros((4, 1, 3)), np.zeros(4)
+    goal[1, 0, 0] = 0.01  # three quarters of its length
+    goal[2, 0, 2] = math.pi / 2  # a cross of 20 mm
+    goal[3, 0, 1] = 0.03
+    goal_coverage(hulls_of([block]), 0, pose, goal, coverage, np.arange(4))
+    assert coverage == pytest.approx([1.0, 0.75, 0.5, 0.0])
+
+
+def test_coverage_of_a_tee_agrees_with_counting_points():
+    rng = np.random.default_rng(3)
+    pose, goal, coverage = np.zeros((5, 1, 3)), np.zeros((5, 1, 3)), np.zeros(5)
+    goal[:, 0] = rng.uniform(-1, 1, (5, 3)) * [0.02, 0.02, 1.5]
+    goal_coverage(hulls_of([TEE_PART]), 0, pose, goal, coverage, np.arange(5))
+    bar, stem = np.array(TEE["vertices"])[[6, 4]], np.array(TEE["vertices"])[[0, 2]]
+    middle = (np.mean(bar, axis=0) * 1728 + np.mean(stem, axis=0) * 1152) / 2880  # by area
+    points = rng.uniform(-0.07, 0.07, (200_000, 2))
+
+    def inside(at):
+        there = at + middle
+        return ((there >= np.minimum(*bar)) & (there <= np.maximum(*bar))).all(axis=1) | (
+            (there >= np.minimum(*stem)) & (there <= np.maximum(*stem))
+        ).all(axis=1)
+
+    for k in range(5):
+        x, y, turn = goal[k, 0]
+        back = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        both = inside(points) & inside((points - [x, y]) @ back)
+        assert coverage[k] == pytest.approx(both.sum() / inside(points).sum(), abs=0.02)
+
+
+def test_states_go_on_bit_for_bit():
+    env, other = (batch("PushAny", 2, action="field").unwrapped for _ in range(2))
+    env.reset(seed=3)
+    push = np.random.default_rng(0).uniform(-1, 1, (2, 18)).astype(np.float32)
+    for _ in range(20):
+        env.step(push)
+    other.set_state(env.get_state())
+    for _ in range(20):
+        assert_same(env.step(push), other.step(push))
+
+
+@pytest.mark.parametrize("settings, words", [
+    ({"parts": [PUSHER, PUSHER]}, "^parts: got '0 parts with coupling 0, and 2 others'"),
+    ({"parts": [TEE]}, "^parts: got '1 parts with coupling 0, and 0 others'"),
+    ({"parts": [PUSHER] * 5 + [TEE]}, "^parts: got '5 parts of radius up to 0.02"),
+    ({"parts": [PUSHER, {**TEE, "coupling": 2.0}]}, "coupling: got 2.0"),
+    ({"task_settings": {"near": 0.0}}, r"^task_settings\['near'\]: got 0.0"),
+    ({"task_settings": {"near": 0.1, "near_mm": 100.0}}, r"^task_settings\['near_mm'\]: got 100.0; allowed: nothing beside"),
+    ({"task_settings": {"near_deg": 200.0}}, r"^task_settings\['near_deg'\]: got 200.0"),
+])  # fmt: skip
+def test_bad_settings_are_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        single("PushAny", **settings)
