@@ -35,7 +35,7 @@ class Measured:
     goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
     goal_acceleration: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
-    # (batch, parts) bool: parts that have arrived in this step, where parts come and go; one False that stands for all elsewhere.
+    # (batch, parts) bool: parts that have arrived in this step, where parts come and go.
     arrived: np.ndarray = field(default_factory=lambda: np.zeros((1, 1), dtype=bool))
     # (batch, parts, 3) m, m, rad: standard deviation of the place where a part comes to rest, of what is not yet read.
     doubt: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
@@ -134,8 +134,8 @@ def recall(
         initial: memory at an episode's start, of each world, or of one that stands for all: a NamedTuple of arrays (batch, ...)
             or (1, ...) and of such NamedTuples.
         batch: number of worlds.
-        arrived: (batch, parts) bool, parts that have arrived in this step: nothing is known of them. Needs a memory whose arrays
-            are all (batch, parts, ...). None: parts stay.
+        arrived: (batch, parts) bool, parts that have arrived in this step: nothing is known of them. Where there are any, a
+            memory's arrays are all (batch, parts, ...). None: parts stay.
 
     Raises:
         ValueError: a memory of another controller or batch.
