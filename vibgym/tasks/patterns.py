@@ -48,6 +48,7 @@ class Pattern:
         pose: (goals, 3) m, m, rad, about the place.
         of_kind: (goals,) int64, the kind whose parts may have each goal.
         low, high: (2,) m, where the place may lie.
+        gap: m, least distance between goals; None of a single one.
         draws: uniform numbers for an episode.
         shuffles: whether any part fits into any place: in a lattice.
 
@@ -91,6 +92,8 @@ class Pattern:
         else:
             self.pose, self.of_kind = self._lattice(rows, columns, distance, turn)
             self.low, self.high = self._places(place, place_mm)
+        gap = float(gaps_between(self._bodies(), self.pose[None]).min())
+        self.gap = gap if math.isfinite(gap) else None
         self.shuffles = pattern is None
         self.drawn = pattern is None and place is None and place_mm is None
         self.draws = 2 if self.drawn else 0

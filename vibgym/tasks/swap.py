@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
+from vibgym.tasks.exchange import FreeScoring
 from vibgym.tasks.patterns import give_out
 from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.scoring import Scoring
 from vibgym.tasks.starts import Starts
 
 APART = 0.005
@@ -35,7 +38,8 @@ class Swap(Task):
         surface: the table.
         parts: of two kinds, by their names, in any order.
         free: parts of a kind are as good as one another: goals are given out at the start, so that the cubes of the ways add up
-            to the least. False: each part has the goal that was drawn for it.
+            to the least, and two parts exchange theirs at the end of a step where that makes their ways shorter. False: each
+            part has the goal that was drawn for it.
         apart: m, least distance between goals, and between starts (5 mm); ``apart_mm`` in mm.
         columns: elements along x of each end.
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there.
@@ -129,6 +133,9 @@ class Swap(Task):
         goal = start.goal.copy()
         give_out(self.kind, start.present, np.ascontiguousarray(pose), goal)
         return goal
+
+    def scoring(self, state: State, periods: int) -> Scoring:
+        return FreeScoring(self, state, periods, self.free)
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         error = 1e3 * float(episode.position_error[world])
