@@ -163,4 +163,4 @@ def play(policy: Policy, env: Any, first_seed: int) -> Played:
         env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
     """
     found = run(policy, env, range(first_seed, first_seed + env.num_envs), env.spec.name)
-    return Played(found.success, found.steps, found.returns, found.facts[RATE])
+    return Played(found.success, found.steps, found.returns, found.fact(RATE))

@@ -17,7 +17,7 @@ import numpy as np
 from agents.evaluation.resampling import bootstrap
 from agents.evaluation.statistics import success_interval
 from agents.training.judging import FILE as CURVE
-from agents.training.judging import usual
+from agents.training.judging import RATE, rank, usual
 from agents.training.train import POLICY
 from agents.training.train_settings import TrainSettings
 from agents.training.training_file import load_settings
@@ -27,6 +27,7 @@ from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 from vibgym.policies.trained.storage import load_set
 from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
+from vibgym.tasks.episode import EVENTS
 
 FIRST_SEED = 200_000
 """Of the fresh episodes: neither training nor learning curves have seen these."""
@@ -74,12 +75,14 @@ def tabulate(
     output = into.output / TABLE
     for name in names:
         own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
-        first = min(own, key=lambda row: (-row["judged_success"], row["judged_time_s"], row["seed"]))
+        first = min(
+            own, key=lambda row: (-row["judged_rate"], -row["judged_success"], row["judged_time_s"], row["seed"])
+        )
         for row in own:
             row["shipped"] = into.ship is not None and row is first
         best[name] = Path(first["path"])
         rows += own
-    kept = [row for row in _read(output) if row["agent"] not in names]
+    kept = [_without_rates(row) for row in _read(output) if row["agent"] not in names]
     files: dict[Path, str | bytes] = {}
     for row in rows:
         run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
@@ -108,23 +111,27 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
         "Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are",
         "medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did",
         "best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.",
+        "Where parts come and go there is no success; *faulty* is the share of parts that leave otherwise than they should.",
         "",
-        "| agent | seed | steps | minutes | success | of | interval | time to goal | over bound | collisions | fallen "
-        "| shipped |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| agent | seed | steps | minutes | success | of | interval | time to goal | over bound | good a minute | faulty "
+        "| collisions | fallen | shipped |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
         number = {name: _number(row[name]) for name in NUMBERS}
+        ends = not np.isfinite(number["good_per_minute_mean"])  # where parts come and go there is no success
         cells = [
             row["agent"],
             row["seed"],
             f"{int(row['steps']):_}".replace("_", " "),
             f"{number['minutes']:.1f}",
-            f"{100 * number['success']:.1f} %",
+            _cell(100 * number["success"], "{:.1f} %") if ends else "–",
             row["episodes"],
-            f"{100 * number['success_low']:.1f} to {100 * number['success_high']:.1f} %",
+            f"{100 * number['success_low']:.1f} to {100 * number['success_high']:.1f} %" if ends else "–",
             _cell(number["time_to_goal_median_s"], "{:.2f} s"),
             _cell(number["time_over_bound_median"], "{:.3f}"),
+            _cell(number["good_per_minute_mean"], "{:.1f}"),
+            _cell(100.0 * number["faulty_share"], "{:.1f} %"),
             _cell(number["collisions_mean"], "{:.2f}"),
             row["fallen"],
             "yes" if str(row["shipped"]) == "True" else "",
@@ -135,8 +142,12 @@ def page(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 NUMBERS = (
-    "minutes", "success", "success_low", "success_high", "time_to_goal_median_s", "time_over_bound_median", "collisions_mean"
+    "minutes", "success", "success_low", "success_high", "time_to_goal_median_s", "time_over_bound_median", "collisions_mean",
+    "good_per_minute_mean", "faulty_share",
 )  # fmt: skip
+
+FAULTY = tuple(f"{event}_per_minute" for event in EVENTS[1:] if event != RATE.removesuffix("_per_minute"))
+"""What ``info`` says of parts that leave otherwise than they should."""
 
 
 def _number(value: Any) -> float:
@@ -173,9 +184,10 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
     interval = success_interval(reached, LEVEL, RESAMPLES)
     seconds = time[np.isfinite(time)]
     middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(set(seconds.tolist())) > 1 else None
-    judged = sorted(
-        (-float(each["success"]), float(each["time_to_goal"] or "inf")) for each in _read(directory / CURVE)
+    good, faulty = (
+        np.concatenate([sum(each.fact(name) for name in names) for each in played]) for names in ((RATE,), FAULTY)
     )
+    judged = sorted(map(rank, _read(directory / CURVE)))
     return {
         "agent": name,
         "seed": settings.seed,
@@ -187,8 +199,8 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "threads": training["threads"],
         "processor": training["processor"],
         "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
-        "judged_success": -judged[0][0] if judged else 0.0,
-        "judged_time_s": judged[0][1] if judged else float("inf"),
+        "judged_success": -judged[0][1] if judged else 0.0,
+        "judged_time_s": judged[0][2] if judged else float("inf"),
         "episodes": episodes,
         "first_seed": FIRST_SEED,
         "success": float(reached.mean()),
@@ -201,6 +213,9 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
         "time_over_bound_median": _median(over),
         "collisions_mean": float(np.mean(collisions)),
         "fallen": int(fallen.sum()),
+        "judged_rate": -judged[0][0] if judged else 0.0,
+        "good_per_minute_mean": float(good.mean()),
+        "faulty_share": float(faulty.sum() / (good + faulty).sum()),
         "shipped": False,
         "path": str(path),
     }
@@ -209,6 +224,11 @@ def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
 def _median(values: np.ndarray) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else float("nan")
+
+
+def _without_rates(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of a table with columns that it may have been written before."""
+    return row | {name: row.get(name, "") for name in ("judged_rate", "good_per_minute_mean", "faulty_share")}
 
 
 def _read(path: Path) -> list[dict[str, Any]]:

@@ -5,7 +5,7 @@ import csv
 import numpy as np
 import pytest
 
-from agents.training.judging import COLUMNS, Judge, play
+from agents.training.judging import COLUMNS, Judge, play, rank
 from agents.training.training_file import settings_from
 from tests.envs.helpers import batch
 
@@ -50,7 +50,8 @@ def test_rows_tell_what_the_policy_does(tmp_path):
     assert (first["steps"], first["seconds"], first["phase"]) == ("10", "1.2", "imitation")
     assert (second["steps"], second["seconds"], second["phase"]) == ("20", "4.6", "ppo")
     env = batch("Transport", 5, action="field", max_episode_steps=20, observation="parts", autoreset_mode="Disabled")
-    success, steps, returns = play(Still(), env, 70)
+    success, steps, returns, rate = play(Still(), env, 70)
+    assert np.isnan(rate).all() and first["rate"] == ""
     assert not success.any() and (steps == 20).all() and len(set(returns.round(9))) > 1
     for each in (first, second):  # the same seeds every time
         assert (each["success"], each["time_to_goal"]) == ("0.0", "")
@@ -62,7 +63,7 @@ def test_an_episode_counts_to_its_end_and_no_further():
     """As worlds that are played one by one."""
     env = batch("Transport", 4, action="field", surface={"rows": 3, "columns": 4}, max_episode_steps=40,
                 observation="parts", autoreset_mode="Disabled")  # fmt: skip
-    success, steps, returns = play(Still(0.8), env, 3)
+    success, steps, returns, _ = play(Still(0.8), env, 3)
     assert len(set(steps)) > 1 and steps.min() < 40  # they fall off
     for world in range(4):
         alone = batch("Transport", 1, action="field", surface={"rows": 3, "columns": 4}, max_episode_steps=40,
@@ -108,3 +109,33 @@ def test_own_tasks_are_judged_where_episodes_end(tmp_path, monkeypatch):
     spec.max_episode_steps = 30
     judge = judge_in(tmp_path, task="mine/Align-v0")
     assert judge.judge(Still(), 10, 1.0, "ppo")["success"] == 0.0 and judge.path.exists()
+
+
+class Straight:
+    """Pushes the part to the right."""
+
+    action, observation = "wrench", "parts"
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.tile(np.float32([1.0, 0.0, 0.0]), (len(observation["mask"]), 1)), state
+
+
+def test_where_parts_come_and_go_the_rate_ranks(tmp_path):
+    disc = [{"name": "puck", "shape": "disc", "radius": 0.02, "friction": 0.6}]
+    scene = {"action": "wrench", "parts": disc, "max_episode_steps": 150, "task_settings": {"warm_up": 0.0}}
+    judge = judge_in(tmp_path, task="Feed", environment=scene, judging={"episodes": 2, "every": 10})
+    judge.begin(0)
+    row = judge.judge(Straight(), 10, 1.0, "ppo")
+    assert row["rate"] > 0.0 and row["success"] == 0.0 and row["time_to_goal"] == ""
+    worse = {**row, "rate": row["rate"] - 1.0}
+    assert rank(row) < rank(worse) and judge.is_best(row) and not judge.is_best(worse)
+
+
+def test_rows_without_rates_rank_by_successes_and_then_by_time():
+    rows = [
+        {"success": "1.0", "time_to_goal": "2.0"},
+        {"success": "1.0", "time_to_goal": "3.0", "rate": ""},
+        {"success": "0.9", "time_to_goal": "1.0", "rate": ""},
+        {"success": "0.0", "time_to_goal": ""},
+    ]
+    assert sorted(rows[::-1], key=rank) == rows

@@ -61,15 +61,17 @@ class FirstColumn:
         return rows[..., 0]
 
 
-def filled(coding, reward, done, cut=()):
-    """A buffer of random rows, with these rewards and ends; ``cut`` holds (step, world) of ends that are cut off."""
+def filled(coding, reward, done, cut=(), there=None):
+    """A buffer of random rows, with these rewards and ends; ``cut`` holds (step, world) of ends that are cut off, ``there``
+    (steps + 1, worlds, parts) which parts are there."""
+    there = np.ones((STEPS + 1, WORLDS, PARTS), dtype=np.float32) if there is None else there
     generator = np.random.default_rng(0)
     buffer = PartsBuffer(STEPS, ACTIONS, ACTIONS, "cpu", LAMBDA, GAMMA, WORLDS, coding=coding)
     buffer.reset()
     finals = {}
     for step in range(STEPS + 1):
         rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
-        seen = Seen(rows, np.ones((WORLDS, PARTS), dtype=np.float32))
+        seen = Seen(rows, there[step])
         if step == STEPS:
             buffer.finish(seen, FirstColumn())
             break
@@ -78,7 +80,7 @@ def filled(coding, reward, done, cut=()):
         for world in [where for at, where in cut if at == step]:
             last = generator.normal(size=(1, PARTS, coding.shape.columns)).astype(np.float32)
             finals[step, world] = last[0, :, 0].astype(np.float64)
-            buffer.cut_off(world, Seen(last, np.ones((1, PARTS), dtype=np.float32)))
+            buffer.cut_off(world, Seen(last, there[step + 1, world : world + 1]))
     return buffer, finals
 
 
@@ -126,6 +128,27 @@ def test_a_parts_reward_is_credited_to_it_alone(coding):
     expected = np.zeros_like(change)
     expected[:5, 1, 0] = (GAMMA * LAMBDA) ** np.arange(4, -1, -1)
     assert change == pytest.approx(expected, abs=1e-5)
+
+
+def test_the_return_of_a_part_that_leaves_ends_there(coding):
+    """World 1: part 0 leaves in step 3 and another one comes in step 5; advantages are those of two episodes, and nobody
+    else's change. World 0 is cut off in step 2, in which its part 1 leaves: what is seen last there is not worth anything."""
+    reward, done = case()
+    there = np.ones((STEPS + 1, WORLDS, PARTS), dtype=np.float32)
+    there[4:6, 1, 0] = there[3, 0, 1] = 0.0
+    stays, finals = filled(coding, reward, done, cut=[(2, 0)])
+    leaves, _ = filled(coding, reward, done, cut=[(2, 0)], there=there)
+    value, paid = leaves.rows[..., 0].astype(np.float64), reward[:, 1, 0]
+    total = 0.0
+    for step in (3, 2, 1, 0):
+        after = 0.0 if step == 3 else value[step + 1, 1, 0]
+        total = paid[step] + GAMMA * after - value[step, 1, 0] + GAMMA * LAMBDA * total
+        assert leaves.advantage[step, 1, 0] == pytest.approx(total, abs=1e-5)
+    same = np.ones_like(leaves.advantage, dtype=bool)
+    same[:6, 1, 0] = same[:3, 0, 1] = False
+    assert (leaves.advantage == stays.advantage)[same].all()
+    worth = stays.advantage[2, 0, 1] - leaves.advantage[2, 0, 1]
+    assert worth == pytest.approx(GAMMA * finals[2, 0][1], abs=1e-5)
 
 
 def test_an_end_and_a_cut_are_told_apart(coding):

@@ -95,6 +95,39 @@ def test_memories_begin_anew_where_episodes_do():
     assert (state.place == 1).all() and state.count.tolist() == [1, 2]
 
 
+def test_of_parts_that_have_arrived_nothing_is_remembered():
+    initial, state = Two(np.zeros((1, 2, 3)), np.full((1, 2), 7)), Two(np.ones((2, 2, 3)), np.array([[1, 2], [3, 4]]))
+    arrived = np.array([[False, True], [False, False]])
+    kept, _ = recall(state, np.array([False, True]), initial, 2, arrived)
+    assert kept.place[..., 0].tolist() == [[1, 0], [0, 0]] and kept.count.tolist() == [[1, 7], [7, 7]]
+    assert (state.place == 1).all()
+
+
+@pytest.mark.parametrize("kind", ["lanes", "planner", "local_field"])
+def test_controllers_forget_slots_in_which_a_part_has_arrived(kind):
+    """Whatever the one before did there."""
+    env = batch("Feed", 2, parts=["steel_block", "aluminium_block"] * 2, action="wrench")
+    info, memory, found = TaskInfo.of(env), None, 0
+    policy = make_policy({"kind": kind, "law": "pid"}, env)
+    seen, _ = env.reset(seed=0)
+    for step in range(120):
+        new, arrived = np.full(2, step == 0), Measured.of(seen, info).arrived
+        action, after = policy.predict(seen, memory, new)
+        if step and arrived.any():
+            assert (policy.predict(seen, spoilt(memory, arrived), new)[0] == action).all()
+            assert (policy.predict(seen, spoilt(memory, ~arrived), new)[0] != action).any()
+            found += 1
+        seen, memory = env.step(action)[0], after
+    assert found
+
+
+def spoilt(memory, parts):
+    """Other numbers in the rows of some parts, (batch, parts) bool."""
+    if isinstance(memory, np.ndarray):
+        return np.where(parts.reshape(parts.shape + (1,) * (memory.ndim - 2)), memory + 1, memory).astype(memory.dtype)
+    return type(memory)(*(spoilt(each, parts) for each in memory)) if memory else memory
+
+
 @pytest.mark.parametrize(
     "state", [np.zeros(2), Two(np.zeros((3, 3)), np.zeros(3)), (np.zeros((2, 3)), np.zeros(2)), ()]
 )

@@ -176,6 +176,17 @@ def test_nothing_was_said_before_an_episode_began():
     assert (one.rows == second.rows[2:]).all()
 
 
+def test_nothing_was_said_to_a_part_that_was_not_there():
+    """Slots of tasks whose parts come and go: empty for a step, then another part's."""
+    coding, plain = remembering("Feed", parts=["steel_block", "aluminium_block"])
+    rows, said = np.zeros((1, 2, plain.shape.columns)), slice(plain.shape.own, plain.shape.own + 3)
+    before = coding.see({"parts": rows, "mask": np.ones((1, 2))})
+    for mask, told in (([1.0, 0.0], [0.5, 0.5]), ([1.0, 1.0], [0.5, 0.0]), ([1.0, 1.0], [0.5, 0.5])):
+        coding.actions(before, np.full((1, 2, 3), 0.5, dtype=np.float32))
+        before = coding.see({"parts": rows, "mask": np.array([mask])}, before, np.array([False]))
+        assert before.rows[0, :, said].tolist() == [[each] * 3 for each in told]
+
+
 @pytest.mark.parametrize("worlds, got", [(None, "str"), (2, r"of shape \(2, 1, 3\)"), (0, r"of shape \(0, 0, 0\)")])
 def test_another_memory_is_refused(worlds, got):
     coding, plain = remembering()

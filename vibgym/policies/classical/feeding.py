@@ -72,7 +72,7 @@ class FeedingPolicy(Steering):
     ) -> tuple[np.ndarray, Any]:
         """Actions from the measured poses and mean velocities; the state is :class:`.steering.Memory`."""
         measured = Measured.of(observation, self.info)
-        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre))
+        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre), measured.arrived)
         measured = self.expected(measured, memory)
         return self.steer(measured, self.lead * self.velocity(measured), memory)
 

@@ -38,7 +38,7 @@ class LocalFieldPolicy(Steering):
         """Actions from the measured poses and mean velocities; the state is :class:`.steering.Memory`."""
         measured = Measured.of(observation, self.info)
         batch = len(measured.centre)
-        memory, _ = recall(state, episode_start, self.begin(1), batch)
+        memory, _ = recall(state, episode_start, self.begin(1), batch, measured.arrived)
         measured = self.expected(measured, memory)
         return self.steer(measured, self.targets(measured) - measured.centre, memory)
 

@@ -35,6 +35,8 @@ class Measured:
     goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
     goal_acceleration: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
+    # (batch, parts) bool: parts that have arrived in this step, where parts come and go.
+    arrived: np.ndarray = field(default_factory=lambda: np.zeros((1, 1), dtype=bool))
     # (batch, parts, 3) m, m, rad: standard deviation of the place where a part comes to rest, of what is not yet read.
     doubt: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
 
@@ -72,6 +74,7 @@ class Measured:
             spin=quantity("spin")[..., 0],
             gap=quantity("gap", none + math.inf)[..., 0],
             single=values.ndim == 1,
+            arrived=quantity("arrived")[..., 0] > 0.5,
             **moving_goals(rows, layout),
         )
 
@@ -120,7 +123,9 @@ def started(state: Any, episode_start: Any, batch: int) -> np.ndarray:
     return np.broadcast_to(np.asarray(episode_start, dtype=bool), (batch,))
 
 
-def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple[Memory, np.ndarray]:
+def recall(
+    state: Any, episode_start: Any, initial: Memory, batch: int, arrived: np.ndarray | None = None
+) -> tuple[Memory, np.ndarray]:
     """A controller's memory at the beginning of a step, a copy of its own, and (batch,) whose episode has just begun.
 
     Args:
@@ -129,6 +134,8 @@ def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple
         initial: memory at an episode's start, of each world, or of one that stands for all: a NamedTuple of arrays (batch, ...)
             or (1, ...) and of such NamedTuples.
         batch: number of worlds.
+        arrived: (batch, parts) bool, parts that have arrived in this step: nothing is known of them. Where there are any, a
+            memory's arrays are all (batch, parts, ...). None: parts stay.
 
     Raises:
         ValueError: a memory of another controller or batch.
@@ -141,7 +148,8 @@ def recall(state: Any, episode_start: Any, initial: Memory, batch: int) -> tuple
         if isinstance(state, tuple) and state and isinstance(state[0], np.ndarray):
             got += f" of {len(state[0])}"
         raise checks.refuse("state", got, f"None, or what predict() returned for {batch}: {type(initial).__name__}")
-    return _kept(state, initial, new), new
+    kept = _kept(state, initial, new)
+    return kept if arrived is None or not arrived.any() else _kept(kept, initial, arrived), new
 
 
 def _alike(state: Any, initial: Any, batch: int) -> bool:
@@ -152,7 +160,7 @@ def _alike(state: Any, initial: Any, batch: int) -> bool:
 
 
 def _kept(state: Any, initial: Any, new: np.ndarray) -> Any:
-    """A copy of a memory, fresh where an episode has just begun; of one that is None, all fresh."""
+    """A copy of a memory, fresh where ``new`` (batch,) or (batch, parts); of one that is None, all fresh."""
     if isinstance(initial, np.ndarray):
         fresh = np.broadcast_to(initial, (len(new), *initial.shape[1:]))
         kept = fresh.copy() if state is None else state.copy()

@@ -144,7 +144,7 @@ class PlannerPolicy(Steering):
     ) -> tuple[np.ndarray, Any]:
         """Actions from the measured poses and mean velocities; the state is a :class:`Memory`."""
         measured = Measured.of(observation, self.info)
-        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre))
+        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
         measured = self.expected(measured, memory.steering)
         memory = self.aim(measured, memory, new)
         velocity, waited = self.choose(measured, memory)
