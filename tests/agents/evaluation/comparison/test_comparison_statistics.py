@@ -31,7 +31,7 @@ def sample(time, limit=10.0, bound=1.0, first_seed=0):
         success=np.isfinite(time),
         **dict.fromkeys(("fallen", "diverged"), no),
         **dict.fromkeys(("returns", "position_error", "heading_error", "path_error", "collisions", "rate_bound"), none),
-            facts=np.full((runs, episodes, len(OWN_FACTS)), np.nan),
+        facts=np.full((runs, episodes, len(OWN_FACTS)), np.nan),
         bound=np.full((runs, episodes), bound),
         limit=limit,
     )
