@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -21,12 +22,25 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import ResidualPolicy
 
 FILE = "curve.csv"
-COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "return_")
+COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "return_", "rate")
+
+RATE = "good_per_minute"
+"""What ``info`` says at the end of episodes of tasks that have no other end than their limit."""
+
+
+class Played(NamedTuple):
+    """How episodes went, (episodes,) each."""
+
+    success: np.ndarray  # bool
+    steps: np.ndarray  # that they took
+    returns: np.ndarray  # sums of rewards
+    rate: np.ndarray  # good parts a minute; nan where parts stay
 
 
 class Judge:
     """Plays a policy and writes ``curve.csv``: share of successes, median time to the goal (s), the same as a mean over
-    all episodes, those that fail counted with their limit, and median return.
+    all episodes, those that fail counted with their limit, median return, and where parts come and go the mean of good parts a
+    minute.
 
     Args:
         settings: of the run; its ``judging`` says when and how long.
@@ -89,7 +103,7 @@ class Judge:
                 env = batch_of(self.task, **{**arguments, "observation": observation})
                 self._envs.append((env, self.judging.first_seed + first))
         found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
-        success, steps_taken, returns = (np.concatenate(each) for each in zip(*found, strict=True))
+        success, steps_taken, returns, rate = (np.concatenate(each) for each in zip(*found, strict=True))
         env = self._envs[0][0].unwrapped
         reached = env.step_time * steps_taken[success]
         limits = [np.full(each.num_envs, each.unwrapped.max_episode_steps) for each, _ in self._envs]
@@ -102,14 +116,15 @@ class Judge:
             "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
             "mean_time": round(float(mean), 4),
             "return_": round(float(np.median(returns)), 4),
+            "rate": round(float(rate.mean()), 4) if np.isfinite(rate).all() else "",
         }
         self.rows.append(row)
         self._write()
         return row
 
     def is_best(self, row: dict[str, Any]) -> bool:
-        """Whether no row of the curve so far is better: by successes, and among equals by time."""
-        return all(_rank(each) >= _rank(row) for each in self.rows)
+        """Whether no row of the curve so far is better, see :func:`rank`."""
+        return all(rank(each) >= rank(row) for each in self.rows)
 
     def _whole(self, policy: Policy, env: Any) -> Policy:
         """What acts in an environment: the policy, or the base that it corrects there."""
@@ -126,8 +141,10 @@ class Judge:
         write_atomically(self.path, text.getvalue())
 
 
-def _rank(row: dict[str, Any]) -> tuple[float, float]:
-    return -float(row["success"]), float(row["time_to_goal"] or "inf")
+def rank(row: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Where a row of a curve stands, the best first: by good parts a minute where episodes have no success, else by successes,
+    and among equals by time. Curves that were written before there were rates have none."""
+    return -float(row.get("rate") or 0.0), -float(row["success"]), float(row["time_to_goal"] or "inf")
 
 
 def usual(environment: dict[str, Any]) -> dict[str, Any]:
@@ -138,15 +155,12 @@ def usual(environment: dict[str, Any]) -> dict[str, Any]:
     )
 
 
-def play(policy: Policy, env: Any, first_seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def play(policy: Policy, env: Any, first_seed: int) -> Played:
     """One deterministic episode in every world of ``env``, of which world k begins with ``first_seed + k``.
 
     Args:
         policy: as it acts.
         env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
-
-    Returns:
-        Each (worlds,): success, bool; steps that the episode took; sum of its rewards.
     """
     found = run(policy, env, range(first_seed, first_seed + env.num_envs), env.spec.name)
-    return found.success, found.steps, found.returns
+    return Played(found.success, found.steps, found.returns, found.facts[RATE])

@@ -10,6 +10,7 @@ from typing import Any
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
+from vibgym.policies.classical.crossing import CrossingPolicy
 from vibgym.policies.classical.feeding import FeedingPolicy
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
@@ -47,6 +48,12 @@ def lawful(law: str) -> Maker:
         return (LocalFieldPolicy if straight else PlannerPolicy)(info, law=law, **arguments)
 
     return make
+
+
+def lanes(info: TaskInfo, **arguments: Any) -> Policy:
+    """Lanes to the gates where parts come and go (:class:`FeedingPolicy`), else both ways past one another
+    (:class:`CrossingPolicy`)."""
+    return (FeedingPolicy if info.flows else CrossingPolicy)(info, **arguments)
 
 
 def file_of(path: Any, info: TaskInfo) -> Path:
@@ -168,7 +175,7 @@ CONTROLLERS = Controllers(
         "open_loop": OpenLoopPolicy,
         "local_field": LocalFieldPolicy,
         "planner": PlannerPolicy,
-        "lanes": FeedingPolicy,
+        "lanes": lanes,
         "two_phases": TwoPhasesPolicy,
         "mpc": mpc,
         "by_task": by_task,

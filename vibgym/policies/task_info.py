@@ -41,6 +41,7 @@ class TaskInfo:
     position_tolerance: float  # m
     heading_tolerance: float  # rad; infinite where headings do not count
     apart: float | None  # m, distance that all parts shall keep; None where it does not count
+    goal_gap: float | None  # m, least distance between goals that a task states for all its episodes; None where it states none
     periods_per_step: int  # oscillation periods
     step_time: float  # s
     layout: Layout  # of the state observation
@@ -92,6 +93,7 @@ class TaskInfo:
             position_tolerance=task.position_tolerance,
             heading_tolerance=task.heading_tolerance,
             apart=task.apart if math.isfinite(task.apart) else None,
+            goal_gap=task.goal_gap,
             periods_per_step=base.periods_per_step,
             step_time=base.step_time,
             layout=Layout(base.surface, base.parts, task.features, task.slots),

@@ -49,6 +49,7 @@ class Task(ABC):
         driven: (parts,) bool, parts that actions speak for: elements obey nobody for the sake of others.
         asked: (parts,) bool, parts of which something is asked; others have no errors, and are done unless they have fallen.
         apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
+        goal_gap: m, least distance between goals of all episodes; None where the task states none.
         lasts: s that an episode takes at least before it can succeed, the hold aside.
         slots: blocks of the state observation.
         features: of a part in it: :attr:`FEATURES`, and what the sensor tells besides.
@@ -105,6 +106,7 @@ class Task(ABC):
         self.zones: np.ndarray | None = None
         self.apart, self.lasts = -math.inf, 0.0
         self.slots, self.features = len(self.parts), tuple(self.FEATURES)
+        self.goal_gap: float | None = None
         self.driven, self.asked = (np.ones(len(self.parts), dtype=bool) for _ in range(2))
         self.hulls = hulls_of(self.parts)
         self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_own_reward)

@@ -83,7 +83,7 @@ class Pack(ArrangedTask):
             surface, self.parts, pattern=pattern, rows=rows, columns=columns, gap=gap, gap_mm=gap_mm,
             heading=heading, heading_deg=heading_deg, place=place, place_mm=place_mm,
         )  # fmt: skip
-        self.draws = self.starts.draws + self.pattern.draws
+        self.draws, self.goal_gap = self.starts.draws + self.pattern.draws, self.pattern.gap
 
     def heading_period(self, part: Part) -> float:
         return looks_same_after(part)

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym._numba.reference import bound
+from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.patterns import give_out
+from vibgym.tasks.patterns import exchange_goals, give_out
 from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.scoring import Scoring, Stage
 from vibgym.tasks.starts import Starts
 
 APART = 0.005
@@ -35,7 +38,8 @@ class Swap(Task):
         surface: the table.
         parts: of two kinds, by their names, in any order.
         free: parts of a kind are as good as one another: goals are given out at the start, so that the cubes of the ways add up
-            to the least. False: each part has the goal that was drawn for it.
+            to the least, and two parts exchange theirs at the end of a step where that makes their ways shorter. False: each
+            part has the goal that was drawn for it.
         apart: m, least distance between goals, and between starts (5 mm); ``apart_mm`` in mm.
         columns: elements along x of each end.
         randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there.
@@ -130,6 +134,21 @@ class Swap(Task):
         give_out(self.kind, start.present, np.ascontiguousarray(pose), goal)
         return goal
 
+    def scoring(self, state: State, periods: int) -> Scoring:
+        return FreeScoring(self, state, periods) if self.free else super().scoring(state, periods)
+
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         error = 1e3 * float(episode.position_error[world])
         return f"{super().caption(relations, episode, world)}   largest error {error:.1f} mm"
+
+
+class FreeScoring(Scoring):
+    """Scores episodes in which parts of a kind exchange goals where that makes their ways shorter; arguments as there."""
+
+    def __init__(self, task: Swap, state: State, periods: int) -> None:
+        super().__init__(task, state, periods)
+        self._kind, self._pose = np.ascontiguousarray(task.kind), state.pose
+
+    def stages(self) -> list[Stage]:
+        exchange = bound(exchange_goals, self._kind, self.episode.present, self._pose, self.episode.goal)
+        return [exchange, *super().stages()]

@@ -19,6 +19,9 @@ AT_ONCE = 300_000
 class PartsBuffer(BaseBuffer):
     """Steps of all worlds; every part of a world is a sample, with its own reward, value and advantage.
 
+    A part's return ends where its world's episode does, or where it leaves, however the world goes on: it is there at a step and
+    not at the next one. What it was rewarded with in the step in which it left is still its own.
+
     Args:
         buffer_size: steps.
         observation_space, action_space, device, n_envs: as SB3 hands them on.
@@ -85,11 +88,11 @@ class PartsBuffer(BaseBuffer):
             if self.cut:
                 where, world, rows, there = zip(*self.cut, strict=True)
                 last = critic(torch.from_numpy(np.stack(rows)), torch.from_numpy(np.stack(there))).numpy()
-                self.reward[list(where), list(world)] += self.gamma * last
+                self.reward[list(where), list(world)] += self.gamma * last * np.stack(there)
         self.value[:] = value[:-1]
         run = np.zeros((worlds, parts), dtype=np.float32)
         for step in reversed(range(steps)):
-            goes_on = (1.0 - self.done[step])[:, None]
+            goes_on = (1.0 - self.done[step])[:, None] * self.mask[step + 1]
             change = self.reward[step] + self.gamma * goes_on * value[step + 1] - value[step]
             run = change + self.gamma * self.gae_lambda * goes_on * run
             self.advantage[step] = run

@@ -8,6 +8,7 @@ import pytest
 
 from tests.policies.helpers import ALUMINIUM, DISC, POSE_TASKS, STEEL, SURFACE, episodes, info_of
 from vibgym import Part
+from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.motion_choice import (
     FIRST_AISLE,
     FIRST_ASIDE,
@@ -23,6 +24,7 @@ from vibgym.policies.classical.motion_choice import (
 )
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.targets import Targets, assign, places, swap
+from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.registry import make_policy
 from vibgym.scene.hulls import gaps_between, hulls_of
 
@@ -226,6 +228,56 @@ def test_who_has_arrived_makes_way():
     assert least > 0.0
 
 
+def test_the_rule_asks_no_more_than_goals_have_room_for():
+    """Two parts at goals 2 mm apart owe each other that, and on their way the rule, as all do in other tasks."""
+    policy = planner("Pack")
+    room = np.full((1, 12, 12), np.inf)
+    room[0, 0, 1] = room[0, 1, 0] = 0.002
+    rows = np.zeros((12, policy.info.layout.block))
+    seen = Measured.of(rows.ravel(), policy.info)
+    there, away = seen.centre, seen.centre + [0.3, 0.0]
+    at_goals, on_the_way = (policy.scene(seen, target, room, np.zeros((1, 12))) for target in (there, away))
+    assert at_goals.spacing[0, 0, 1] == pytest.approx(0.002) and at_goals.safe[0, 0, 1] == pytest.approx(0.001)
+    assert (at_goals.spacing[0, 2:] == RULE).all() and (on_the_way.spacing == RULE).all()
+    assert (on_the_way.safe == policy.spacing.safe).all()
+
+
+def test_a_goal_near_the_border_costs_nothing():
+    wants, rest = planner().preferences, np.full((INSTANTS, 2), [0.4, 0.018])
+    assert price_of_place(wants, rest, rest[0]) == pytest.approx(0.0, abs=1e-12)
+    beside = rest - [0.0, 0.005]
+    assert price_of_place(wants, beside, rest[0]) > price_of_place(wants, rest + [0.0, 0.005], rest[0]) + 1.0
+
+
+def test_parts_that_leave_have_places_of_their_own():
+    known = info_of("Feed")
+    targets, generator = Targets(known, 0.026, 0.02), np.random.default_rng(4)
+    centre = generator.random((20, 12, 2)) * [0.83, 0.208]
+    target, zone = targets.leaving(centre), known.zones[list(known.kind)]
+    right = (centre[..., 1] > zone[:, 1]) & (centre[..., 1] < zone[:, 3])
+    assert right.any() and not right.all()
+    assert (target[..., 0] == np.where(right, zone[:, 2], target[..., 0])).all() and (target[..., 0] < zone[:, 0])[
+        ~right
+    ].all()
+    assert (target[..., 1] > zone[:, 1]).all() and (target[..., 1] < zone[:, 3]).all()
+    policy = PlannerPolicy(known)
+    way = np.array([[0.1, 0.3, 0.2]])
+    assert np.argsort(policy.right_of_way(way))[0].tolist() == [0, 2, 1]  # nearest to its gate first
+    assert np.argsort(planner().right_of_way(way))[0].tolist() == [1, 2, 0]
+
+
+def test_goals_too_near_together_are_told_of(caplog):
+    for name, settings, told in (
+        ("Pack", {}, True), ("Pack", {"parts": ["steel_block"] * 4, "task_settings": {"gap_mm": 37, "rows": 2}}, False),
+        ("Sort", {}, False), ("Swap", {}, False),
+    ):  # fmt: skip
+        caplog.clear()
+        PlannerPolicy(info_of(name, **settings))
+        assert any("mm apart" in each and "two_phases" in each for each in caplog.messages) == told, name
+    TwoPhasesPolicy(info_of("Pack"))
+    assert not any("mm apart" in each for each in caplog.messages)
+
+
 # -- what it achieves --------------------------------------------------------------------------------------------------
 
 
@@ -241,6 +293,12 @@ def test_it_does_so_with_long_steps(name, most_time):
     info = info_of(name, periods_per_step=4)
     outcome = episodes(make_policy("planner", info), name, 30, 7_100_000, periods_per_step=4)
     assert outcome.success == 30 and outcome.time < most_time
+
+
+def test_goals_that_are_far_enough_apart_are_reached_near_the_border_too():
+    settings = {"task_settings": {"gap_mm": 37, "rows": 2}}
+    outcome = episodes({"kind": "planner", "law": "pose"}, "Pack", 30, 7_100_000, **settings)
+    assert outcome.success >= 29 and outcome.time < 2.6
 
 
 @pytest.mark.parametrize("task", POSE_TASKS)

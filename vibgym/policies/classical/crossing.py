@@ -32,14 +32,16 @@ class Passing:
     """
 
     near: float = 0.003  # m, distance that parts keep
-    ahead: float = 0.5  # s that parts look ahead
+    ahead: float = 0.35  # s that parts look ahead
     meeting: float = 4.0  # price of meeting at once, over that of rest for one that would like to go at the top speed
-    yields: float = 0.1  # share of that which a part reckons for those over which it has right of way
+    yields: float = 0.3  # share of that which a part reckons for those over which it has right of way
     steady: float = 0.1  # price of a velocity that is the top speed away from the present one
     over: float = 0.004  # m, that parts may stick out of the surface
     side: float = 0.8  # most velocity towards the own side of the table over the top speed
-    hold: float = 0.10  # m between centres, along the table, that those keep who meet one on the wrong side
+    hold: float = 0.13  # m between centres, along the table, that those keep who meet one on the wrong side
     hold_across: float = 0.052  # m between centres, across the table, within which they do
+    patience: float = 0.15  # s that a part waits off its goal, with nobody coming towards it, until a planner takes over
+    crosses: float = 0.15  # m along the table to the goal, from which on others may come towards a part
     turn_at: float = 0.060  # m from the goal, where parts turn to its heading
 
     def __post_init__(self) -> None:
@@ -73,7 +75,11 @@ class CrossingPolicy(TwoPhasesPolicy):
         """Set velocities, as planners have them; in worlds where parts meet those of traffic."""
         velocity, waited = super().choose(measured, memory)
         wanted, first, meets = self.wanted(measured)
-        some = np.flatnonzero(meets.any(axis=1))
+        crossing, patience = meets.any(axis=1), self.passing.patience
+        patient = np.where(measured.present, waited, 0.0).max(axis=1) < patience
+        # Patience that is lost when nobody meets anybody any more does not come back.
+        waited = np.where((crossing | patient)[:, None], waited, np.maximum(waited, patience))
+        some = np.flatnonzero(crossing | patient)
         if len(some):
             velocity[some] = self.pass_by(measured, wanted, first, some)
         return velocity, waited
@@ -117,7 +123,7 @@ class CrossingPolicy(TwoPhasesPolicy):
         speed = np.minimum(away / self.lead, self.top)
         straight = (speed / np.maximum(away, 1e-12))[..., None] * way
         # Which way a part goes, as long as it is far from its goal along the table.
-        side = np.where((np.abs(way[..., 0]) > passing.turn_at) & measured.present, np.sign(way[..., 0]), 0.0)
+        side = np.where((np.abs(way[..., 0]) > passing.crosses) & measured.present, np.sign(way[..., 0]), 0.0)
         between = x[:, None] - x[:, :, None]
         oncoming = (between * side[:, :, None] > 0.0) & (side[:, None] * side[:, :, None] < 0.0)
         meets = oncoming.any(axis=2)

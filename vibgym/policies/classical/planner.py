@@ -14,6 +14,7 @@ to the gate has right of way.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
@@ -31,6 +32,8 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
 from vibgym.simulation import threads as workers
 
+LOGGER = logging.getLogger("vibgym")
+
 ARRIVED = 0.020  # m from the target
 SLOW = 0.050  # m/s
 CALMING = 0.5  # s of waiting that are forgotten in a second of motion
@@ -39,6 +42,9 @@ BRAKING = 0.6  # share of the largest acceleration at which parts are expected t
 SWAP_GAIN = 0.010  # m, lest two parts swap targets to and fro
 NEARING = 0.5
 """m that two parts keep beyond the distance of their goals for each m that is left of their ways."""
+
+SERVED = 0.036
+"""m between goals below which some or all episodes fail: a warning says so."""
 
 LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4
 """m, to which the spacing rule and the safe distance shrink at goals, at least."""
@@ -106,6 +112,9 @@ class PlannerPolicy(Steering):
         surface, plant, self.spacing = info.surface, info.plant, Spacing(**own)
         edge = min(self.spacing.edge, 0.5 * surface.width, 0.5 * surface.depth)
         self.targets = Targets(info, edge, self.spacing.inset, 2.0 * self.slack)
+        if type(self) is PlannerPolicy and info.goal_gap is not None and info.goal_gap < SERVED:
+            said = "goals of %s are %.3g mm apart: below %g mm the planner jams, since parts that have arrived are in the way"
+            LOGGER.warning(f"{said}; policy 'two_phases' does not", info.name, 1e3 * info.goal_gap, 1e3 * SERVED)
         self.tight = info.has_goal and not info.goal_moves and len(info.parts) > 1
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Parts without zones may all swap targets: apart is apart.

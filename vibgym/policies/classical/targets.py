@@ -16,6 +16,9 @@ SHIFTS = 9
 SPARE = 1.003
 """Pitch of the lattice over the smallest that keeps the spacing rule."""
 
+BEFORE = 0.04
+"""m before their gates that parts wait which are not yet at its height."""
+
 
 def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, least: int) -> np.ndarray:
     """Centres (n, 2) m, at least ``least``, for parts of ``size`` (2,) m that lie straight: ``spacing`` apart if there is room.
@@ -87,11 +90,16 @@ class Targets:
         return target
 
     def leaving(self, centre: np.ndarray) -> np.ndarray:
-        """Targets (batch, parts, 2) m at the far end of each part's gate, where each comes: no two are the same."""
+        """Targets (batch, parts, 2) m at the far end of each part's gate, where each comes: no two are the same.
+
+        Who is not yet at the height of its own gate goes there first, before the gates (:data:`BEFORE`).
+        """
+        assert self.zones is not None
         zone = self.zones[self.kind]
         inset = np.minimum(self.size[:, 1], 0.5 * (zone[:, 3] - zone[:, 1]))
         height = np.clip(centre[..., 1], zone[:, 1] + 0.5 * inset, zone[:, 3] - 0.5 * inset)
-        return np.stack([np.broadcast_to(zone[:, 2], height.shape), height], axis=-1)
+        there = (centre[..., 1] > zone[:, 1]) & (centre[..., 1] < zone[:, 3])
+        return np.stack([np.where(there, zone[:, 2], zone[:, 0] - BEFORE), height], axis=-1)
 
     def _apart(self, centre: np.ndarray) -> np.ndarray:
         """Places of the lattice, shifted along the table so that the longest way is shortest."""

@@ -23,11 +23,8 @@ SPEEDS = (1.0, 0.6, 0.25)
 CLOSE = 0.040
 """m between the circles of parts whose outlines are looked at."""
 
-AT_ONCE = 0.08
-"""s, sooner than which nobody meets another one, right of way or not."""
-
-BESIDE = 20.0
-"""Price of going over the border at the top speed."""
+AT_ONCE, PUSHING = 0.08, 4.0
+"""s, sooner than which nobody meets another one, right of way or not, and the price of it, in prices of meeting at once."""
 
 COSINES = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 SINES = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
@@ -126,7 +123,8 @@ def meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy):
 
 @borrowing
 def price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, vx, vy, limit):
-    """Price of a velocity (m/s) of part ``p``; one dearer than ``limit`` is not priced to the end."""
+    """Price of a velocity (m/s) of part ``p``, infinite of those that lead over the border; one dearer than ``limit`` is not
+    priced to the end."""
     wx, wy = crowd.wanted[w, p, 0] - vx, crowd.wanted[w, p, 1] - vy
     lx, ly = last_x - vx, last_y - vy
     price = (math.sqrt(wx * wx + wy * wy) + rules.faithful * math.sqrt(lx * lx + ly * ly)) / rules.top
@@ -136,7 +134,7 @@ def price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, vx, vy, lim
         reach = crowd.reach[w, p, axis] - rules.edge
         room = size - reach - at if v > 0.0 else at - reach
         if abs(v) > rules.brake * max(room, 0.0):
-            price += BESIDE * (abs(v) - rules.brake * max(room, 0.0)) / rules.top
+            return math.inf
     for q in range(rank.shape[0]):
         if price > limit:
             return price
@@ -150,7 +148,9 @@ def price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, vx, vy, lim
             continue
         ux, uy = vx - chosen[w, q, 0], vy - chosen[w, q, 1]
         time = meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy)
-        share = 1.0 if rank[q] < rank[p] or time < AT_ONCE else rules.yielding
+        if time < AT_ONCE:
+            price += PUSHING * rules.meeting * (1.0 - time / AT_ONCE)
+        share = 1.0 if rank[q] < rank[p] else rules.yielding
         if rank[q] < rank[p]:  # who has right of way is made way for, also where it has had to stop
             ux, uy = vx - crowd.wanted[w, q, 0], vy - crowd.wanted[w, q, 1]
             time = min(time, meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy))

@@ -10,7 +10,7 @@ past one another (:func:`may_close`), which is asked every step.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +32,12 @@ SUBSTEPS = 5
 TURN = math.radians(30.0)
 """Parts that close in and have no more left turn at once: at its goal a part takes up least when it is straight."""
 
+THERE = 0.002
+"""m from its place in the pattern drawn apart within which a part is there."""
+
+EXCHANGED = 0.005
+"""m, that a goal has moved by where parts have exchanged theirs."""
+
 SPIN = 4.0
 """rad/s, by which parts are expected to turn at least."""
 
@@ -40,6 +46,7 @@ class Memory(NamedTuple):
     """What is handed on from step to step."""
 
     plan: planner.Memory
+    goal: np.ndarray  # (batch, parts, 2) m
     apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart, minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
     closing: np.ndarray  # (batch,) bool, in the second phase
@@ -79,7 +86,7 @@ class TwoPhasesPolicy(PlannerPolicy):
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
         own = {each.name: settings.pop(each.name) for each in fields(Closing) if each.name in settings}
-        super().__init__(info, **{"law": "pose", "edge": 0.018, "soft": 0.5, **settings})
+        super().__init__(info, **{"law": "pose", "edge": 0.018, "soft": 0.5, "safe": 0.004, **settings})
         if not info.has_goal or info.goal_moves:
             allowed = "tasks whose parts have goal poses that stay, such as Pack"
             raise checks.refuse("policy 'two_phases'", f"the task {info.name}", allowed)
@@ -89,7 +96,8 @@ class TwoPhasesPolicy(PlannerPolicy):
         """Memory at the very start, before anything has been seen."""
         parts = len(self.info.parts)
         apart, goals = np.zeros((batch, parts, 2)), np.full((batch, parts, parts), np.inf)
-        return Memory(super().initial(batch), apart, goals, np.zeros(batch, dtype=bool), np.zeros(batch))
+        nowhere, closing = np.zeros((batch, parts, 2)), np.zeros(batch, dtype=bool)
+        return Memory(super().initial(batch), nowhere, apart, goals, closing, np.zeros(batch))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
@@ -100,12 +108,16 @@ class TwoPhasesPolicy(PlannerPolicy):
         plan = memory.plan
         measured = self.expected(measured, plan.steering)
         goal = measured.centre + measured.way
-        for world in np.flatnonzero(new):
+        moved = measured.present & (np.hypot(*np.moveaxis(goal - memory.goal, -1, 0)) > EXCHANGED)
+        for world in np.flatnonzero(new | moved.any(axis=1)).tolist():
             self.begin_world(world, measured, goal, memory)
+        memory.goal[...] = goal
         self.switch(measured, goal, memory)
         closing = memory.closing[:, None, None]
         plan = plan._replace(target=np.where(closing, goal, goal + memory.apart))
-        velocity, waited = self.choose(measured, plan)
+        # Those that go straight need no plan.
+        planned = replace(measured, present=measured.present & ~memory.closing[:, None])
+        velocity, waited = self.choose(planned, plan)
         way = np.where(closing, measured.way, self.lead * velocity)
         turns = memory.closing[:, None] & (np.abs(measured.turn) < TURN)
         action, steered = self.steer(measured, way, plan.steering, turns)
@@ -141,6 +153,10 @@ class TwoPhasesPolicy(PlannerPolicy):
 
         workers.share(ask, len(goal), self.threads)
         memory.closing[memory.stuck >= rules.give_up] = False
+        # Side by side in a pattern that fills the width parts are nearer than they might be, but nobody gets farther apart.
+        away = np.hypot(*np.moveaxis(measured.way + memory.apart, -1, 0)) > THERE
+        waits = (away | (np.abs(measured.turn) > info.heading_tolerance)) & measured.present
+        memory.closing[~waits.any(axis=1)] = True
 
     def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""

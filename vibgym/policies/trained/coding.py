@@ -140,7 +140,8 @@ class Coding:
             if not isinstance(before, Seen) or before.said.shape != said.shape:
                 got = f"of shape {before.said.shape}" if isinstance(before, Seen) else type(before).__name__
                 raise checks.refuse("state", got, f"None, or what predict() returned last, of shape {said.shape}")
-            said[...] = before.said
+            # A part that was not there has been told nothing: where parts come and go, a slot is empty before each.
+            said[...] = before.said * (before.mask[..., None] > 0.5)
             if start is not None:
                 said[np.asarray(start, dtype=bool)] = 0.0
         own, others = seen.rows[..., : self._own], seen.rows[..., self._own :]

@@ -1,0 +1,94 @@
+"""Two phases: the pattern drawn apart, when parts may close in, and what comes of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE, episodes, info_of
+from vibgym.policies.classical.drawn_apart import EDGE, drawn_apart
+from vibgym.policies.classical.two_phases import TwoPhasesPolicy
+from vibgym.scene.hulls import gaps_between
+from vibgym.tasks import Pattern
+
+PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+
+
+@pytest.mark.parametrize(
+    "parts", [[ALUMINIUM] * 12, [ALUMINIUM] * 20, [STEEL, ALUMINIUM] * 4], ids=["12", "20", "two kinds"]
+)
+@pytest.mark.parametrize("settings", [{}, {"heading_deg": 8, "rows": 2}, {"gap_mm": 20, "rows": 2}])
+def test_patterns_are_drawn_apart_on_the_table(parts, settings):
+    """They fit; parts are as far apart as is asked, or as there is room across; and nobody meets anybody on the way back."""
+    pattern = Pattern(SURFACE, parts, **settings)
+    of = [parts[int(np.flatnonzero(pattern._kind == kind)[0])] for kind in pattern.of_kind]
+    for uniform in np.random.default_rng(0).random((10, 2)):
+        goal = pattern.draw(uniform[None])[0]
+        place = drawn_apart(SURFACE, of, goal[:, :2], goal[:, 2], 0.036)
+        away = gaps_between(of, np.c_[place, goal[:, 2]][None])[0].min()
+        assert away > (0.0359 if not (len(parts) == 20 or "heading_deg" in settings) else 0.02)
+        assert (place > 0.0175 + EDGE - 1e-9).all() and (
+            place < [SURFACE.width, SURFACE.depth] - np.array(0.0175)
+        ).all()
+        least = gaps_between(of, goal[None])[0].min()
+        way = np.linspace(0.0, 1.0, 40)[:, None, None]
+        poses = np.concatenate([goal[:, :2] + way * (place - goal[:, :2]), np.tile(goal[:, 2:], (40, 1, 1))], axis=-1)
+        assert gaps_between(of, poses).min() > least - 1e-9
+
+
+def test_a_pattern_that_fills_the_width_is_slanted():
+    goal = Pattern(SURFACE, [ALUMINIUM] * 12, heading_deg=90, place_mm=[416, 104]).draw(np.zeros((1, 0)))[0]
+    place = drawn_apart(SURFACE, [ALUMINIUM] * 12, goal[:, :2], goal[:, 2], 0.036)
+    assert gaps_between([ALUMINIUM] * 12, np.c_[place, goal[:, 2]][None])[0].min() > 0.01
+    assert drawn_apart(SURFACE, [ALUMINIUM], goal[:1, :2], goal[:1, 2], 0.036) == pytest.approx(goal[:1, :2])
+
+
+def test_twelve_are_packed():
+    """Sanity only: figures with their commands are in docs/pack.md."""
+    found = episodes("two_phases", "Pack", 40)
+    assert found.success >= 39 and found.time < 2.6 and found.collisions < 2.0
+    found = episodes("two_phases", "Pack", 20, **PROTOTYPE)
+    assert found.success >= 18 and found.time < 3.0
+
+
+def test_twenty_are_packed():
+    found = episodes({"kind": "two_phases", "action": "wrench"}, "PackFull", 20)
+    assert found.success >= 19 and found.time < 4.5
+
+
+def test_a_pattern_that_fills_the_width_is_packed():
+    found = episodes("two_phases", "Pack", 12, task_settings={"heading_deg": 90})
+    assert found.success >= 11 and found.time < 4.5
+
+
+def test_absent_parts_do_not_count():
+    found = episodes(
+        "two_phases", "Pack", 20, parts=["steel_block", "aluminium_block"] * 3, randomize={"parts": [1, 6]}
+    )
+    assert found.success >= 19  # two kinds that cross may jam
+
+
+def test_worlds_do_not_depend_on_one_another():
+    policy = TwoPhasesPolicy(info_of("Pack"))
+    layout, generator = policy.info.layout, np.random.default_rng(3)
+    rows = np.clip(generator.normal(size=(5, layout.size)) * 0.3, -1.0, 1.0)
+    rows.reshape(5, 12, -1)[..., 0] = 1.0
+    together, memory = policy.predict(rows)
+    again, _ = policy.predict(rows, memory)
+    for k in range(5):
+        alone, own = policy.predict(rows[k : k + 1])
+        assert (alone[0] == together[k]).all()
+        assert (policy.predict(rows[k : k + 1], own)[0][0] == again[k]).all()
+
+
+@pytest.mark.parametrize("task", ["Sort", "Singulate", "Follow"])
+def test_tasks_without_goals_that_stay_are_refused(task):
+    with pytest.raises(ValueError, match=f"two_phases.*{task}.*goal poses that stay"):
+        TwoPhasesPolicy(info_of(task))
+
+
+@pytest.mark.parametrize("name", ["apart", "margin", "growth", "share", "doubt", "give_up"])
+def test_bad_settings_are_refused(name):
+    for value in (0.0, -1.0, math.nan, "far"):
+        with pytest.raises(ValueError, match=name):
+            TwoPhasesPolicy(info_of("Pack"), **{name: value})

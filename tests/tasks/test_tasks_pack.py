@@ -1,0 +1,173 @@
+"""Patterns of goals, and packing to them."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from tests.tasks.helpers import Judge
+from tests.tasks.test_tasks_starts import ALUMINIUM, DISC, STEEL, SURFACE
+from vibgym.scene.hulls import gaps_between
+from vibgym.tasks import Pack, Pattern, Sort, Starts
+
+SIX, MIXED = [ALUMINIUM] * 6, [STEEL, ALUMINIUM] * 3
+TWELVE, TWENTY = [ALUMINIUM] * 12, [ALUMINIUM] * 20
+
+
+def drawn(task, worlds=50, seed=0, present=None):
+    return task.start(np.random.default_rng(seed).random((worlds, task.draws)), present)
+
+
+def corners(parts, pose):
+    """(corners, 2) m of all parts at poses (parts, 3)."""
+    turned = [part.outline @ np.array([[math.cos(h), math.sin(h)], [-math.sin(h), math.cos(h)]]) + [x, y]
+              for part, (x, y, h) in zip(parts, pose, strict=True)]  # fmt: skip
+    return np.concatenate(turned)
+
+
+@pytest.mark.parametrize("parts", [SIX, MIXED, TWELVE, TWENTY], ids=["six", "mixed", "twelve", "twenty"])
+@pytest.mark.parametrize(
+    "settings", [{}, {"gap_mm": 7}, {"heading_deg": 5, "rows": 2}, {"heading": math.pi / 2, "columns": 3}]
+)
+def test_lattices_lie_on_the_surface_with_their_gap(parts, settings):
+    pattern = Pattern(SURFACE, parts, **settings)
+    goals = pattern.draw(np.random.default_rng(1).random((40, pattern.draws)))
+    gap = settings.get("gap_mm", 2.0) * 1e-3
+    for each in goals:
+        of = [parts[int(np.flatnonzero(pattern._kind == kind)[0])] for kind in pattern.of_kind]
+        least = gaps_between(of, each[None])[0].min()
+        assert gap - 1e-9 <= least  # of parts that are all alike it is the gap
+        assert len({part.name for part in parts}) > 1 or least == pytest.approx(gap)
+        reach = corners(of, each)
+        assert (reach > -1e-9).all() and (reach < np.array([SURFACE.width, SURFACE.depth]) + 1e-9).all()
+    assert np.ptp(goals[:, 0, 0]) > 0.25  # drawn along the table
+
+
+def test_the_place_may_be_given():
+    pattern = Pattern(SURFACE, SIX, place_mm=[400, 100], rows=2, heading_deg=90)
+    assert pattern.draws == 0
+    goals = pattern.draw(np.zeros((2, 0)))
+    assert goals[..., :2].mean(axis=1) == pytest.approx(np.tile([0.4, 0.1], (2, 1)))
+    assert len(np.unique(goals[0, :, 0].round(9))) == 2 and len(np.unique(goals[0, :, 1].round(9))) == 3
+
+
+def test_free_goals_are_given_out_at_the_least_cubed_way():
+    """Against all permutations; kinds keep to their own."""
+    task = Pack(SURFACE, MIXED)
+    for k in range(10):
+        start = drawn(task, 1, k)
+        cost = lambda goal: (np.hypot(*(goal - start.pose[0])[:, :2].T) ** 3).sum()  # noqa: E731, B023
+        own = [np.flatnonzero(task.kind == kind) for kind in range(2)]
+        least = math.inf
+        for first, second in itertools.product(*(itertools.permutations(each) for each in own)):
+            goal = start.goal[0].copy()
+            goal[own[0]], goal[own[1]] = start.goal[0][list(first)], start.goal[0][list(second)]
+            least = min(least, cost(goal))
+        assert cost(start.goal[0]) == pytest.approx(least)
+
+
+def test_assigned_goals_are_each_parts_own():
+    poses = [[0.1 + 0.06 * k, 0.1, 0.0] for k in range(6)]
+    start = drawn(Pack(SURFACE, MIXED, free=False, pattern=poses), 3)
+    assert start.goal == pytest.approx(np.tile(poses, (3, 1, 1)))
+    by_kind = {"aluminium": poses[3:], "steel": poses[:3]}
+    start = drawn(Pack(SURFACE, MIXED, free=False, pattern=by_kind), 1)
+    assert start.goal[0, 0::2] == pytest.approx(np.array(poses[:3]))  # steel, which is listed first
+    assert start.goal[0, 1::2] == pytest.approx(np.array(poses[3:]))
+
+
+def test_with_fewer_parts_the_last_goals_stay_open():
+    task = Pack(SURFACE, TWELVE, place_mm=[416, 104])
+    present = np.zeros((1, 12), dtype=bool)
+    present[0, [1, 4, 7, 11]] = True
+    start = drawn(task, 1, present=present)
+    first = task.pattern.draw(np.zeros((1, 0)))[0, :4]
+    assert sorted(map(tuple, start.goal[0, present[0]])) == sorted(map(tuple, first))
+    assert (start.goal[~present] == 0.0).all()
+
+
+def test_parts_that_are_put_down_elsewhere_get_other_goals():
+    task = Pack(SURFACE, SIX)
+    start = drawn(task, 1)
+    other = start.pose[:, ::-1].copy()
+    moved = task.put_down(start, other)
+    assert (moved.goal[:, ::-1] == start.goal).all()
+    fixed = Pack(SURFACE, SIX, free=False)
+    start = drawn(fixed, 1)
+    assert (fixed.put_down(start, other).goal == start.goal).all()
+
+
+def test_success_is_all_in_place_at_once_and_the_error_is_the_rms():
+    task = Pack(SURFACE, SIX)
+    judge = Judge(task, 2)
+    judge.scoring = task.scoring(judge.state, 1)
+    judge.episode = judge.scoring.episode
+    start = drawn(task, 2)
+    judge.begin(start)
+    within, goal = judge.scoring.facts()["pattern_error"], start.goal.copy()
+    assert within == pytest.approx(np.sqrt(((start.goal - start.pose)[..., :2] ** 2).sum(axis=-1).mean(axis=1)))
+    pose = goal + [0.0006, 0.0006, math.radians(2.9)]
+    pose[:, 0, 2] += math.pi  # a rectangle looks the same
+    for _ in range(9):
+        judge.score(pose)
+    assert not judge.episode.success.any() and (judge.episode.parts_done == 6).all()
+    assert within == pytest.approx(0.0006 * math.sqrt(2.0))
+    pose[1, 3, 0] += 0.0004  # beyond a millimetre
+    judge.score(pose)
+    assert judge.episode.success.tolist() == [True, False] and judge.episode.parts_done[1] == 5
+    assert judge.episode.heading_error == pytest.approx(math.radians(2.9))
+
+
+@pytest.mark.parametrize("parts", [MIXED, TWELVE], ids=["mixed", "twelve"])
+def test_starts_in_a_pattern(parts):
+    """In a lattice any part lies in any place; as many are there as are asked for."""
+    starts = Starts(SURFACE, parts, {"kind": "pattern", "gap_mm": 5}, {"parts": [2, len(parts)]})
+    uniform = np.random.default_rng(2).random((200, starts.draws))
+    pose, there = starts.draw(uniform)
+    assert set(there.sum(axis=1).tolist()) == set(range(2, len(parts) + 1))
+    for k in range(40):
+        lying = [part for part, here in zip(parts, there[k], strict=True) if here]
+        assert gaps_between(lying, pose[k, there[k]][None])[0].min() >= 0.005 - 1e-9
+        assert (pose[k, ~there[k]] == [-SURFACE.width, -SURFACE.depth, 0.0]).all()
+    whole = there.all(axis=1)
+    assert len(np.unique((pose[whole, 0] - pose[whole].min(axis=1)).round(6), axis=0)) > 3
+    assert (starts.draw(uniform, np.ones_like(there))[1]).all()
+    fixed = Starts(SURFACE, [STEEL, DISC], {"kind": "pattern", "pattern": [[0.1, 0.1, 1.0], [0.3, 0.1, 0.0]]})
+    assert fixed.draw(np.random.default_rng(0).random((1, fixed.draws)))[0][0] == pytest.approx(
+        np.array([[0.1, 0.1, 1.0], [0.3, 0.1, 0.0]])
+    )
+    assert Sort(SURFACE, MIXED, start="pattern").starts.pattern is not None
+
+
+BAD = [
+    ({"gap_mm": 40, "rows": 4}, "goals that take .*goals wholly on this surface"),
+    ({"rows": 6}, "wholly on this surface"), ({"place_mm": [10, 100]}, r"place_mm.*10, 100.*wholly"),
+    ({"place": [0.4, 0.1], "place_mm": [400, 100]}, "place_mm.*nothing beside"),
+    ({"gap": 0.002, "gap_mm": 2}, "gap_mm.*nothing beside"), ({"gap_mm": -1}, "gap_mm.*-1"), ({"gap": math.nan}, "gap.*nan"),
+    ({"rows": 0}, "rows.*0"), ({"rows": 2.5}, "rows"), ({"rows": 2, "columns": 2}, "columns.*2.*at least 3"),
+    ({"heading": "north"}, "heading.*north"), ({"free": 1}, "free.*1"),
+    ({"pattern": [[0.1, 0.1, 0.0]] * 5}, "5 goals.*at least 6"),
+    ({"pattern": [[0.1, 0.1, 0.0]] * 6}, "goals 0 and 1, .*mm into each other.*no overlap"),
+    ({"pattern": [[0.06 * k, 0.1, 0.0] for k in range(6)]}, "wholly on this surface"),
+    ({"pattern": [[0.1, 0.1]] * 6}, "pattern"), ({"pattern": 3}, "pattern.*3"),
+    ({"pattern": {"steel": []}}, "steel.*aluminium"),
+    ({"pattern": {}}, "aluminium.*0 goals.*at least 6"),
+    ({"pattern": [[0.1 + 0.06 * k, 0.1, 0.0] for k in range(6)], "gap_mm": 2}, "gap_mm.*nothing beside"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("settings, message", BAD)
+def test_bad_patterns_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        Pack(SURFACE, SIX, **settings)
+
+
+@pytest.mark.parametrize(
+    "start, message",
+    [("heaps", "start.*heaps.*pattern"), ({"kind": "pattern", "gap_mm": 60, "rows": 3}, "^start: .*wholly"),
+     ({"kind": "pattern", "colour": 1}, "start.*colour"), ({"kind": "crowded", "gap_mm": 1}, "start.*gap_mm")],
+)  # fmt: skip
+def test_bad_starts_are_refused(start, message):
+    with pytest.raises(ValueError, match=message):
+        Pack(SURFACE, SIX, start=start)
