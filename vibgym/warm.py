@@ -84,7 +84,7 @@ def policies() -> None:
     """A step of each classical policy, where what they need is installed (extra ``policies``)."""
     if importlib.util.find_spec("scipy") is None:
         return
-    for task, names in {"Align": ("pose",), "Sort": ("planner", "pose")}.items():
+    for task, names in {"Align": ("pose",), "Sort": ("planner", "pose"), "Pack": ("two_phases",)}.items():
         made = gymnasium.make_vec(f"vibgym/{task}-v0", num_envs=2)
         for name in names:
             policy = make_policy(name, TaskInfo.of(made))

@@ -41,7 +41,7 @@ class TaskInfo:
     position_tolerance: float  # m
     heading_tolerance: float  # rad; infinite where headings do not count
     apart: float | None  # m, distance that all parts shall keep; None where it does not count
-    goal_gap: float | None  # m, least distance between goals that a task states for all its episodes; None where it states none
+    goal_gap: float | None  # m, least distance between goals in all episodes; None where the task states none
     periods_per_step: int  # oscillation periods
     step_time: float  # s
     layout: Layout  # of the state observation

@@ -17,9 +17,10 @@ from vibgym.scene.surface import Surface
 from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import HOLD_PERIODS, Start, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
+from vibgym.tasks.exchange import FreeScoring
 from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PoseTask
-from vibgym.tasks.scoring import Scoring, Stage
+from vibgym.tasks.scoring import Stage
 
 
 class Pack(ArrangedTask):
@@ -30,7 +31,8 @@ class Pack(ArrangedTask):
 
     Args:
         free: parts of a kind are as good as one another: goals are given out at the start, so that the cubes of the ways add up
-            to the least. False: each part has the goal of its number among its kind's.
+            to the least, and two parts exchange theirs at the end of a step where that makes their ways shorter. False: each
+            part has the goal of its number among its kind's.
         pattern, rows, columns, gap, gap_mm, heading, heading_deg, place, place_mm: of the
             :class:`vibgym.tasks.patterns.Pattern`.
         start, randomize, slots, hold: see :class:`ArrangedTask`. With fewer parts the last goals of each kind stay open.
@@ -106,7 +108,7 @@ class Pack(ArrangedTask):
         return f"{super().caption(relations, episode, world)}   largest error {error:.1f} mm"
 
 
-class PatternScoring(Scoring):
+class PatternScoring(FreeScoring):
     """Says besides how far the parts are off their pattern.
 
     Args:
@@ -117,7 +119,7 @@ class PatternScoring(Scoring):
     """
 
     def __init__(self, task: Pack, state: State, periods: int) -> None:
-        super().__init__(task, state, periods)
+        super().__init__(task, state, periods, task.free)
         self.pattern_error = np.zeros(len(state.pose))
 
     def own_state(self) -> dict[str, np.ndarray]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing, jit
+from vibgym._numba.jit import jit
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -268,37 +268,3 @@ def give_out(kind, present, pose, goal):
             )  # fmt: skip
             for i in range(count):
                 goal[w, who[i]] = goals[column_of[i]]
-
-
-EXCHANGE = 0.010
-"""m that two parts have to gain on their ways by it before they exchange goals, lest they do so to and fro."""
-
-
-@borrowing
-def exchange_goals(kind, present, pose, goal, worlds):
-    """Let parts of a kind exchange goals, in place, where their ways, cubed with :data:`EXCHANGE` more, then add up to less.
-
-    Args:
-        kind: (parts,).  present: (worlds, parts) bool.
-        pose, goal: (worlds, parts, 3) m, m, rad.
-        worlds: (n,) index.
-    """
-    for k in range(worlds.shape[0]):
-        w = worlds[k]
-        for i in range(kind.shape[0]):
-            for j in range(i):
-                if kind[i] != kind[j] or not (present[w, i] and present[w, j]):
-                    continue
-                now = cubed_way(pose[w], i, goal[w], i, 0.0) + cubed_way(pose[w], j, goal[w], j, 0.0)
-                then = cubed_way(pose[w], i, goal[w], j, EXCHANGE) + cubed_way(pose[w], j, goal[w], i, EXCHANGE)
-                if then < now:
-                    for axis in range(3):
-                        goal[w, i, axis], goal[w, j, axis] = goal[w, j, axis], goal[w, i, axis]
-
-
-@borrowing
-def cubed_way(pose, i, goal, j, gain):
-    """Cube of the way from pose i to goal j and ``gain`` more, m^3."""
-    x, y = goal[j, 0] - pose[i, 0], goal[j, 1] - pose[i, 1]
-    way = math.sqrt(x * x + y * y) + gain
-    return way * way * way

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.patterns import exchange_goals, give_out
+from vibgym.tasks.exchange import FreeScoring
+from vibgym.tasks.patterns import give_out
 from vibgym.tasks.pose import PoseTask
-from vibgym.tasks.scoring import Scoring, Stage
+from vibgym.tasks.scoring import Scoring
 from vibgym.tasks.starts import Starts
 
 APART = 0.005
@@ -135,20 +135,8 @@ class Swap(Task):
         return goal
 
     def scoring(self, state: State, periods: int) -> Scoring:
-        return FreeScoring(self, state, periods) if self.free else super().scoring(state, periods)
+        return FreeScoring(self, state, periods, self.free)
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         error = 1e3 * float(episode.position_error[world])
         return f"{super().caption(relations, episode, world)}   largest error {error:.1f} mm"
-
-
-class FreeScoring(Scoring):
-    """Scores episodes in which parts of a kind exchange goals where that makes their ways shorter; arguments as there."""
-
-    def __init__(self, task: Swap, state: State, periods: int) -> None:
-        super().__init__(task, state, periods)
-        self._kind, self._pose = np.ascontiguousarray(task.kind), state.pose
-
-    def stages(self) -> list[Stage]:
-        exchange = bound(exchange_goals, self._kind, self.episode.present, self._pose, self.episode.goal)
-        return [exchange, *super().stages()]

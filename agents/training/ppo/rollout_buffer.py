@@ -19,8 +19,8 @@ AT_ONCE = 300_000
 class PartsBuffer(BaseBuffer):
     """Steps of all worlds; every part of a world is a sample, with its own reward, value and advantage.
 
-    A part's return ends where its world's episode does, or where it leaves, however the world goes on: it is there at a step and
-    not at the next one. What it was rewarded with in the step in which it left is still its own.
+    A part's return ends where its world's episode does, or where it leaves, however the world goes on: it is there at a step
+    and not at the next one. What it was rewarded with in the step in which it left is still its own.
 
     Args:
         buffer_size: steps.

@@ -4,7 +4,8 @@ As long as some come towards it, a part keeps to the right, as the drivers of mo
 to the lower half, the others to the upper one. Who is on the wrong side goes to its own as soon as there is room; who comes
 towards it waits, or makes room at the border. All turn straight on the way, so that they take little of the width. Which
 velocity a part gets of those that are near the one that it would like is :mod:`.traffic`'s business; those in front have right
-of way. In a world in which nobody meets anybody any more the two phases of :mod:`.two_phases` bring the parts to their goals.
+of way. Where nobody meets anybody any more, and somebody has waited for a moment off its goal, the two phases of
+:mod:`.two_phases` bring the parts to their goals.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ class Passing:
     side: float = 0.8  # most velocity towards the own side of the table over the top speed
     hold: float = 0.13  # m between centres, along the table, that those keep who meet one on the wrong side
     hold_across: float = 0.052  # m between centres, across the table, within which they do
-    patience: float = 0.15  # s that a part waits off its goal, with nobody coming towards it, until a planner takes over
+    patience: float = (
+        0.15  # s that a part waits off its goal, with nobody coming towards it, until a planner takes over
+    )
     crosses: float = 0.15  # m along the table to the goal, from which on others may come towards a part
     turn_at: float = 0.060  # m from the goal, where parts turn to its heading
 
@@ -62,6 +65,9 @@ class CrossingPolicy(TwoPhasesPolicy):
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
         own = {each.name: settings.pop(each.name) for each in fields(Passing) if each.name in settings}
+        if not info.has_goal or info.goal_moves:
+            allowed = "tasks whose parts have goal poses that stay, such as Swap, or leave through gates, such as Feed"
+            raise checks.refuse("policy 'lanes'", f"the task {info.name}", allowed)
         super().__init__(info, **settings)
         self.passing = passing = Passing(**own)
         self.top = info.plant.top_speed
@@ -126,7 +132,7 @@ class CrossingPolicy(TwoPhasesPolicy):
         side = np.where((np.abs(way[..., 0]) > passing.crosses) & measured.present, np.sign(way[..., 0]), 0.0)
         between = x[:, None] - x[:, :, None]
         oncoming = (between * side[:, :, None] > 0.0) & (side[:, None] * side[:, :, None] < 0.0)
-        meets = oncoming.any(axis=2)
+        meets: np.ndarray = np.asarray(oncoming.any(axis=2))
         width, quarter, most = self.half[:, 1], 0.25 * self.info.surface.depth, passing.side * self.top
         room = np.maximum(quarter - width, 0.0)  # off the middle of a half
         middle = 2.0 * quarter - side * quarter

@@ -1,0 +1,83 @@
+"""Swap: where parts and goals lie, who has which, and what is refused."""
+
+import numpy as np
+import pytest
+
+from tests.envs.helpers import assert_same, batch, single
+from vibgym import Surface
+from vibgym.scene.hulls import gaps_between
+from vibgym.scene.parts import shipped_part
+from vibgym.tasks import Swap
+from vibgym.tasks.exchange import EXCHANGE, exchange_goals
+
+SURFACE = Surface()
+BLOCKS = [shipped_part(name) for name in ("steel_block", "aluminium_block")]
+END = 13 * 0.026
+
+
+@pytest.mark.parametrize("pairs, settings, apart", [(8, {}, 0.005), (12, {}, 0.005), (4, {"apart_mm": 20.0}, 0.020)])
+def test_kinds_start_at_one_end_and_have_their_goals_at_the_other(pairs, settings, apart):
+    task = Swap(SURFACE, BLOCKS * pairs, **settings)
+    start = task.start(np.random.default_rng(1).random((200, task.draws)))
+    for k in range(2):
+        own = task.kind == k
+        for places, left in ((start.pose, k == 0), (start.goal, k == 1)):
+            x = places[:, own, 0] if left else SURFACE.width - places[:, own, 0]
+            assert (x > 0.0).all() and (x < END).all()
+    for places in (start.pose, start.goal):
+        assert gaps_between(task.parts, places).min() >= apart - 1e-9
+        assert np.ptp(places[..., 2]) > 6.0  # at any heading
+
+
+def test_free_goals_are_those_that_were_drawn_and_their_cubed_ways_are_the_least():
+    uniform = np.random.default_rng(2).random((50, Swap(SURFACE, BLOCKS * 4).draws))
+    free, own = (Swap(SURFACE, BLOCKS * 4, free=each).start(uniform) for each in (True, False))
+    assert (free.pose == own.pose).all()
+    assert (np.sort(free.goal, axis=1) == np.sort(own.goal, axis=1)).all() and (free.goal != own.goal).any()
+    ways = [(np.hypot(*np.moveaxis(each.goal - each.pose, -1, 0)[:2]) ** 3).sum(axis=1) for each in (free, own)]
+    assert (ways[0] <= ways[1] + 1e-12).all()
+
+
+def test_parts_of_a_kind_exchange_goals_where_both_gain():
+    pose = np.zeros((1, 3, 3))
+    pose[0, :, 0] = [0.1, 0.2, 0.3]
+    goal, kind, there = pose[:, [1, 0, 2]].copy(), np.array([0, 0, 1]), np.ones((1, 3), dtype=bool)
+    exchange_goals(kind, there, pose, goal, np.arange(1))
+    assert (goal == pose).all()
+    goal = pose[:, [2, 1, 0]].copy()
+    exchange_goals(np.arange(3), there, pose, goal, np.arange(1))  # each of another kind
+    assert (goal == pose[:, [2, 1, 0]]).all()
+    goal = pose + [0.5 * EXCHANGE, 0.0, 0.0]  # nothing to gain
+    exchange_goals(np.zeros(3, dtype=np.int64), there, pose, goal, np.arange(1))
+    assert (goal == pose + [0.5 * EXCHANGE, 0.0, 0.0]).all()
+
+
+def test_drawn_numbers_of_parts():
+    env = batch("Swap", 64, randomize={"parts": [2, 16]})
+    env.reset(seed=0)
+    number = env.unwrapped.truth.present.sum(axis=1)
+    assert number.min() <= 4 and number.max() >= 14 and not env.unwrapped.truth.goal[~env.unwrapped.truth.present].any()
+
+
+def test_states_go_on_with_the_goals_that_have_been_exchanged():
+    env, other = (batch("Swap", 2, action="field").unwrapped for _ in range(2))
+    env.reset(seed=3)
+    push = np.random.default_rng(0).uniform(-1, 1, (2, 16, 6)).astype(np.float32)
+    for _ in range(20):
+        env.step(push)
+    other.set_state(env.get_state())
+    for _ in range(20):
+        assert_same(env.step(push), other.step(push))
+
+
+@pytest.mark.parametrize("settings, words", [
+    ({"parts": ["steel_block"] * 4}, "^parts: got '1 kinds: steel_block'; allowed: parts of two kinds"),
+    ({"task_settings": {"columns": 17}}, r"^task_settings\['columns'\]: got 17; allowed: .*16"),
+    ({"task_settings": {"columns": 4}}, "^parts: got '8 parts"),
+    ({"task_settings": {"apart": -1.0}}, r"^task_settings\['apart'\]: got -1.0"),
+    ({"task_settings": {"apart": 0.01, "apart_mm": 10}}, r"^task_settings\['apart_mm'\]: got 10; allowed: nothing beside"),
+    ({"task_settings": {"free": 1}}, r"^task_settings\['free'\]: got 1"),
+])  # fmt: skip
+def test_bad_settings_are_refused(settings, words):
+    with pytest.raises(ValueError, match=words):
+        single("Swap", **settings)

@@ -1,0 +1,67 @@
+"""Goals that parts of a kind exchange on the way: they are as good as one another, and nobody has to pass who has its place."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import bound
+from vibgym.physics.core.records import State
+from vibgym.tasks.scoring import Scoring, Stage
+
+if TYPE_CHECKING:
+    from vibgym.tasks.base import Task
+
+
+EXCHANGE = 0.010
+"""m that two parts have to gain on their ways by it before they exchange goals, lest they do so to and fro."""
+
+
+@borrowing
+def exchange_goals(kind, present, pose, goal, worlds):
+    """Let parts of a kind exchange goals, in place, where their ways, cubed with :data:`EXCHANGE` more, then add up to less.
+
+    Args:
+        kind: (parts,).  present: (worlds, parts) bool.
+        pose, goal: (worlds, parts, 3) m, m, rad.
+        worlds: (n,) index.
+    """
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for i in range(kind.shape[0]):
+            for j in range(i):
+                if kind[i] != kind[j] or not (present[w, i] and present[w, j]):
+                    continue
+                now = cubed_way(pose[w], i, goal[w], i, 0.0) + cubed_way(pose[w], j, goal[w], j, 0.0)
+                then = cubed_way(pose[w], i, goal[w], j, EXCHANGE) + cubed_way(pose[w], j, goal[w], i, EXCHANGE)
+                if then < now:
+                    for axis in range(3):
+                        goal[w, i, axis], goal[w, j, axis] = goal[w, j, axis], goal[w, i, axis]
+
+
+@borrowing
+def cubed_way(pose, i, goal, j, gain):
+    """Cube of the way from pose i to goal j and ``gain`` more, m^3."""
+    x, y = goal[j, 0] - pose[i, 0], goal[j, 1] - pose[i, 1]
+    way = math.sqrt(x * x + y * y) + gain
+    return way * way * way
+
+
+class FreeScoring(Scoring):
+    """Scores episodes in which parts of a kind exchange goals where that makes their ways shorter.
+
+    Args:
+        task, state, periods: see :class:`vibgym.tasks.scoring.Scoring`.
+        free: False: nobody exchanges anything.
+    """
+
+    def __init__(self, task: Task, state: State, periods: int, free: bool = True) -> None:
+        super().__init__(task, state, periods)
+        self._free, self._kind, self._pose = free, np.ascontiguousarray(task.kind), state.pose
+
+    def stages(self) -> list[Stage]:
+        exchange = bound(exchange_goals, self._kind, self.episode.present, self._pose, self.episode.goal)
+        return [*([exchange] if self._free else []), *super().stages()]
