@@ -118,10 +118,11 @@ def test_nobody_lets_more_pass(task, policy):
     assert np.isnan(found.bound).all()
 
 
-def test_goals_that_parts_may_exchange_are_bounded_by_the_best_assignment():
+@pytest.mark.parametrize("task", ["Swap", "Pack"])
+def test_goals_that_parts_may_exchange_are_bounded_by_the_best_assignment(task):
     seeds = range(FRESH, FRESH + 4)
     fixed, free = (
-        rollout("zero", "Swap", seeds=seeds, keep=Measures, max_episode_steps=1, task_settings={"free": each})
+        rollout("zero", task, seeds=seeds, keep=Measures, max_episode_steps=1, task_settings={"free": each})
         for each in (False, True)
     )
     assert (free.bound <= fixed.bound).all() and (free.bound < fixed.bound).any()

@@ -105,7 +105,7 @@ def test_the_command_scores_goes_on_and_lets_others_enter(tmp_path, capsys, monk
     ({"tasks": ["Sort"], "task_episodes": {}}, "suite.tasks: got 'Sort'; allowed: tasks for which vibgym.bounds knows a bound"),
     ({"policies": [{"kind": "pose", "training_steps": 2000}]}, "suite.policies.0.training_steps: got 2000"),
     ({"policies": ["zero", "zero"]}, "suite.policies.1.name"),
-    ({"policies": ["lanes"], "tasks": ["Align"], "task_episodes": {}}, "suite.policies (lanes)"),
+    ({"policies": ["open_loop"], "tasks": ["Feed"]}, "suite.policies (open_loop)"),
     ({"policies": [{"kind": "zero", "episodes": 0}]}, "suite.policies.0.episodes: got 0"),
     ({"colour": 1}, "colour"),
 ])  # fmt: skip
