@@ -47,17 +47,24 @@ def versions() -> dict[str, str | None]:
 
 def commit() -> str | None:
     """Git commit of the checkout, "+ changes" if its tracked files differ from it; None if there is none."""
-    here = Path(__file__).parent
-
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(here), *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
-
     try:
-        found = git("rev-parse", "HEAD")
-        return f"{found} + changes" if git("status", "--porcelain", "--untracked-files=no") else found
+        found = _git("rev-parse", "HEAD")
+        return f"{found} + changes" if _git("status", "--porcelain", "--untracked-files=no") else found
     except (OSError, subprocess.SubprocessError):
         return None
+
+
+def code() -> str:
+    """What tells one state of the code from another: of a checkout its commit and what differs from it, else the version."""
+    try:
+        return digest(_git("rev-parse", "HEAD") + _git("diff", "HEAD"))
+    except (OSError, subprocess.SubprocessError):
+        return digest(str(versions()["vibgym"]))
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=20).stdout.strip()
 
 
 def processor() -> str:

@@ -118,8 +118,19 @@ def test_nobody_lets_more_pass(task, policy):
     assert np.isnan(found.bound).all()
 
 
-def test_nobody_is_faster():
-    found = rollout("two_phases", "Pack", seeds=range(FRESH, FRESH + 8), keep=Measures)
+@pytest.mark.parametrize("task", ["Swap", "Pack"])
+def test_goals_that_parts_may_exchange_are_bounded_by_the_best_assignment(task):
+    seeds = range(FRESH, FRESH + 4)
+    fixed, free = (
+        rollout("zero", task, seeds=seeds, keep=Measures, max_episode_steps=1, task_settings={"free": each})
+        for each in (False, True)
+    )
+    assert (free.bound <= fixed.bound).all() and (free.bound < fixed.bound).any()
+
+
+@pytest.mark.parametrize(("task", "policy"), [("Pack", "two_phases"), ("Swap", "lanes")])
+def test_nobody_is_faster(task, policy):
+    found = rollout(policy, task, seeds=range(FRESH, FRESH + 8), keep=Measures)
     assert found.success.any() and (found.time_over_bound[found.success] >= 1.0).all()
     assert np.isnan(found.rate_bound).all()
 

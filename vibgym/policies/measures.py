@@ -180,7 +180,10 @@ def _steps_driven(env: SharedInterface, truth: Truth) -> np.ndarray:
     asked, parts = np.flatnonzero(env.task.asked), _pushed_together(env.parts)
     stopped = len(parts) > 1 or bool(env.walls)
     bound = SeveralBound([TimeBound(env.surface, parts[k], stopped=stopped, **_asks(env, k)) for k in asked])
-    return bound.steps(truth.pose[:, asked], truth.goal[:, asked], truth.present[:, asked])
+    start, goal, there = truth.pose[:, asked], truth.goal[:, asked], truth.present[:, asked]
+    if env.task.exchanges:
+        return bound.free_steps(start, goal, np.asarray(env.task.kind)[asked], there)
+    return bound.steps(start, goal, there)
 
 
 def _pushed_together(parts: Sequence[Part]) -> list[Part]:

@@ -90,6 +90,9 @@ class Task(ABC):
     flows: ClassVar[bool] = False
     """Whether parts arrive and leave while an episode goes on."""
 
+    exchanges: bool = False
+    """Whether parts of a kind may exchange goals while an episode goes on."""
+
     position_tolerance: ClassVar[float] = 0.0  # m, from the goal or the zone
     heading_tolerance: ClassVar[float] = math.inf  # rad; infinite where headings do not count
     speed_limit: ClassVar[float] = math.inf  # m/s, mean over the last period, below which a part is done

@@ -80,7 +80,7 @@ class Pack(ArrangedTask):
         hold: int = HOLD_PERIODS,
     ) -> None:
         super().__init__(surface, parts, start=start, randomize=randomize, slots=slots, hold=hold)
-        self.free = checks.flag("task_settings['free']", free)
+        self.free = self.exchanges = checks.flag("task_settings['free']", free)
         self.pattern = Pattern(
             surface, self.parts, pattern=pattern, rows=rows, columns=columns, gap=gap, gap_mm=gap_mm,
             heading=heading, heading_deg=heading_deg, place=place, place_mm=place_mm,

@@ -85,7 +85,7 @@ class Swap(Task):
             raise checks.refuse(
                 "parts", f"{len(self.kinds)} kinds: {', '.join(self.kinds)}", "parts of two kinds (names)"
             )
-        self.free = checks.flag("task_settings['free']", free)
+        self.free = self.exchanges = checks.flag("task_settings['free']", free)
         if apart is not None and apart_mm is not None:
             raise checks.refuse("task_settings['apart_mm']", apart_mm, "nothing beside task_settings['apart']")
         name, given = ("apart_mm", apart_mm) if apart is None else ("apart", apart)

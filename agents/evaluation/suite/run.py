@@ -18,7 +18,7 @@ from agents.evaluation.resampling import interval_of
 from agents.evaluation.statistics import quartiles
 from agents.evaluation.suite.scores import episode_scores, suite_interval, suite_score
 from agents.evaluation.suite.settings import SuiteSettings
-from agents.provenance import digest, policy_files, provenance
+from agents.provenance import code, digest, policy_files, provenance
 from agents.workers import side_by_side, usable
 from vibgym import checks
 from vibgym.files import write_atomically
@@ -136,7 +136,7 @@ def score(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Su
     settings = prepared.settings
     files = policy_files((job.content, job.info.name) for job in prepared.jobs.values())
     origin = provenance() | {"policy_files": files}
-    more = str(Path(settings.output) / KEPT), digest(json.dumps([origin["commit"], files]))
+    more = str(Path(settings.output) / KEPT), digest(json.dumps([code(), files]))
     alone = ray is None and usable(settings.processes) == 1
     with side_by_side(settings.processes, ray) as submit:
         found = run_jobs(submit, {**prepared.jobs}, _played, more, alone=alone, quiet=quiet)

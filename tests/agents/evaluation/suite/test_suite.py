@@ -1,6 +1,7 @@
 """The suite: nothing scores 0, the bound 1, interquartile means are those of closed forms, and a policy enters by one file."""
 
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ import yaml
 
 from agents import __main__ as command
 from agents.evaluation.jobs import Job
+from agents.evaluation.suite import load_settings
 from agents.evaluation.suite.scores import episode_scores, suite_interval, suite_score
 
 SMALL = {
@@ -33,6 +35,14 @@ def found(success, time, bound):
     return SimpleNamespace(
         success=np.array(success), time_to_goal=np.array(time), bound=np.array(bound), rate_bound=none
     )
+
+
+def test_the_shipped_protocol_is_sound():
+    settings = load_settings(Path("configs/suite/open.yaml"))
+    assert settings.seed_list("Swap")[0] == 300_000 and set(settings.named_hardware()) == {"ideal", "prototype"}
+    assert [entry.name for entry in settings.entries()] == ["zero", "random", "classical", "planner", "mpc", "learned"]
+    classical = settings.named_policies()["classical"]
+    assert set(settings.tasks) == set(classical) - {"kind"}
 
 
 def test_nothing_is_0_and_the_bound_is_1():
@@ -95,7 +105,7 @@ def test_the_command_scores_goes_on_and_lets_others_enter(tmp_path, capsys, monk
     ({"tasks": ["Sort"], "task_episodes": {}}, "suite.tasks: got 'Sort'; allowed: tasks for which vibgym.bounds knows a bound"),
     ({"policies": [{"kind": "pose", "training_steps": 2000}]}, "suite.policies.0.training_steps: got 2000"),
     ({"policies": ["zero", "zero"]}, "suite.policies.1.name"),
-    ({"policies": ["lanes"], "tasks": ["Align"], "task_episodes": {}}, "suite.policies (lanes)"),
+    ({"policies": ["open_loop"], "tasks": ["Feed"]}, "suite.policies (open_loop)"),
     ({"policies": [{"kind": "zero", "episodes": 0}]}, "suite.policies.0.episodes: got 0"),
     ({"colour": 1}, "colour"),
 ])  # fmt: skip
