@@ -30,6 +30,7 @@ from vibgym import checks
 from vibgym._numba.jit import borrowing
 from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
 from vibgym.scene.parts import Part
+from vibgym.scene.sliding import reached
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
 from vibgym.simulation.averages_tables import COUPLING_NODES, COUPLING_STEP, averages, mean_coefficients, slips
@@ -314,8 +315,7 @@ class FrictionalInverse:
         self.limit = largest if limit is None else min(limit, largest)
         self._threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         friction = np.array([part.friction for part in self.parts])
-        # Of parts that no element moves nobody asks for a push: what would come of one is not told.
-        share = np.array([part.coupling or 1.0 for part in self.parts])
+        share = reached(self.parts)
         self._numbers = Numbers(
             coefficients(),
             friction,

@@ -72,7 +72,9 @@ class TimeBound:
         if self.amplitude is not None:
             amplitude = checks.number("amplitude", self.amplitude, least=0.0, most=most)
         if part.coupling == 0.0:
-            raise checks.refuse("part", f"coupling {part.coupling:g}", "parts that the elements move: a coupling above 0")
+            raise checks.refuse(
+                "part", f"coupling {part.coupling:g}", "parts that the elements move: a coupling above 0"
+            )
         amplitude *= part.coupling  # as it reaches the part
         self.latency = checks.count("latency", self.latency, least=0, most=MOST_LATENCY)
         strongest = part.static_friction * (surface.gravity + amplitude * surface.angular_frequency**2)

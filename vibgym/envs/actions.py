@@ -26,6 +26,7 @@ from vibgym.physics.core.drive import (
 )
 from vibgym.registry import Registry
 from vibgym.scene.parts import Part
+from vibgym.scene.sliding import reached
 from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement
 from vibgym.simulation.threads import Blocks
@@ -315,7 +316,7 @@ class Wrench(Action):
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         super().__init__(surface, parts)
         self.shape = (len(self.parts), 3)
-        push = 0.5 * np.array([part.coupling * part.friction for part in self.parts]) * self.full_scale
+        push = 0.5 * reached(self.parts) * np.array([part.friction for part in self.parts]) * self.full_scale
         gyration = np.sqrt([part.gyration for part in self.parts])
         self.scale = np.stack([push, push, push / gyration], axis=-1)
 

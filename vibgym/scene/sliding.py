@@ -44,7 +44,7 @@ class Sliding(NamedTuple):
 
 def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -> Sliding:
     """Of parts on a surface whose elements go up to a share ``strength`` of its largest amplitude."""
-    push = strength * 0.5 * np.array([part.coupling * part.friction for part in parts]) * surface.full_scale
+    push = strength * 0.5 * reached(parts) * np.array([part.friction for part in parts]) * surface.full_scale
     return Sliding(
         strength=strength,
         push=push,
@@ -52,6 +52,11 @@ def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -
         drag=drag_of(surface, parts),
         top_speed=top_slip(strength) * surface.table_speed,
     )
+
+
+def reached(parts: Sequence[Part]) -> np.ndarray:
+    """(parts,) share of the elements' motion that reaches each part; 1 for one that none does: nobody asks what it would do."""
+    return np.array([part.coupling or 1.0 for part in parts])
 
 
 def drag_of(surface: Surface, parts: Sequence[Part]) -> np.ndarray:

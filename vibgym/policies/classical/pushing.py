@@ -1,0 +1,272 @@
+"""Pushing: two parts go to the places from which they push a third one the way that it has to go, and push.
+
+A part that the elements do not move follows what pushes it as if in honey: friction brakes it at the rate ``c``, so velocity
+and spin are those of the forces (quasi-static, as in Mason, IJRR 1986). A push at a point of its outline moves it along the
+normal there and turns it by the lever. Of all pairs of points the best one is that whose pushes, of whatever strengths, come
+nearest to way and turn that are left, less what it costs to go there. Those on their way go round the part along its outline.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from vibgym import Part, checks
+from vibgym.policies.classical.law import lead_of
+from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.classical.steering import Steering
+from vibgym.policies.task_info import TaskInfo
+from vibgym.scene.sliding import drag_of
+
+SPACING = 0.004
+"""m between the points of the outline that are looked at."""
+
+ANGLES = 72
+"""Directions about the part in which the way round it is known."""
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How parts are pushed.
+
+    Raises:
+        ValueError: a bad value.
+    """
+
+    speed: float = 0.14  # m/s, most that the part is pushed with, its turn times the radius of gyration included
+    gain: float = 0.8  # share of the rate at which friction brakes it at which the way left shrinks
+    travel: float = 1.2  # 1/m, what a metre of way costs those who push, over what the best direction is worth
+    ready: float = 0.006  # m off its place, within which one pushes
+    press: float = 0.004  # m into the part, that those who push are to go
+    clear: float = 0.006  # m to the part on the way round it
+    along: float = 0.12  # s, in which one who pushes gets to its place
+    still: float = 0.5  # share of the tolerances within which nobody pushes
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            object.__setattr__(self, each.name, checks.number(each.name, getattr(self, each.name), above=0.0))
+
+
+class Outline:
+    """What it does to a part to be pushed at places of its outline by a disc.
+
+    Args:
+        part: that is pushed.
+        reach: m, radius of who pushes.
+
+    Attributes:
+        place: (n, 2) m, where the centre of the one who pushes is, about the part's centre.
+        effect: (n, 3) how a push moves it, as a unit vector, and turns it, times the radius of gyration.
+        round: (ANGLES,) m, how far from the part's centre a disc touches it, by direction.
+    """
+
+    def __init__(self, part: Part, reach: float) -> None:
+        start, end = part.outline, np.roll(part.outline, -1, axis=0)
+        points, normals = [], []
+        for a, b in zip(start, end, strict=True):
+            length = math.hypot(*(b - a))
+            count = max(int(length / SPACING), 1)
+            share = (np.arange(count) + 0.5) / count
+            points.append(a + share[:, None] * (b - a))
+            normals.append(np.tile([(b - a)[1] / length, -(b - a)[0] / length], (count, 1)))
+        point, normal = np.concatenate(points), np.concatenate(normals)
+        place = point + reach * normal
+        free = np.sqrt(((place[:, None] - point) ** 2).sum(axis=-1)).min(axis=1) > reach - 0.25 * SPACING
+        self.place, inward, point = place[free], -normal[free], point[free]
+        lever = point[:, 0] * inward[:, 1] - point[:, 1] * inward[:, 0]
+        self.gyration = math.sqrt(part.gyration)
+        self.effect = np.column_stack([inward, lever / self.gyration])
+        angle = 2.0 * math.pi * np.arange(ANGLES) / ANGLES
+        ahead = np.column_stack([np.cos(angle), np.sin(angle)])
+        along, across = point @ ahead.T, point @ np.column_stack([-ahead[:, 1], ahead[:, 0]]).T
+        near = np.abs(across) < reach
+        self.round = np.where(near, along + np.sqrt(np.maximum(reach**2 - across**2, 0.0)), 0.0).max(axis=0)
+
+
+class PushingPolicy(Steering):
+    """Pushes one part to its goal with two others, see the module.
+
+    Args:
+        info: task, scene and step time.
+        **settings: of :class:`Manner`; ``law``, ``action`` and ``learn`` of :class:`.steering.Steering`; and that law's own.
+
+    Raises:
+        ValueError: a task without one part that is pushed and two that push, or a bad argument.
+    """
+
+    def __init__(self, info: TaskInfo, **settings: Any) -> None:
+        own = {each.name: settings.pop(each.name) for each in fields(Manner) if each.name in settings}
+        super().__init__(info, **{"law": "pose", **settings})
+        driven, asked = np.array(info.driven), np.array(info.asked)
+        if not info.has_goal or info.goal_moves or (asked & ~driven).sum() != 1 or (driven & ~asked).sum() != 2:
+            allowed = "tasks with a goal for one part that the elements do not move, and two others without"
+            raise checks.refuse("policy 'push'", f"the task {info.name}", allowed)
+        self.manner, self.driven = Manner(**own), driven
+        self.pushed, self.pushers = int(np.flatnonzero(~driven)[0]), np.flatnonzero(driven)
+        part = info.parts[self.pushed]
+        self.reach = max(info.parts[k].radius for k in self.pushers)
+        self.outline = Outline(part, self.reach)
+        self.drag = float(drag_of(info.surface, [part])[0])
+        self.top = info.plant.top_speed
+        # The law's lead for the parts that it drives: of the other one it knows nothing.
+        self.lead = lead_of(self.law, info, 0.5 * self.top)
+        effect, place = self.outline.effect, self.outline.place
+        self._gram = effect @ effect.T
+        self._fits = np.sqrt(((place[:, None] - place) ** 2).sum(axis=-1)) > 2.0 * self.reach + 0.002
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Actions from the measured poses and mean velocities; the state is :class:`.steering.Memory`."""
+        measured = Measured.of(observation, self.info)
+        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre))
+        measured = self.expected(measured, memory)
+        velocity = np.zeros_like(measured.centre)
+        velocity[:, self.pushers] = self.velocities(measured)
+        acting = replace(measured, present=measured.present & self.driven)
+        return self.steer(acting, self.lead * velocity, memory)
+
+    def velocities(self, measured: Measured) -> np.ndarray:
+        """Set velocities (batch, 2, 2) of those who push, m/s."""
+        manner, outline, gyration = self.manner, self.outline, self.outline.gyration
+        centre, heading = measured.centre[:, self.pushed], measured.heading[:, self.pushed]
+        way, turn = measured.way[:, self.pushed], measured.turn[:, self.pushed]
+        to_world = turned(heading)
+        left = np.concatenate([np.einsum("bji,bj->bi", to_world, way), (gyration * turn)[:, None]], axis=-1)
+        length = np.sqrt((left**2).sum(axis=-1))
+        at = np.einsum(
+            "bji,bkj->bki", to_world, measured.centre[:, self.pushers] - centre[:, None]
+        )  # in the part's own frame
+        chosen, push = self.choose(left / np.maximum(length, 1e-9)[:, None], at, centre, to_world)
+        place = outline.place[chosen]  # (batch, 2, 2)
+        done = (np.hypot(way[:, 0], way[:, 1]) < manner.still * self.info.position_tolerance) & (
+            np.abs(turn) < manner.still * self.info.heading_tolerance
+        )
+        off = place - at
+        ready = np.hypot(off[..., 0], off[..., 1]) < manner.ready
+        all_ready = (ready | (push <= 0.0)).all(axis=1) & ~done
+        inward = outline.effect[chosen][..., :2]
+        # The twist that the two pushes make of the part, no faster than it can stop.
+        twist = np.einsum("bk,bkj->bj", push, outline.effect[chosen])
+        speed = np.minimum(manner.gain * self.drag * length, manner.speed)
+        twist *= (speed / np.maximum(np.sqrt((twist**2).sum(axis=-1)), 1e-9))[:, None]
+        spin = twist[:, 2] / gyration
+        carried = twist[:, None, :2] + spin[:, None, None] * np.stack([-place[..., 1], place[..., 0]], axis=-1)
+        pressing = np.where(push > 0.0, manner.press, -manner.clear)[..., None] * inward
+        pushing = carried + (off + pressing) / manner.along
+        waiting = (off - 0.5 * manner.clear * inward) / manner.along
+        own = np.where((ready & all_ready[:, None])[..., None], pushing, waiting)
+        near = self.near(at, place)
+        own = np.where(near[..., None], own, self.go_round(at, place, centre, to_world))
+        own = np.where(done[:, None, None], -(manner.clear * inward) / manner.along * ready[..., None], own)
+        own = self.apart(at, own)
+        fast = np.sqrt((own**2).sum(axis=-1, keepdims=True))
+        own *= np.minimum(1.0, self.top / np.maximum(fast, 1e-9))
+        return np.einsum("bij,bkj->bki", to_world, own)
+
+    def choose(
+        self, direction: np.ndarray, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Places (batch, 2), numbers of the outline's, for those who push, and how strongly they push there (batch, 2).
+
+        Args:
+            direction: (batch, 3) unit vector of way and turn that are left, in the part's frame.
+            at: (batch, 2, 2) m, where those who push are, likewise.
+        """
+        effect, place, gram = self.outline.effect, self.outline.place, self._gram
+        along = direction @ effect.T  # (batch, n)
+        one, other = along[:, :, None], along[:, None, :]
+        own = np.diag(gram)
+        determinant = own[:, None] * own - gram**2
+        safe = np.where(determinant > 1e-9, determinant, 1.0)
+        first = (own[None, None, :] * one - gram * other) / safe
+        second = (own[None, :, None] * other - gram * one) / safe
+        both = (first > 0.0) & (second > 0.0) & (determinant > 1e-9)
+        alone = np.maximum(along, 0.0) / np.sqrt(own)
+        worth = np.where(both, np.sqrt(np.maximum(first * one + second * other, 0.0)), 0.0)
+        single = np.maximum(alone[:, :, None], alone[:, None, :])
+        worth = np.maximum(worth, np.where(both, 0.0, single))
+        way = np.stack([self.travel(at[:, k], place) for k in range(2)], axis=1)  # (batch, 2, n)
+        inside = self.on_table(place, centre, to_world)
+        price = self.manner.travel * (way[:, 0, :, None] + way[:, 1, None, :])
+        worth = np.where(self._fits & inside[:, :, None] & inside[:, None, :], worth - price, -np.inf)
+        best = worth.reshape(len(worth), -1).argmax(axis=1)
+        i, j = best // len(place), best % len(place)
+        rows = np.arange(len(worth))
+        strong = np.stack([first[rows, i, j], second[rows, i, j]], axis=-1)
+        lone = np.stack([along[rows, i] >= along[rows, j], along[rows, j] > along[rows, i]], axis=-1).astype(float)
+        return np.stack([i, j], axis=-1), np.where(both[rows, i, j][:, None], strong, lone)
+
+    def travel(self, at: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """About how far (batch, n) m it is from ``at`` (batch, 2) to places (n, 2), round the part."""
+        angle = np.arctan2(at[:, 1], at[:, 0])[:, None] - np.arctan2(place[:, 1], place[:, 0])
+        angle = np.abs(angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi)))
+        distance, own = np.hypot(at[:, 0], at[:, 1])[:, None], np.hypot(place[:, 0], place[:, 1])
+        return np.abs(distance - own) + angle * float(self.outline.round.mean())
+
+    def on_table(self, place: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
+        """(batch, n) whether one who pushes at a place is on the table."""
+        there = centre[:, None] + np.einsum("bij,nj->bni", to_world, place)
+        size = np.array([self.info.surface.width, self.info.surface.depth])
+        return ((there > self.reach) & (there < size - self.reach)).all(axis=-1)
+
+    def near(self, at: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """(batch, 2) whether it is straight on to the place: the same direction from the part, about."""
+        angle = np.arctan2(at[..., 1], at[..., 0]) - np.arctan2(place[..., 1], place[..., 0])
+        angle = np.abs(angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi)))
+        off = np.hypot(*np.moveaxis(at - place, -1, 0))
+        return (angle < 0.30) | (off < 2.0 * self.manner.ready)
+
+    def go_round(self, at: np.ndarray, place: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
+        """Velocities (batch, 2, 2) along the outline to the places, the shorter way that the borders leave free, m/s."""
+        here, there = (np.arctan2(each[..., 1], each[..., 0]) for each in (at, place))
+        short = there - here
+        short = short - 2.0 * math.pi * np.round(short / (2.0 * math.pi))
+        other = short - np.where(short > 0.0, 2.0, -2.0) * math.pi
+        blocked, detour = (self.blocked(here, sweep, centre, to_world) for sweep in (short, other))
+        sweep = np.where(blocked & ~detour, other, short)
+        ahead = here + np.clip(sweep, -0.35, 0.35)
+        radius = np.maximum(self.round_at(here), self.round_at(ahead)) + self.manner.clear
+        target = radius[..., None] * np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
+        # Outwards first, where one is too near to go round.
+        lack = np.maximum(self.round_at(here) + 0.5 * self.manner.clear - np.hypot(at[..., 0], at[..., 1]), 0.0)
+        outward = at / np.maximum(np.hypot(at[..., 0], at[..., 1]), 1e-9)[..., None]
+        way = target - at
+        return (
+            self.top * way / np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)[..., None]
+            + (lack / self.manner.along)[..., None] * 4.0 * outward
+        )
+
+    def round_at(self, angle: np.ndarray) -> np.ndarray:
+        """How far from the part's centre a disc touches it, in a direction of its own frame, m."""
+        return self.outline.round[np.round(angle * (ANGLES / (2.0 * math.pi))).astype(np.int64) % ANGLES]
+
+    def blocked(self, here: np.ndarray, sweep: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
+        """(batch, 2) whether a border is in the way of going round by an angle (batch, 2)."""
+        share = np.linspace(0.1, 1.0, 10)
+        angle = here[..., None] + share * sweep[..., None]
+        ring = self.round_at(angle)[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        there = centre[:, None, None] + np.einsum("bij,bksj->bksi", to_world, ring)
+        size = np.array([self.info.surface.width, self.info.surface.depth])
+        return ((there < self.reach) | (there > size - self.reach)).any(axis=(-1, -2))
+
+    def apart(self, at: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """The velocities (batch, 2, 2) without what would bring the two together."""
+        between = at[:, 1] - at[:, 0]
+        distance = np.hypot(between[:, 0], between[:, 1])
+        along = between / np.maximum(distance, 1e-9)[:, None]
+        room = np.maximum(distance - 2.0 * self.reach - 0.004, 0.0) / (2.0 * self.manner.along)
+        result = velocity.copy()
+        for k, sign in ((0, 1.0), (1, -1.0)):
+            towards = sign * (velocity[:, k] * along).sum(axis=-1)
+            result[:, k] -= (sign * np.maximum(towards - room, 0.0))[:, None] * along
+        return result
+
+
+def turned(heading: np.ndarray) -> np.ndarray:
+    """(batch, 2, 2) that turn vectors of a part's frame into the world's."""
+    cosine, sine = np.cos(heading), np.sin(heading)
+    return np.stack([np.stack([cosine, -sine], axis=-1), np.stack([sine, cosine], axis=-1)], axis=-2)
