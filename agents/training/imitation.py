@@ -93,6 +93,7 @@ class Demonstrator:
         self, expert: Policy, env: VibgymVectorEnv, coding: Coding | PictureCoding, generator: np.random.Generator
     ) -> None:
         self.expert, self.env, self.coding, self.generator = expert, env, coding, generator
+        self._driven = np.array(TaskInfo.of(env).driven)
         self._memory: Any = None
         self._told = getattr(expert, "acted", None) if coding.remembers and expert.action == "wrench" else None
         self._new = np.ones(env.num_envs, dtype=bool)
@@ -114,7 +115,7 @@ class Demonstrator:
         for step in range(steps):
             self._seen = seen = self.coding.see(self._observation, self._seen, self._new)
             action, self._memory = self.expert.predict(self.env.observed("state"), self._memory, self._new)
-            rows[step], mask[step] = seen.rows, seen.mask
+            rows[step], mask[step] = seen.rows, seen.mask * self._driven  # of others there is nothing to learn
             wanted[step] = self.coding.to_rows(seen, action.reshape(worlds, parts, -1))
             acted = wanted[step].copy()
             if own.any():

@@ -17,6 +17,7 @@ from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy
 from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.pushing import PushingPolicy
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
 from vibgym.policies.protocol import Policy
@@ -30,7 +31,7 @@ Maker = Callable[..., Policy]
 EXTRA = ("safetensors", "scipy")
 """What the extra ``policies`` installs: files of trained policies, and the planner's and some laws' algebra."""
 
-STEERED = ("local_field", "planner", "lanes", "two_phases")
+STEERED = ("local_field", "planner", "lanes", "two_phases", "push")
 """Policies that steer parts by a law, and speak any action that steering knows."""
 
 FILES = ("trained", "residual", "learned")
@@ -177,6 +178,7 @@ CONTROLLERS = Controllers(
         "planner": PlannerPolicy,
         "lanes": lanes,
         "two_phases": TwoPhasesPolicy,
+        "push": PushingPolicy,
         "mpc": mpc,
         "by_task": by_task,
         "learned": learned,

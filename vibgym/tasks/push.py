@@ -51,7 +51,7 @@ class Push(Task):
         ValueError: nobody who pushes, or nothing to push; more than one to push; a part without room on the surface.
     """
 
-    TERMS = PoseTask.TERMS | {"time": ("time", 0.005)}  # a whole episode of it costs less than a fall
+    TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}  # a whole episode of it costs less than a fall
     FACTS = (
         "is_success",
         "position_error",
@@ -119,7 +119,7 @@ class Push(Task):
         own[:, 2] = math.pi * (2.0 * uniform[:, 2] - 1.0)
         goal[:, self.pushed] = self._goals(own, uniform[:, 3:6])
         tries = uniform[:, 6:].reshape(len(uniform), len(self.pushers), TRIES, 3)
-        for k, part in enumerate(self.pushers):
+        for k, part in enumerate(self.pushers.tolist()):
             self._put_pusher(k, part, tries[:, k], pose)
         beside = np.array([-self.surface.width, -self.surface.depth, 0.0])
         return Start(np.where(there[..., None], pose, beside), there, np.where(there[..., None], goal, 0.0))

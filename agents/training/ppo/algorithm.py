@@ -95,6 +95,7 @@ class PPO(PartsAlgorithm):
             touch_cost=own.touch_cost,
             precision=own.precision,
             overlap=own.overlap,
+            driven=TaskInfo.of(base).driven,
             # Steps of lessons count, and teach the critic nothing.
             critic_steps=own.critic_steps
             + (0 if lessons is None else lessons.rounds * lessons.steps * settings.worlds),

@@ -7,6 +7,7 @@ ended, values of a whole rollout at once, few and large minibatches.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ class PartsPPO(Resumable, PPO):
         critic_steps: steps at the start in which the critic alone learns: an actor that has been taught something is not to
             be spoilt by values that mean nothing yet.
         precision: of updates: ``"bfloat16"`` casts all layers but the last ones.
+        driven: of each part whether actions speak for it, see :class:`.rollout_buffer.PartsBuffer`; None: all.
         overlap: whether rollouts are made beside updates, see :mod:`agents.training.ppo.overlap`.
 
     Attributes:
@@ -55,10 +57,11 @@ class PartsPPO(Resumable, PPO):
         critic_steps: int = 0,
         precision: str = "float32",
         overlap: bool = False,
+        driven: Sequence[bool] | None = None,
         **settings: Any,
     ) -> None:
         coding = settings["policy_kwargs"]["coding"]
-        buffer = {"rollout_buffer_class": PartsBuffer, "rollout_buffer_kwargs": {"coding": coding}}
+        buffer = {"rollout_buffer_class": PartsBuffer, "rollout_buffer_kwargs": {"coding": coding, "driven": driven}}
         super().__init__(policy, env, **buffer, **settings)
         self.critic_steps, self.touch_cost = critic_steps, touch_cost
         self.precision, self.overlap = precision, overlap

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -27,6 +28,8 @@ class PartsBuffer(BaseBuffer):
         observation_space, action_space, device, n_envs: as SB3 hands them on.
         gae_lambda, gamma: of the generalised advantage estimate (Schulman et al. 2016).
         coding: of the environment.
+        driven: of each part whether actions speak for it. The others are no samples, and every part that is driven is paid for
+            what becomes of them, too. None: all are.
     """
 
     def __init__(
@@ -40,6 +43,7 @@ class PartsBuffer(BaseBuffer):
         n_envs: int = 1,
         *,
         coding: Coding | PictureCoding,
+        driven: Sequence[bool] | None = None,
     ) -> None:
         super().__init__(buffer_size, observation_space, action_space, device, n_envs)
         self.gae_lambda, self.gamma = gae_lambda, gamma
@@ -52,6 +56,10 @@ class PartsBuffer(BaseBuffer):
         self.reward = np.zeros(lead, dtype=np.float32)
         self.done = np.zeros((buffer_size, n_envs), dtype=np.float32)
         self.value, self.advantage = np.zeros(lead, dtype=np.float32), np.zeros(lead, dtype=np.float32)
+        self.driven = np.ones(parts, dtype=bool) if driven is None else np.array(driven)
+        self.credit = np.eye(parts) + np.outer(
+            ~self.driven, self.driven
+        )  # of the parts' rewards, by whom they are due to
         self.cut: list[tuple[int, int, np.ndarray, np.ndarray]] = []
 
     def reset(self) -> None:
@@ -62,13 +70,14 @@ class PartsBuffer(BaseBuffer):
     def write(self, seen: Seen, action: np.ndarray, log_prob: np.ndarray, reward: np.ndarray, done: np.ndarray) -> None:
         """Add a step: what was seen, what was done, and what came of it, (worlds, parts, ...)."""
         step = self.pos
-        self.rows[step], self.mask[step] = seen.rows, seen.mask
+        self.rows[step], self.mask[step] = seen.rows, seen.mask * self.driven
+        reward = reward if self.driven.all() else reward @ self.credit
         self.actions[step], self.log_prob[step], self.reward[step], self.done[step] = action, log_prob, reward, done
         self.pos += 1
 
     def cut_off(self, world: int, seen: Seen) -> None:
         """The last step's episode in ``world`` was cut off by its limit: what was seen last counts by its value."""
-        self.cut.append((self.pos - 1, world, seen.rows[0], seen.mask[0]))
+        self.cut.append((self.pos - 1, world, seen.rows[0], seen.mask[0] * self.driven))
 
     def finish(self, seen: Seen, critic: Any) -> None:
         """Values of all that was seen, in one go, and the advantages that follow.
@@ -77,7 +86,7 @@ class PartsBuffer(BaseBuffer):
             seen: after the last step.
             critic: see :class:`agents.training.networks.parts.PartsCritic`.
         """
-        self.rows[-1], self.mask[-1] = seen.rows, seen.mask
+        self.rows[-1], self.mask[-1] = seen.rows, seen.mask * self.driven
         steps, worlds, parts = self.reward.shape
         with torch.no_grad():
             flat = torch.from_numpy(self.rows.reshape(-1, *self.rows.shape[2:]))

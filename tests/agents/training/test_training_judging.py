@@ -138,4 +138,4 @@ def test_rows_without_rates_rank_by_successes_and_then_by_time():
         {"success": "0.9", "time_to_goal": "1.0", "rate": ""},
         {"success": "0.0", "time_to_goal": ""},
     ]
-    assert sorted((rows[2], rows[0], rows[3], rows[1]), key=rank) == rows
+    assert sorted([rows[k] for k in (2, 0, 3, 1)], key=rank) == rows

@@ -61,12 +61,12 @@ class FirstColumn:
         return rows[..., 0]
 
 
-def filled(coding, reward, done, cut=(), there=None):
+def filled(coding, reward, done, cut=(), there=None, driven=None):
     """A buffer of random rows, with these rewards and ends; ``cut`` holds (step, world) of ends that are cut off, ``there``
     (steps + 1, worlds, parts) which parts are there."""
     there = np.ones((STEPS + 1, WORLDS, PARTS), dtype=np.float32) if there is None else there
     generator = np.random.default_rng(0)
-    buffer = PartsBuffer(STEPS, ACTIONS, ACTIONS, "cpu", LAMBDA, GAMMA, WORLDS, coding=coding)
+    buffer = PartsBuffer(STEPS, ACTIONS, ACTIONS, "cpu", LAMBDA, GAMMA, WORLDS, coding=coding, driven=driven)
     buffer.reset()
     finals = {}
     for step in range(STEPS + 1):
@@ -149,6 +149,16 @@ def test_the_return_of_a_part_that_leaves_ends_there(coding):
     assert (leaves.advantage == stays.advantage)[same].all()
     worth = stays.advantage[2, 0, 1] - leaves.advantage[2, 0, 1]
     assert worth == pytest.approx(GAMMA * finals[2, 0][1], abs=1e-5)
+
+
+def test_parts_that_are_not_driven_are_no_samples_and_pay_those_that_are(coding):
+    reward, done = case()
+    all_of, _ = filled(coding, reward, done)
+    found, _ = filled(coding, reward, done, driven=(True, False))
+    together, _ = filled(coding, np.repeat(reward.sum(axis=2, keepdims=True), PARTS, axis=2), done)
+    assert found.advantage[..., 0] == pytest.approx(together.advantage[..., 0], abs=1e-5)
+    assert (found.samples()["mask"] == all_of.samples()["mask"] * torch.tensor([1.0, 0.0])).all()
+    assert (all_of.driven.all(), all_of.mask.all()) == (True, True)
 
 
 def test_an_end_and_a_cut_are_told_apart(coding):
