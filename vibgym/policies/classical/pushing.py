@@ -27,6 +27,9 @@ SPACING = 0.004
 ANGLES = 72
 """Directions about the part in which the way round it is known."""
 
+BARRED = 10.0
+"""m, that a way counts on which a border or the other one stands: only where there is no other."""
+
 
 @dataclass(frozen=True)
 class Manner:
@@ -59,6 +62,7 @@ class Outline:
 
     Attributes:
         place: (n, 2) m, where the centre of the one who pushes is, about the part's centre.
+        direction: (n,) rad, of the places.
         effect: (n, 3) how a push moves it, as a unit vector, and turns it, times the radius of gyration.
         round: (ANGLES,) m, how far from the part's centre a disc touches it, by direction.
     """
@@ -76,6 +80,7 @@ class Outline:
         place = point + reach * normal
         free = np.sqrt(((place[:, None] - point) ** 2).sum(axis=-1)).min(axis=1) > reach - 0.25 * SPACING
         self.place, inward, point = place[free], -normal[free], point[free]
+        self.direction = np.arctan2(self.place[:, 1], self.place[:, 0])
         lever = point[:, 0] * inward[:, 1] - point[:, 1] * inward[:, 0]
         self.gyration = math.sqrt(part.gyration)
         self.effect = np.column_stack([inward, lever / self.gyration])
@@ -140,7 +145,7 @@ class PushingPolicy(Steering):
         at = np.einsum(
             "bji,bkj->bki", to_world, measured.centre[:, self.pushers] - centre[:, None]
         )  # in the part's own frame
-        chosen, push = self.choose(left / np.maximum(length, 1e-9)[:, None], at, centre, to_world)
+        chosen, push, sweep = self.choose(left / np.maximum(length, 1e-9)[:, None], at, centre, to_world)
         place = outline.place[chosen]  # (batch, 2, 2)
         done = (np.hypot(way[:, 0], way[:, 1]) < manner.still * self.info.position_tolerance) & (
             np.abs(turn) < manner.still * self.info.heading_tolerance
@@ -160,7 +165,7 @@ class PushingPolicy(Steering):
         waiting = (off - 0.5 * manner.clear * inward) / manner.along
         own = np.where((ready & all_ready[:, None])[..., None], pushing, waiting)
         near = self.near(at, place)
-        own = np.where(near[..., None], own, self.go_round(at, place, centre, to_world))
+        own = np.where(near[..., None], own, self.go_round(at, sweep))
         own = np.where(done[:, None, None], -(manner.clear * inward) / manner.along * ready[..., None], own)
         own = self.apart(at, own)
         fast = np.sqrt((own**2).sum(axis=-1, keepdims=True))
@@ -169,8 +174,9 @@ class PushingPolicy(Steering):
 
     def choose(
         self, direction: np.ndarray, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Places (batch, 2), numbers of the outline's, for those who push, and how strongly they push there (batch, 2).
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Places (batch, 2), numbers of the outline's, for those who push, how strongly they push there (batch, 2), and the
+        angles (batch, 2) by which they go round the part to get there.
 
         Args:
             direction: (batch, 3) unit vector of way and turn that are left, in the part's frame.
@@ -189,23 +195,52 @@ class PushingPolicy(Steering):
         worth = np.where(both, np.sqrt(np.maximum(first * one + second * other, 0.0)), 0.0)
         single = np.maximum(alone[:, :, None], alone[:, None, :])
         worth = np.maximum(worth, np.where(both, 0.0, single))
-        way = np.stack([self.travel(at[:, k], place) for k in range(2)], axis=1)  # (batch, 2, n)
         inside = self.on_table(place, centre, to_world)
-        price = self.manner.travel * (way[:, 0, :, None] + way[:, 1, None, :])
-        worth = np.where(self._fits & inside[:, :, None] & inside[:, None, :], worth - price, -np.inf)
+        price, sweeps, pair = self.travel(at, centre, to_world)
+        worth = np.where(
+            self._fits & inside[:, :, None] & inside[:, None, :], worth - self.manner.travel * price, -np.inf
+        )
         best = worth.reshape(len(worth), -1).argmax(axis=1)
         i, j = best // len(place), best % len(place)
         rows = np.arange(len(worth))
         strong = np.stack([first[rows, i, j], second[rows, i, j]], axis=-1)
         lone = np.stack([along[rows, i] >= along[rows, j], along[rows, j] > along[rows, i]], axis=-1).astype(float)
-        return np.stack([i, j], axis=-1), np.where(both[rows, i, j][:, None], strong, lone)
+        first_way, second_way = np.divmod(pair[rows, i, j], 2)
+        sweep = np.stack([sweeps[rows, 0, first_way, i], sweeps[rows, 1, second_way, j]], axis=-1)
+        return np.stack([i, j], axis=-1), np.where(both[rows, i, j][:, None], strong, lone), sweep
 
-    def travel(self, at: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """About how far (batch, n) m it is from ``at`` (batch, 2) to places (n, 2), round the part."""
-        angle = np.arctan2(at[:, 1], at[:, 0])[:, None] - np.arctan2(place[:, 1], place[:, 0])
-        angle = np.abs(angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi)))
-        distance, own = np.hypot(at[:, 0], at[:, 1])[:, None], np.hypot(place[:, 0], place[:, 1])
-        return np.abs(distance - own) + angle * float(self.outline.round.mean())
+    def travel(self, at: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> tuple[np.ndarray, ...]:
+        """How far it is to all pairs of places, neither going past the other on the way round the part, nor through a border.
+
+        Returns:
+            (batch, n, n) m for both; (batch, 2, 2, n) rad, by which each would go round, the shorter way and the longer; and
+            (batch, n, n) which of the four pairs of ways is the best, twice the first one's and the second one's.
+        """
+        outline = self.outline
+        here = np.arctan2(at[..., 1], at[..., 0])
+        short = wrapped(outline.direction - here[..., None])
+        sweeps = np.stack([short, short - np.copysign(2.0 * math.pi, short)], axis=2)
+        off = np.hypot(at[..., 0], at[..., 1])[..., None, None] - np.hypot(outline.place[:, 0], outline.place[:, 1])
+        cost = np.abs(off) + np.abs(sweeps) * float(outline.round.mean())
+        cost = cost + BARRED * self.barred(here, sweeps, centre, to_world)
+        ahead = np.mod(here[:, 1] - here[:, 0], 2.0 * math.pi)[:, None, None, None, None]
+        # (batch, way of the first, way of the second, n, n)
+        then = ahead + sweeps[:, 1][:, None, :, None, :] - sweeps[:, 0][:, :, None, :, None]
+        passing = (then <= 0.0) | (then >= 2.0 * math.pi)
+        both = cost[:, 0][:, :, None, :, None] + cost[:, 1][:, None, :, None, :] + BARRED * passing
+        both = both.reshape(len(at), 4, *both.shape[3:])
+        return both.min(axis=1), sweeps, both.argmin(axis=1)
+
+    def barred(self, here: np.ndarray, sweeps: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
+        """(batch, 2, 2, n) whether a border is in the way of going round from directions (batch, 2) by angles."""
+        angle = 2.0 * math.pi * np.arange(ANGLES) / ANGLES
+        ring = self.outline.round[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        count = np.cumsum(np.tile(~self.on_table(ring, centre, to_world), 3), axis=1)
+        begin = ANGLES + np.round(here * (ANGLES / (2.0 * math.pi))).astype(np.int64) % ANGLES
+        begin = np.broadcast_to(begin[..., None, None], sweeps.shape)
+        end = begin + np.trunc(sweeps * (ANGLES / (2.0 * math.pi))).astype(np.int64)
+        rows = np.arange(len(count))[:, None, None, None]
+        return count[rows, begin] != count[rows, end]
 
     def on_table(self, place: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
         """(batch, n) whether one who pushes at a place is on the table."""
@@ -216,18 +251,13 @@ class PushingPolicy(Steering):
     def near(self, at: np.ndarray, place: np.ndarray) -> np.ndarray:
         """(batch, 2) whether it is straight on to the place: the same direction from the part, about."""
         angle = np.arctan2(at[..., 1], at[..., 0]) - np.arctan2(place[..., 1], place[..., 0])
-        angle = np.abs(angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi)))
+        angle = np.abs(wrapped(angle))
         off = np.hypot(*np.moveaxis(at - place, -1, 0))
         return (angle < 0.30) | (off < 2.0 * self.manner.ready)
 
-    def go_round(self, at: np.ndarray, place: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
-        """Velocities (batch, 2, 2) along the outline to the places, the shorter way that the borders leave free, m/s."""
-        here, there = (np.arctan2(each[..., 1], each[..., 0]) for each in (at, place))
-        short = there - here
-        short = short - 2.0 * math.pi * np.round(short / (2.0 * math.pi))
-        other = short - np.where(short > 0.0, 2.0, -2.0) * math.pi
-        blocked, detour = (self.blocked(here, sweep, centre, to_world) for sweep in (short, other))
-        sweep = np.where(blocked & ~detour, other, short)
+    def go_round(self, at: np.ndarray, sweep: np.ndarray) -> np.ndarray:
+        """Velocities (batch, 2, 2) along the outline, by angles (batch, 2), m/s."""
+        here = np.arctan2(at[..., 1], at[..., 0])
         ahead = here + np.clip(sweep, -0.35, 0.35)
         radius = np.maximum(self.round_at(here), self.round_at(ahead)) + self.manner.clear
         target = radius[..., None] * np.stack([np.cos(ahead), np.sin(ahead)], axis=-1)
@@ -244,15 +274,6 @@ class PushingPolicy(Steering):
         """How far from the part's centre a disc touches it, in a direction of its own frame, m."""
         return self.outline.round[np.round(angle * (ANGLES / (2.0 * math.pi))).astype(np.int64) % ANGLES]
 
-    def blocked(self, here: np.ndarray, sweep: np.ndarray, centre: np.ndarray, to_world: np.ndarray) -> np.ndarray:
-        """(batch, 2) whether a border is in the way of going round by an angle (batch, 2)."""
-        share = np.linspace(0.1, 1.0, 10)
-        angle = here[..., None] + share * sweep[..., None]
-        ring = self.round_at(angle)[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        there = centre[:, None, None] + np.einsum("bij,bksj->bksi", to_world, ring)
-        size = np.array([self.info.surface.width, self.info.surface.depth])
-        return ((there < self.reach) | (there > size - self.reach)).any(axis=(-1, -2))
-
     def apart(self, at: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """The velocities (batch, 2, 2) without what would bring the two together."""
         between = at[:, 1] - at[:, 0]
@@ -264,6 +285,11 @@ class PushingPolicy(Steering):
             towards = sign * (velocity[:, k] * along).sum(axis=-1)
             result[:, k] -= (sign * np.maximum(towards - room, 0.0))[:, None] * along
         return result
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """Angles within half a turn, rad."""
+    return angle - 2.0 * math.pi * np.round(angle / (2.0 * math.pi))
 
 
 def turned(heading: np.ndarray) -> np.ndarray:
