@@ -28,7 +28,7 @@ from vibgym.envs.reset_options import StartOverride
 from vibgym.envs.stages import Stages
 from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
-from vibgym.sensing import sensing_from
+from vibgym.sensing import TOLD, sensing_from
 from vibgym.sensing.measurement import Measurement, new_measurement
 from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.simulator import Simulator
@@ -104,7 +104,7 @@ class Core:
         if self.task.flows and not self.sensing.sensor.renews:
             allowed = f"'ideal', 'pose', or another that {self.task.name}, whose parts come and go, can do with"
             raise checks.refuse("sensor", options.sensor, allowed)
-        self.task.features = (*self.task.features, *self.sensing.tell)
+        self.task.features = (*self.task.features, *(name for each in self.sensing.tell for name in TOLD[each]))
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
         self._aim = _at_all if self.task.driven.all() else self._at_driven

@@ -16,7 +16,7 @@ from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
 
-OPTIONAL = ("kind", "arrived", "age", "sigma")
+OPTIONAL = ("kind", "arrived", "age", "sigma", "contact_normal", "contact_impulse")
 """In a row where they are in a block of the state observation."""
 
 TURNS = ("turn", "turn_coarse", "turn_fine", "turn_finest")

@@ -28,7 +28,7 @@ _FIRST = np.zeros(1, dtype=np.int64)
     pose=features.block_table(PoseTask.FEATURES),
     arranged=features.block_table(ArrangedTask.FEATURES),
     follow=features.block_table(Follow.FEATURES),
-    told=features.block_table(TOLD),
+    told=features.block_table([name for names in TOLD.values() for name in names]),
     own=features.row_table(features.OWN),
     neighbour=features.row_table(features.NEIGHBOUR),
 )
@@ -67,7 +67,7 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     {follow table}
 
-    A sensor that is asked to (``"tell": ["age", "sigma"]``) adds to every block:
+    A sensor that is asked to (``"tell": ["age", "sigma", "contacts"]``, contacts with an ideal sensor alone) adds to every block:
 
     {told table}
 
@@ -75,7 +75,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     a part; the rows of absent parts are all 0. Part p has row p, seen from that part, in units that do not depend on the
     surface's size. :attr:`parts_layout` says what the numbers of a row mean. Only tasks with kinds of parts have ``kind``, with
     zones ``zone``, with headings that count ``turn``..., with goals that move ``goal_velocity`` to ``turn_ahead``, and for
-    several parts neighbours; a sensor tells ``age`` and ``sigma`` if it is asked to. In this order:
+    several parts neighbours; a sensor tells ``age``, ``sigma`` and contacts if it is asked to. In this order:
 
     {own table}
 

@@ -18,7 +18,7 @@ from vibgym._numba.reference import Layout as Memory
 from vibgym._numba.reference import Pinned
 from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature
 from vibgym.envs.layout import Layout
-from vibgym.physics.collision.hulls import Hulls, part_gap, place_hulls
+from vibgym.physics.collision.hulls import Hulls, part_contact, part_gap, place_hulls
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
@@ -37,6 +37,7 @@ OF_PART, OF_NEIGHBOUR = places_of(TABLE), places_of(NEIGHBOUR)
 POSITION, HEADING, WAY, TURN = (OF_PART[name] for name in ("position", "heading", "way", "turn"))
 VELOCITY, SPIN, BORDERS, ZONE = (OF_PART[name] for name in ("velocity", "spin", "borders", "zone"))
 GAP, TOWARDS, AGE, SIGMA = (OF_PART[name] for name in ("gap", "neighbour", "age", "sigma"))
+NORMAL, PUSHED = OF_PART["normal"], OF_PART["pushed"]
 GOAL_VELOCITY, GOAL_SPIN = OF_PART["goal_velocity"], OF_PART["goal_spin"]
 WAY_AHEAD, TURN_AHEAD, ARRIVED = OF_PART["way_ahead"], OF_PART["turn_ahead"], OF_PART["arrived"]
 
@@ -67,6 +68,7 @@ class Scene(NamedTuple):
     hulls: Hulls
     program: Program  # of the part itself
     others: Program  # of a neighbour; of no numbers where a row has none
+    touch: int  # 1: contacts are told of
     coarse: int  # where a row's "way_coarse" stands, which is the "way" of others' neighbour
     known: np.ndarray  # scratch: (parts, numbers) quantities of each part, those that stay filled in; ...
     seen: np.ndarray  # ... (numbers,) of a neighbour; ...
@@ -138,6 +140,23 @@ def look_at_part(scene, pose, velocity, age, sigma, w, p, known):
 
 
 @borrowing
+def touch_part(scene, pose, pushed, w, p, known):
+    """Fill in the quantities of a part's contacts.
+
+    Args:
+        pose: (parts, 3) of the world.  pushed: (parts, 2) likewise.
+        known: (numbers,) of the part.
+    """
+    known[PUSHED], known[PUSHED + 1] = pushed[p, 0], pushed[p, 1]
+    known[NORMAL] = known[NORMAL + 1] = 0.0
+    other = scene.relations.neighbour[w, p]
+    if other >= 0:
+        for part in (p, other):
+            place_hulls(scene.hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], scene.placed)
+        _, known[NORMAL], known[NORMAL + 1] = part_contact(scene.hulls, scene.placed, p, other)
+
+
+@borrowing
 def note_neighbour(gaps, nearest, gap, other):
     """Note a part at a distance ``gap`` (m) in the lists (NEIGHBOURS,) of the nearest; equally near ones go after."""
     place = NEIGHBOURS
@@ -198,12 +217,12 @@ def write_neighbours(scene, pose, velocity, p, rows):
 
 
 @borrowing
-def write_rows(pinned, pose, mean_velocity, gone, age, sigma, worlds, out):
+def write_rows(pinned, pose, mean_velocity, gone, age, sigma, pushed, worlds, out):
     """Write the blocks or rows of some worlds.
 
     Args:
         pinned: address of a pinned :class:`Scene`.
-        pose, mean_velocity, gone, age, sigma: measured, see :class:`vibgym.sensing.Measurement`.
+        pose, mean_velocity, gone, age, sigma, pushed: measured, see :class:`vibgym.sensing.Measurement`.
         worlds: (n,) index.
         out: (worlds, slots, size) float32, overwritten; zeros where no part is.
     """
@@ -218,6 +237,8 @@ def write_rows(pinned, pose, mean_velocity, gone, age, sigma, worlds, out):
         for p in range(pose.shape[1]):
             if present[w, p]:
                 look_at_part(scene, pose[w], mean_velocity[w], age[w], sigma[w], w, p, scene.known[p])
+                if scene.touch == 1:
+                    touch_part(scene, pose[w], pushed[w], w, p, scene.known[p])
                 write_numbers(scene.program, scene.known[p], out[w, p])
         if scene.others.source.shape[0] > 0:
             rank_neighbours(scene, pose, gone, w)
@@ -263,6 +284,7 @@ def pinned_scene(task: Task, layout: Layout, relations: Relations, episode: Epis
         hulls=task.hulls,
         program=_program(own, OF_PART, surface),
         others=others,
+        touch=int("contact_normal" in layout),
         coarse=coarse,
         known=_unchanging(parts, task.kind),
         seen=np.ones(OF_NEIGHBOUR[""]),

@@ -22,8 +22,8 @@ from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor, "camera": CameraSensor})
 """Sensors by name; ``SENSORS.register(name, cls)`` adds one of your own."""
 
-TOLD = ("age", "sigma")
-"""What a state observation may tell of the measurement besides."""
+TOLD = {"age": ("age",), "sigma": ("sigma",), "contacts": ("contact_normal", "contact_impulse")}
+"""What an observation may tell of the measurement besides, by name, and its features."""
 
 
 def sensing_from(
@@ -54,6 +54,10 @@ def sensing_from(
     sensor = sensor_from({"kind": kind, **settings}, surface, parts, worlds, periods, ("estimator", "tell"))
     if sensor.exact and chosen == "none":
         return ExactSensing(sensor, reported)
+    if "contacts" in reported:
+        raise checks.refuse(
+            "sensor.tell", list(reported), "no contacts, which an ideal sensor without estimator alone feels"
+        )
     return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), reported)
 
 

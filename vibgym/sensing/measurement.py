@@ -24,6 +24,9 @@ class Measurement(NamedTuple):
     gone: np.ndarray  # (worlds, parts) bool, parts that are not on the surface
     age: np.ndarray  # (worlds, parts) int64, periods since the instant that the last reading of the part tells of
     sigma: np.ndarray  # (worlds, parts, 3) standard deviation that the pose is thought to have, m, m, rad
+    pushed: (
+        np.ndarray
+    )  # (worlds, parts, 2) m/s, by which contacts have changed the velocity over the last period; 0: not sensed
 
 
 def new_reading(worlds: int, parts: int) -> Reading:
@@ -39,5 +42,5 @@ def new_measurement(worlds: int, parts: int) -> Measurement:
     shape = (worlds, parts)
     return Measurement(
         np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64),
-        np.zeros((*shape, 3)),
+        np.zeros((*shape, 3)), np.zeros((*shape, 2)),
     )  # fmt: skip

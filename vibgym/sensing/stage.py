@@ -49,7 +49,7 @@ class Sensing(Live):
         lead: periods after the present of which the measurement tells.
         measurement: what is known now.
         draws: uniform numbers that an episode's start needs.
-        tell: what a state observation tells of the measurement besides: ``"age"``, ``"sigma"``.
+        tell: what observations tell of the measurement besides, see :data:`vibgym.sensing.TOLD`.
     """
 
     SNAPSHOT, exact = "sensor", False
@@ -125,7 +125,7 @@ class ExactSensing(Sensing):
         """Nothing to do."""
 
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
-        self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none)
+        self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none, state.pushed)
 
     def renew(self, which: np.ndarray, state: State) -> None:
         """Nothing to do: the state is live."""

@@ -170,7 +170,7 @@ class Simulator:
         state.pose[worlds], state.velocity[worlds], state.mean_velocity[worlds] = pose, velocity, mean_velocity
         for flag in (state.sticking, state.doubtful, state.diverged):
             flag[worlds] = False
-        state.fallen[worlds] = fallen
+        state.pushed[worlds], state.fallen[worlds] = 0.0, fallen
         for name, usual in CONDITIONS.items():
             getattr(state, name)[worlds] = usual
 
@@ -276,6 +276,12 @@ class Simulator:
     def mean_velocity(self) -> np.ndarray:
         """(worlds, parts, 3) mean over the last period, m/s and rad/s; before the first, the starting velocity."""
         return self._state.mean_velocity.copy()
+
+    @property
+    def contact_impulse(self) -> np.ndarray:
+        """(worlds, parts, 2) N s, what contacts with other parts and walls have pushed with over the last period, x and y."""
+        mass = self._state.mass * [part.mass for part in self.parts]
+        return mass[..., None] * self._state.pushed
 
     @property
     def fallen(self) -> np.ndarray:

@@ -162,6 +162,7 @@ def take_away(flow, state, world, part):
     for k in range(3):
         state.pose[world, part, k] = flow.away[k]
         state.velocity[world, part, k] = state.mean_velocity[world, part, k] = 0.0
+    state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
     state.fallen[world, part], state.sticking[world, part] = True, False
     flow.judged.episode.present[world, part] = flow.judged.episode.done[world, part] = False
 

@@ -52,6 +52,7 @@ class Contacts(NamedTuple):
     fresh: np.ndarray  # (slots,) bool: placed where the part is now
     settled: np.ndarray  # (slots, 3) poses before overlaps are undone
     begun: np.ndarray  # (slots, 3) poses at the step's start
+    pushed: np.ndarray  # (slots, 2) m/s, change of velocity by contacts since the period began
     speed: np.ndarray  # (slots, 3) velocities, for the list of pairs
     gone: np.ndarray  # (slots,) m, farthest that a point of the part has got since the period's start, step by step
     turned: np.ndarray  # (slots,) the same at the last cut
@@ -75,6 +76,7 @@ def new_contacts(parts: int, hulls: Hulls) -> Contacts:
         fresh=np.zeros(parts, np.bool_),
         settled=np.zeros((parts, 3)),
         begun=np.zeros((parts, 3)),
+        pushed=np.zeros((parts, 2)),
         speed=np.zeros((parts, 3)),
         gone=np.zeros(parts),
         turned=np.zeros(parts),
@@ -247,7 +249,7 @@ def enter_island(encounter):
         enter_part(scene, slot, encounter.world, workspace.part[slot], False)
         for k in range(3):
             contacts.begun[slot, k] = workspace.pose[slot // LANES, k * LANES + slot % LANES]
-        contacts.gone[slot] = contacts.turned[slot] = 0.0
+        contacts.gone[slot] = contacts.turned[slot] = contacts.pushed[slot, 0] = contacts.pushed[slot, 1] = 0.0
     for slot in range(encounter.parts, LANES * scene.groups):
         workspace.away[slot] = True
 
@@ -255,7 +257,7 @@ def enter_island(encounter):
 @borrowing
 def leave_island(encounter):
     """Take the parts out of their slots after a period; where a number makes no sense, the world keeps its last state."""
-    scene, world = encounter.scene, encounter.world
+    scene, world, pushed = encounter.scene, encounter.world, encounter.contacts.pushed
     state, pose, velocity = scene.state, scene.workspace.pose, scene.workspace.velocity
     total = 0.0
     for slot in range(encounter.parts):
@@ -273,6 +275,8 @@ def leave_island(encounter):
             state.mean_velocity[world, part, k] = (place - state.pose[world, part, k]) / scene.table.period
             state.pose[world, part, k] = place
             state.velocity[world, part, k] = 0.0 if fallen else velocity[g, k * LANES + lane]
+        for k in range(2):
+            state.pushed[world, part, k] = pushed[slot, k]
         if fallen:
             state.sticking[world, part] = False
 
@@ -309,6 +313,16 @@ def write_paths(encounter, paths, turn, step):
 
 
 @borrowing
+def note_push(encounter, sign):
+    """Add the velocities, times ``sign``, to what contacts have changed them by: once before contacts, once after."""
+    velocity, pushed = encounter.scene.workspace.velocity, encounter.contacts.pushed
+    for slot in range(encounter.parts):
+        g, lane = slot // LANES, slot % LANES
+        for k in range(2):
+            pushed[slot, k] += sign * velocity[g, k * LANES + lane]
+
+
+@borrowing
 def take_step(encounter, n, h, phase, entered):
     """One step of the coupling: friction alone, then what contacts do.
 
@@ -331,12 +345,14 @@ def take_step(encounter, n, h, phase, entered):
         contacts.deepest[0] = min(contacts.deepest[0], gap)
         if gap < -CONTACT_FROM:
             undo = gap < -encounter.slop
+            note_push(encounter, -1.0)
             if h.impact:
                 hit, stale = resolve_impacts(encounter, pairs, n, JOLT)
                 if hit and entered:
                     forget_impacts(encounter, contacts.hit)
             stale = solve(encounter, n, h.h, entered, undo) or stale
             called = True
+            note_push(encounter, 1.0)
             if undo:
                 parts_moved(encounter)
             if not entered or strayed(encounter):  # parts now go where friction alone would not have taken them

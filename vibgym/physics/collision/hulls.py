@@ -114,12 +114,21 @@ def gap_along(hulls, placed, a, b, nx, ny):
 @borrowing
 def part_gap(hulls, placed, i, j):
     """Smallest gap between the placed hulls of two parts, m; negative: overlap."""
-    smallest = math.inf
+    gap, _, _ = part_contact(hulls, placed, i, j)
+    return gap
+
+
+@borrowing
+def part_contact(hulls, placed, i, j):
+    """Smallest gap between the placed hulls of two parts (negative: overlap), m, and the unit vector from the first to the second
+    along which it is."""
+    smallest, nx, ny = math.inf, 1.0, 0.0
     for a in range(hulls.owner[i], hulls.owner[i + 1]):
         for b in range(hulls.owner[j], hulls.owner[j + 1]):
-            gap, _, _ = hull_gap(hulls, placed, a, b)
-            smallest = min(smallest, gap)
-    return smallest
+            gap, x, y = hull_gap(hulls, placed, a, b)
+            if gap < smallest:
+                smallest, nx, ny = gap, x, y
+    return smallest, nx, ny
 
 
 @borrowing

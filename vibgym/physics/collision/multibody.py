@@ -169,6 +169,7 @@ def broad_phase(start, stop, fixed, state, prospect):
             any_near = True
             find_touching(fixed, state.pose[world], prospect.pairs[w], found, prospect.gap[w], prospect.driven[w])
         for part in range(parts):
+            state.pushed[world, part, 0] = state.pushed[world, part, 1] = 0.0
             if found > 0:
                 copy_part(state, world, prospect.kept, w, part)
             if found == 0 or not prospect.driven[w, part]:

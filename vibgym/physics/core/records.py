@@ -93,6 +93,9 @@ class State(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3) m, m, rad
     velocity: np.ndarray  # (worlds, parts, 3) m/s, m/s, rad/s
     mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period
+    pushed: (
+        np.ndarray
+    )  # (worlds, parts, 2) m/s, by which contacts with parts and walls have changed the velocity, likewise
     fallen: np.ndarray  # (worlds, parts) bool
     sticking: np.ndarray  # (worlds, parts) bool, at the current instant
     doubtful: np.ndarray  # (worlds, parts) bool: since the start the model has left the range that it is certified for
@@ -112,6 +115,7 @@ def new_state(worlds: int, parts: int) -> State:
         pose=np.zeros((worlds, parts, 3)),
         velocity=np.zeros((worlds, parts, 3)),
         mean_velocity=np.zeros((worlds, parts, 3)),
+        pushed=np.zeros((worlds, parts, 2)),
         fallen=np.zeros((worlds, parts), np.bool_),
         sticking=np.zeros((worlds, parts), np.bool_),
         doubtful=np.zeros((worlds, parts), np.bool_),

@@ -39,7 +39,7 @@ class Hold:
         """Nothing to do."""
 
     def correct(self, reading: Reading) -> None:
-        pose, mean_velocity, gone, age, _ = self.measurement
+        pose, mean_velocity, gone, age, *_ = self.measurement
         seen = reading.seen
         if seen.all():
             pose[...], mean_velocity[...], gone[...] = reading.pose, reading.mean_velocity, reading.gone

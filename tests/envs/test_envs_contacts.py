@@ -1,0 +1,81 @@
+"""Contacts: what the simulator and observations say of pushes."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+from shapely.ops import nearest_points
+
+from tests.envs.helpers import assert_same, batch
+from vibgym import Part, Simulator, Surface
+from vibgym.envs.layout import RowLayout
+
+FELT = {"sensor": {"kind": "ideal", "tell": ["contacts"]}}
+
+
+def test_two_that_collide_push_one_another_as_newton_and_stronge_say():
+    """Discs without friction that meet head on hand over ``(1 + e) v m1 m2 / (m1 + m2)``."""
+    heavy, light = (
+        Part.disc(0.02, friction=0.0, contact_friction=0.0, mass=mass, restitution=0.5) for mass in (0.3, 0.1)
+    )
+    sim = Simulator(Surface(horizontal_amplitude=0.0), [heavy, light])
+    sim.reset([[[0.2, 0.1, 0.0], [0.2407, 0.1, 0.0]]], [[[0.3, 0.0, 0.0], [0.0, 0.0, 0.0]]])
+    assert not sim.contact_impulse.any()
+    sim.advance(0.0, 0.0)
+    given = sim.contact_impulse[0]
+    assert given[1] == pytest.approx([1.5 * 0.3 * 0.3 * 0.1 / 0.4, 0.0], rel=1e-9, abs=1e-12)
+    assert given.sum(axis=0) == pytest.approx([0.0, 0.0], abs=1e-15)
+    sim.advance(0.0, 0.0)
+    assert not sim.contact_impulse.any()  # apart again
+
+
+def test_observations_feel_what_touches():
+    env = batch("Push", 16, action="wrench", observation="parts_and_state", **FELT).unwrapped
+    observation, _ = env.reset(seed=0)
+    surface, parts, felt = env.surface, env.parts, 0
+    rows, blocks = RowLayout.of(env.task), env.core.observation.layout
+    action = np.zeros((16, 3, 3), dtype=np.float32)
+    for _ in range(60):
+        way = env.truth.pose[:, 2:, :2] - env.truth.pose[:, :2, :2]
+        action[:, :2, :2] = way / np.abs(way).max(axis=-1, keepdims=True)
+        observation, *_ = env.step(action)
+        normal = rows.numbers(observation["parts"], "contact_normal")
+        impulse = rows.quantity(observation["parts"], "contact_impulse")
+        assert (normal == blocks.numbers(observation["state"], "contact_normal")).all()
+        mass = [[part.mass] for part in parts]
+        assert impulse * mass == pytest.approx(env.core.simulator.contact_impulse, abs=2e-6)
+        felt += (np.abs(impulse[:, 2]).max(axis=-1) > 0.02 * surface.table_speed).sum()
+    assert felt > 100
+    for world in range(16):
+        pose = env.truth.pose[world]
+        shapes = [
+            affinity.translate(affinity.rotate(shapely.Polygon(part.outline), turn, (0, 0), use_radians=True), x, y)
+            for part, (x, y, turn) in zip(parts, pose, strict=True)
+        ]
+        nearest = min((0, 1), key=lambda k: shapes[2].distance(shapes[k]))
+        mine, theirs = nearest_points(shapes[2], shapes[nearest])
+        way = np.array([theirs.x - mine.x, theirs.y - mine.y])
+        if np.hypot(*way) > 0.002:  # of outlines that touch, shapely says nothing
+            # A disc's outline is a polygon for shapely.
+            assert normal[world, 2] == pytest.approx(way / np.hypot(*way), abs=0.06)
+
+
+def test_what_is_felt_is_part_of_snapshots():
+    env = batch("PushAny", 3, action="wrench", observation="parts", **FELT).unwrapped
+    env.reset(seed=1)
+    rng = np.random.default_rng(0)
+    actions = rng.uniform(-1, 1, (40, 3, 3, 3)).astype(np.float32)
+    for action in actions[:20]:
+        env.step(action)
+    kept = env.get_state()
+    seen = [env.step(action)[0] for action in actions[20:]]
+    env.set_state(kept)
+    for one, action in zip(seen, actions[20:], strict=True):
+        assert_same(one, env.step(action)[0])
+
+
+@pytest.mark.parametrize("sensor", [{"kind": "pose"}, {"kind": "ideal", "estimator": "kalman"}])
+def test_only_an_ideal_sensor_feels(sensor):
+    with pytest.raises(ValueError, match=r"sensor\.tell: got \['contacts'\].*ideal sensor"):
+        gym.make("vibgym/Push-v0", sensor=sensor | {"tell": ["contacts"]})
