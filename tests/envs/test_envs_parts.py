@@ -128,10 +128,10 @@ def test_each_task_has_the_columns_that_it_can_fill():
     own = {each.name for each in OWN}
     moving = {"goal_velocity", "goal_spin", "way_ahead", "turn_ahead"}
     turning = {"turn", "turn_coarse", "turn_fine", "turn_finest"}
-    told, zoned = {"age", "sigma", "arrived"}, {"kind", "zone"}
+    told, zoned = {"age", "sigma", "arrived", "contact_normal", "contact_impulse"}, {"kind", "zone"}
     assert names("Transport") == (own - moving - turning - told - zoned, 25)
     assert names("Rotate") == (own - moving - told - zoned, 29)
-    assert names("Rotate", sensor=NOISY) == (own - moving - zoned - {"arrived"}, 32)
+    assert names("Rotate", sensor=NOISY) == (own - moving - zoned - (told - {"age", "sigma"}), 32)
     sort, size = names("Sort")
     assert sort & own == own - moving - turning - told and size == 32 + 65
     assert names("Singulate")[0] == sort - {"zone"}

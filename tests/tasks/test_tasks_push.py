@@ -76,6 +76,17 @@ def test_coverage_is_the_area_of_the_intersection():
     assert coverage == pytest.approx([1.0, 0.75, 0.5, 0.0])
 
 
+@pytest.mark.parametrize(
+    "share, expected", [(0.0, 1.0), (1.0, 2.0 / 3.0 - math.sqrt(3.0) / (2.0 * math.pi)), (2.0, 0.0), (3.0, 0.0)]
+)
+def test_coverage_of_a_disc_is_that_of_two_circles(share, expected):
+    disc = Part.disc(0.02, friction=0.2)
+    pose, goal, coverage = np.full((1, 1, 3), 0.1), np.full((1, 1, 3), 0.1), np.zeros(1)
+    goal[0, 0, 1] += share * 0.02
+    goal_coverage(hulls_of([disc]), 0, pose, goal, coverage, np.arange(1))
+    assert coverage[0] == pytest.approx(expected, abs=1e-7)
+
+
 def test_coverage_of_a_tee_agrees_with_counting_points():
     rng = np.random.default_rng(3)
     pose, goal, coverage = np.zeros((5, 1, 3)), np.zeros((5, 1, 3)), np.zeros(5)

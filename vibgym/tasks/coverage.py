@@ -9,9 +9,6 @@ import numpy as np
 from vibgym._numba.jit import borrowing, jit
 from vibgym._numba.reference import reference
 
-MOST_CORNERS = 256
-"""Of the intersection of two convex pieces: those of both together."""
-
 
 @borrowing
 def place_piece(hulls, piece, pose, corners):
@@ -65,23 +62,38 @@ def shared_area(hulls, a, pose, b, goal, one, other, spare):
     return area(one, count) if count > 2 else 0.0
 
 
+@borrowing
+def shared_by_discs(radius, distance):
+    """m^2 that two discs of the same radius share."""
+    if distance >= 2.0 * radius:
+        return 0.0
+    half = 0.5 * distance
+    return 2.0 * radius * radius * math.acos(half / radius) - distance * math.sqrt(radius * radius - half * half)
+
+
 @jit
 def goal_coverage(hulls, part, pose, goal, coverage, worlds):
     """Share of a part's goal that it covers, (worlds,), of ``worlds`` (n,), overwritten.
 
     Args:
-        part: which; of a disc it is that of its inscribed corner, nothing.
+        part: which.
         pose, goal: (worlds, parts, 3) m, m, rad.
     """
     hulls = reference(hulls)
-    one, other, spare = np.empty((MOST_CORNERS, 2)), np.empty((MOST_CORNERS, 2)), np.empty((MOST_CORNERS, 2))
     first, last, whole = hulls.owner[part], hulls.owner[part + 1], 0.0
+    most = 2 * (hulls.first[last] - hulls.first[first])  # cutting adds a corner for every edge at most
+    one, other, spare = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 2))
     for piece in range(first, last):
-        count = place_piece(hulls, piece, pose[0, part], one)
+        count = place_piece(hulls, piece, np.zeros(3), one)
         whole += area(one, count)
+    round_off = hulls.rounding[first]
     for k in range(worlds.shape[0]):
         w, shared = worlds[k], 0.0
         for a in range(first, last):
             for b in range(first, last):
                 shared += shared_area(hulls, a, pose[w, part], b, goal[w, part], one, other, spare)
-        coverage[w] = shared / whole if whole > 0.0 else 0.0
+        if whole > 0.0:
+            coverage[w] = shared / whole
+        else:  # a disc: one corner, rounded
+            distance = math.hypot(goal[w, part, 0] - pose[w, part, 0], goal[w, part, 1] - pose[w, part, 1])
+            coverage[w] = shared_by_discs(round_off, distance) / (math.pi * round_off * round_off)
