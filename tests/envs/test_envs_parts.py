@@ -136,6 +136,8 @@ def test_each_task_has_the_columns_that_it_can_fill():
     assert sort & own == own - moving - turning - told and size == 32 + 65
     assert names("Singulate")[0] == sort - {"zone"}
     assert names("Feed")[0] == sort | turning | {"arrived"}
+    pushed = names("Push")[0] - names("Pack")[0]
+    assert pushed == {f"neighbour_{k}_{name}" for k in range(1, 6) for name in ("way_far", "turn")}
     follow, size = names("Follow")
     assert follow & own == own - told - zoned and size == 29 + 15 + 65
 

@@ -130,10 +130,10 @@ TABLE = (
     Feature("age", "age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", AGE_SCALE, "tanh"),
     Feature("sigma", "sigma", 2, "tanh of what the measurement may be off by (standard deviation): position in 1 mm, heading "
             "in 1 deg", "1", SIGMA_SCALES, "tanh"),
-    Feature("contact_normal", "normal", 2, "unit vector from its outline, where the nearest other part is, to that part's, x and y: "
-            "the contact's normal where they touch; 0, 0 without others", "1", 1.0, "direction"),
-    Feature("contact_impulse", "pushed", 2, "tanh of (impulse of its contacts with parts and walls over the last period / (its mass "
-            "x table speed)), x and y", "1", "table speed", "tanh"),
+    Feature("contact_normal", "normal", 2, "unit vector from its outline to that of the nearest other part, x and y: the normal where "
+            "they touch; 0, 0 without others", "1", 1.0, "direction"),
+    Feature("contact_impulse", "pushed", 2, "tanh of (impulse of its contacts with parts and walls over the last period / "
+            "(its mass x table speed)), x and y", "1", "table speed", "tanh"),
 )  # fmt: skip
 """All features of a part itself, in the order in which they stand in a block or row."""
 
@@ -153,9 +153,14 @@ NEIGHBOUR = (
             "twice the table speed", "linear"),
     Feature("heading", "heading", 2, "cos and sin of (its symmetry x its heading)", "1", 1.0, "direction"),
     Feature("same_kind", "same_kind", 1, "1: it is of the same kind", "1", 1.0, "flag"),
+    Feature("way_far", "way_far", 2, "tanh of its own way to its goal in 250 mm, x and y", "1", FAR, "tanh"),
+    Feature("turn", "turn", 1, "tanh of its own goal minus heading in 0.5 rad", "1", COARSE_TURN, "tanh"),
     Feature("way", "way", 2, "tanh of its own way to its goal or zone in 50 mm, x and y", "1", COARSE, "tanh"),
 )  # fmt: skip
 """Features of a neighbour, each of which stands in a row as ``"neighbour_1_there"``, ..., the nearest first."""
+
+PUSHED = ("way_far", "turn")
+"""Features of neighbours where some parts have to be pushed by others."""
 
 ROW = (
     *OWN,

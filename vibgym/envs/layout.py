@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from vibgym.envs.features import FEATURES, NEIGHBOUR, NEIGHBOURS, ROW, Feature
+from vibgym.envs.features import FEATURES, NEIGHBOUR, NEIGHBOURS, PUSHED, ROW, Feature
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
@@ -162,6 +162,8 @@ def row_features(task: Task) -> tuple[str, ...]:
         without.update(MOTIONS)
     elif not task.has_heading:
         without.update(TURNING)
+    if task.driven.all():
+        without.update(f"neighbour_{k}_{name}" for k in range(1, NEIGHBOURS + 1) for name in PUSHED)
     if task.MOST_PARTS == 1:
         without.update(each.name for each in ROW[-NEIGHBOURS * len(NEIGHBOUR) :])
     return tuple(each.name for each in ROW if each.name not in without)

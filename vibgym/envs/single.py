@@ -67,7 +67,7 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     {follow table}
 
-    A sensor that is asked to (``"tell": ["age", "sigma", "contacts"]``, contacts with an ideal sensor alone) adds to every block:
+    A sensor that is asked to (``"tell": ["age", "sigma", "contacts"]``; contacts: an ideal one alone) adds to every block:
 
     {told table}
 
@@ -80,7 +80,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     {own table}
 
     and for each of the five nearest other parts that have not fallen, by the distance between outlines, nearest first, as
-    ``neighbour_1_there`` and so on:
+    ``neighbour_1_there`` and so on, ``way_far`` and ``turn`` only where some parts have to be pushed by others:
 
     {neighbour table}
 

@@ -43,6 +43,7 @@ WAY_AHEAD, TURN_AHEAD, ARRIVED = OF_PART["way_ahead"], OF_PART["turn_ahead"], OF
 
 APART, BETWEEN, FASTER = OF_NEIGHBOUR["apart"], OF_NEIGHBOUR["gap"], OF_NEIGHBOUR["velocity"]
 THEIR_HEADING, SAME_KIND, THEIR_WAY = (OF_NEIGHBOUR[name] for name in ("heading", "same_kind", "way"))
+THEIR_FAR, THEIR_TURN = OF_NEIGHBOUR["way_far"], OF_NEIGHBOUR["turn"]
 
 LINEAR, TANH, PLACE, CELL = (CODINGS.index(name) for name in ("linear", "tanh", "place", "cell"))
 
@@ -207,11 +208,13 @@ def write_neighbours(scene, pose, velocity, p, rows):
         if other < 0:
             break
         seen[BETWEEN] = gap[k]
+        seen[THEIR_TURN] = known[other, TURN]
         seen[SAME_KIND] = 1.0 if kind[p, 0] == kind[other, 0] else 0.0
         for axis in range(2):
             seen[APART + axis] = pose[other, axis] - pose[p, axis]
             seen[FASTER + axis] = velocity[other, axis] - velocity[p, axis]
             seen[THEIR_HEADING + axis] = known[other, HEADING + axis]
+            seen[THEIR_FAR + axis] = known[other, WAY + axis]
             seen[THEIR_WAY + axis] = rows[other, scene.coarse + axis]
         write_numbers(scene.others, seen, rows[p, start + k * width : start + (k + 1) * width])
 
@@ -268,7 +271,7 @@ def pinned_scene(task: Task, layout: Layout, relations: Relations, episode: Epis
     """What the kernels need to write a layout of a task's parts; the arrays of ``relations`` and ``episode`` are live."""
     surface, parts = task.surface, task.parts
     own = tuple(each for each in layout.table if each in TABLE)
-    others = _program(NEIGHBOUR if len(layout.table) > len(own) else (), OF_NEIGHBOUR, surface)
+    others = _program(tuple(each for each in NEIGHBOUR if f"neighbour_1_{each.name}" in layout), OF_NEIGHBOUR, surface)
     # A neighbour's way is in its own row, coded.
     others.coding[others.source >= THEIR_WAY] = CODINGS.index("flag")
     coarse = next((row.start for row in layout.rows if row.name == "way_coarse"), -1)

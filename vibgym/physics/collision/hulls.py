@@ -120,8 +120,7 @@ def part_gap(hulls, placed, i, j):
 
 @borrowing
 def part_contact(hulls, placed, i, j):
-    """Smallest gap between the placed hulls of two parts (negative: overlap), m, and the unit vector from the first to the second
-    along which it is."""
+    """Smallest gap between the placed hulls of two parts (negative: overlap), m, and the unit vector along it from i."""
     smallest, nx, ny = math.inf, 1.0, 0.0
     for a in range(hulls.owner[i], hulls.owner[i + 1]):
         for b in range(hulls.owner[j], hulls.owner[j + 1]):
