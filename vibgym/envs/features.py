@@ -130,8 +130,8 @@ TABLE = (
     Feature("age", "age", 1, "tanh of (periods since the instant of its last reading / 10 periods)", "1", AGE_SCALE, "tanh"),
     Feature("sigma", "sigma", 2, "tanh of what the measurement may be off by (standard deviation): position in 1 mm, heading "
             "in 1 deg", "1", SIGMA_SCALES, "tanh"),
-    Feature("contact_normal", "normal", 2, "unit vector from its outline to that of the nearest other part, x and y: the normal where "
-            "they touch; 0, 0 without others", "1", 1.0, "direction"),
+    Feature("contact_normal", "normal", 2, "unit vector from its outline to the nearest other part's, x and y: the normal "
+            "where they touch; 0, 0 without others", "1", 1.0, "direction"),
     Feature("contact_impulse", "pushed", 2, "tanh of (impulse of its contacts with parts and walls over the last period / "
             "(its mass x table speed)), x and y", "1", "table speed", "tanh"),
 )  # fmt: skip
