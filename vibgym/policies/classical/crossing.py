@@ -53,7 +53,7 @@ class Passing:
 
 
 class CrossingPolicy(TwoPhasesPolicy):
-    """Lanes both ways, see the module.
+    """Lanes along the table in which parts keep apart: both ways past one another.
 
     Args:
         info: task, scene and step time.

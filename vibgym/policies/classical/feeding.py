@@ -40,7 +40,7 @@ class Traffic:
 
 
 class FeedingPolicy(Steering):
-    """Lanes to the gates of a task whose parts come and go; see the module.
+    """Lanes along the table in which parts keep apart: to the gates of a task whose parts come and go.
 
     Args:
         info: task, scene and step time.

@@ -92,7 +92,7 @@ class Outline:
 
 
 class PushingPolicy(Steering):
-    """Pushes one part to its goal with two others, see the module.
+    """Pushes one part to its goal with two others that go round it to where they push.
 
     Args:
         info: task, scene and step time.
