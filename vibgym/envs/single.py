@@ -36,7 +36,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     """Parts on the vibrating surface, and a task. One step is one oscillation period (40 ms).
 
     Transport, Align and Rotate are tasks for one part, Sort and Singulate for several; what is only theirs is under "Several
-    parts" below. Follow is for one part or several, see "Paths".
+    parts" below. Follow is for one part or several, see "Paths". Pack, Swap, Push and Feed are open: see "Open tasks".
 
     ## Action space
     A flat float32 box in [-1, 1] of as many numbers as the shape below has, in C order; ``step`` takes an array of either
@@ -133,6 +133,21 @@ class VibgymEnv(SharedInterface, gym.Env):
     ``largest_path_error`` (m, largest of these distances), and ``clearance``, ``touching`` and ``parts_done`` as above. A reset
     takes a ``"pose"`` within 5 mm of the path's beginning, and no ``"goal"``.
 
+    ## Open tasks
+    Pack: all parts within 1 mm and 3 deg of a pattern's poses (:class:`vibgym.tasks.Pack`). Swap: two kinds exchange the ends of
+    the table, within 5 mm and 5 deg (:class:`vibgym.tasks.Swap`). In both, parts of a kind exchange goals where that makes their
+    ways shorter, unless ``free`` is false. Push: parts that the elements drive push one with ``coupling`` 0, which they do not,
+    within 5 mm and 5 deg of its goal (:class:`vibgym.tasks.Push`). Blocks and rewards are those of goal poses; those of parts
+    without a goal are 0, and actions and ``parallel_env`` leave out parts that are not driven. ``info`` also holds
+    ``pattern_error`` (m, root of the mean square; Pack) and ``coverage`` (share of the goal's area; Push).
+
+    Feed: parts arrive by an inlet at one end and leave by the gate of their kind at the other, straight and apart; an episode has
+    no success, and its limit is its end (:class:`vibgym.tasks.Feed`). ``info`` counts those that left since the reset (``good``,
+    ``tilted``, ``close``, ``wrong``, ``lost``), with ``..._per_minute`` after the warm-up, ``transit`` (s) and ``on_table``.
+    ``info["parts"]`` has ``arrived`` and ``event`` (how a part left in this step, a number of :data:`vibgym.tasks.episode.EVENTS`),
+    and blocks have ``arrived``. A slot is empty for a step at least between two parts; sensors, estimators and remembered actions
+    know nothing of the one before.
+
     ## Episode end
     Success (within tolerance, or all parts done, for 10 periods in a row, or as many as ``hold`` says), a fallen part or a
     diverged simulation terminate it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m),
@@ -149,8 +164,8 @@ class VibgymEnv(SharedInterface, gym.Env):
     at a term's bound. With ``observation="goal"`` they are the goal reward.
 
     Args:
-        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``, or one
-            that you have registered.
+        task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``,
+            ``"Swap"``, ``"Push"``, ``"Feed"``, or one that you have registered.
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields (keys may carry ``_mm``).
         parts: a list of names of shipped parts (``"aluminium_block"``, ``"steel_block"``) or mappings with ``shape`` and its
             fields; with one of them for Transport, Align and Rotate.
@@ -167,20 +182,21 @@ class VibgymEnv(SharedInterface, gym.Env):
             the last look (``swaps``), how many ran into one another (``merges``), and how many it lost (``losses``).
         randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
             factors on friction between table and part, and on mass, one a part. ``"incline"``: the largest angle of an inclined
-            table, or [low, high], rad; its direction is drawn, too. Sort, Singulate and Pack also take ``"parts": [low,
-            high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
+            table, or [low, high], rad; its direction is drawn, too. Sort, Singulate, Pack and Swap also take ``"parts":
+            [low, high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
             (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was drawn.
         start: of Sort and Pack: ``"scattered"`` (default: at random, at least 2 mm apart), ``"crowded"`` (one heap, in touch)
             or ``"pattern"``; or a mapping with ``kind`` and settings (:data:`vibgym.tasks.starts.STARTS`).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left
             end for the first kind, at the right end for the second, in the middle for the third.
-        slots: of Sort, Singulate and Pack: parts for which the state observation has room, at least the number of parts.
-        walls: of Sort, Singulate and Pack: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
+        slots: of tasks with several parts: parts for which the state observation has room, at least the number of parts.
+        walls: of tasks with several parts, but for Follow: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
         paths: of Follow: a list with a mapping for each part, or a mapping for paths that are drawn, see
             :class:`vibgym.tasks.Follow`.
         task_settings: keyword arguments that the task has besides: ``hold``, periods in a row with all parts done that make
             success (10; at most an episode); ``weights``, a mapping from reward terms to what they count instead; of Pack its
-            pattern's (``gap_mm``, ``rows``, ..., see :class:`vibgym.tasks.Pack`); and those of a task of your own.
+            pattern's (``gap_mm``, ``rows``, ..., see :class:`vibgym.tasks.Pack`); those of Swap, Push and Feed; and those of a
+            task of your own.
         periods_per_step: oscillation periods per step. Hold, time cost and limit count periods, so the task stays the same.
         max_episode_periods: periods after which an episode is truncated, where a step has several; with one a step that is
             Gymnasium's own ``max_episode_steps``. None: no limit.
