@@ -134,19 +134,20 @@ class VibgymEnv(SharedInterface, gym.Env):
     takes a ``"pose"`` within 5 mm of the path's beginning, and no ``"goal"``.
 
     ## Open tasks
-    Pack: all parts within 1 mm and 3 deg of a pattern's poses (:class:`vibgym.tasks.Pack`). Swap: two kinds exchange the ends of
-    the table, within 5 mm and 5 deg (:class:`vibgym.tasks.Swap`). In both, parts of a kind exchange goals where that makes their
-    ways shorter, unless ``free`` is false. Push: parts that the elements drive push one with ``coupling`` 0, which they do not,
-    within 5 mm and 5 deg of its goal (:class:`vibgym.tasks.Push`). Blocks and rewards are those of goal poses; those of parts
-    without a goal are 0, and actions and ``parallel_env`` leave out parts that are not driven. ``info`` also holds
-    ``pattern_error`` (m, root of the mean square; Pack) and ``coverage`` (share of the goal's area; Push).
+    Pack: all parts within 1 mm and 3 deg of a pattern's poses (:class:`vibgym.tasks.Pack`). Swap: two kinds exchange the
+    ends of the table, within 5 mm and 5 deg (:class:`vibgym.tasks.Swap`). In both, parts of a kind exchange goals where
+    that makes their ways shorter, unless ``free`` is false. Push: parts that the elements drive push one with ``coupling``
+    0, which they do not, within 5 mm and 5 deg of its goal (:class:`vibgym.tasks.Push`). Blocks and rewards are those of
+    goal poses; those of parts without a goal are 0, and actions and ``parallel_env`` leave out parts that are not driven.
+    ``info`` also holds ``pattern_error`` (m, root of the mean square; Pack) and ``coverage`` (share of the goal's area;
+    Push).
 
-    Feed: parts arrive by an inlet at one end and leave by the gate of their kind at the other, straight and apart; an episode has
-    no success, and its limit is its end (:class:`vibgym.tasks.Feed`). ``info`` counts those that left since the reset (``good``,
-    ``tilted``, ``close``, ``wrong``, ``lost``), with ``..._per_minute`` after the warm-up, ``transit`` (s) and ``on_table``.
-    ``info["parts"]`` has ``arrived`` and ``event`` (how a part left in this step, a number of :data:`vibgym.tasks.episode.EVENTS`),
-    and blocks have ``arrived``. A slot is empty for a step at least between two parts; sensors, estimators and remembered actions
-    know nothing of the one before.
+    Feed: parts arrive by an inlet at one end and leave by the gate of their kind at the other, straight and apart; an
+    episode has no success, and its limit is its end (:class:`vibgym.tasks.Feed`). ``info`` counts those that left since the
+    reset (``good``, ``tilted``, ``close``, ``wrong``, ``lost``), with ``..._per_minute`` after the warm-up, ``transit`` (s)
+    and ``on_table``. ``info["parts"]`` has ``arrived`` and ``event`` (how a part left in this step, a number of
+    :data:`vibgym.tasks.episode.EVENTS`), and blocks have ``arrived``. A slot is empty for a step at least between two
+    parts; sensors, estimators and remembered actions know nothing of the one before.
 
     ## Episode end
     Success (within tolerance, or all parts done, for 10 periods in a row, or as many as ``hold`` says), a fallen part or a
@@ -181,16 +182,18 @@ class VibgymEnv(SharedInterface, gym.Env):
             ``age`` (periods) and ``sigma`` (m, m, rad) of each part, and of a camera how many parts it took for others at
             the last look (``swaps``), how many ran into one another (``merges``), and how many it lost (``losses``).
         randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
-            factors on friction between table and part, and on mass, one a part. ``"incline"``: the largest angle of an inclined
-            table, or [low, high], rad; its direction is drawn, too. Sort, Singulate, Pack and Swap also take ``"parts":
-            [low, high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low, high] for their settings
-            (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was drawn.
+            factors on friction between table and part, and on mass, one a part. ``"incline"``: the largest angle of an
+            inclined table, or [low, high], rad; its direction is drawn, too. Sort, Singulate, Pack and Swap also take
+            ``"parts": [low, high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low,
+            high] for their settings (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was
+            drawn.
         start: of Sort and Pack: ``"scattered"`` (default: at random, at least 2 mm apart), ``"crowded"`` (one heap, in touch)
             or ``"pattern"``; or a mapping with ``kind`` and settings (:data:`vibgym.tasks.starts.STARTS`).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left
             end for the first kind, at the right end for the second, in the middle for the third.
         slots: of tasks with several parts: parts for which the state observation has room, at least the number of parts.
-        walls: of tasks with several parts, but for Follow: borders with a wall, among ``"left"``, ``"right"``, ``"bottom"``, ``"top"``.
+        walls: of tasks with several parts, but for Follow: borders with a wall, among ``"left"``, ``"right"``,
+            ``"bottom"``, ``"top"``.
         paths: of Follow: a list with a mapping for each part, or a mapping for paths that are drawn, see
             :class:`vibgym.tasks.Follow`.
         task_settings: keyword arguments that the task has besides: ``hold``, periods in a row with all parts done that make
