@@ -201,10 +201,10 @@ class Scenery:
         kinds: number of each part's kind.
         walls: borders at which a wall stands.
         zones: where the kinds shall end; empty for tasks without.
-        asked: of each part, whether it has a goal; empty: all of them.
         goal_size: numbers of a goal that count: 3 for poses, 2 for positions, 0 for tasks without.
         tolerance: m, from goals; None for tasks without.
         trail: past centres of each part that are shown.
+        asked: of each part, whether it has a goal; empty: all of them.
     """
 
     rows: int
@@ -214,10 +214,10 @@ class Scenery:
     kinds: tuple[int, ...]
     walls: tuple[str, ...] = ()
     zones: tuple[Zone, ...] = ()
-    asked: tuple[bool, ...] = ()
     goal_size: int = 0
     tolerance: float | None = None
     trail: int = TRAIL_STEPS
+    asked: tuple[bool, ...] = ()
 
     def painter(self, pixels_per_metre: float | None = None) -> SurfacePainter:
         """A painter for views of the task."""

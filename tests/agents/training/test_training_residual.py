@@ -109,7 +109,7 @@ def test_no_correction_is_judged_as_the_base(config, tmp_path):
     judge.begin(0)
     row = judge.judge(PPO(settings).acting(model), 0, 0.0, "ppo")
     alone = gym.make_vec("vibgym/Align-v0", num_envs=4, action="wrench", autoreset_mode="Disabled")
-    success, steps, returns = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 500_000)
+    success, steps, returns, _ = play(make_policy(POSE, info_of("Align", action="wrench")), alone, 500_000)
     assert row["success"] == success.mean() == 1.0 and row["return_"] == round(float(np.median(returns)), 4)
     assert row["time_to_goal"] == round(float(np.median(alone.unwrapped.step_time * steps)), 4)
     assert row["mean_time"] == round(float(np.mean(alone.unwrapped.step_time * steps)), 4)
