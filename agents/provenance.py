@@ -54,10 +54,11 @@ def commit() -> str | None:
         return None
 
 
-def code() -> str:
-    """What tells one state of the code from another: of a checkout its commit and what differs from it, else the version."""
+def code(*places: str) -> str:
+    """What tells one state of the code from another: of a checkout its tracked files at ``places`` (Git's pathspecs), and what
+    differs from them; else the version."""
     try:
-        return digest(_git("rev-parse", "HEAD") + _git("diff", "HEAD"))
+        return digest(_git("ls-files", "--full-name", "-s", "--", *places) + _git("diff", "HEAD", "--", *places))
     except (OSError, subprocess.SubprocessError):
         return digest(str(versions()["vibgym"]))
 

@@ -25,8 +25,15 @@ from vibgym.files import write_atomically
 from vibgym.policies.measures import Measured, Measures, least_times, most_rates
 from vibgym.policies.rollout import OWN_FACTS, Timing, worlds_of
 from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.catalogue import SHIPPED
+
+LEARNED = '"learned"'
+"""The policy that is read from what is shipped."""
 
 FILES = ("scores.csv", "suite.csv", "results.json", "scores.md", "scores.html")
+SOURCES = (":/vibgym", ":/agents/evaluation", ":(top,exclude)vibgym/policies/trained/shipped")
+"""What episodes come from, besides the files of policies: where it is the same, what has been played stays."""
+
 KEPT = "episodes"
 """Folder of the output directory: what has been played already, see :func:`_played`."""
 
@@ -136,7 +143,7 @@ def score(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Su
     settings = prepared.settings
     files = policy_files((job.content, job.info.name) for job in prepared.jobs.values())
     origin = provenance() | {"policy_files": files}
-    more = str(Path(settings.output) / KEPT), digest(json.dumps([code(), files]))
+    more = str(Path(settings.output) / KEPT), code(*SOURCES)
     alone = ray is None and usable(settings.processes) == 1
     with side_by_side(settings.processes, ray) as submit:
         found = run_jobs(submit, {**prepared.jobs}, _played, more, alone=alone, quiet=quiet)
@@ -155,7 +162,10 @@ def score(prepared: Prepared, quiet: bool = False, ray: str | None = None) -> Su
 def _played(job: Job, trial: Trial, folder: str, origin: str, quiet: bool) -> Timed:
     """A trial's episodes: from a file, if the same has been played by the same code, else played now and kept there."""
     content = job.content if job.plain else None
-    said = json.dumps([trial, job.environment, job.seeds, content, origin], sort_keys=True, default=repr)
+    files = policy_files([(content, job.info.name)])
+    if LEARNED in json.dumps(content, default=repr):
+        files |= {each.name: digest(each.read_bytes()) for each in sorted(SHIPPED.iterdir()) if each.is_file()}
+    said = json.dumps([trial, job.environment, job.seeds, content, origin, files], sort_keys=True, default=repr)
     path = Path(folder) / f"{digest(said)[:24]}.json"
     if content is not None and path.exists():
         return Timed.of_json(path.read_text())
