@@ -27,7 +27,10 @@ HARDWARE: dict[str, dict[str, Any]] = {
     "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
 }
 POLICIES = ("local_field", "vibgym/policies/trained/shipped/{task}.json")
-OPEN = {"Feed": "lanes", "FeedHeaps": "lanes", "Swap": "planner", "Pack": "two_phases", "PackFull": "two_phases"}
+OPEN = {
+    "Feed": "lanes", "FeedHeaps": "lanes", "Swap": "lanes", "SwapCrowded": "lanes", "Pack": "two_phases", "PackFull": "two_phases",
+    "Push": "push", "PushAny": "push",
+}  # fmt: skip
 """Tasks whose best policy is not known, and a good one of each."""
 
 
