@@ -28,8 +28,8 @@ HARDWARE: dict[str, dict[str, Any]] = {
 }
 POLICIES = ("local_field", "vibgym/policies/trained/shipped/{task}.json")
 OPEN = {
-    "Feed": "lanes", "FeedHeaps": "lanes", "Swap": "lanes", "SwapCrowded": "lanes", "Pack": "two_phases", "PackFull": "two_phases",
-    "Push": "push", "PushAny": "push",
+    "Feed": "lanes", "FeedHeaps": "lanes", "Swap": "lanes", "SwapCrowded": "lanes", "Pack": "two_phases",
+    "PackFull": "two_phases", "Push": "push", "PushAny": "push",
 }  # fmt: skip
 """Tasks whose best policy is not known, and a good one of each."""
 
