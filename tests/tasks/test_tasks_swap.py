@@ -42,13 +42,13 @@ def test_parts_of_a_kind_exchange_goals_where_both_gain():
     pose = np.zeros((1, 3, 3))
     pose[0, :, 0] = [0.1, 0.2, 0.3]
     goal, kind, there = pose[:, [1, 0, 2]].copy(), np.array([0, 0, 1]), np.ones((1, 3), dtype=bool)
-    exchange_goals(kind, there, pose, goal, np.arange(1))
+    exchange_goals(kind, there, pose, goal, EXCHANGE, np.arange(1))
     assert (goal == pose).all()
     goal = pose[:, [2, 1, 0]].copy()
-    exchange_goals(np.arange(3), there, pose, goal, np.arange(1))  # each of another kind
+    exchange_goals(np.arange(3), there, pose, goal, EXCHANGE, np.arange(1))  # each of another kind
     assert (goal == pose[:, [2, 1, 0]]).all()
     goal = pose + [0.5 * EXCHANGE, 0.0, 0.0]  # nothing to gain
-    exchange_goals(np.zeros(3, dtype=np.int64), there, pose, goal, np.arange(1))
+    exchange_goals(np.zeros(3, dtype=np.int64), there, pose, goal, EXCHANGE, np.arange(1))
     assert (goal == pose + [0.5 * EXCHANGE, 0.0, 0.0]).all()
 
 

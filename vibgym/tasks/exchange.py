@@ -21,12 +21,12 @@ EXCHANGE = 0.010
 
 
 @borrowing
-def exchange_goals(kind, present, pose, goal, worlds):
-    """Let parts of a kind exchange goals, in place, where their ways, cubed with :data:`EXCHANGE` more, then add up to less.
+def exchange_goals(kind, present, pose, goal, gain, worlds):
+    """Let parts of a kind exchange goals, in place, where their ways, each cubed with ``gain`` (m) more, then add up to less.
 
     Args:
         kind: (parts,).  present: (worlds, parts) bool.
-        pose, goal: (worlds, parts, 3) m, m, rad.
+        pose, goal: (worlds, parts, 2 or 3) m, m, rad.
         worlds: (n,) index.
     """
     for k in range(worlds.shape[0]):
@@ -36,9 +36,9 @@ def exchange_goals(kind, present, pose, goal, worlds):
                 if kind[i] != kind[j] or not (present[w, i] and present[w, j]):
                     continue
                 now = cubed_way(pose[w], i, goal[w], i, 0.0) + cubed_way(pose[w], j, goal[w], j, 0.0)
-                then = cubed_way(pose[w], i, goal[w], j, EXCHANGE) + cubed_way(pose[w], j, goal[w], i, EXCHANGE)
+                then = cubed_way(pose[w], i, goal[w], j, gain) + cubed_way(pose[w], j, goal[w], i, gain)
                 if then < now:
-                    for axis in range(3):
+                    for axis in range(goal.shape[2]):
                         goal[w, i, axis], goal[w, j, axis] = goal[w, j, axis], goal[w, i, axis]
 
 
@@ -63,5 +63,5 @@ class FreeScoring(Scoring):
         self._free, self._kind, self._pose = free, np.ascontiguousarray(task.kind), state.pose
 
     def stages(self) -> list[Stage]:
-        exchange = bound(exchange_goals, self._kind, self.episode.present, self._pose, self.episode.goal)
+        exchange = bound(exchange_goals, self._kind, self.episode.present, self._pose, self.episode.goal, EXCHANGE)
         return [*([exchange] if self._free else []), *super().stages()]

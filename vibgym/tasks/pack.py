@@ -19,7 +19,7 @@ from vibgym.tasks.base import HOLD_PERIODS, Start, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.exchange import FreeScoring
 from vibgym.tasks.patterns import Pattern
-from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
 from vibgym.tasks.scoring import Stage
 
 
@@ -39,16 +39,7 @@ class Pack(ArrangedTask):
     """
 
     DEFAULT_PARTS = ("aluminium_block",) * 12
-    TERMS = {
-        "distance": ("distance", 1.0),
-        "approach": ("approach", 1.0),
-        "turn": ("turn", 1.0),
-        "alignment": ("alignment", 1.0),
-        "within": ("within", 0.003),  # a part in its place loses no time
-        "time": ("time", 0.003),  # a whole episode of it costs less than a fall, lest falling pays
-        "success": ("success", 5.0),
-        "fallen": ("fallen", 5.0),
-    }
+    TERMS = PATIENT_TERMS
     FACTS = (
         "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged"
     )  # fmt: skip

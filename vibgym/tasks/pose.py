@@ -14,6 +14,18 @@ from vibgym.scene.surface import Surface
 from vibgym.tasks.base import HOLD_PERIODS, Start, Task
 from vibgym.tasks.episode import Episode, Relations, misses_goal
 
+PATIENT_TERMS = {
+    "distance": ("distance", 1.0),
+    "approach": ("approach", 1.0),
+    "turn": ("turn", 1.0),
+    "alignment": ("alignment", 1.0),
+    "within": ("within", 0.003),  # a part in its place loses no time
+    "time": ("time", 0.003),  # a whole episode of it costs less than a fall, lest falling pays
+    "success": ("success", 5.0),
+    "fallen": ("fallen", 5.0),
+}
+"""Terms of the reward of tasks with a goal pose for each of several parts."""
+
 
 class PoseTask(Task):
     """One part and a goal pose. Subclasses set tolerances and draw start and goal from uniform numbers.

@@ -17,7 +17,7 @@ from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.exchange import FreeScoring
 from vibgym.tasks.patterns import give_out
-from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
 from vibgym.tasks.scoring import Scoring
 from vibgym.tasks.starts import Starts
 
@@ -51,16 +51,7 @@ class Swap(Task):
     """
 
     DEFAULT_PARTS = ("steel_block", "aluminium_block") * 8
-    TERMS = {
-        "distance": ("distance", 1.0),
-        "approach": ("approach", 1.0),
-        "turn": ("turn", 1.0),
-        "alignment": ("alignment", 1.0),
-        "within": ("within", 0.003),  # a part in its place loses no time
-        "time": ("time", 0.003),  # a whole episode of it costs less than a fall, lest falling pays
-        "success": ("success", 5.0),
-        "fallen": ("fallen", 5.0),
-    }
+    TERMS = PATIENT_TERMS
     FEATURES = ("present", "kind", *PoseTask.FEATURES, "gap", "neighbour")
     RANDOMIZED = ("parts",)
     has_goal = True

@@ -23,10 +23,11 @@ from vibgym.policies.classical.motion_choice import (
     set_velocity,
 )
 from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.targets import Targets, assign, places, swap
+from vibgym.policies.classical.targets import Targets, assign, places
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.registry import make_policy
 from vibgym.scene.hulls import gaps_between, hulls_of
+from vibgym.tasks.exchange import exchange_goals
 
 RULE = math.sqrt(2) * 0.026
 KINDS = {"steel_block": STEEL, "aluminium_block": ALUMINIUM, "disc": DISC}
@@ -66,12 +67,12 @@ def test_swaps_shorten_ways_within_a_kind_only():
     target[1] = centre[1] + [0.0, 0.01]
     present = np.array([[True, True, True], [True, True, True], [True, True, False]])
     before = target.copy()
-    swap(kind, present, centre, target, 0.01)
+    exchange_goals(kind, present, centre, target, 0.01, np.arange(len(target)))
     assert (target[0] == centre[0]).all()  # the outer two, of one kind, have swapped
     assert (target[1:] == before[1:]).all()  # nothing to gain; one of them is absent
     close = centre[:1] + [[[0.004, 0.0]], [[0.0, 0.0]]][0]
     again = target[:1].copy()
-    swap(kind, present[:1], close, again, 0.01)
+    exchange_goals(kind, present[:1], close, again, 0.01, np.arange(1))
     assert (again == target[:1]).all()
 
 

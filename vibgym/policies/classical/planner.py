@@ -27,10 +27,11 @@ from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
 from vibgym.policies.classical.steering import Steering
-from vibgym.policies.classical.targets import Targets, swap
+from vibgym.policies.classical.targets import Targets
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
 from vibgym.simulation import threads as workers
+from vibgym.tasks.exchange import exchange_goals
 
 LOGGER = logging.getLogger("vibgym")
 
@@ -163,7 +164,7 @@ class PlannerPolicy(Steering):
         else:
             for world in np.flatnonzero(new):
                 target[world] = self.targets.give(centre[world], present[world])
-            swap(self.kind, present, np.ascontiguousarray(centre), target, SWAP_GAIN)
+            exchange_goals(self.kind, present, np.ascontiguousarray(centre), target, SWAP_GAIN, np.arange(len(target)))
         return memory._replace(target=target)
 
     def distances(self, target: np.ndarray, heading: np.ndarray, present: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.lattice import lattice
 
@@ -115,31 +114,3 @@ class Targets:
                 if longest < least:
                     best, least = target, longest
         return best if least < math.inf else assign(centre, free)
-
-
-@jit
-def swap(kind, present, centre, target, gain):
-    """Let parts of a kind swap targets, in place, where their ways, each cubed with ``gain`` (m) more, then add up to less.
-
-    Args:
-        kind: (parts,).  present: (worlds, parts) bool.
-        centre, target: (worlds, parts, 2) m.
-    """
-    for w in range(len(centre)):
-        for i in range(len(kind)):
-            for j in range(i):
-                if kind[i] != kind[j] or not (present[w, i] and present[w, j]):
-                    continue
-                now = cubed_way(centre[w], i, target[w], i, 0.0) + cubed_way(centre[w], j, target[w], j, 0.0)
-                then = cubed_way(centre[w], i, target[w], j, gain) + cubed_way(centre[w], j, target[w], i, gain)
-                if then < now:
-                    for k in range(2):
-                        target[w, i, k], target[w, j, k] = target[w, j, k], target[w, i, k]
-
-
-@borrowing
-def cubed_way(centre, i, target, j, gain):
-    """Cube of the way from centre i to target j and ``gain`` more, m^3."""
-    x, y = target[j, 0] - centre[i, 0], target[j, 1] - centre[i, 1]
-    way = math.sqrt(x * x + y * y) + gain
-    return way * way * way
