@@ -196,6 +196,10 @@ def test_scenery_says_what_a_view_shows():
             np.testing.assert_array_equal(view.goals, [goal[0, :size], [np.nan] * size])
         else:
             assert view.goals is None
+        trail[-2, 0] = -1.0  # it has come since
+        came = scenery.view(pose, present, goal, REST, trail, "said").trails[0]
+        assert np.isfinite(came).sum() == 2 and np.isfinite(came[-1]).all()
+        trail[-2, 0] = 0.0
         by_hand = SurfacePainter(ROWS, COLUMNS, ELEMENT, outlines, kinds=[1, 0], walls=["left"])
         np.testing.assert_array_equal(scenery.painter().paint(view), by_hand.paint(view))
 

@@ -224,6 +224,13 @@ class Scenery:
         table = (self.rows, self.columns, self.element_size, self.outlines, pixels_per_metre)
         return SurfacePainter(*table, kinds=self.kinds, walls=self.walls)
 
+    def _since_it_came(self, trail: np.ndarray) -> np.ndarray:
+        """Trails (k, parts, 2) without what was before a part was last beside the table: the one before it in its slot."""
+        middle = 0.5 * self.element_size * np.array([self.columns, self.rows])
+        beside = (np.abs(trail - middle) > 2.0 * middle).any(axis=-1)
+        before = np.logical_or.accumulate(beside[::-1])[::-1]
+        return np.where(before[..., None], np.nan, trail)
+
     def view(
         self,
         pose: np.ndarray,
@@ -251,7 +258,7 @@ class Scenery:
             phasors=phasors,
             goals=np.where(asked, goal[:, : self.goal_size], np.nan) if self.goal_size else None,
             tolerance=self.tolerance,
-            trails=list(np.moveaxis(np.where(there, trail[-self.trail :], np.nan), 1, 0)),
+            trails=list(np.moveaxis(np.where(there, self._since_it_came(trail[-self.trail :]), np.nan), 1, 0)),
             zones=self.zones,
             caption=caption,
             paths=[np.where(here, path, np.nan) for here, path in zip(there, paths, strict=False)],
