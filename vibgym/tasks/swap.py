@@ -130,4 +130,4 @@ class Swap(Task):
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         error = 1e3 * float(episode.position_error[world])
-        return f"{super().caption(relations, episode, world)}   largest error {error:.1f} mm"
+        return f"{super().caption(relations, episode, world)}   error {error:.1f} mm"
