@@ -228,7 +228,7 @@ class Scenery:
         """Trails (k, parts, 2) without what was before a part was last beside the table: the one before it in its slot."""
         middle = 0.5 * self.element_size * np.array([self.columns, self.rows])
         beside = (np.abs(trail - middle) > 2.0 * middle).any(axis=-1)
-        before = np.logical_or.accumulate(beside[::-1])[::-1]
+        before = np.maximum.accumulate(beside[::-1], axis=0)[::-1]
         return np.where(before[..., None], np.nan, trail)
 
     def view(
