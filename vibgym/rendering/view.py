@@ -227,8 +227,8 @@ class Scenery:
     def _since_it_came(self, trail: np.ndarray) -> np.ndarray:
         """Trails (k, parts, 2) without what was before a part was last beside the table: the one before it in its slot."""
         middle = 0.5 * self.element_size * np.array([self.columns, self.rows])
-        beside = (np.abs(trail - middle) > 2.0 * middle).any(axis=-1)
-        before = np.maximum.accumulate(beside[::-1], axis=0)[::-1]
+        beside = np.asarray((np.abs(trail - middle) > 2.0 * middle).any(axis=-1))
+        before = np.asarray(np.maximum.accumulate(beside[::-1], axis=0))[::-1]
         return np.where(before[..., None], np.nan, trail)
 
     def view(
