@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +20,10 @@ from vibgym.policies.classical.motion_choice import (
     STAY,
     distance_at_least,
     follow,
+    least_price_beside,
     price_of_place,
     set_velocity,
+    with_price_beside,
 )
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.targets import Targets, assign, places
@@ -113,10 +116,15 @@ def test_a_tight_lattice_still_holds_all():
 # -- motions -----------------------------------------------------------------------------------------------------------
 
 
+def all_paths(here, velocity=(0.0, 0.0), target=(0.7, 0.1)):
+    result = np.empty((MOTIONS, 2, INSTANTS))
+    arrays = (np.array(each, dtype=float) for each in (here, velocity, target))
+    follow(planner().preferences, *arrays, np.empty((4, MOTIONS)), result)
+    return result.swapaxes(1, 2)
+
+
 def path(motion, here, velocity=(0.0, 0.0), target=(0.7, 0.1)):
-    result = np.empty((INSTANTS, 2))
-    follow(planner().preferences, motion, *(np.array(each) for each in (here, velocity, target)), result, math.inf)
-    return result
+    return all_paths(here, velocity, target)[motion]
 
 
 def test_motions_do_what_they_are_called():
@@ -137,17 +145,39 @@ def test_motions_do_what_they_are_called():
         assert np.hypot(*set_velocity(planner().preferences, motion, 0.0, *here, 0.7, 0.1)) <= 0.302
 
 
-def test_motions_are_given_up_only_where_they_are_too_dear():
-    """At any limit below its price or not: a path is cut short only if its price is above the limit."""
-    wants, generator, result, cut = planner().preferences, np.random.default_rng(3), np.empty((INSTANTS, 2)), 0
-    for _ in range(300):
+def test_all_motions_at_once_go_as_each_by_itself():
+    wants, generator = planner().preferences, np.random.default_rng(3)
+    for _ in range(50):
         here, target = generator.random((2, 2)) * [0.8, 0.2]
-        velocity, motion = generator.normal(size=2) * 0.15, int(generator.integers(MOTIONS))
-        assert follow(wants, motion, here, velocity, target, result, math.inf) == INSTANTS
-        price = price_of_place(wants, result, target)
-        assert follow(wants, motion, here, velocity, target, result, price) == INSTANTS
-        cut += follow(wants, motion, here, velocity, target, result, 0.7 * price) < INSTANTS
-    assert cut > 100
+        velocity = generator.normal(size=2) * 0.15
+        found = all_paths(here, velocity, target)
+        for motion in range(MOTIONS):
+            place, speed = here, velocity
+            for k in range(INSTANTS):
+                change = np.array(set_velocity(wants, motion, k * INTERVAL, *place, *target)) - speed
+                then = speed + change * min(wants.acceleration * INTERVAL / max(np.hypot(*change), 1e-12), 1.0)
+                place, speed = place + 0.5 * INTERVAL * (speed + then), then
+                assert found[motion, k] == pytest.approx(place, abs=1e-12)
+
+
+def test_what_a_motion_costs_at_least_is_no_more_than_what_it_costs():
+    policy, generator = planner(), np.random.default_rng(4)
+    parts = len(policy.info.parts)
+    rank, above = np.arange(parts), 0
+    for _ in range(300):
+        centre = generator.random((1, parts, 2)) * [0.15, 0.1] + [0.3, 0.05]
+        seen = SimpleNamespace(
+            present=np.ones((1, parts), dtype=bool), centre=centre, velocity=np.zeros((1, parts, 2)),
+            heading=generator.uniform(-3.0, 3.0, (1, parts)),
+        )  # fmt: skip
+        scene = policy.scene(seen, centre, np.full((1, parts, parts), np.inf), np.zeros((1, parts)))
+        paths = np.ascontiguousarray(np.repeat(centre[0][:, :, None], INSTANTS, axis=2))
+        beside = (policy.preferences, scene, 0, 0, 1, rank, paths[1], paths[0])
+        least = least_price_beside(*beside)
+        price = with_price_beside(policy.preferences, policy.hulls, *beside[1:6], paths, paths[0], 0.0, math.inf)
+        assert least <= price + 1e-12
+        above += least > 0.0
+    assert above > 50
 
 
 def test_a_moving_part_needs_time_to_stop():
@@ -244,10 +274,10 @@ def test_the_rule_asks_no_more_than_goals_have_room_for():
 
 
 def test_a_goal_near_the_border_costs_nothing():
-    wants, rest = planner().preferences, np.full((INSTANTS, 2), [0.4, 0.018])
-    assert price_of_place(wants, rest, rest[0]) == pytest.approx(0.0, abs=1e-12)
-    beside = rest - [0.0, 0.005]
-    assert price_of_place(wants, beside, rest[0]) > price_of_place(wants, rest + [0.0, 0.005], rest[0]) + 1.0
+    wants, rest = planner().preferences, np.full((2, INSTANTS), [[0.4], [0.018]])
+    assert price_of_place(wants, rest, rest[:, 0]) == pytest.approx(0.0, abs=1e-12)
+    aside = np.array([[0.0], [0.005]])
+    assert price_of_place(wants, rest - aside, rest[:, 0]) > price_of_place(wants, rest + aside, rest[:, 0]) + 1.0
 
 
 def test_parts_that_leave_have_places_of_their_own():

@@ -37,6 +37,25 @@ ROUNDING = 1e-9  # s, by which a bound may be wrong
 DEEPEST = 4.0  # in safe distances, the lack of distance beyond which the price grows no more
 
 
+def _each_motion() -> tuple[np.ndarray, ...]:
+    """Numbers of each motion, (MOTIONS,): share of the top speed on the way to the target; aisle, -1: none; s before which a
+    part does something else first, and that, as a velocity over the top speed: its size, and cosine and sine."""
+    speed, aisle, until = np.ones(MOTIONS), -np.ones(MOTIONS), np.zeros(MOTIONS)
+    aside, along, across = np.zeros(MOTIONS), np.zeros(MOTIONS), np.zeros(MOTIONS)
+    speed[:FIRST_WAIT] = 1.0 - 0.35 * np.arange(FIRST_WAIT)
+    until[FIRST_WAIT:FIRST_AISLE] = WAITS * (1 + np.arange(FIRST_AISLE - FIRST_WAIT))
+    until[STAY] = np.inf
+    aisle[FIRST_AISLE:FIRST_ASIDE] = np.tile(np.arange(AISLES), 2)
+    speed[FIRST_AISLE + AISLES : FIRST_ASIDE] = 0.5
+    until[FIRST_ASIDE:] = ASIDE_TIME
+    aside[FIRST_ASIDE:] = np.repeat([1.0, 0.4], DIRECTIONS)
+    along[FIRST_ASIDE:], across[FIRST_ASIDE:] = np.tile(ASIDE_X, 2), np.tile(ASIDE_Y, 2)
+    return speed, aisle, until, aside, along, across
+
+
+SPEED, AISLE, UNTIL, ASIDE, ALONG, ACROSS = _each_motion()
+
+
 class Preferences(NamedTuple):
     """What the planner knows of the table and wants, the same for all parts."""
 
@@ -64,6 +83,7 @@ class Scene(NamedTuple):
     order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
     spacing: np.ndarray  # (worlds, parts, parts) m, distance that the thesis asks for, or goals have room for
     safe: np.ndarray  # (worlds, parts, parts) m, distance that is kept where there is no room for more
+    inner: np.ndarray  # (parts,) m, radius of the circle about the centre that the part covers
 
 
 @borrowing
@@ -109,41 +129,51 @@ def allowed_beyond(wants, target):
 
 
 @borrowing
-def follow(wants, motion, centre, velocity, target, path, limit):
-    """Predict a motion of one part: ``path`` (INSTANTS, 2) is overwritten with its places after 1, 2, ... intervals.
+def follow(wants, centre, velocity, target, state, paths):
+    """Predict all motions of one part: ``paths`` (MOTIONS, 2, INSTANTS) is overwritten with its places after 1, 2, ...
+    intervals.
+
+    Set velocities are those of :func:`set_velocity`, without branches, so that motions go side by side, as far as vectors
+    reach: one alone is a chain of roots and quotients, each of which waits for the one before.
 
     Args:
         centre, velocity, target: (2,) m, m/s, m.
-        limit: s, price of place above which nobody wants to know where it leads.
-
-    Returns:
-        How many places were written; all, unless a lower bound of the price is above the limit.
+        state: (4, MOTIONS) scratch.
     """
-    x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
-    spent, allowed = 0.0, allowed_beyond(wants, target)
-    # As price_of_place() counts it, if from here on the part went straight to its target as fast as it can.
-    fastest = max(wants.top_speed, math.sqrt(vx * vx + vy * vy))
-    gain = INTERVAL * fastest / wants.top_speed
+    for m in range(MOTIONS):
+        state[0, m], state[1, m], state[2, m], state[3, m] = centre[0], centre[1], velocity[0], velocity[1]
     for k in range(INSTANTS):
-        wx, wy = set_velocity(wants, motion, k * INTERVAL, x, y, target[0], target[1])
-        ax, ay = wx - vx, wy - vy
-        change = math.sqrt(ax * ax + ay * ay)
-        share = min(wants.acceleration * INTERVAL / max(change, 1e-12), 1.0)
-        nx, ny = vx + share * ax, vy + share * ay
-        x, y = x + 0.5 * INTERVAL * (vx + nx), y + 0.5 * INTERVAL * (vy + ny)
-        vx, vy = nx, ny
-        path[k, 0], path[k, 1] = x, y
-        dx, dy = target[0] - x, target[1] - y
-        left, more = math.sqrt(dx * dx + dy * dy) / wants.top_speed, INSTANTS - 1 - k
-        spent += left / INSTANTS
-        out = beyond(wants, x, y) - allowed
-        if out > SLACK:
-            spent += wants.hard * INTERVAL * out / OUTSIDE
-        count = min(int(left / gain), more - 1)  # the last place counts in full
-        way = (count * left - 0.5 * gain * count * (count + 1)) / INSTANTS
-        if more > 0 and spent + way + max(left - more * gain, 0.0) > limit + ROUNDING:
-            return k + 1
-    return INSTANTS
+        time = k * INTERVAL
+        for m in range(MOTIONS):
+            x, y, vx, vy = state[0, m], state[1, m], state[2, m], state[3, m]
+            dx, dy = target[0] - x, target[1] - y
+            distance = math.sqrt(dx * dx + dy * dy)
+            rate = min(math.sqrt(2.0 * wants.braking * distance), wants.approach * distance)
+            rate = SPEED[m] * min(rate, wants.top_speed) / max(distance, 1e-9)
+            wx, wy = rate * dx, rate * dy
+            aisle_y = wants.edge + (wants.depth - 2.0 * wants.edge) * AISLE[m] / (AISLES - 1.0)
+            slope = min(max((aisle_y - y) / 0.03, -AISLE_SLOPE), AISLE_SLOPE)
+            along = SPEED[m] * wants.top_speed / math.sqrt(1.0 + slope * slope)
+            in_aisle = AISLE[m] >= 0.0 and abs(dx) > AISLE_END
+            wx, wy = math.copysign(along, dx) if in_aisle else wx, slope * along if in_aisle else wy
+            aside = time < UNTIL[m]
+            speed = ASIDE[m] * wants.top_speed
+            wx, wy = speed * ALONG[m] if aside else wx, speed * ACROSS[m] if aside else wy
+            ax, ay = wx - vx, wy - vy
+            change = math.sqrt(ax * ax + ay * ay)
+            share = min(wants.acceleration * INTERVAL / max(change, 1e-12), 1.0)
+            nx, ny = vx + share * ax, vy + share * ay
+            x, y = x + 0.5 * INTERVAL * (vx + nx), y + 0.5 * INTERVAL * (vy + ny)
+            state[0, m], state[1, m], state[2, m], state[3, m] = x, y, nx, ny
+        for m in range(MOTIONS):
+            paths[m, 0, k], paths[m, 1, k] = state[0, m], state[1, m]
+
+
+@borrowing
+def take(trial, path):
+    """Write a path (2, INSTANTS) over another one."""
+    for k in range(INSTANTS):
+        path[0, k], path[1, k] = trial[0, k], trial[1, k]
 
 
 @borrowing
@@ -192,10 +222,10 @@ def nearness(wants, spacing, safe, gap, patience):
 
 @borrowing
 def price_of_place(wants, path, target):
-    """Price of a path (INSTANTS, 2) by itself, s: the time to the target that is left on the way, and the border."""
+    """Price of a path (2, INSTANTS) by itself, s: the time to the target that is left on the way, and the border."""
     price, allowed = 0.0, allowed_beyond(wants, target)
     for k in range(INSTANTS):
-        x, y = path[k, 0], path[k, 1]
+        x, y = path[0, k], path[1, k]
         dx, dy = target[0] - x, target[1] - y
         left = math.sqrt(dx * dx + dy * dy) / wants.top_speed
         price += left if k == INSTANTS - 1 else left / INSTANTS
@@ -206,45 +236,90 @@ def price_of_place(wants, path, target):
 
 
 @borrowing
-def price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, limit):
-    """Price of a motion of part ``p``, s; its path is left in ``trial``. One dearer than ``limit`` is not priced to the end.
+def ever_near(path, other, far):
+    """Whether two paths (2, INSTANTS) are ever less than ``far`` (m) apart at the same instant. All instants are looked at,
+    since that takes a few vector instructions."""
+    near = 0
+    for k in range(INSTANTS):
+        dx, dy = other[0, k] - path[0, k], other[1, k] - path[1, k]
+        near += dx * dx + dy * dy < far * far
+    return near > 0
 
-    Args:
-        rank: (parts,) lower: has right of way, and those over which a part has it count less for it; -1: absent.
-        paths: (parts, INSTANTS, 2) m, of the others.
-    """
-    target, patience = scene.target[world, p], scene.patience[world, p]
-    if follow(wants, motion, scene.centre[world, p], scene.velocity[world, p], target, trial, limit) < INSTANTS:
-        return math.inf
-    price = price_of_place(wants, trial, target)
-    for q in range(rank.shape[0]):
-        if price > limit:
-            return price
-        if q == p or rank[q] < 0:
-            continue
-        share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
-        spacing, safe = scene.spacing[world, p, q], scene.safe[world, p, q]
-        far = hulls.radius[p] + hulls.radius[q] + spacing
-        for k in range(INSTANTS):
-            dx, dy = paths[q, k, 0] - trial[k, 0], paths[q, k, 1] - trial[k, 1]
-            if dx * dx + dy * dy < far * far:
-                if price > limit:
-                    return price
-                gap = distance_at_least(hulls, p, q, scene.facing[world], dx, dy)
-                price += share * nearness(wants, spacing, safe, gap, patience) * (1.0 - FADING * k / INSTANTS)
+
+@borrowing
+def with_price_beside(wants, hulls, scene, world, p, q, rank, paths, trial, price, limit):
+    """``price`` (s) with what the path ``trial`` of part ``p`` costs beside that of ``q``; what is above ``limit`` is not added
+    up to the end."""
+    patience = scene.patience[world, p]
+    share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
+    spacing, safe = scene.spacing[world, p, q], scene.safe[world, p, q]
+    far = hulls.radius[p] + hulls.radius[q] + spacing
+    if not ever_near(trial, paths[q], far):
+        return price
+    for k in range(INSTANTS):
+        dx, dy = paths[q, 0, k] - trial[0, k], paths[q, 1, k] - trial[1, k]
+        if dx * dx + dy * dy < far * far:
+            if price > limit:
+                return price
+            gap = distance_at_least(hulls, p, q, scene.facing[world], dx, dy)
+            price += share * nearness(wants, spacing, safe, gap, patience) * (1.0 - FADING * k / INSTANTS)
     return price
 
 
 @borrowing
-def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, trial):
-    """The cheapest motion of part ``p``; another than the last one must be better by ``faithful`` (s)."""
-    best, least = STAY, math.inf
+def least_price_beside(wants, scene, world, p, q, rank, other, trial):
+    """Lower bound of what the path ``trial`` of part ``p`` costs beside ``other``, that of ``q``, s: as if both were no larger
+    than the circles that they cover. It is a loop without branches."""
+    patience, total = scene.patience[world, p], 0.0
+    share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
+    spacing, safe, both = scene.spacing[world, p, q], scene.safe[world, p, q], scene.inner[p] + scene.inner[q]
+    for k in range(INSTANTS):
+        dx, dy = other[0, k] - trial[0, k], other[1, k] - trial[1, k]
+        gap = math.sqrt(dx * dx + dy * dy) - both
+        lack, much = max(spacing - gap, 0.0) / spacing, min(max(safe - gap, 0.0) / safe, DEEPEST)
+        total += (patience * wants.soft * lack * lack + wants.hard * much) * (1.0 - FADING * k / INSTANTS)
+    return share * total
+
+
+@borrowing
+def price_of(wants, hulls, scene, world, p, rank, paths, trial, limit, suspect):
+    """Price of a path ``trial`` (2, INSTANTS) of part ``p``, s. One dearer than ``limit`` is not priced to the end.
+
+    Args:
+        rank: (parts,) lower: has right of way, and those over which a part has it count less for it; -1: absent.
+        paths: (parts, 2, INSTANTS) m, of the others.
+        suspect: part beside which the last motion was too dear, -1: none. As a rule so is this one, and no other is looked at.
+
+    Returns:
+        The price, and the next suspect.
+    """
+    price = price_of_place(wants, trial, scene.target[world, p])
+    if suspect >= 0:
+        least = least_price_beside(wants, scene, world, p, suspect, rank, paths[suspect], trial)
+        if price + least > limit + ROUNDING:
+            return math.inf, suspect
+    for q in range(rank.shape[0]):
+        if price > limit:
+            break
+        if q != p and rank[q] >= 0:
+            price = with_price_beside(wants, hulls, scene, world, p, q, rank, paths, trial, price, limit)
+            if price > limit:
+                suspect = q
+    return price, suspect
+
+
+@borrowing
+def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, trials):
+    """The cheapest motion of part ``p``, which lead along ``trials`` (MOTIONS, 2, INSTANTS); another than the last one must
+    be better by ``faithful`` (s)."""
+    best, least, suspect = STAY, math.inf, -1
     # Waits and steps aside have no such advantage: taken anew every time, they put off what they lead to for ever.
     if last < FIRST_WAIT or (FIRST_AISLE <= last and last < FIRST_ASIDE):
         best = last
-        least = price_of(wants, hulls, scene, world, p, last, rank, paths, trial, math.inf) - faithful
+        price, suspect = price_of(wants, hulls, scene, world, p, rank, paths, trials[last], math.inf, suspect)
+        least = price - faithful
     for motion in range(MOTIONS):
-        price = price_of(wants, hulls, scene, world, p, motion, rank, paths, trial, least)
+        price, suspect = price_of(wants, hulls, scene, world, p, rank, paths, trials[motion], least, suspect)
         if price < least:
             best, least = motion, price
     return best
@@ -262,21 +337,26 @@ def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
         chosen: (worlds, parts, 2) m/s, overwritten with the set velocities; 0 for absent parts.
     """
     parts = scene.present.shape[1]
-    paths, trial = np.empty((parts, INSTANTS, 2)), np.empty((INSTANTS, 2))
+    trials, paths, state = (
+        np.empty((parts, MOTIONS, 2, INSTANTS)),
+        np.empty((parts, 2, INSTANTS)),
+        np.empty((4, MOTIONS)),
+    )
     rank = np.empty(parts, np.int64)
     for w in range(start, stop):
         centre, velocity, target = scene.centre[w], scene.velocity[w], scene.target[w]
         for k in range(parts):
             p = scene.order[w, k]
             rank[p] = k if scene.present[w, p] else -1
-            follow(wants, motion[w, p], centre[p], velocity[p], target[p], paths[p], math.inf)
+            follow(wants, centre[p], velocity[p], target[p], state, trials[p])
+            take(trials[p, motion[w, p]], paths[p])
         for k in range(parts):
             p = scene.order[w, k]
             chosen[w, p] = 0.0
             if rank[p] < 0:
                 continue
-            best = best_motion(wants, hulls, scene, w, p, motion[w, p], faithful, rank, paths, trial)
+            best = best_motion(wants, hulls, scene, w, p, motion[w, p], faithful, rank, paths, trials[p])
             motion[w, p] = best
-            follow(wants, best, centre[p], velocity[p], target[p], paths[p], math.inf)
+            take(trials[p, best], paths[p])
             wx, wy = set_velocity(wants, best, 0.0, centre[p, 0], centre[p, 1], target[p, 0], target[p, 1])
             chosen[w, p, 0], chosen[w, p, 1] = wx, wy

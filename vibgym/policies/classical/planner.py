@@ -120,6 +120,7 @@ class PlannerPolicy(Steering):
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Parts without zones may all swap targets: apart is apart.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
+        self.inner = np.array([covered(part.outline) for part in info.parts])
         self.lead = lead_of(self.law, info, 0.5 * plant.top_speed)
         self.preferences = Preferences(
             width=surface.width,
@@ -205,6 +206,7 @@ class PlannerPolicy(Steering):
             order=np.argsort(self.right_of_way(way), axis=1, kind="stable"),
             spacing=np.clip(room, LEAST_SPACING, self.targets.spacing),
             safe=np.clip(0.5 * room, LEAST_SAFE, rules.safe),
+            inner=self.inner,
         )
 
     def right_of_way(self, way: np.ndarray) -> np.ndarray:
@@ -214,3 +216,10 @@ class PlannerPolicy(Steering):
     def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
         return memory._replace(steering=super().acted(memory.steering, said, done))
+
+
+def covered(outline: np.ndarray) -> float:
+    """Radius (m) of the circle about the origin within the convex hull of points (n, 2); 0 where there is none."""
+    from scipy.spatial import ConvexHull
+
+    return max(float(-ConvexHull(outline).equations[:, 2].max()), 0.0)
