@@ -48,10 +48,11 @@ class Planar(NoContacts):
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
-        if stop > len(self._rows):  # of somebody who takes a model alone, for as many worlds as there are
-            self._rows = np.arange(stop)
+        rows = self._rows  # its own: another thread may change the attribute, to shorter ones as well
+        if stop > len(rows):  # of somebody who takes a model alone, for as many worlds as there are
+            rows = self._rows = np.arange(stop)
         setup = self._setups.take()
-        slide_rows(self._rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
+        slide_rows(rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
         self._setups.give(setup)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
