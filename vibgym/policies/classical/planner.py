@@ -30,6 +30,7 @@ from vibgym.policies.classical.steering import Steering
 from vibgym.policies.classical.targets import Targets
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
+from vibgym.scene.outlines import convex_hull
 from vibgym.simulation import threads as workers
 from vibgym.tasks.exchange import exchange_goals
 
@@ -220,6 +221,7 @@ class PlannerPolicy(Steering):
 
 def covered(outline: np.ndarray) -> float:
     """Radius (m) of the circle about the origin within the convex hull of points (n, 2); 0 where there is none."""
-    from scipy.spatial import ConvexHull
-
-    return max(float(-ConvexHull(outline).equations[:, 2].max()), 0.0)
+    corners = convex_hull(outline)
+    edge = np.roll(corners, -1, axis=0) - corners
+    inward = corners[:, 0] * edge[:, 1] - corners[:, 1] * edge[:, 0]  # counter-clockwise: twice the area with the origin
+    return max(float((inward / np.hypot(edge[:, 0], edge[:, 1])).min()), 0.0)
