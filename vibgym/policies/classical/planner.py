@@ -223,5 +223,7 @@ def covered(outline: np.ndarray) -> float:
     """Radius (m) of the circle about the origin within the convex hull of points (n, 2); 0 where there is none."""
     corners = convex_hull(outline)
     edge = np.roll(corners, -1, axis=0) - corners
-    inward = corners[:, 0] * edge[:, 1] - corners[:, 1] * edge[:, 0]  # counter-clockwise: twice the area with the origin
+    inward = (
+        corners[:, 0] * edge[:, 1] - corners[:, 1] * edge[:, 0]
+    )  # counter-clockwise: twice the area with the origin
     return max(float((inward / np.hypot(edge[:, 0], edge[:, 1])).min()), 0.0)
