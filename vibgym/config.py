@@ -54,6 +54,7 @@ class PartSettings(Settings):
     restitution: float | None = None
     contact_friction: float | None = None
     coupling: float | None = None
+    centre_height: float | None = None
 
 
 SHAPE_FIELDS = {"rectangle": ("length", "width"), "disc": ("radius",), "polygon": ("vertices",)}

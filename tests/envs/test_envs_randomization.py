@@ -91,7 +91,7 @@ BAD = [
     (
         "Align",
         {"randomize": {"gravity": [1, 2]}},
-        r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, incline$",
+        r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, incline, disturbance$",
     ),
     ("Sort", {"randomize": {1: [1, 2]}}, "randomize: got 1; allowed: keys that are strings"),
     ("Align", {"randomize": [1, 2]}, "randomize: got .*None, or a mapping with keys among friction"),

@@ -90,7 +90,7 @@ BAD = [  # of names of actions, observations and machines that there are not: se
     ({"parts": [{"shape": "disc", "radius": -1.0, "friction": 0.5}]}, "radius"),
     ({"parts": [{"shape": "disc", "radius": 0.02}]}, r"parts\.friction"),
     ({"parts": [{"shape": "disc", "radius": 0.02, "friction": 5.0}], "model": "averaged"}, "model"),
-    ({"model": "tilting"}, "model"),
+    ({"model": "tilted"}, "model"),
     ({"actuators": {"kind": "prototype", "dead_zone": 1.0}}, r"actuators\.dead_zone"),
     ({"observation": "camera"}, "observation"),
     ({"sensor": {"noise": 1}}, "sensor"),

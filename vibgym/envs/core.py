@@ -19,6 +19,7 @@ from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
 from vibgym.envs.actions import ACTIONS, Intake
 from vibgym.envs.base import Observation
+from vibgym.envs.disturbances import Disturbances
 from vibgym.envs.info import Information
 from vibgym.envs.limits import longest_paths, step_limit
 from vibgym.envs.observations import OBSERVATIONS
@@ -84,7 +85,7 @@ class Core:
         self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
         self.actuators = actuators_from(options.actuators, self.surface, worlds, self.periods)
         names = cls.RANDOMIZED, self.actuators.VARIED
-        self.randomization = Randomization(options.randomize, *names, self.surface, len(self.parts))
+        self.randomization = Randomization(options.randomize, *names, self.surface, self.parts)
         self.actuators.vary(self.randomization.actuators)
         settings, weights = _task_settings(options, cls, self.randomization.task)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
@@ -97,6 +98,8 @@ class Core:
             raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
         walls = () if options.walls is None else options.walls
         self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs)
+        disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
+        self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
         self.sensing = sensing_from(
             options.sensor, self.surface, self.parts, worlds, self.periods,
             plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
@@ -173,7 +176,11 @@ class Core:
         self.details = {name: each for name, each in groups.items() if each}
         self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
         rewards, part_facts = (self.term_names, self.terms, self.part_terms), self.scoring.part_facts()
+        part_facts = {**part_facts, **self.simulator.part_facts()}
+        if self.disturbances is not None:
+            part_facts["struck"] = self.disturbances.struck
         self.information = self._information(episode, state.diverged, *rewards, self.facts, self.details, part_facts)
+        self._strike = _nothing if self.disturbances is None else self._disturb
         score = None if self._own_reward is None else self._own_reward.score
         self.stages = Stages(
             self.simulator.blocks, self.scoring, self.sensing, self._measured, self.observation, self.information,
@@ -183,7 +190,8 @@ class Core:
     @property
     def draws(self) -> int:
         """Uniform numbers that an episode's start takes from its world's generator."""
-        return self.task.draws + self.actuators.draws + self.sensing.draws + self.randomization.draws
+        draws = self.task.draws + self.actuators.draws + self.sensing.draws + self.randomization.draws
+        return draws if self.disturbances is None else draws + self.disturbances.draws
 
     def reset(
         self, worlds: np.ndarray, generators: Sequence[np.random.Generator], override: StartOverride | None = None
@@ -201,7 +209,8 @@ class Core:
         own, driven = self.task.draws, self.task.draws + self.actuators.draws
         sensed = driven + self.sensing.draws
         start = self.start_of(worlds, uniform[:, :own], override)
-        drawn = self.randomization.values(uniform[:, sensed:])
+        struck = sensed + self.randomization.draws
+        drawn = self.randomization.values(uniform[:, sensed:struck])
         idle = self.idle
         if "friction" in drawn:
             idle = np.array([self._idle_velocity(factors) for factors in drawn["friction"]])
@@ -209,6 +218,8 @@ class Core:
         self.simulator.condition(worlds, drawn)
         self.actuators.reset(worlds, uniform[:, own:driven])
         self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
+        if self.disturbances is not None:
+            self.disturbances.reset(worlds, uniform[:, struck:])
         self.stages.relate(worlds)
 
     def put(self, worlds: np.ndarray, start: Start, velocity: Any, mean_velocity: Any = 0.0) -> None:
@@ -267,6 +278,7 @@ class Core:
         if self._own_reward is not None:
             self._own_reward.begin_step()
         self.stages.open()
+        self._strike()
         run, elapsed, instant, state = self.simulator.go_on, 0, self.sensing.instant, self.simulator.state
         for drive, periods in self.actuators.apply(command):
             self.drive = drive
@@ -285,6 +297,11 @@ class Core:
         for stage in self.stages.afterwards:
             stage()
 
+    def _disturb(self) -> None:
+        """Strike those parts whose time has come."""
+        assert self.disturbances is not None
+        self.disturbances.strike(self.episode.present)
+
     def _renew_parts(self) -> None:
         """Let nothing of a part that has left be remembered of the next one in its slot."""
         changed = self.scoring.changed
@@ -293,6 +310,7 @@ class Core:
                 if remembered.shape[:2] == changed.shape:
                     remembered[changed] = 0
             self.sensing.renew(changed, self.simulator.state)
+            self.simulator.renew(changed)
 
     def _at_driven(self, measurement: Measurement) -> Measurement:
         """What actions aim by where they do not speak for all parts: for the others nothing is commanded."""
@@ -396,13 +414,14 @@ class Core:
             **self.episode._asdict(),
             **self.relations._asdict(),
             **self.scoring.own_state(),
+            **({} if self.disturbances is None else self.disturbances.live()),
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
 
 
 def _nothing() -> None:
-    """What there is to renew where parts stay."""
+    """What there is to do where parts stay, and where nothing strikes them."""
 
 
 def _at_all(measurement: Measurement) -> Measurement:

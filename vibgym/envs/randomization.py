@@ -15,6 +15,8 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.config import to_si
+from vibgym.envs.disturbances import Setting, setting_from
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.conditions import LEAST_FACTOR, MOST_FACTOR
 
@@ -74,6 +76,10 @@ EFFECTS: dict[str, Effect] = {
 """By the name in ``randomize=``, which :meth:`vibgym.Simulator.set_conditions` has for them, too."""
 
 
+DISTURBANCE = "disturbance"
+"""The name of what strikes parts while an episode runs, see :mod:`vibgym.envs.disturbances`."""
+
+
 class Randomization:
     """What an environment draws for every episode.
 
@@ -81,10 +87,11 @@ class Randomization:
         setting: the keyword argument: None, or a mapping from names to ranges.
         of_task, of_actuators: names that the task, and the actuators, draw for themselves.
         surface: the table.
-        parts: number of parts in a world.
+        parts: of a world.
 
     Attributes:
         task, actuators: their shares of the mapping.
+        disturbance: what strikes parts while an episode runs, or None.
         ranges: lowest and highest value of every effect, in the order of :data:`EFFECTS`.
         draws: uniform numbers that an episode takes.
 
@@ -93,9 +100,9 @@ class Randomization:
     """
 
     def __init__(
-        self, setting: Any, of_task: Sequence[str], of_actuators: Sequence[str], surface: Surface, parts: int
+        self, setting: Any, of_task: Sequence[str], of_actuators: Sequence[str], surface: Surface, parts: Sequence[Part]
     ) -> None:
-        known = (*EFFECTS, *of_actuators, *of_task)
+        known = (*EFFECTS, DISTURBANCE, *of_actuators, *of_task)
         setting = {} if setting is None else setting
         if not isinstance(setting, Mapping):
             raise checks.refuse("randomize", setting, f"None, or a mapping with keys among {', '.join(known)}")
@@ -111,7 +118,10 @@ class Randomization:
             if name in setting
         }
         self._surface = surface
-        self._draws = {name: EFFECTS[name].draws(parts) for name in self.ranges}
+        self.disturbance: Setting | None = None
+        if DISTURBANCE in setting:
+            self.disturbance = setting_from(setting[DISTURBANCE], parts)
+        self._draws = {name: EFFECTS[name].draws(len(parts)) for name in self.ranges}
         self.draws = sum(self._draws.values())
 
     def values(self, uniform: np.ndarray) -> dict[str, np.ndarray]:

@@ -49,6 +49,23 @@ def gyration(outline: np.ndarray) -> float:
     return float((cross * squares).sum() / (6.0 * cross.sum()))
 
 
+def inertia(outline: np.ndarray) -> np.ndarray:
+    """(3,) inertia over mass of a thin plate about its own axes through the origin, which must be the centroid: xx, yy and xy,
+    m^2."""
+    there = np.roll(outline, -1, axis=0)
+    (x, y), (u, v) = outline.T, there.T
+    cross = x * v - u * y
+    moments = [(y * y + y * v + v * v), (x * x + x * u + u * u), -(x * v + 2.0 * x * y + 2.0 * u * v + u * y) / 2.0]
+    return np.array([float((cross * each).sum()) for each in moments]) / (6.0 * float(cross.sum()))
+
+
+def inner_distance(outline: np.ndarray) -> float:
+    """Distance from the origin to the nearest line through an edge of a convex outline around it, m; 0 where it is outside."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    distance = (outline[:, 0] * edges[:, 1] - outline[:, 1] * edges[:, 0]) / np.hypot(edges[:, 0], edges[:, 1])
+    return max(float(distance.min()), 0.0)
+
+
 def is_convex(outline: np.ndarray) -> bool:
     """Whether a counter-clockwise outline never turns right."""
     edges = np.roll(outline, -1, axis=0) - outline

@@ -22,6 +22,7 @@ DEFAULTS: dict[str, Any] = {
     "name": None,
     "static_friction": None,
     "height": 0.010,
+    "centre_height": None,
     "mass": None,
     "restitution": 0.2,
     "contact_friction": 0.3,
@@ -54,6 +55,7 @@ class Part:
         height: m.  mass: kg (of steel, if not given; sliding does not depend on it).
         restitution, contact_friction: of contacts with other parts and walls; the energetic coefficient of restitution
             (:mod:`vibgym.physics.collision.impact`).
+        centre_height: of the centre of mass above the bottom, m (half the height, if not given).
         coupling: share of the elements' vertical motion that reaches the part, 0 to 1: a soft foot takes the rest. With 0 it
             presses evenly, whatever the elements do: friction brakes it, and nothing but other parts can move it.
     """
@@ -71,6 +73,7 @@ class Part:
     restitution: float
     contact_friction: float
     coupling: float = 1.0
+    centre_height: float = 0.0
 
     @classmethod
     def rectangle(cls, length: float, width: float, *, friction: float, **properties: Any) -> Part:
@@ -95,9 +98,9 @@ class Part:
         Args:
             vertices: (n, 2), m.
             friction: coefficient of sliding friction, >= 0.
-            **properties: ``static_friction`` (default: equal to ``friction``), ``height`` (m, default 10 mm), ``mass``
-                (kg, default: of steel), ``name``, ``restitution`` (0 to 1, default 0.2), ``contact_friction``
-                (default 0.3), ``coupling`` (0 to 1, default 1).
+            **properties: ``static_friction`` (default: equal to ``friction``), ``height`` (m, default 10 mm),
+                ``centre_height`` (m, 0 to ``height``, default half of it), ``mass`` (kg, default: of steel), ``name``,
+                ``restitution`` (0 to 1, default 0.2), ``contact_friction`` (default 0.3), ``coupling`` (0 to 1, default 1).
 
         Raises:
             ValueError: an outline that crosses itself, or a value out of its range.
@@ -111,13 +114,14 @@ class Part:
     def _build(cls, shape: _Shape, friction: float, properties: dict[str, Any]) -> Part:
         unknown = [name for name in properties if name not in DEFAULTS]
         if unknown:
-            allowed = "static_friction, height, mass, name, restitution, contact_friction, coupling"
+            allowed = "static_friction, height, centre_height, mass, name, restitution, contact_friction, coupling"
             raise checks.refuse("part", sorted(unknown), f"properties among {allowed}")
         given = {**DEFAULTS, **properties}
         friction = checks.number("friction", friction, least=0.0)
         static = friction if given["static_friction"] is None else given["static_friction"]
         static = checks.number("static_friction", static, least=friction)
         height = checks.number("height", given["height"], above=0.0, most=outlines.MOST_PLACE)
+        centre = 0.5 * height if given["centre_height"] is None else given["centre_height"]
         mass = STEEL_DENSITY * shape.area * height if given["mass"] is None else given["mass"]
         mass = checks.number("mass", mass, least=LEAST_MASS, most=MOST_MASS)
         checks.label("name", given["name"])
@@ -133,6 +137,7 @@ class Part:
             restitution=checks.number("restitution", given["restitution"], least=0.0, most=1.0),
             contact_friction=checks.number("contact_friction", given["contact_friction"], least=0.0),
             coupling=checks.number("coupling", given["coupling"], least=0.0, most=1.0),
+            centre_height=checks.number("centre_height", centre, least=0.0, most=height),
         )
 
     @property
@@ -142,6 +147,31 @@ class Part:
         edge = ends - self.outline
         along = np.clip(-(self.outline * edge).sum(axis=1) / (edge**2).sum(axis=1), 0.0, 1.0)
         return float(np.hypot(*(self.outline + along[:, None] * edge).T).min())
+
+    @property
+    def tipping_ratio(self) -> float:
+        """``mu h_C`` over the distance from the centre of mass to the nearest edge that the part can tip over: the centre of
+        pressure of a flat part that slides lies ``mu h_C`` off, against friction, so that from 1 on friction alone tips it."""
+        return self.friction * self.centre_height / outlines.inner_distance(outlines.convex_hull(self.outline))
+
+    @property
+    def height_is_known(self) -> bool:
+        """Whether somebody has said how high the part is. The default height says nothing, not even of a part that is smaller:
+        nobody is warned of it, nor refused."""
+        return self.height != DEFAULTS["height"] or self.centre_height != 0.5 * self.height
+
+    @property
+    def slenderness(self) -> float:
+        """Height of the centre of mass over the distance to the nearest edge that the part can tip over."""
+        return self.centre_height / outlines.inner_distance(outlines.convex_hull(self.outline))
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """(3,) m^2, xx, yy and xy of the inertia about horizontal axes through the centre of mass, over mass: that of a prism
+        of even density, as high as the part."""
+        return outlines.inertia(self.outline) * (self.gyration / outlines.gyration(self.outline)) + np.array(
+            [self.height**2 / 12.0, self.height**2 / 12.0, 0.0]
+        )
 
     def body(self, element_size: float | None = None) -> Body:
         """The part as the kernels take it; a disc with as few corners as sliding on elements of that size (m) needs."""
@@ -167,8 +197,10 @@ class Part:
         if self.symmetry == 0:
             shape = {"shape": "disc", "radius": self._disc_radius()}
         names = ("friction", "static_friction", "height", "mass", "name", "restitution", "contact_friction")
-        soft = {} if self.coupling == 1.0 else {"coupling": self.coupling}  # so that files of other parts stay the same
-        return {**shape, **{name: getattr(self, name) for name in names}, **soft}
+        more = {} if self.coupling == 1.0 else {"coupling": self.coupling}  # so that files of other parts stay the same
+        if self.centre_height != 0.5 * self.height:
+            more["centre_height"] = self.centre_height
+        return {**shape, **{name: getattr(self, name) for name in names}, **more}
 
     def _disc_radius(self) -> float:
         """The number that the disc was made from, to the last bit."""
@@ -186,7 +218,7 @@ class Part:
 
     def same_as(self, other: Part) -> bool:
         """Whether the other part is one of the same kind: equal in all but its name."""
-        return self.height == other.height and self.slides_as(other)
+        return self.height == other.height and self.centre_height == other.centre_height and self.slides_as(other)
 
 
 def kinds_of(
@@ -207,9 +239,11 @@ def kinds_of(
     return kinds, np.array(numbers)
 
 
-def bodies_of(parts: Sequence[Part], element_size: float) -> Bodies:
-    """The parts of a world as the kernels take them, on elements of that size (m)."""
-    kinds, numbers = kinds_of(parts)
+def bodies_of(
+    parts: Sequence[Part], element_size: float, same: Callable[[Part, Part], bool] = Part.slides_as
+) -> Bodies:
+    """The parts of a world as the kernels take them, on elements of that size (m); ``same``: see :func:`kinds_of`."""
+    kinds, numbers = kinds_of(parts, same)
     bodies = [kind.body(element_size) for kind in kinds]
     return Bodies(
         kind=numbers,

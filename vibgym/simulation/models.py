@@ -19,27 +19,12 @@ from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import bodies_of, kinds_of
 from vibgym.simulation.conditions import Conditions
-from vibgym.simulation.protocol import NO_PATHS, Model, Setup
+from vibgym.simulation.protocol import NO_PATHS, InPlane, Model, NoContacts, Setup
 from vibgym.simulation.schemes import averaged_scheme, check_knobs, check_sliding, planar_scheme, planar_schemes
 from vibgym.simulation.threads import Pool
 
 
-class NoContacts:
-    """What models have in common whose parts touch nothing."""
-
-    def reset(self) -> None:
-        """Begin counting anew."""
-
-    def deepest_overlap(self) -> float:
-        """There is none."""
-        return 0.0
-
-    def statistics(self, periods: int) -> dict[str, int]:
-        """All periods are free."""
-        return {"free": periods, "near": 0, "contact": 0, "contact_steps": 0}
-
-
-class Planar(NoContacts):
+class Planar(InPlane, NoContacts):
     """The planar model of one part a world."""
 
     def __init__(self, setup: Setup, scheme: Scheme) -> None:
@@ -65,7 +50,7 @@ def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
     return Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES)))
 
 
-class Averaged(NoContacts):
+class Averaged(InPlane, NoContacts):
     """The averaged model, of one part a world."""
 
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
@@ -112,5 +97,22 @@ def averaged(setup: Setup, knobs: Mapping[str, Any]) -> Model:
     return Averaged(setup, averaged_scheme(setup.surface, setup.parts[0], **knobs))
 
 
-MODELS: Mapping[str, Callable[[Setup, Mapping[str, Any]], Model]] = {"planar": planar, "averaged": averaged}
+def tilting(setup: Setup, knobs: Mapping[str, Any]) -> Model:
+    """The model above the plane, for one part or for several."""
+    from vibgym.simulation.tilting import Tilting, scheme_of  # its kernels are loaded where they are needed
+
+    check_knobs("tilting", scheme_of, knobs)
+    scheme = scheme_of(setup.surface, **knobs)
+    if not setup.multibody:
+        return Tilting(setup, planar_scheme(setup.surface, setup.parts[0]), scheme)
+    from vibgym.simulation.tilting_multibody import TiltingMultibody
+
+    return TiltingMultibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls), scheme)
+
+
+MODELS: Mapping[str, Callable[[Setup, Mapping[str, Any]], Model]] = {
+    "planar": planar,
+    "averaged": averaged,
+    "tilting": tilting,
+}
 """By name. Each raises ValueError for a knob that the model does not have, a bad value, or a scene that it does not cover."""

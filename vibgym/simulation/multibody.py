@@ -27,14 +27,14 @@ from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspa
 from vibgym.scene.parts import Part, bodies_of, kinds_of
 from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.contact_space import ContactSpace, check_masses, impact_properties_of, slop_of
-from vibgym.simulation.protocol import NO_PATHS, Setup
+from vibgym.simulation.protocol import NO_PATHS, InPlane, Setup
 from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
 from vibgym.simulation.threads import Pool
 
 STATISTICS = {"free": FREE, "near": NEAR, "contact": CONTACT, "contact_steps": CALLS}
 
 
-class Multibody:
+class Multibody(InPlane):
     """Advances worlds with several parts or walls.
 
     Attributes:
@@ -52,25 +52,40 @@ class Multibody:
 
         def work(buffers: ContactBuffers) -> None:
             prospect = buffers.prospect(stop - start)
-            together, seen, at, first = buffers.together.address, prospect.address, state.address, start * buffers.parts
+            together, seen, at = buffers.together.address, prospect.address, state.address
             buffers.contacts.deepest[1] = self._smallest_gap[start]
             told = drive.address
-            rows, count, paths = prospect.record.rows, prospect.record.count, prospect.record.paths
             try:
                 for _ in range(periods):
                     near = broad_phase(start, stop, together, at, seen)
-                    for kind, alone in enumerate(buffers.alone):
-                        if count[kind]:
-                            chosen = rows[kind, : count[kind]]
-                            slide_rows(chosen, alone.address, told, at, 1, paths if near else NO_PATHS, first)
+                    self.slide(start, stop, buffers, prospect.record, told, at, near)
                     if near:
                         resolve(start, stop, together, told, at, seen, self.counts)
                     else:
                         self.counts[start:stop, FREE] += 1
+                    self.end_period(start, stop, buffers, at)
             finally:
                 self._smallest_gap[start] = buffers.contacts.deepest[1]
 
         self._buffers.lend(work)
+
+    def slide(
+        self, start: int, stop: int, buffers: ContactBuffers, prospect: Prospect, drive: int, state: int, near: bool
+    ) -> None:
+        """Take the parts of a block's worlds that touch nothing through a period.
+
+        Args:
+            drive, state: addresses of pinned records.
+            near: whether any may come to touch: then their paths are written down.
+        """
+        paths = prospect.paths if near else NO_PATHS
+        for kind, alone in enumerate(buffers.alone):
+            if prospect.count[kind]:
+                chosen = prospect.rows[kind, : prospect.count[kind]]
+                slide_rows(chosen, alone.address, drive, state, 1, paths, start * buffers.parts)
+
+    def end_period(self, start: int, stop: int, buffers: ContactBuffers, state: int) -> None:
+        """After a period of a block's worlds: contacts have been resolved."""
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse masses that are too different, and friction that contacts cannot follow."""

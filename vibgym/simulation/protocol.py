@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -35,11 +36,50 @@ class Setup:
         return len(self.parts) > 1 or len(self.walls) > 0
 
 
+class InPlane:
+    """What models have in common whose parts lie flat, whatever happens."""
+
+    def live(self) -> dict[str, np.ndarray]:
+        """Nothing: the state says it all."""
+        return {}
+
+    def check_live(self, values: Mapping[str, np.ndarray]) -> None:
+        """There are none."""
+
+    def begin(self, worlds: Any) -> None:
+        """There is nothing to forget."""
+
+
+class NoContacts:
+    """What models have in common whose parts touch nothing."""
+
+    def reset(self) -> None:
+        """Begin counting anew."""
+
+    def deepest_overlap(self) -> float:
+        """There is none."""
+        return 0.0
+
+    def statistics(self, periods: int) -> dict[str, int]:
+        """All periods are free."""
+        return {"free": periods, "near": 0, "contact": 0, "contact_steps": 0}
+
+
 class Model(Protocol):
-    """Advances blocks of worlds, several at a time in threads; keeps nothing of them from one call to the next."""
+    """Advances blocks of worlds, several at a time in threads; all that it keeps of them from one call to the next is live."""
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
+
+    def live(self) -> dict[str, np.ndarray]:
+        """Arrays (worlds, ...) of what a snapshot has to hold besides the state, by name."""
+        ...
+
+    def check_live(self, values: Mapping[str, np.ndarray]) -> None:
+        """Raise ValueError for such arrays, finite and of the right shapes, that cannot be."""
+
+    def begin(self, worlds: Any) -> None:
+        """Forget what is live of the given worlds (index or mask, also of parts): their parts have been put down afresh."""
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Raise ValueError for conditions that the model does not cover, see :func:`.conditions.conditions_of`."""

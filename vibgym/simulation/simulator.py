@@ -21,6 +21,7 @@ from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS as FIXED
 from vibgym.simulation.protocol import Setup
+from vibgym.simulation.tipping import TippingMargin, check_tipping, warn_of_slender
 from vibgym.snapshots import check_keys, copied, put_back, restored
 
 MODELS = (*FIXED, "auto")
@@ -33,7 +34,7 @@ MOST_TIME = 10**15
 
 
 class Simulator:
-    """Worlds of one surface and its parts, in planar contact.
+    """Worlds of one surface and its parts.
 
     Args:
         surface: the table.
@@ -42,7 +43,8 @@ class Simulator:
         worlds: number of independent worlds. Results never depend on it, nor on order or threads.
         model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
             over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
-            ``"auto"``: the cheapest that keeps a tolerance; :attr:`choice` says what that is and why.
+            ``"tilting"``: rigid bodies that tilt and rock where plates stand at different heights (see :meth:`tip`).
+            ``"auto"``: the cheapest of the first two that keeps a tolerance; :attr:`choice` says what that is and why.
         threads: None uses all processors of this process.
         knobs: of the model.
 
@@ -66,6 +68,13 @@ class Simulator:
                 order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
                 stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
                 steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
+
+            tilting (convex parts): parts that lie flat on plates that move alike are the planar model's, to the last bit; all
+                others are rigid bodies, and cost 50 to 200 times as much.
+
+                restitution: of a part's bottom on plates, 0 to 1; 0.2 by default.
+                ramp_mm: mm on either side of a border between plates over which their heights are blended; 3 by default.
+                steps: a period, 200 by default.
 
             auto:
                 tolerance: m, default 1e-4: how far a part's outline may stray from the converged model's in 25 periods, in
@@ -128,10 +137,15 @@ class Simulator:
         else:
             self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
         self.model = self.choice.model
+        if self.model != "tilting":
+            check_tipping(self.parts, np.ones((1, len(self.parts))), "parts", self.model)
+            warn_of_slender(self.parts, self.model)
         threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self.blocks = workers.Blocks(self.worlds, threads)
         self._nothing = [_nothing] * len(self.blocks.edges)
         self._model = FIXED[self.model](setup, self.choice.knobs)
+        self._setup = setup
+        self._tipping: TippingMargin | None = None  # made when it is first asked for
         self._state = new_state(self.worlds, len(self.parts))
         self._state.pose[...] = overlaps.apart(surface, self.parts)
         self._pinned = Pinned(STATE, self._state)
@@ -173,6 +187,16 @@ class Simulator:
         state.pushed[worlds], state.fallen[worlds] = 0.0, fallen
         for name, usual in CONDITIONS.items():
             getattr(state, name)[worlds] = usual
+        self._model.begin(worlds)
+
+    def part_facts(self) -> dict[str, np.ndarray]:
+        """Live arrays (worlds, parts) of what the model knows of parts besides where they are."""
+        live = self._model.live()
+        return {"toppled": live["toppled"]} if live else {}
+
+    def renew(self, changed: np.ndarray) -> None:
+        """Let the model forget what it knows of some parts, (worlds, parts) bool: others have taken their places."""
+        self._model.begin(changed)
 
     def set_conditions(self, worlds: Any, *, friction: Any = None, mass: Any = None, incline: Any = None) -> None:
         """Say under which conditions some worlds go on, until the next reset of these; what is None stays as it is.
@@ -210,6 +234,8 @@ class Simulator:
         """
         found = conditions_of(now, given, self.surface.gravity, where)
         self._model.check_conditions(found, where)
+        if self.model != "tilting":
+            check_tipping(self.parts, found.friction, where.format("friction"), self.model)
         return found
 
     def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
@@ -322,6 +348,73 @@ class Simulator:
         return self._state.incline.copy()
 
     @property
+    def tipping_margin(self) -> np.ndarray:
+        """(worlds, parts) one minus the worst share of the way to the edge that a part's centre of pressure makes in a period.
+
+        What a rigid part as high as this one would need to stay flat, under the last drive, at its pose and velocity of this
+        instant (:mod:`vibgym.physics.planar.tipping`). Below 0 it tips, whatever the model says; 0 for parts that do not lie
+        flat, and minus infinity for those that have fallen.
+        """
+        if self._tipping is None:
+            self._tipping = TippingMargin(self._setup)
+        drive = self._drive
+        if drive is None:
+            still = np.zeros((self.worlds, self.surface.rows, self.surface.columns))
+            drive = Pinned(DRIVE, polar_drive(still, still, self.surface.angular_frequency))
+        margin = self._tipping(drive, self._pinned)
+        return np.where((self.tilt > 0.0) & ~self._state.fallen, 0.0, margin)
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """(worlds, parts) rad, angle between a part's axis and the vertical; 0 with planar models."""
+        return np.hypot(self.lean[..., 0], self.lean[..., 1])
+
+    @property
+    def lean(self) -> np.ndarray:
+        """(worlds, parts, 2) rad, rotation vector, about the world's x and y, by which a part is turned after its heading; a
+        copy.
+
+        Noughts with planar models.
+        """
+        live = self._model.live()
+        return live["lean"].copy() if live else np.zeros((self.worlds, len(self.parts), 2))
+
+    @property
+    def time_tilted(self) -> np.ndarray:
+        """(worlds, parts) s from when a part was tipped last until its tilt was last above 0.05 deg; 0 with planar models."""
+        live = self._model.live()
+        return live["landing"] * self._model.step if live else np.zeros(self._state.fallen.shape)  # type: ignore[attr-defined]
+
+    @property
+    def toppled(self) -> np.ndarray:
+        """(worlds, parts) whether a part has tipped beyond its edge; it has then fallen, too. Never with planar models."""
+        live = self._model.live()
+        return live["toppled"].copy() if live else np.zeros_like(self._state.fallen)
+
+    def tip(self, worlds: Any, lean: Any, *, rocking: Any = 0.0, which: Any = True) -> None:
+        """Put parts of some worlds on an edge or a corner; only with ``model="tilting"``.
+
+        Such a part keeps its place, heading and velocity in the plane. Its lowest point touches the plates as they stand when
+        the next period begins.
+
+        Args:
+            worlds: mask (worlds,), indices, or a slice; n worlds.
+            lean: rad, see :attr:`lean`, broadcastable to (n, parts, 2).
+            rocking: rad/s, angular velocity about the world's x and y, likewise.
+            which: (n, parts) or broadcastable, bool: the parts that are meant; those that have fallen stay where they are.
+
+        Raises:
+            ValueError: another model, a number that is not finite, or a part that would topple; nothing has changed.
+        """
+        rows = worlds_from(worlds, self.worlds)
+        if self.model != "tilting":
+            raise checks.refuse("tip", f"model={self.model!r}", "model='tilting', in which parts can tilt")
+        shape = (len(rows), len(self.parts), 2)
+        lean, rocking = checks.array("lean", lean, shape), checks.array("rocking", rocking, shape)
+        meant = np.broadcast_to(np.asarray(which, dtype=bool), shape[:2]) & ~self._state.fallen[rows]
+        self._model.tip(rows, meant, self._state.pose[rows, :, 2], lean, rocking)  # type: ignore[attr-defined]
+
+    @property
     def statistics(self) -> dict[str, int]:
         """Periods of all worlds since the reset by the way they took, and calls of the contact solver.
 
@@ -351,7 +444,7 @@ class Simulator:
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit."""
-        return {**copied(self._state._asdict()), "periods": self._periods}
+        return {**copied(self._state._asdict()), **copied(self._model.live()), "periods": self._periods}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what :meth:`get_state` gave, on a simulator with the same worlds and parts.
@@ -360,15 +453,18 @@ class Simulator:
             ValueError: a key is missing or unknown, a value has the wrong shape or is not finite, or parts overlap by more
                 than contacts let them.
         """
-        check_keys("state", state, (*State._fields, "periods"))
-        live = self._state._asdict()
+        live, own = self._state._asdict(), self._model.live()
+        check_keys("state", state, (*live, *own, "periods"))
         values = restored("state", live, {name: state[name] for name in live})
+        more = restored("state", own, {name: state[name] for name in own})
         periods = checks.count("state['periods']", state["periods"], least=0, most=MOST_TIME)
         where = (values["pose"], values["fallen"] | values["diverged"][:, None])
         overlaps.check("state['pose']", self.hulls, self.surface, self.parts, self.walls, *where, overlaps.IN_MOTION)
         conditions = Conditions(*(values[name] for name in Conditions._fields))
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
+        self._model.check_live(more)
         put_back(live, values)
+        put_back(own, more)
         self._periods = periods
 
 

@@ -1,0 +1,22 @@
+"""``python -m studies.tilting NAME``: prints a study's table."""
+
+from __future__ import annotations
+
+import sys
+
+from studies.tilting import kick
+from vibgym import checks
+
+STUDIES = {"kick": kick.main}
+"""By name."""
+
+
+def main() -> None:
+    """Run the study that is named."""
+    if len(sys.argv) != 2 or sys.argv[1] not in STUDIES:
+        raise SystemExit(str(checks.refuse("NAME", " ".join(sys.argv[1:]), f"one of {', '.join(STUDIES)}")))
+    STUDIES[sys.argv[1]]()
+
+
+if __name__ == "__main__":
+    main()

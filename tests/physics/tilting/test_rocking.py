@@ -1,0 +1,132 @@
+"""Parts above the plane against closed forms: Housner's block, free tilt, transport, energy."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.physics.tilting.rigid import (
+    ALUMINIUM,
+    LARGE,
+    PARTS,
+    STEEL,
+    STILL,
+    energy,
+    in_the_middle,
+    kept_above_the_plane,
+    leans,
+)
+from vibgym import Part, Simulator
+
+# -- G. W. Housner: The behavior of inverted pendulum structures during earthquakes. Bull. Seismol. Soc. Am. 53 (1963) ------------
+
+
+@pytest.mark.parametrize(("width", "height"), [(0.05, 0.15), (0.04, 0.10)])
+def test_energy_of_a_rocking_block_after_an_impact(width, height):
+    """Angular momentum about the new edge is kept: ``r = (1 - m R^2 / I (1 - cos 2 alpha))^2``, at 200 steps within 2 %."""
+    block = Part.rectangle(width, 0.2, friction=3.0, height=height)
+    to_edge = 0.25 * (width**2 + height**2)
+    alpha = math.atan2(width, height)
+    kept = (1.0 - to_edge / (block.inertia[1] + to_edge) * (1.0 - math.cos(2.0 * alpha))) ** 2
+    simulator = Simulator(STILL, block, worlds=12, model="tilting", restitution=0.0)
+    simulator.reset([[[0.52, 0.52, 0.0]]])
+    tilts = np.radians(np.linspace(2.0, 5.0, 12))
+    simulator.tip(slice(None), np.stack([np.zeros(12), tilts], axis=1)[:, None, :])
+    levels = []
+    for _ in range(20):
+        simulator.advance(0.0, 0.0)
+        levels.append(energy(simulator))
+    ratios = []
+    for track in np.array(levels).T:
+        impact = int(np.argmax(track < 0.9 * track[0]))
+        ratios.append(track[impact] / track[0])
+    assert np.mean(ratios) == pytest.approx(kept, rel=0.02)
+    assert np.abs(np.array(ratios) / kept - 1.0).max() < 0.03  # an impact may come anywhere in a step
+
+
+def test_a_block_on_its_edge_begins_to_fall_as_a_pendulum():
+    """About a fixed edge: ``I_edge theta'' = -g (R sin(alpha - theta))``, before the first impact."""
+    block, theta, spin = Part.rectangle(0.05, 0.2, friction=5.0, height=0.15), math.radians(4.0), 0.0
+    half, height = 0.025, 0.075
+    to_edge, alpha = half**2 + height**2, math.atan2(0.025, 0.075)
+    inertia = block.inertia[1] + to_edge
+    step = STILL.period / 4000
+    for _ in range(4000):  # semi-implicit, far finer than what is checked
+        spin -= step * STILL.gravity * math.sqrt(to_edge) * math.sin(alpha - theta) / inertia
+        theta += step * spin
+    simulator = Simulator(STILL, block, model="tilting")
+    simulator.reset([[[0.52, 0.52, 0.0]]])
+    simulator.tip(0, [[[0.0, math.radians(4.0)]]])
+    simulator.advance(0.0, 0.0)
+    assert simulator.tilt[0, 0] == pytest.approx(theta, rel=1e-3)
+    assert simulator.get_state()["rocking"][0, 0, 1] == pytest.approx(spin, rel=2e-3)
+
+
+# -- The drive ------------------------------------------------------------------------------------------------------------------
+
+
+def transported(**knobs: object) -> np.ndarray:
+    """Way (m) that a steel block makes in a second on plates that all push it at full amplitude."""
+    simulator = Simulator(LARGE, STEEL, model=knobs.pop("model", "tilting"), **knobs)
+    simulator.reset([[[0.52, 0.3, 0.3]]], [[[*LARGE.idle_velocity(STEEL.friction), 0.0]]])
+    if simulator.model == "tilting":
+        simulator.tip(0, 0.0)
+    for _ in range(25):
+        if simulator.model == "tilting":
+            kept_above_the_plane(simulator)
+        simulator.advance(LARGE.max_amplitude, math.pi)
+    return simulator.pose[0, 0] - [0.52, 0.3, 0.3]
+
+
+def test_uniform_transport_is_that_of_the_plane():
+    """A rigid part on level ground that stays above the plane moves as one that lies flat: within 0.02 %, and of second order."""
+    exact = transported(model="planar", steps=40, substeps=8)
+    away = {steps: np.hypot(*(transported(steps=steps) - exact)[:2]) for steps in (100, 200, 400)}
+    assert away[200] < 2e-4 * np.hypot(*exact[:2])
+    assert math.log2(away[100] / away[200]) > 1.7 and math.log2(away[200] / away[400]) > 1.7
+
+
+# -- Energy ---------------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.2, 1.0])
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+def test_a_still_table_gives_no_energy(part, restitution):
+    """But for what a step's impact is late: a fall of a tenth of a millimetre."""
+    rng, worlds = np.random.default_rng(1), 32
+    simulator = Simulator(STILL, part, worlds=worlds, model="tilting", restitution=restitution)
+    in_the_middle(simulator, 1)
+    simulator.tip(slice(None), leans(rng.uniform(0.01, 0.12, worlds)), rocking=rng.normal(0, 1, (worlds, 1, 2)))
+    before = np.full(worlds, np.inf)
+    for _ in range(25):
+        simulator.advance(0.0, 0.0)
+        flat, now = simulator.get_state()["mode"][:, 0] == 0, energy(simulator)
+        assert (now <= before + STILL.gravity * 1e-4)[~flat].all()
+        before = np.where(flat, np.inf, now)
+
+
+def test_blocks_land_and_their_headings_are_lost():
+    """Thesis, section 8.2: friction under one corner turns a part that was tipped. Squat ones land within two periods."""
+    for part in (STEEL, ALUMINIUM):
+        simulator = Simulator(LARGE, part, worlds=64, model="tilting")
+        in_the_middle(simulator)
+        start = simulator.pose[:, 0, 2]
+        simulator.tip(slice(None), leans(np.full(64, math.radians(3.0))))
+        simulator.advance(0.0, 0.0, 2)
+        assert (simulator.tilt == 0.0).all()
+        assert (simulator.time_tilted > 0.015).all() and (simulator.time_tilted < 0.045).all()
+        simulator.advance(0.0, 0.0, 23)
+        assert math.radians(3.0) < (simulator.pose[:, 0, 2] - start).std() < math.radians(15.0)
+
+
+def test_a_slender_part_tips_by_itself():
+    """From ``mu h_C`` = distance to the edge on, friction alone tips it; below it does not."""
+    for height, falls in ((0.030, False), (0.045, True)):
+        part = Part.disc(0.01, friction=0.6, height=height)
+        assert (part.tipping_ratio > 1.0) == falls
+        simulator = Simulator(LARGE, part, worlds=4, model="tilting")
+        in_the_middle(simulator)
+        simulator.advance(0.0, 0.0, 25)
+        assert (simulator.tilt > math.radians(0.05)).any() == falls

@@ -1,0 +1,103 @@
+"""How near a part that lies flat comes to tipping: where its centre of pressure would have to be, against the edge.
+
+Friction ``F`` attacks at the bottom, ``h`` below the centre of mass, and elements whose heights differ ask a part that follows
+them for an acceleration of rocking. A rigid part that stays flat needs its pressure, with the sum ``N``, to be centred at
+
+    r = (M_1 - h F) / N
+
+where ``M_1`` is the first moment of even pressure ``(m / A)(g + z'')``, which is that of rocking. It cannot tip while that is
+inside its
+support: the convex hull of its outline, as far as it lies on the table.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibgym._numba.jit import borrowing
+from vibgym._numba.reference import reference
+from vibgym.physics.core.drive import pinned_drive
+from vibgym.physics.core.records import body_in, state_at
+from vibgym.physics.planar.cut import points_at
+from vibgym.physics.planar.phasors import forget_phasors
+from vibgym.physics.planar.static import set_loads
+from vibgym.physics.planar.workspace import fixed_scene_at
+from vibgym.physics.planar.wrench import sliding_wrench
+
+PHASES = 24
+"""Instants of a period that are looked at."""
+
+
+@borrowing
+def share_of_way(table, x, y, heading, hull, first, last, rx, ry):
+    """How far a centre of pressure at (rx, ry) (m, from the centre of mass) is on the way to the support's edge; 1: there.
+
+    Args:
+        x, y, heading: pose of the part.
+        hull: (n, 2) convex hulls of the kinds, of which ``first`` to ``last`` is the part's.
+    """
+    cosine, sine = math.cos(heading), math.sin(heading)
+    px, py = cosine * rx + sine * ry, -sine * rx + cosine * ry
+    most = 0.0
+    ax, ay = hull[last - 1, 0], hull[last - 1, 1]
+    for k in range(first, last):
+        bx, by = hull[k, 0], hull[k, 1]
+        nx, ny = by - ay, ax - bx
+        room = max(ax * nx + ay * ny, 1e-300)
+        most = max(most, (px * nx + py * ny) / room)
+        ax, ay = bx, by
+    width, depth = table.columns * table.element_size, table.rows * table.element_size
+    most = max(most, max(rx / max(width - x, 1e-300), -rx / max(x, 1e-300)))
+    return max(most, max(ry / max(depth - y, 1e-300), -ry / max(y, 1e-300)))
+
+
+@borrowing
+def worst_share(scene, drive, state, world, part, centre_height, hull, first, last):
+    """The largest share of the way to the edge in a period, for a part at its pose and velocity of this instant."""
+    table, cut = scene.table, scene.workspace.cut
+    body = body_in(scene.bodies, state, world, part)
+    phasors = scene.workspace.phasors
+    forget_phasors(phasors, 0)
+    phasors.coupling[0] = body.coupling
+    x, y, heading = state.pose[world, part, 0], state.pose[world, part, 1], state.pose[world, part, 2]
+    n = points_at(table, body, 1, drive, world, x, y, heading, cut, phasors, 0)
+    weight, px, py = cut.points[0], cut.points[1], cut.points[2]
+    vx, vy, spin = state.velocity[world, part, 0], state.velocity[world, part, 1], state.velocity[world, part, 2]
+    most = 0.0
+    for k in range(PHASES):
+        c, s = math.cos(2.0 * math.pi * k / PHASES), math.sin(2.0 * math.pi * k / PHASES)
+        total = set_loads(weight, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, 1.0, cut.load)
+        if not total > 1e-9 * table.gravity:
+            continue
+        mx, my = 0.0, 0.0
+        for point in range(n):
+            mx += cut.load[point] * px[point]
+            my += cut.load[point] * py[point]
+        fx, fy, _ = sliding_wrench(
+            weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, -table.speed * s - vx, table.speed * c - vy,
+            spin,
+        )  # fmt: skip
+        down = body.friction * centre_height
+        rx, ry = (mx - down * fx) / total, (my - down * fy) / total
+        most = max(most, share_of_way(table, x, y, heading, hull, first, last, rx, ry))
+    return most
+
+
+@borrowing
+def tipping_shares(fixed, drive, state, centre_height, hull, first, kind, shares):
+    """Write the largest share of the way to the edge of every part.
+
+    Args:
+        fixed, drive, state: addresses of pinned records.
+        centre_height: (kinds,) m.  hull, first: of the kinds, (corners, 2) m and (kinds + 1,).  kind: (parts,).
+        shares: (worlds, parts), overwritten; infinite for parts that have fallen.
+    """
+    scene, drive, state = fixed_scene_at(fixed), reference(pinned_drive(drive)), state_at(state)
+    for world in range(shares.shape[0]):
+        for part in range(shares.shape[1]):
+            which = kind[part]
+            shares[world, part] = math.inf
+            if not state.fallen[world, part]:
+                shares[world, part] = worst_share(
+                    scene, drive, state, world, part, centre_height[which], hull, first[which], first[which + 1]
+                )

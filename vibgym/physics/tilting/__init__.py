@@ -1,0 +1,1 @@
+"""Above the plane: parts as rigid bodies on plates whose heights differ."""

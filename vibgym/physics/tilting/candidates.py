@@ -1,0 +1,292 @@
+"""Where a part may touch the plates: the vertices of the pieces into which its bottom is cut where plates end.
+
+A convex bottom is a plane, and the ground over one plate is level, so that the gap over a piece of both is least at one of the
+piece's
+vertices: corners of the bottom, crossings of its edges with the lines where plates begin and end, and those lines' own
+    crossings inside it. Over a ramp between two plates the gap is least at the ramp's ends, which are such lines. A disc's edge
+    has a lowest point, that moves along it as it rolls, and others evenly around.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibgym._numba.jit import borrowing
+from vibgym.physics.core.records import body_of
+from vibgym.physics.tilting.ground import ABYSS, ground, plate
+from vibgym.physics.tilting.impulses import IMPACT
+from vibgym.physics.tilting.records import (
+    BEFORE,
+    CX,
+    CY,
+    CZ,
+    GIVE,
+    GOAL,
+    MXX,
+    MXY,
+    MXZ,
+    MYY,
+    MYZ,
+    MZZ,
+    ORIGIN,
+    PN,
+    PX,
+    PY,
+    RATE,
+    RIM_POINTS,
+    RX,
+    RY,
+    RZ,
+    SLIDE,
+    SLIP_X,
+    SLIP_Y,
+    VX,
+    VY,
+    VZ,
+    WX,
+    WY,
+    WZ,
+)  # fmt: skip
+
+NEAR = 2e-5
+"""m, above which a point that comes no nearer within half a step is left alone."""
+
+KEPT = 0.1
+"""Share of the depth of a contact that is made good in a step."""
+
+
+@borrowing
+def place_corners(rigid, kind):
+    """Write the corners of the bottom into the working array; returns how many there are."""
+    frame, motion, corner = rigid.work.frame, rigid.work.motion, rigid.work.corner
+    h, radius = rigid.solids.centre_height[kind], rigid.solids.disc[kind]
+    x, y, z = motion[CX] - h * frame[2], motion[CY] - h * frame[5], motion[CZ] - h * frame[8]
+    if radius > 0.0:
+        a, b = -frame[6], -frame[7]  # downhill on the bottom
+        size = math.sqrt(a * a + b * b)
+        a, b = (a / size, b / size) if size > 1e-12 else (1.0, 0.0)
+        turn = math.sqrt(0.5)
+        for k in range(RIM_POINTS):
+            u, v = radius * a, radius * b
+            corner[k, 0], corner[k, 1] = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
+            corner[k, 2] = z + frame[6] * u + frame[7] * v
+            a, b = turn * (a - b), turn * (a + b)
+        return RIM_POINTS
+    outline = body_of(rigid.bodies, kind).outline
+    for k in range(outline.shape[0]):
+        u, v = outline[k, 0], outline[k, 1]
+        corner[k, 0], corner[k, 1] = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
+        corner[k, 2] = z + frame[6] * u + frame[7] * v
+    return outline.shape[0]
+
+
+@borrowing
+def add_contact(rigid, world, n, x, y, z, level, node, origin):
+    """Add a point of the bottom (m, world) to the ``n`` contacts at hand if it touches or may touch within the step.
+
+    Args:
+        level: whether the plates beneath move alike.
+        node: half steps since the period's start, for the ground's place.
+        origin: index of the corner that it is, or -1: then the point belongs to a plate's edge.
+
+    Returns:
+        The number of contacts now.
+    """
+    table, scheme, motion, contact = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.contact
+    cosine, sine = scheme.cosine[node], scheme.sine[node]
+    step = table.period / scheme.steps
+    at_x, at_y = x - table.radius * cosine, y - table.radius * sine
+    height, rate = ground(rigid, world, at_x, at_y, node, node + 1)
+    gap = z - height
+    rx, ry, rz = x - motion[CX], y - motion[CY], z - motion[CZ]
+    slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * ry + table.speed * sine
+    slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table.speed * cosine
+    if origin >= 0 and not level:  # what climbs a ramp: by how much it climbs while it slides on for half a step
+        half = 0.5 * step
+        further, _ = ground(rigid, world, at_x + half * slip_x, at_y + half * slip_y, node, node + 1)
+        rate += min(max((further - height) / half, -scheme.settling), scheme.settling)
+    u = motion[VZ] + motion[WX] * ry - motion[WY] * rx - rate
+    ahead = gap + 0.5 * step * u
+    if not ahead < (NEAR if u > -IMPACT else 0.0):
+        return n
+    goal = -2.0 * gap / step if gap > 0.0 else min(-KEPT * gap / step, scheme.settling)
+    if u <= -IMPACT:  # at once, or friction would stop the slip before the rest of the impact comes
+        goal = max(goal, -scheme.restitution * u)
+    give = 1.0 + ry * ry * motion[MXX] - 2.0 * rx * ry * motion[MXY] + rx * rx * motion[MYY]
+    slide_x = 1.0 + rz * rz * motion[MYY] - 2.0 * ry * rz * motion[MYZ] + ry * ry * motion[MZZ]
+    slide_y = 1.0 + rz * rz * motion[MXX] - 2.0 * rx * rz * motion[MXZ] + rx * rx * motion[MZZ]
+    contact[n, RX], contact[n, RY], contact[n, RZ] = rx, ry, rz
+    contact[n, BEFORE] = u
+    contact[n, GOAL], contact[n, RATE], contact[n, SLIP_X], contact[n, SLIP_Y] = goal, rate, slip_x, slip_y
+    contact[n, GIVE], contact[n, SLIDE] = 1.0 / give, 1.0 / max(slide_x, slide_y)
+    contact[n, PN] = contact[n, PX] = contact[n, PY] = 0.0
+    contact[n, ORIGIN] = origin
+    if origin >= 0:
+        warm = rigid.work.warm
+        contact[n, PN], contact[n, PX], contact[n, PY] = warm[origin, 0], warm[origin, 1], warm[origin, 2]
+    return n + 1
+
+
+@borrowing
+def write_lines(rigid, axis, low, high):
+    """Write the lines across an axis on which plates begin and end, in the table's frame between two places (m); returns how
+    many."""
+    table, ramp, lines = rigid.table, rigid.scheme.ramp, rigid.work.lines
+    size, count = table.element_size, table.columns if axis == 0 else table.rows
+    first, last = int(math.floor((low - ramp) / size)), int(math.floor((high + ramp) / size)) + 1
+    n = 0
+    for border in range(max(first, 0), min(last, count) + 1):
+        for side in range(2):
+            line = border * size
+            if border > 0 and border < count:
+                line += ramp if side == 1 else -ramp
+            elif side == 1:
+                continue
+            if line > low and line < high:
+                lines[axis, n] = line
+                n += 1
+    return n
+
+
+@borrowing
+def add_edges(rigid, world, n, corners, crossed_x, crossed_y, node, high):
+    """Add where edges of the bottom cross lines, of which there are so many across each axis."""
+    table, scheme, corner, lines = rigid.table, rigid.scheme, rigid.work.corner, rigid.work.lines
+    for axis in range(2):
+        shift = table.radius * (scheme.cosine[node] if axis == 0 else scheme.sine[node])
+        for k in range(crossed_x if axis == 0 else crossed_y):
+            line = lines[axis, k] + shift
+            other = corners - 1
+            for one in range(corners):
+                a, b = corner[other, axis] - line, corner[one, axis] - line
+                if a * b < 0.0:
+                    t = a / (a - b)
+                    z = corner[other, 2] + t * (corner[one, 2] - corner[other, 2])
+                    if z < high:
+                        x = corner[other, 0] + t * (corner[one, 0] - corner[other, 0])
+                        y = corner[other, 1] + t * (corner[one, 1] - corner[other, 1])
+                        n = add_contact(rigid, world, n, x, y, z, False, node, -1)
+                other = one
+    return n
+
+
+@borrowing
+def add_rim(rigid, world, n, kind, crossed_x, crossed_y, node, high):
+    """Add where the edge of a disc crosses lines, see :func:`add_edges`."""
+    table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
+    lines, h, radius = rigid.work.lines, rigid.solids.centre_height[kind], rigid.solids.disc[kind]
+    x, y, z = motion[CX] - h * frame[2], motion[CY] - h * frame[5], motion[CZ] - h * frame[8]
+    for axis in range(2):
+        shift = table.radius * (scheme.cosine[node] if axis == 0 else scheme.sine[node])
+        middle = (x if axis == 0 else y) - shift
+        p, q = radius * frame[3 * axis], radius * frame[3 * axis + 1]
+        square = p * p + q * q
+        for k in range(crossed_x if axis == 0 else crossed_y):
+            d = lines[axis, k] - middle
+            root = math.sqrt(max(square - d * d, 0.0))
+            for sign in range(2):
+                far = root if sign == 0 else -root
+                u, v = radius * (p * d - q * far) / square, radius * (q * d + p * far) / square
+                height = z + frame[6] * u + frame[7] * v
+                if d * d < square and height < high:
+                    at_x, at_y = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
+                    n = add_contact(rigid, world, n, at_x, at_y, height, False, node, -1)
+    return n
+
+
+@borrowing
+def on_bottom(rigid, kind, x, y):
+    """Place on the plane of the bottom (m, in the part's axes) that lies under or over a point of the world."""
+    frame, motion, h = rigid.work.frame, rigid.work.motion, rigid.solids.centre_height[kind]
+    dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
+    determinant = frame[0] * frame[4] - frame[1] * frame[3]
+    return (frame[4] * dx - frame[1] * dy) / determinant, (frame[0] * dy - frame[3] * dx) / determinant
+
+
+@borrowing
+def is_inside(rigid, kind, u, v):
+    """Whether a place of the bottom's plane (m, in the part's axes) belongs to the bottom."""
+    radius = rigid.solids.disc[kind]
+    if radius > 0.0:
+        return u * u + v * v <= radius * radius
+    outline = body_of(rigid.bodies, kind).outline
+    n = outline.shape[0]
+    for k in range(n):
+        ax, ay = outline[k, 0], outline[k, 1]
+        following = k + 1 if k + 1 < n else 0
+        bx, by = outline[following, 0], outline[following, 1]
+        if (bx - ax) * (v - ay) - (by - ay) * (u - ax) < 0.0:
+            return False
+    return True
+
+
+@borrowing
+def add_nodes(rigid, world, n, kind, crossed_x, crossed_y, node, high):
+    """Add where lines cross one another under the bottom."""
+    table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
+    lines, h = rigid.work.lines, rigid.solids.centre_height[kind]
+    shift_x, shift_y = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
+    down_x, down_y = -frame[2] / frame[8], -frame[5] / frame[8]  # slope of the bottom
+    for i in range(crossed_x):
+        x = lines[0, i] + shift_x
+        for j in range(crossed_y):
+            y = lines[1, j] + shift_y
+            dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
+            z = motion[CZ] - h * frame[8] + down_x * dx + down_y * dy
+            if z < high:
+                u, v = on_bottom(rigid, kind, x, y)
+                if is_inside(rigid, kind, u, v):
+                    n = add_contact(rigid, world, n, x, y, z, False, node, -1)
+    return n
+
+
+@borrowing
+def highest_plate(rigid, world, low_x, low_y, high_x, high_y, node):
+    """Height (m) of the highest plate in a box of the table's frame (m), or that of no plate if there is none."""
+    table, highest = rigid.table, ABYSS
+    size = table.element_size
+    left, right = max(int(math.floor(low_x / size)), 0), min(int(math.floor(high_x / size)), table.columns - 1)
+    bottom, top = max(int(math.floor(low_y / size)), 0), min(int(math.floor(high_y / size)), table.rows - 1)
+    for row in range(bottom, top + 1):
+        for column in range(left, right + 1):
+            height, _ = plate(rigid, world, row, column, node, node)
+            highest = max(highest, height)
+    return highest
+
+
+@borrowing
+def find_contacts(rigid, world, kind, level, node):
+    """Write all points at which the part touches the ground or may touch it within the step; returns how many.
+
+    Args:
+        level: whether the plates beneath move alike: then only corners can touch.
+        node: half steps since the period's start.
+    """
+    table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
+    corners, n = place_corners(rigid, kind), 0
+    low_x, low_y, high_x, high_y = math.inf, math.inf, -math.inf, -math.inf
+    for k in range(corners):
+        low_x, high_x = min(low_x, corner[k, 0]), max(high_x, corner[k, 0])
+        low_y, high_y = min(low_y, corner[k, 1]), max(high_y, corner[k, 1])
+    radius = rigid.solids.disc[kind]
+    if radius > 0.0:  # beyond the corners
+        x, y = 0.5 * (corner[0, 0] + corner[4, 0]), 0.5 * (corner[0, 1] + corner[4, 1])
+        low_x, high_x, low_y, high_y = x - radius, x + radius, y - radius, y + radius
+    dx, dy = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
+    low_x, high_x, low_y, high_y = low_x - dx, high_x - dx, low_y - dy, high_y - dy
+    wide = scheme.ramp
+    high = highest_plate(rigid, world, low_x - wide, low_y - wide, high_x + wide, high_y + wide, node)
+    # What is higher than all plates by more than it can come down in half a step cannot touch.
+    rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY]) * rigid.bodies.radius[kind]
+    high += NEAR + 0.5 * table.period / scheme.steps * (abs(motion[VZ]) + rocking + 2.0 * scheme.settling)
+    for k in range(corners):
+        if corner[k, 2] < high:
+            n = add_contact(rigid, world, n, corner[k, 0], corner[k, 1], corner[k, 2], level, node, k)
+    if level:
+        return n
+    crossed_x, crossed_y = write_lines(rigid, 0, low_x, high_x), write_lines(rigid, 1, low_y, high_y)
+    if radius > 0.0:
+        n = add_rim(rigid, world, n, kind, crossed_x, crossed_y, node, high)
+    else:
+        n = add_edges(rigid, world, n, corners, crossed_x, crossed_y, node, high)
+    return add_nodes(rigid, world, n, kind, crossed_x, crossed_y, node, high)

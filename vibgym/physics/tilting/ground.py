@@ -1,0 +1,95 @@
+"""The ground under a part: plates that stand at different heights, blended where one ends and the next begins.
+
+In the table's own frame, which circles with it: borders between plates move with them.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibgym._numba.jit import borrowing
+from vibgym.physics.planar.phasors import phasor_under
+
+ABYSS = -1.0
+"""m, height where there is no plate."""
+
+LEVEL = 1e-6
+"""m, difference between heights up to which plates count as one: about what a foil gives way under a part (0.03 um) and far
+less than what tilts one by a hundredth of a degree."""
+
+
+@borrowing
+def share_of_own(position, index, count, ramp):
+    """Which neighbour's height is blended in along one axis, and the share of the element's own.
+
+    Args:
+        position: in the element, 0 to 1.
+        index, count: of the element, and how many there are.
+        ramp: on either side of a border, in elements.
+
+    Returns:
+        The neighbour (the element itself where there is none), and the share.
+    """
+    other, distance = index - 1, position
+    if position > 0.5:
+        other, distance = index + 1, 1.0 - position
+    if distance >= ramp or other < 0 or other >= count:
+        return index, 1.0
+    return other, 0.5 + 0.5 * distance / ramp
+
+
+@borrowing
+def plate(rigid, world, row, column, node, after):
+    """Height (m) of a plate's surface ``node`` half steps after the period's start, and its velocity (m/s) ``after`` half
+    steps.
+
+    In a step the velocity is that at its end: with which the plate goes on, in the mean, from the middle of the step to the
+        middle of the next. So impulses stand where friction does.
+    """
+    c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
+    w = 2.0 * math.pi / rigid.table.period
+    cosine, sine = rigid.scheme.cosine, rigid.scheme.sine
+    return (c * cosine[node] - s * sine[node]) / (w * w), -(c * sine[after] + s * cosine[after]) / w
+
+
+@borrowing
+def ground(rigid, world, x, y, node, after):
+    """Height (m) and velocity (m/s) of the ground at a point of the table's frame, see :func:`plate`."""
+    table, ramp = rigid.table, rigid.scheme.ramp / rigid.table.element_size
+    u, v = x / table.element_size, y / table.element_size
+    if not (u >= 0.0 and v >= 0.0 and u <= table.columns and v <= table.rows):
+        return ABYSS, 0.0
+    column, row = min(int(u), table.columns - 1), min(int(v), table.rows - 1)
+    other_column, own_x = share_of_own(u - column, column, table.columns, ramp)
+    other_row, own_y = share_of_own(v - row, row, table.rows, ramp)
+    height, rate = plate(rigid, world, row, column, node, after)
+    if own_x < 1.0:
+        more, faster = plate(rigid, world, row, other_column, node, after)
+        height, rate = own_x * height + (1.0 - own_x) * more, own_x * rate + (1.0 - own_x) * faster
+    if own_y < 1.0:
+        beside, going = plate(rigid, world, other_row, column, node, after)
+        if own_x < 1.0:
+            more, faster = plate(rigid, world, other_row, other_column, node, after)
+            beside, going = own_x * beside + (1.0 - own_x) * more, own_x * going + (1.0 - own_x) * faster
+        height, rate = own_y * height + (1.0 - own_y) * beside, own_y * rate + (1.0 - own_y) * going
+    return height, rate
+
+
+@borrowing
+def is_level(rigid, world, x, y, reach):
+    """Whether all plates within ``reach`` (m) of a point move alike, and none is missing."""
+    table = rigid.table
+    size = table.element_size
+    left, bottom = math.floor((x - reach) / size), math.floor((y - reach) / size)
+    right, top = math.floor((x + reach) / size), math.floor((y + reach) / size)
+    if not (left >= 0.0 and bottom >= 0.0 and right < table.columns and top < table.rows):
+        return False
+    w = 2.0 * math.pi / table.period
+    most = (LEVEL * w * w) ** 2
+    c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, int(bottom), int(left))
+    for row in range(int(bottom), int(top) + 1):
+        for column in range(int(left), int(right) + 1):
+            real, imaginary = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
+            if not (real - c) * (real - c) + (imaginary - s) * (imaginary - s) <= most:
+                return False
+    return True

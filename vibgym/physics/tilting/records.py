@@ -1,0 +1,160 @@
+"""What the tilting model's kernels share: what is known of parts above the plane, its constants and working arrays."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym._numba.reference import Layout
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import Bodies, State, Table
+from vibgym.physics.planar.phasors import Phasors, new_phasors
+
+FLAT, TILTED, TIPPED = range(3)
+"""Modes of a part: the planar model moves it; it is a rigid body; it has just been tipped from outside, and stands on the
+plates as they are when the next period begins."""
+
+MODES = ("flat", "tilted", "tipped")
+"""Their names."""
+
+
+class Tilt(NamedTuple):
+    """What the state of the worlds has besides :class:`vibgym.physics.core.records.State`, changed in place.
+
+    Of a flat part all but the mode is nought. Attitude is ``swing o turn``: the part turns by its heading about the vertical,
+    then about a horizontal axis by the length of ``lean``, so that a pose means the same flat and tilted.
+    """
+
+    mode: np.ndarray  # (worlds, parts) int64
+    lean: np.ndarray  # (worlds, parts, 2) rad, rotation vector of the swing
+    height: np.ndarray  # (worlds, parts) m, of the centre of mass above plates in the middle of their way
+    climb: np.ndarray  # (worlds, parts) m/s, upward
+    rocking: np.ndarray  # (worlds, parts, 2) rad/s, about the world's x and y
+    calm: np.ndarray  # (worlds, parts) int64, steps in a row in which it did all but lie flat
+    since: np.ndarray  # (worlds, parts) int64, steps since it was tipped last
+    landing: np.ndarray  # (worlds, parts) int64, likewise, until its tilt was last more than next to nothing
+    toppled: np.ndarray  # (worlds, parts) bool: it has tipped beyond its edge, and counts as fallen
+
+
+def new_tilt(worlds: int, parts: int) -> Tilt:
+    """Arrays for parts that lie flat."""
+    return Tilt(
+        mode=np.zeros((worlds, parts), np.int64),
+        lean=np.zeros((worlds, parts, 2)),
+        height=np.zeros((worlds, parts)),
+        climb=np.zeros((worlds, parts)),
+        rocking=np.zeros((worlds, parts, 2)),
+        calm=np.zeros((worlds, parts), np.int64),
+        since=np.zeros((worlds, parts), np.int64),
+        landing=np.zeros((worlds, parts), np.int64),
+        toppled=np.zeros((worlds, parts), np.bool_),
+    )
+
+
+class Solids(NamedTuple):
+    """The third dimension of the kinds of parts, beside their :class:`vibgym.physics.core.records.Bodies`."""
+
+    centre_height: np.ndarray  # (kinds,) m, of the centre of mass above the bottom
+    inertia: np.ndarray  # (kinds, 3) m^2, xx, yy, xy about the centre of mass, over mass
+    disc: np.ndarray  # (kinds,) m, radius of a disc, or 0
+    cross: np.ndarray  # (kinds, 4, 2) m, points of equal load whose second moments are those of even pressure
+    unsteady: np.ndarray  # (kinds,) largest factor on friction with which it stays flat on level ground
+
+
+class TiltScheme(NamedTuple):
+    """Constants of the model."""
+
+    steps: int  # a period
+    cosine: np.ndarray  # (2 * steps + 1) cos wt, from half step to half step
+    sine: np.ndarray
+    restitution: float
+    ramp: float  # m, on either side of a border over which heights are blended
+    settling: float  # m/s, at most, with which what has sunk into a plate is lifted out
+
+
+MOTION = 22
+"""Numbers of a rigid body in motion, see :data:`NEAR`."""
+
+CX, CY, CZ, QW, QX, QY, QZ, VX, VY, VZ, LX, LY, LZ, WX, WY, WZ, MXX, MYY, MZZ, MXY, MXZ, MYZ = range(MOTION)
+"""Places: centre of mass (m), attitude (quaternion), velocity (m/s), angular momentum over mass (m^2/s), angular velocity
+(rad/s), and the inverse of the inertia over mass (m^-2), all in the world's axes."""
+
+FRAME = 9
+"""Numbers of an attitude as a matrix, row by row."""
+
+CONTACT = 14
+"""Numbers of a contact."""
+
+RX, RY, RZ, GOAL, RATE, GIVE, SLIDE, PN, PX, PY, BEFORE, SLIP_X, SLIP_Y, ORIGIN = range(CONTACT)
+"""Places: arm from the centre of mass (m); normal velocity aimed at, and that of the ground (m/s); inverse of what a normal and
+a horizontal impulse change; impulses over mass, normal, x and y (m/s); normal velocity against the ground, and slip, before
+(m/s); index of the corner that it is, or -1."""
+
+
+class Work(NamedTuple):
+    """Working arrays of one thread."""
+
+    motion: np.ndarray  # (MOTION,)
+    frame: np.ndarray  # (FRAME,)
+    corner: np.ndarray  # (corners, 3) m, of the bottom, in the world
+    contact: np.ndarray  # (capacity, CONTACT)
+    warm: np.ndarray  # (corners, 3) impulses of the last step
+    lines: np.ndarray  # (2, lines) m, across x and y, on which plates begin or end, in the table's frame
+    phasors: Phasors
+
+
+RIM_POINTS = 8
+"""Of a disc: the lowest, and others evenly around."""
+
+
+class FixedTilting(NamedTuple):
+    """What stays the same from call to call."""
+
+    table: Table
+    bodies: Bodies
+    solids: Solids
+    scheme: TiltScheme
+    work: Work
+
+
+FIXED_TILTING: Layout[FixedTilting] = Layout("FIXED_TILTING", __name__)
+fixed_tilting_at = FIXED_TILTING.at
+TILT: Layout[Tilt] = Layout("TILT", __name__)
+tilt_at = TILT.at
+
+
+class Rigid(NamedTuple):
+    """All that a kernel looks at: references."""
+
+    table: Table
+    bodies: Bodies
+    solids: Solids
+    scheme: TiltScheme
+    work: Work
+    drive: Drive
+    state: State
+    tilt: Tilt
+
+
+def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
+    """Working arrays for any part of these kinds."""
+    corners = max(int(np.diff(bodies.first).max()), RIM_POINTS)
+    across = int(2.0 * float(bodies.radius.max()) / table.element_size) + 3  # borders beneath an axis, with room
+    lines = 2 * across  # of which each meets a convex edge twice
+    return Work(
+        motion=np.zeros(MOTION),
+        frame=np.zeros(FRAME),
+        corner=np.zeros((corners, 3)),
+        contact=np.zeros((corners + 4 * lines + lines * lines, CONTACT)),
+        warm=np.zeros((corners, 3)),
+        lines=np.zeros((2, lines)),
+        phasors=new_phasors(1, across + 1),
+    )
+
+
+def tilt_scheme(steps: int, restitution: float, ramp: float, settling: float) -> TiltScheme:
+    """The constants, with the drive's trigonometry at the half steps."""
+    phase = np.arange(2 * steps + 1) * (math.pi / steps)
+    return TiltScheme(steps, np.cos(phase), np.sin(phase), restitution, ramp, settling)

@@ -1,0 +1,230 @@
+"""``model="tilting"``: parts above the plane, where what lies under them is not level or something has tipped them.
+
+A part that lies flat on plates that move alike is the planar model's, to the last bit. All others are rigid bodies on the
+plates (:mod:`vibgym.physics.tilting`): they rock on the highest ones, tilt, land, or topple.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym._numba.reference import Pinned
+from vibgym._numba.vector import LANES
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import Scheme, State
+from vibgym.physics.planar.friction import slide_rows
+from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.physics.tilting.records import (
+    FIXED_TILTING,
+    MODES,
+    TILT,
+    TIPPED,
+    FixedTilting,
+    Solids,
+    TiltScheme,
+    new_tilt,
+    new_work,
+    tilt_scheme,
+)
+from vibgym.physics.tilting.rows import rock_rows, sort_rows
+from vibgym.scene.outlines import is_convex
+from vibgym.scene.parts import Part, bodies_of, kinds_of
+from vibgym.scene.surface import Surface
+from vibgym.simulation.conditions import Conditions
+from vibgym.simulation.protocol import NO_PATHS, NoContacts, Setup
+from vibgym.simulation.threads import Pool
+
+STEPS = 200
+"""A period: energies of impacts are right to half a per cent, transport by uniform fields to a hundredth."""
+
+RESTITUTION = 0.2
+
+RAMP = 3e-3
+"""m on either side of a border."""
+
+FEWEST_STEPS, MOST_STEPS = 50, 100_000
+
+LEAST_RAMP = 1e-6
+"""m: steps that are steeper are as steep."""
+
+STEEPEST = 1.5
+"""rad, of a tilt."""
+
+LEAST_SETTLING = 0.01
+"""m/s, with which what has sunk in is lifted out where plates hardly move."""
+
+
+def check_parts(parts: tuple[Part, ...]) -> None:
+    """Refuse parts that cannot be tilted."""
+    for part in parts:
+        if not is_convex(part.outline):
+            raise checks.refuse("parts", f"{part.name!r}, which is not convex", "convex parts with model='tilting'")
+
+
+def cross_of(part: Part) -> np.ndarray:
+    """(4, 2) m, points of equal load with the first and second moments of even pressure: a rectangle's are its corners,
+    shrunk."""
+    xx, yy, xy = part.inertia - [part.height**2 / 12.0, part.height**2 / 12.0, 0.0]
+    squares, axes = np.linalg.eigh(np.array([[yy, -xy], [-xy, xx]]))  # moments x x, x y, y y
+    reach = np.sqrt(np.maximum(squares, 0.0))
+    signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    return (signs * reach) @ axes.T
+
+
+def solids_of(kinds: list[Part]) -> Solids:
+    """The third dimension of the kinds, for the kernels."""
+    return Solids(
+        centre_height=np.array([kind.centre_height for kind in kinds]),
+        inertia=np.array([kind.inertia for kind in kinds]),
+        disc=np.array([math.sqrt(kind.area / math.pi) if kind.symmetry == 0 else 0.0 for kind in kinds]),
+        cross=np.array([cross_of(kind) for kind in kinds]),
+        unsteady=np.array([1.0 / max(kind.tipping_ratio, 1e-9) for kind in kinds]),
+    )
+
+
+def scheme_of(
+    surface: Surface, *, restitution: float = RESTITUTION, ramp_mm: float = 1e3 * RAMP, steps: int = STEPS
+) -> TiltScheme:
+    """The model's constants.
+
+    Args:
+        restitution: of a part's bottom on plates, Newton's, 0 to 1.
+        ramp_mm: mm on either side of a border between plates over which their heights are blended, up to half an element; 0:
+            steps.
+        steps: a period.
+    """
+    restitution = checks.number("restitution", restitution, least=0.0, most=1.0)
+    ramp = 1e-3 * checks.number("ramp_mm", ramp_mm, least=0.0, most=0.5e3 * surface.element_size)
+    steps = checks.count("steps", steps, least=FEWEST_STEPS, most=MOST_STEPS)
+    settling = max(surface.full_scale / surface.angular_frequency, LEAST_SETTLING)
+    return tilt_scheme(steps, restitution, max(ramp, LEAST_RAMP), settling)
+
+
+def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
+    """(n,) whether a part's centre of mass is over its bottom, so that it falls back, at these headings (n,) and leans (n,
+    2)."""
+    angle = np.hypot(lean[:, 0], lean[:, 1])
+    if part.centre_height == 0.0:
+        return angle < STEEPEST
+    # The axis leans towards z x lean; on the bottom the centre of mass stands over a point tan(angle) times its height away.
+    share = np.where(angle > 0.0, np.tan(np.minimum(angle, STEEPEST)) / np.maximum(angle, 1e-300), 0.0)
+    away = part.centre_height * share[:, None] * np.column_stack([lean[:, 1], -lean[:, 0]])
+    cosine, sine = np.cos(heading), np.sin(heading)
+    u, v = cosine * away[:, 0] + sine * away[:, 1], -sine * away[:, 0] + cosine * away[:, 1]
+    if part.symmetry == 0:
+        return (np.hypot(u, v) < math.sqrt(part.area / math.pi)) & (angle < STEEPEST)
+    edges = np.roll(part.outline, -1, axis=0) - part.outline
+    side = edges[:, 0] * (v[:, None] - part.outline[:, 1]) - edges[:, 1] * (u[:, None] - part.outline[:, 0])
+    return (side > 0.0).all(axis=1) & (angle < STEEPEST)
+
+
+class AbovePlane:
+    """What the models have in common that hold parts above the plane.
+
+    Attributes:
+        tilt: what is known of the parts besides the state.
+        step: s.
+    """
+
+    def __init__(self, setup: Setup, scheme: TiltScheme) -> None:
+        check_parts(setup.parts)
+        self.step = setup.surface.period / scheme.steps
+        self._parts = setup.parts
+        self.tilt = new_tilt(setup.worlds, len(setup.parts))
+        self.pinned = Pinned(TILT, self.tilt)
+
+    def live(self) -> dict[str, np.ndarray]:
+        """See :class:`vibgym.simulation.protocol.Model`."""
+        return self.tilt._asdict()
+
+    def check_live(self, values: Mapping[str, np.ndarray]) -> None:
+        """Refuse modes that there are not, and attitudes that no part can be in."""
+        mode, lean = values["mode"], np.hypot(values["lean"][..., 0], values["lean"][..., 1])
+        if not ((mode >= 0) & (mode < len(MODES))).all():
+            allowed = f"numbers from 0 to {len(MODES) - 1}: {', '.join(MODES)}"
+            raise checks.refuse("state['mode']", int(mode[(mode < 0) | (mode >= len(MODES))][0]), allowed)
+        if lean.max(initial=0.0) > STEEPEST:
+            raise checks.refuse("state['lean']", float(lean.max()), f"rotations by at most {STEEPEST:g} rad")
+
+    def begin(self, worlds: Any) -> None:
+        """See :class:`vibgym.simulation.protocol.Model`."""
+        for values in self.tilt:
+            values[worlds] = 0
+
+    def tip(
+        self, worlds: np.ndarray, meant: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
+    ) -> None:
+        """Put parts on an edge or a corner, see :meth:`vibgym.Simulator.tip`.
+
+        Args:
+            worlds: (n,) indices.  meant: (n, parts) bool.  heading: (n, parts) rad.
+            lean, rocking: (n, parts, 2) rad, rad/s.
+        """
+        for k, part in enumerate(self._parts):
+            fine = stands(part, heading[:, k], lean[:, k])
+            if not fine[meant[:, k]].all():
+                angle = float(np.hypot(lean[:, k, 0], lean[:, k, 1])[meant[:, k] & ~fine][0])
+                most = math.atan(1.0 / part.slenderness) if part.slenderness > 0.0 else STEEPEST
+                allowed = f"less than what topples {part.name!r}, which is {most:.3g} rad or more, by the direction"
+                raise checks.refuse("lean", f"a tilt by {angle:.3g} rad", allowed)
+        at = worlds[np.nonzero(meant)[0]], np.nonzero(meant)[1]
+        tilt = self.tilt
+        tilt.mode[at], tilt.calm[at], tilt.since[at], tilt.landing[at] = TIPPED, 0, 0, 0
+        tilt.lean[at], tilt.rocking[at] = lean[meant], rocking[meant]
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        """They cover all."""
+
+
+class Tilting(AbovePlane, NoContacts):
+    """The model for one part a world."""
+
+    def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
+        super().__init__(setup, scheme)
+        self._buffers = Pool(partial(Buffers, setup, flat, scheme))
+        self._rows = np.arange(setup.worlds)
+
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
+        """See :class:`vibgym.simulation.protocol.Model`."""
+        self._buffers.lend(self._advance, self._rows[start:stop], (drive.address, state.address), periods)
+
+    def _advance(self, buffers: Buffers, rows: np.ndarray, told: tuple[int, int], periods: int) -> None:
+        flat, other, tilt = np.empty_like(rows), np.empty_like(rows), self.pinned.address
+        planar, rigid = buffers.planar.address, buffers.rigid.address
+        n = sort_rows(rows, flat, other, rigid, *told, tilt, periods)
+        if n > 0:
+            slide_rows(flat[:n], planar, *told, periods, NO_PATHS, 0)
+        rows = other[: len(rows) - n]
+        for _ in range(periods if len(rows) else 0):
+            n = rock_rows(rows, flat, rigid, *told, tilt, NO_PATHS, 0, 0)
+            if n > 0:
+                slide_rows(flat[:n], planar, *told, 1, NO_PATHS, 0)
+
+
+class Buffers:
+    """What one thread needs.
+
+    Attributes:
+        planar: for parts that lie flat.
+        rigid: for all others.
+    """
+
+    def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
+        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
+        self.planar = Pinned(FIXED_SCENE, FixedScene(table, bodies, flat, new_workspace(table, bodies, flat, LANES)))
+        self.rigid = rigid_buffers(setup, scheme)
+
+
+def rigid_buffers(setup: Setup, scheme: TiltScheme) -> Pinned[FixedTilting]:
+    """What one thread needs for parts above the plane."""
+    table = setup.surface.table(setup.walls)
+    kinds, _ = kinds_of(setup.parts, Part.same_as)
+    bodies = bodies_of(setup.parts, setup.surface.element_size, Part.same_as)
+    work = new_work(table, bodies, scheme.ramp)
+    return Pinned(FIXED_TILTING, FixedTilting(table, bodies, solids_of(kinds), scheme, work))
