@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 
-from studies.tilting import kick
+from studies.tilting import endurance, kick
 from vibgym import checks
 
-STUDIES = {"kick": kick.main}
+STUDIES = {"kick": kick.main, "endurance": endurance.main}
 """By name."""
 
 

@@ -103,7 +103,7 @@ def scheme_of(
     ramp = 1e-3 * checks.number("ramp_mm", ramp_mm, least=0.0, most=0.5e3 * surface.element_size)
     steps = checks.count("steps", steps, least=FEWEST_STEPS, most=MOST_STEPS)
     settling = max(surface.full_scale / surface.angular_frequency, LEAST_SETTLING)
-    return tilt_scheme(steps, restitution, max(ramp, LEAST_RAMP), settling)
+    return tilt_scheme(steps, restitution, max(ramp, LEAST_RAMP), surface.element_size, settling)
 
 
 def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:

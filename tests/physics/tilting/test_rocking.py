@@ -20,7 +20,7 @@ from tests.physics.tilting.rigid import (
 )
 from vibgym import Part, Simulator
 
-# -- G. W. Housner: The behavior of inverted pendulum structures during earthquakes. Bull. Seismol. Soc. Am. 53 (1963) ------------
+# -- G. W. Housner: The behavior of inverted pendulum structures during earthquakes. Bull. Seismol. Soc. Am. 53 (1963) -
 
 
 @pytest.mark.parametrize(("width", "height"), [(0.05, 0.15), (0.04, 0.10)])
@@ -64,7 +64,7 @@ def test_a_block_on_its_edge_begins_to_fall_as_a_pendulum():
     assert simulator.get_state()["rocking"][0, 0, 1] == pytest.approx(spin, rel=2e-3)
 
 
-# -- The drive ------------------------------------------------------------------------------------------------------------------
+# -- The drive ---------------------------------------------------------------------------------------------------------
 
 
 def transported(**knobs: object) -> np.ndarray:
@@ -81,14 +81,14 @@ def transported(**knobs: object) -> np.ndarray:
 
 
 def test_uniform_transport_is_that_of_the_plane():
-    """A rigid part on level ground that stays above the plane moves as one that lies flat: within 0.02 %, and of second order."""
+    """A rigid part on level ground above the plane moves as one that lies flat: within 0.02 %, and of second order."""
     exact = transported(model="planar", steps=40, substeps=8)
     away = {steps: np.hypot(*(transported(steps=steps) - exact)[:2]) for steps in (100, 200, 400)}
     assert away[200] < 2e-4 * np.hypot(*exact[:2])
     assert math.log2(away[100] / away[200]) > 1.7 and math.log2(away[200] / away[400]) > 1.7
 
 
-# -- Energy ---------------------------------------------------------------------------------------------------------------------
+# -- Energy ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("restitution", [0.0, 0.2, 1.0])

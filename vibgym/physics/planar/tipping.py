@@ -5,9 +5,9 @@ them for an acceleration of rocking. A rigid part that stays flat needs its pres
 
     r = (M_1 - h F) / N
 
-where ``M_1`` is the first moment of even pressure ``(m / A)(g + z'')``, which is that of rocking. It cannot tip while that is
-inside its
-support: the convex hull of its outline, as far as it lies on the table.
+where ``M_1`` is the first moment of even pressure ``(m / A)(g + z'')`` about the centre of the area that carries the part,
+which is that of rocking. It cannot tip while that is inside its support: the convex hull of its outline, as far as it lies on
+the table.
 """
 
 from __future__ import annotations
@@ -63,6 +63,12 @@ def worst_share(scene, drive, state, world, part, centre_height, hull, first, la
     n = points_at(table, body, 1, drive, world, x, y, heading, cut, phasors, 0)
     weight, px, py = cut.points[0], cut.points[1], cut.points[2]
     vx, vy, spin = state.velocity[world, part, 0], state.velocity[world, part, 1], state.velocity[world, part, 2]
+    carried, ax, ay = 0.0, 0.0, 0.0
+    for point in range(n):
+        carried += weight[point]
+        ax += weight[point] * px[point]
+        ay += weight[point] * py[point]
+    ax, ay = ax / max(carried, 1e-300), ay / max(carried, 1e-300)
     most = 0.0
     for k in range(PHASES):
         c, s = math.cos(2.0 * math.pi * k / PHASES), math.sin(2.0 * math.pi * k / PHASES)
@@ -71,8 +77,8 @@ def worst_share(scene, drive, state, world, part, centre_height, hull, first, la
             continue
         mx, my = 0.0, 0.0
         for point in range(n):
-            mx += cut.load[point] * px[point]
-            my += cut.load[point] * py[point]
+            mx += cut.load[point] * (px[point] - ax)
+            my += cut.load[point] * (py[point] - ay)
         fx, fy, _ = sliding_wrench(
             weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, -table.speed * s - vx, table.speed * c - vy,
             spin,

@@ -13,7 +13,7 @@ import math
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.records import body_of
-from vibgym.physics.tilting.ground import ABYSS, ground, plate
+from vibgym.physics.tilting.ground import ground, write_plates
 from vibgym.physics.tilting.impulses import IMPACT
 from vibgym.physics.tilting.records import (
     BEFORE,
@@ -33,6 +33,7 @@ from vibgym.physics.tilting.records import (
     PX,
     PY,
     RATE,
+    REACH,
     RIM_POINTS,
     RX,
     RY,
@@ -50,6 +51,9 @@ from vibgym.physics.tilting.records import (
 
 NEAR = 2e-5
 """m, above which a point that comes no nearer within half a step is left alone."""
+
+AHEAD = 1e-3
+"""m, farther than any point slides in half a step."""
 
 KEPT = 0.1
 """Share of the depth of a contact that is made good in a step."""
@@ -81,7 +85,7 @@ def place_corners(rigid, kind):
 
 
 @borrowing
-def add_contact(rigid, world, n, x, y, z, level, node, origin):
+def add_contact(rigid, n, x, y, z, level, node, origin):
     """Add a point of the bottom (m, world) to the ``n`` contacts at hand if it touches or may touch within the step.
 
     Args:
@@ -96,14 +100,16 @@ def add_contact(rigid, world, n, x, y, z, level, node, origin):
     cosine, sine = scheme.cosine[node], scheme.sine[node]
     step = table.period / scheme.steps
     at_x, at_y = x - table.radius * cosine, y - table.radius * sine
-    height, rate = ground(rigid, world, at_x, at_y, node, node + 1)
+    height, rate = ground(rigid, at_x, at_y)
     gap = z - height
+    if gap > motion[REACH]:
+        return n
     rx, ry, rz = x - motion[CX], y - motion[CY], z - motion[CZ]
     slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * ry + table.speed * sine
     slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table.speed * cosine
     if origin >= 0 and not level:  # what climbs a ramp: by how much it climbs while it slides on for half a step
         half = 0.5 * step
-        further, _ = ground(rigid, world, at_x + half * slip_x, at_y + half * slip_y, node, node + 1)
+        further, _ = ground(rigid, at_x + half * slip_x, at_y + half * slip_y)
         rate += min(max((further - height) / half, -scheme.settling), scheme.settling)
     u = motion[VZ] + motion[WX] * ry - motion[WY] * rx - rate
     ahead = gap + 0.5 * step * u
@@ -149,7 +155,7 @@ def write_lines(rigid, axis, low, high):
 
 
 @borrowing
-def add_edges(rigid, world, n, corners, crossed_x, crossed_y, node, high):
+def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
     """Add where edges of the bottom cross lines, of which there are so many across each axis."""
     table, scheme, corner, lines = rigid.table, rigid.scheme, rigid.work.corner, rigid.work.lines
     for axis in range(2):
@@ -165,13 +171,13 @@ def add_edges(rigid, world, n, corners, crossed_x, crossed_y, node, high):
                     if z < high:
                         x = corner[other, 0] + t * (corner[one, 0] - corner[other, 0])
                         y = corner[other, 1] + t * (corner[one, 1] - corner[other, 1])
-                        n = add_contact(rigid, world, n, x, y, z, False, node, -1)
+                        n = add_contact(rigid, n, x, y, z, False, node, -1)
                 other = one
     return n
 
 
 @borrowing
-def add_rim(rigid, world, n, kind, crossed_x, crossed_y, node, high):
+def add_rim(rigid, n, kind, crossed_x, crossed_y, node, high):
     """Add where the edge of a disc crosses lines, see :func:`add_edges`."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h, radius = rigid.work.lines, rigid.solids.centre_height[kind], rigid.solids.disc[kind]
@@ -190,7 +196,7 @@ def add_rim(rigid, world, n, kind, crossed_x, crossed_y, node, high):
                 height = z + frame[6] * u + frame[7] * v
                 if d * d < square and height < high:
                     at_x, at_y = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
-                    n = add_contact(rigid, world, n, at_x, at_y, height, False, node, -1)
+                    n = add_contact(rigid, n, at_x, at_y, height, False, node, -1)
     return n
 
 
@@ -221,7 +227,7 @@ def is_inside(rigid, kind, u, v):
 
 
 @borrowing
-def add_nodes(rigid, world, n, kind, crossed_x, crossed_y, node, high):
+def add_nodes(rigid, n, kind, crossed_x, crossed_y, node, high):
     """Add where lines cross one another under the bottom."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h = rigid.work.lines, rigid.solids.centre_height[kind]
@@ -236,22 +242,8 @@ def add_nodes(rigid, world, n, kind, crossed_x, crossed_y, node, high):
             if z < high:
                 u, v = on_bottom(rigid, kind, x, y)
                 if is_inside(rigid, kind, u, v):
-                    n = add_contact(rigid, world, n, x, y, z, False, node, -1)
+                    n = add_contact(rigid, n, x, y, z, False, node, -1)
     return n
-
-
-@borrowing
-def highest_plate(rigid, world, low_x, low_y, high_x, high_y, node):
-    """Height (m) of the highest plate in a box of the table's frame (m), or that of no plate if there is none."""
-    table, highest = rigid.table, ABYSS
-    size = table.element_size
-    left, right = max(int(math.floor(low_x / size)), 0), min(int(math.floor(high_x / size)), table.columns - 1)
-    bottom, top = max(int(math.floor(low_y / size)), 0), min(int(math.floor(high_y / size)), table.rows - 1)
-    for row in range(bottom, top + 1):
-        for column in range(left, right + 1):
-            height, _ = plate(rigid, world, row, column, node, node)
-            highest = max(highest, height)
-    return highest
 
 
 @borrowing
@@ -274,19 +266,20 @@ def find_contacts(rigid, world, kind, level, node):
         low_x, high_x, low_y, high_y = x - radius, x + radius, y - radius, y + radius
     dx, dy = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
     low_x, high_x, low_y, high_y = low_x - dx, high_x - dx, low_y - dy, high_y - dy
-    wide = scheme.ramp
-    high = highest_plate(rigid, world, low_x - wide, low_y - wide, high_x + wide, high_y + wide, node)
-    # What is higher than all plates by more than it can come down in half a step cannot touch.
+    wide = scheme.ramp + AHEAD
+    high = write_plates(rigid, world, low_x - wide, low_y - wide, high_x + wide, high_y + wide, node, node + 1)
+    # What is higher than a plate by more than it can come down in half a step cannot touch it.
     rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY]) * rigid.bodies.radius[kind]
-    high += NEAR + 0.5 * table.period / scheme.steps * (abs(motion[VZ]) + rocking + 2.0 * scheme.settling)
+    motion[REACH] = NEAR + 0.5 * table.period / scheme.steps * (abs(motion[VZ]) + rocking + 2.0 * scheme.settling)
+    high += motion[REACH]
     for k in range(corners):
         if corner[k, 2] < high:
-            n = add_contact(rigid, world, n, corner[k, 0], corner[k, 1], corner[k, 2], level, node, k)
+            n = add_contact(rigid, n, corner[k, 0], corner[k, 1], corner[k, 2], level, node, k)
     if level:
         return n
     crossed_x, crossed_y = write_lines(rigid, 0, low_x, high_x), write_lines(rigid, 1, low_y, high_y)
     if radius > 0.0:
-        n = add_rim(rigid, world, n, kind, crossed_x, crossed_y, node, high)
+        n = add_rim(rigid, n, kind, crossed_x, crossed_y, node, high)
     else:
-        n = add_edges(rigid, world, n, corners, crossed_x, crossed_y, node, high)
-    return add_nodes(rigid, world, n, kind, crossed_x, crossed_y, node, high)
+        n = add_edges(rigid, n, corners, crossed_x, crossed_y, node, high)
+    return add_nodes(rigid, n, kind, crossed_x, crossed_y, node, high)

@@ -19,6 +19,42 @@ less than what tilts one by a hundredth of a degree."""
 
 
 @borrowing
+def plate(rigid, world, row, column, node, after):
+    """Height (m) of a plate's surface ``node`` half steps after the period's start, and its velocity (m/s) ``after`` half
+    steps.
+
+    In a step the velocity is that at its end: with which the plate goes on, in the mean, from the middle of the step to the
+        middle of the next. So impulses stand where friction does.
+    """
+    c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
+    w = 2.0 * math.pi / rigid.table.period
+    cosine, sine = rigid.scheme.cosine, rigid.scheme.sine
+    return (c * cosine[node] - s * sine[node]) / (w * w), -(c * sine[after] + s * cosine[after]) / w
+
+
+@borrowing
+def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
+    """Write down heights and velocities of the plates in a box of the table's frame (m), for :func:`ground`.
+
+    Args:
+        node, after: see :func:`plate`.
+
+    Returns:
+        Height (m) of the highest, or that of no plate if there is none.
+    """
+    table, work, highest = rigid.table, rigid.work, ABYSS
+    size, mask = table.element_size, rigid.work.height.shape[1] - 1
+    left, right = max(int(math.floor(low_x / size)), 0), min(int(math.floor(high_x / size)), table.columns - 1)
+    bottom, top = max(int(math.floor(low_y / size)), 0), min(int(math.floor(high_y / size)), table.rows - 1)
+    for row in range(bottom, top + 1):
+        for column in range(left, right + 1):
+            height, rate = plate(rigid, world, row, column, node, after)
+            work.height[row & mask, column & mask], work.rate[row & mask, column & mask] = height, rate
+            highest = max(highest, height)
+    return highest
+
+
+@borrowing
 def share_of_own(position, index, count, ramp):
     """Which neighbour's height is blended in along one axis, and the share of the element's own.
 
@@ -39,39 +75,27 @@ def share_of_own(position, index, count, ramp):
 
 
 @borrowing
-def plate(rigid, world, row, column, node, after):
-    """Height (m) of a plate's surface ``node`` half steps after the period's start, and its velocity (m/s) ``after`` half
-    steps.
-
-    In a step the velocity is that at its end: with which the plate goes on, in the mean, from the middle of the step to the
-        middle of the next. So impulses stand where friction does.
-    """
-    c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
-    w = 2.0 * math.pi / rigid.table.period
-    cosine, sine = rigid.scheme.cosine, rigid.scheme.sine
-    return (c * cosine[node] - s * sine[node]) / (w * w), -(c * sine[after] + s * cosine[after]) / w
-
-
-@borrowing
-def ground(rigid, world, x, y, node, after):
-    """Height (m) and velocity (m/s) of the ground at a point of the table's frame, see :func:`plate`."""
-    table, ramp = rigid.table, rigid.scheme.ramp / rigid.table.element_size
-    u, v = x / table.element_size, y / table.element_size
+def ground(rigid, x, y):
+    """Height (m) and velocity (m/s) of the ground at a point of the table's frame, over plates that are written down."""
+    table, ramp, heights, rates = rigid.table, rigid.scheme.blend, rigid.work.height, rigid.work.rate
+    u, v = x * rigid.scheme.fineness, y * rigid.scheme.fineness
     if not (u >= 0.0 and v >= 0.0 and u <= table.columns and v <= table.rows):
         return ABYSS, 0.0
+    mask = heights.shape[1] - 1
     column, row = min(int(u), table.columns - 1), min(int(v), table.rows - 1)
+    height, rate = heights[row & mask, column & mask], rates[row & mask, column & mask]
     other_column, own_x = share_of_own(u - column, column, table.columns, ramp)
     other_row, own_y = share_of_own(v - row, row, table.rows, ramp)
-    height, rate = plate(rigid, world, row, column, node, after)
+    i, j = other_row & mask, other_column & mask
     if own_x < 1.0:
-        more, faster = plate(rigid, world, row, other_column, node, after)
-        height, rate = own_x * height + (1.0 - own_x) * more, own_x * rate + (1.0 - own_x) * faster
+        height += (1.0 - own_x) * (heights[row & mask, j] - height)
+        rate += (1.0 - own_x) * (rates[row & mask, j] - rate)
     if own_y < 1.0:
-        beside, going = plate(rigid, world, other_row, column, node, after)
+        beside, going = heights[i, column & mask], rates[i, column & mask]
         if own_x < 1.0:
-            more, faster = plate(rigid, world, other_row, other_column, node, after)
-            beside, going = own_x * beside + (1.0 - own_x) * more, own_x * going + (1.0 - own_x) * faster
-        height, rate = own_y * height + (1.0 - own_y) * beside, own_y * rate + (1.0 - own_y) * going
+            beside += (1.0 - own_x) * (heights[i, j] - beside)
+            going += (1.0 - own_x) * (rates[i, j] - going)
+        height, rate = height + (1.0 - own_y) * (beside - height), rate + (1.0 - own_y) * (going - rate)
     return height, rate
 
 

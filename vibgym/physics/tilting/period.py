@@ -22,7 +22,7 @@ from vibgym.physics.tilting.attitude import (
 )
 from vibgym.physics.tilting.candidates import find_contacts, is_inside, on_bottom, place_corners
 from vibgym.physics.tilting.flat import begin_flat, slide_flat
-from vibgym.physics.tilting.ground import ground, is_level, plate
+from vibgym.physics.tilting.ground import ground, is_level, plate, write_plates
 from vibgym.physics.tilting.impulses import resolve_contacts
 from vibgym.physics.tilting.records import (
     CX,
@@ -116,8 +116,11 @@ def set_down(rigid, world, kind):
     motion, corner, table = rigid.work.motion, rigid.work.corner, rigid.table
     motion[CZ] = rigid.solids.centre_height[kind]
     most, rate = -math.inf, 0.0
+    wide = rigid.bodies.radius[kind] + rigid.scheme.ramp
+    x, y = motion[CX] - table.radius, motion[CY]
+    write_plates(rigid, world, x - wide, y - wide, x + wide, y + wide, 0, 0)
     for k in range(place_corners(rigid, kind)):
-        height, speed = ground(rigid, world, corner[k, 0] - table.radius, corner[k, 1], 0, 0)
+        height, speed = ground(rigid, corner[k, 0] - table.radius, corner[k, 1])
         if height - corner[k, 2] > most:
             most, rate = height - corner[k, 2], speed
     size = table.element_size

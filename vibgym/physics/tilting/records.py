@@ -71,15 +71,18 @@ class TiltScheme(NamedTuple):
     sine: np.ndarray
     restitution: float
     ramp: float  # m, on either side of a border over which heights are blended
+    fineness: float  # elements per m
+    blend: float  # the ramp in elements
     settling: float  # m/s, at most, with which what has sunk into a plate is lifted out
 
 
-MOTION = 22
-"""Numbers of a rigid body in motion, see :data:`NEAR`."""
+MOTION = 23
+"""Numbers of a rigid body in motion."""
 
-CX, CY, CZ, QW, QX, QY, QZ, VX, VY, VZ, LX, LY, LZ, WX, WY, WZ, MXX, MYY, MZZ, MXY, MXZ, MYZ = range(MOTION)
+CX, CY, CZ, QW, QX, QY, QZ, VX, VY, VZ, LX, LY, LZ, WX, WY, WZ, MXX, MYY, MZZ, MXY, MXZ, MYZ, REACH = range(MOTION)
 """Places: centre of mass (m), attitude (quaternion), velocity (m/s), angular momentum over mass (m^2/s), angular velocity
-(rad/s), and the inverse of the inertia over mass (m^-2), all in the world's axes."""
+(rad/s), the inverse of the inertia over mass (m^-2), all in the world's axes; m that any point comes down in half a step at
+most."""
 
 FRAME = 9
 """Numbers of an attitude as a matrix, row by row."""
@@ -103,6 +106,8 @@ class Work(NamedTuple):
     warm: np.ndarray  # (corners, 3) impulses of the last step
     lines: np.ndarray  # (2, lines) m, across x and y, on which plates begin or end, in the table's frame
     phasors: Phasors
+    height: np.ndarray  # (size, size) m, of the plates beneath, by row and column modulo size, which is a power of two
+    rate: np.ndarray  # (size, size) m/s, likewise
 
 
 RIM_POINTS = 8
@@ -143,6 +148,7 @@ def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
     corners = max(int(np.diff(bodies.first).max()), RIM_POINTS)
     across = int(2.0 * float(bodies.radius.max()) / table.element_size) + 3  # borders beneath an axis, with room
     lines = 2 * across  # of which each meets a convex edge twice
+    phasors = new_phasors(1, across + 2)
     return Work(
         motion=np.zeros(MOTION),
         frame=np.zeros(FRAME),
@@ -150,11 +156,13 @@ def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
         contact=np.zeros((corners + 4 * lines + lines * lines, CONTACT)),
         warm=np.zeros((corners, 3)),
         lines=np.zeros((2, lines)),
-        phasors=new_phasors(1, across + 1),
+        phasors=phasors,
+        height=np.zeros(phasors.c.shape[1:]),
+        rate=np.zeros(phasors.c.shape[1:]),
     )
 
 
-def tilt_scheme(steps: int, restitution: float, ramp: float, settling: float) -> TiltScheme:
+def tilt_scheme(steps: int, restitution: float, ramp: float, size: float, settling: float) -> TiltScheme:
     """The constants, with the drive's trigonometry at the half steps."""
     phase = np.arange(2 * steps + 1) * (math.pi / steps)
-    return TiltScheme(steps, np.cos(phase), np.sin(phase), restitution, ramp, settling)
+    return TiltScheme(steps, np.cos(phase), np.sin(phase), restitution, ramp, 1.0 / size, ramp / size, settling)

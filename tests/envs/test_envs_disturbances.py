@@ -1,0 +1,142 @@
+"""``randomize={"disturbance": ...}`` in every environment, with the real thing and with kicks."""
+
+from __future__ import annotations
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import vibgym  # noqa: F401 - registers the environments
+from vibgym.envs import VibgymVectorEnv
+
+OFTEN = {"disturbance": {"rate": 5.0, "tilt_deg": [1, 3]}}
+
+
+def batch(model: str = "planar", worlds: int = 16, task: str = "Align", **settings: object) -> VibgymVectorEnv:
+    """Environments whose parts are struck often."""
+    env = VibgymVectorEnv(task, num_envs=worlds, model=model, **{"randomize": OFTEN, **settings})
+    env.reset(seed=4)
+    return env
+
+
+def play(env: VibgymVectorEnv, steps: int) -> list[np.ndarray]:
+    """``struck`` of every step under zero actions."""
+    action = np.zeros((env.num_envs, *env.single_action_space.shape), np.float32)
+    return [env.step(action)[4]["parts"]["struck"].copy() for _ in range(steps)]
+
+
+@pytest.mark.parametrize("model", ["planar", "tilting"])
+def test_info_says_who_was_struck_and_by_what(model):
+    env = batch(model, worlds=64, action="wrench")
+    struck = np.array(play(env, 50))
+    assert ((struck == 0.0) | ((struck >= math.radians(1)) & (struck <= math.radians(3)))).all()
+    seconds = 50 * 0.04 * 64
+    assert (struck > 0.0).sum() == pytest.approx(5.0 * seconds, rel=0.15)  # some twice in a step, or after their end
+
+
+def test_with_tilting_a_struck_part_tilts_and_lands():
+    env = batch("tilting", action="wrench", randomize={"disturbance": {"rate": 1.0, "tilt_deg": 5}})
+    simulator = env.core.simulator
+    for struck in play(env, 25):
+        if struck.any():
+            assert simulator.time_tilted[struck > 0.0].min() > 0.0
+    assert "toppled" in env.step(np.zeros((16, 3), np.float32))[4]["parts"]
+
+
+def test_with_planar_models_a_struck_part_gets_a_kick():
+    """Normal, with deviations per root of a degree that a command measures; nothing else moves."""
+    from vibgym.physics.tilting.kick import SPEED, SPIN
+
+    env = VibgymVectorEnv(
+        "Align", num_envs=4000, action="wrench", randomize={"disturbance": {"rate": 50.0, "tilt_deg": 2}}
+    )
+    env.reset(seed=0)
+    core = env.core
+    before = core.simulator.velocity
+    core.disturbances.strike(core.episode.present)
+    kick, struck = core.simulator.velocity - before, core.disturbances.struck > 0.0
+    assert 0.8 < struck.mean() < 0.92 and not kick[~struck].any()  # 1 - exp(-2)
+    deviation = kick[struck].std(axis=0) / math.sqrt(2.0)
+    assert deviation == pytest.approx([SPEED, SPEED, SPIN], rel=0.06)
+
+
+@pytest.mark.parametrize("model", ["planar", "tilting"])
+def test_single_and_batch_are_struck_alike(model):
+    alone = gym.make("vibgym/Align-v0", model=model, action="wrench", randomize=OFTEN)
+    alone.reset(seed=11)
+    env = VibgymVectorEnv("Align", num_envs=3, model=model, action="wrench", randomize=OFTEN)
+    env.reset(seed=[9, 11, 13])
+    for _ in range(12):
+        one = alone.step(np.full(3, 0.2, np.float32))
+        many = env.step(np.full((3, 3), 0.2, np.float32))
+        assert np.array_equal(one[0], many[0][1])
+        assert np.array_equal(one[4]["parts"]["struck"], many[4]["parts"]["struck"][1])
+
+
+@pytest.mark.parametrize("task", ["Align", "Sort"])
+@pytest.mark.parametrize("model", ["planar", "tilting"])
+def test_a_state_restored_goes_on_being_struck(model, task):
+    env = batch(model, worlds=3, task=task, action="field")
+    play(env, 5)
+    state = env.get_state()
+    after = play(env, 8)
+    end = env.get_state()
+    env.set_state(state)
+    assert np.array_equal(play(env, 8), after)
+    again = env.get_state()
+    assert all(np.array_equal(end["simulator"][name], again["simulator"][name]) for name in end["simulator"])
+
+
+def test_without_it_nothing_is_drawn():
+    """Starts are those that they were, and nobody hears of it."""
+    plain = VibgymVectorEnv("Align", num_envs=2)
+    seen, info = plain.reset(seed=3)
+    other, _ = VibgymVectorEnv("Align", num_envs=2, model="tilting").reset(seed=3)
+    assert np.array_equal(seen, other) and "struck" not in info["parts"]
+
+
+def test_a_toppled_part_ends_the_episode_as_a_fallen_one():
+    tall = {"shape": "rectangle", "length": 0.02, "width": 0.02, "friction": 0.6, "height": 0.05}
+    env = VibgymVectorEnv("Align", num_envs=8, model="tilting", parts=[tall], action="field")
+    env.reset(seed=0)
+    for _ in range(200):
+        info = env.step(np.ones((8, 6), np.float32))[4]
+        toppled = info["parts"]["toppled"]
+        if toppled.any():
+            break
+    assert toppled.any() and info["fallen"][toppled[:, 0]].all()
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        (0.3, "randomize['disturbance']: got 0.3; allowed: a mapping with exactly the keys rate"),
+        ({"rate": 1.0}, "randomize['disturbance']: got ['rate']; allowed: a mapping with exactly the keys rate"),
+        ({"rate": -1.0, "tilt": 0.1}, "randomize['disturbance']['rate']: got -1.0; allowed: "),
+        ({"rate": 1.0, "tilt_deg": [3, 1]}, "randomize['disturbance']['tilt'][1]: got "),
+        ({"rate": 1.0, "tilt_deg": [1, 50]}, "randomize['disturbance']['tilt'][1]: got "),
+        ({"rate": 1.0, "tilt_deg": "much"}, "randomize['disturbance'].tilt_deg: got 'much'; allowed: a number"),
+        (
+            {"rate": 1.0, "tilt_deg": 3, "spin": 1},
+            "randomize['disturbance']: got ['rate', 'spin', 'tilt_deg']; allowed: ",
+        ),
+    ],
+)
+def test_bad_settings(value, message):
+    with pytest.raises(ValueError) as error:
+        VibgymVectorEnv("Align", num_envs=1, randomize={"disturbance": value})
+    assert str(error.value).startswith(message), error.value
+
+
+def test_tilts_that_topple_are_refused():
+    tall = {"shape": "rectangle", "length": 0.02, "width": 0.02, "friction": 0.2, "height": 0.09, "name": "tall"}
+    with pytest.raises(ValueError, match=r"^randomize\['disturbance'\]\['tilt'\]: got .30 deg.; .* topples 'tall'"):
+        VibgymVectorEnv(
+            "Align",
+            num_envs=1,
+            model="tilting",
+            parts=[tall],
+            randomize={"disturbance": {"rate": 1, "tilt_deg": [1, 30]}},
+        )
