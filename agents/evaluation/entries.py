@@ -12,6 +12,9 @@ from vibgym import checks
 HARDWARE_KEYS = ("actuators", "sensor", "randomize")
 """Arguments of the environments that say what machine a policy runs on."""
 
+WORLD_KEYS = (*HARDWARE_KEYS, "model")
+"""Those that a case of an evaluation may have: also by which physics the machine is simulated."""
+
 MOST_NAME = 40
 """Characters of a name in the report's tables."""
 
@@ -36,7 +39,7 @@ class HardwareEntry:
     """One machine of an evaluation."""
 
     name: str  # in the report
-    arguments: dict[str, Any]  # of the environments, see HARDWARE_KEYS
+    arguments: dict[str, Any]  # of the environments, see WORLD_KEYS
     tasks: tuple[str, ...]  # that run on it
     episodes: int | None  # at most so many of each task; None: as many as anywhere
 
@@ -99,7 +102,7 @@ def hardware_entry(where: str, name: str, content: Any, tasks: Sequence[str]) ->
         ValueError: names the field.
     """
     field = f"{where}.{named(where, name)}"
-    arguments = arguments_among(field, content, (*HARDWARE_KEYS, "tasks", "episodes"))
+    arguments = arguments_among(field, content, (*WORLD_KEYS, "tasks", "episodes"))
     own, episodes = arguments.pop("tasks", None), arguments.pop("episodes", None)
     chosen = tuple(tasks) if own is None else some_of(f"{field}.tasks", own, tasks, "tasks")
     most = None if episodes is None else checks.count(f"{field}.episodes", episodes, most=100_000)
@@ -109,7 +112,7 @@ def hardware_entry(where: str, name: str, content: Any, tasks: Sequence[str]) ->
 def effect_arguments(name: str, content: Any) -> dict[str, Any]:
     """Arguments of the environments of one case of the study of effects; see :func:`hardware_entry`."""
     field = f"evaluation.effects.cases.{named('evaluation.effects.cases', name)}"
-    return arguments_among(field, content, HARDWARE_KEYS)
+    return arguments_among(field, content, WORLD_KEYS)
 
 
 def columns(entries: Sequence[Any], where: str, policies: Sequence[str], told: bool = False) -> list[Column]:

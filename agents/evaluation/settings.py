@@ -20,7 +20,7 @@ class EffectsSettings(Settings):
         task: name of one of the evaluation's tasks.
         policies: each the name of one of the evaluation's policies, or a mapping of ``policy`` (that name), ``name`` (shown in
             the table) and ``sensor``: settings that lie over those of every case, such as ``{estimator: model}``.
-        cases: name in the table -> arguments of the environment, see :data:`agents.evaluation.entries.HARDWARE_KEYS`.
+        cases: name in the table -> arguments of the environment, see :data:`agents.evaluation.entries.WORLD_KEYS`.
         episodes: at most so many of each policy in each case; by default as many as the task has.
     """
 

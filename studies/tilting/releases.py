@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def leans(tilt: float, worlds: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def release(
-    part: Part, tilt: float, share: float, worlds: int, periods: int, seed: int, model: str = "tilting", **knobs: float
+    part: Part, tilt: float, share: float, worlds: int, periods: int, seed: int, model: str = "tilting", **knobs: Any
 ) -> Track:
     """Let a part go from a tilt (rad) while all plates move alike with a share of the largest amplitude.
 

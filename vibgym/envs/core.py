@@ -32,7 +32,7 @@ from vibgym.scene.parts import Part
 from vibgym.sensing import TOLD, sensing_from
 from vibgym.sensing.measurement import Measurement, new_measurement
 from vibgym.simulation.conditions import Conditions
-from vibgym.simulation.simulator import Simulator
+from vibgym.simulation.simulator import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
@@ -91,13 +91,13 @@ class Core:
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
         self.task.weigh(weights)
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
-        knobs: dict[str, Any] = {}
-        if isinstance(options.model, str) and options.model == "auto":
-            knobs["periods_per_call"] = self.periods
+        model, knobs = checks.named("model", options.model, MODELS)
+        if model == "auto":
+            knobs.setdefault("periods_per_call", self.periods)
         if options.walls is not None and not cls.HAS_WALLS:
             raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
         walls = () if options.walls is None else options.walls
-        self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=options.model, walls=walls, **knobs)
+        self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=model, walls=walls, **knobs)
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
         self.sensing = sensing_from(

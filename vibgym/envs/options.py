@@ -15,7 +15,7 @@ class Keywords(TypedDict, total=False):
 
     surface: str | Mapping[str, Any] | Surface
     parts: Sequence[Any] | None
-    model: str
+    model: str | Mapping[str, Any]
     action: str
     observation: str
     actuators: str | Mapping[str, Any]
@@ -38,7 +38,7 @@ class Options:
     task: str
     surface: str | Mapping[str, Any] | Surface = "prototype"
     parts: Sequence[Any] | None = None
-    model: str = "planar"
+    model: str | Mapping[str, Any] = "planar"
     action: str = "element"
     observation: str = "state"
     actuators: str | Mapping[str, Any] = "ideal"

@@ -162,7 +162,9 @@ class VibgymEnv(SharedInterface, gym.Env):
     ``reward`` and ``reward_terms``. The terms are the world's, of that part alone: its own distance, turn, place and distance
     to the nearest; ``fallen`` of the part that fell; ``time`` and ``success`` as they are; 0 of absent parts. Their mean over
     the present parts is the world's term for distance, turn, inside (of zones), clearance, time and success, unless a part is
-    at a term's bound. With ``observation="goal"`` they are the goal reward.
+    at a term's bound. With ``observation="goal"`` they are the goal reward. With disturbances, ``struck`` is the tilt (rad) by
+    which a part was struck in the step, or 0; with ``model="tilting"``, ``toppled`` says which parts have tipped beyond their
+    edge: they have fallen, too.
 
     Args:
         task: ``"Transport"``, ``"Align"``, ``"Rotate"``, ``"Follow"``, ``"Sort"``, ``"Singulate"``, ``"Pack"``,
@@ -170,7 +172,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         surface: ``"prototype"`` or a mapping of :class:`vibgym.Surface`'s fields (keys may carry ``_mm``).
         parts: a list of names of shipped parts (``"aluminium_block"``, ``"steel_block"``) or mappings with ``shape`` and its
             fields; with one of them for Transport, Align and Rotate.
-        model: ``"planar"``, ``"averaged"`` or ``"auto"`` (its default tolerance), as for :class:`vibgym.Simulator`.
+        model: ``"planar"``, ``"averaged"``, ``"tilting"`` or ``"auto"`` (its default tolerance), as for
+            :class:`vibgym.Simulator`, or a mapping with ``kind`` and the model's knobs.
         action, observation: see above.
         actuators: ``"ideal"``, ``"prototype"`` (:class:`vibgym.actuators.PrototypeActuators`: a dead zone, latency, no two
             elements alike), a registered name, or a mapping with ``kind`` and its settings.
@@ -186,7 +189,9 @@ class VibgymEnv(SharedInterface, gym.Env):
             inclined table, or [low, high], rad; its direction is drawn, too. Sort, Singulate, Pack and Swap also take
             ``"parts": [low, high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low,
             high] for their settings (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was
-            drawn.
+            drawn. ``"disturbance": {"rate": 0.25, "tilt_deg": [0.5, 3]}`` strikes parts while the episode runs, each so often a
+            second on average: with ``model="tilting"`` they are let go from a tilt in that range (one number: from that one),
+            with other models they get a kick with the statistics of what that does to them.
         start: of Sort and Pack: ``"scattered"`` (default: at random, at least 2 mm apart), ``"crowded"`` (one heap, in touch)
             or ``"pattern"``; or a mapping with ``kind`` and settings (:data:`vibgym.tasks.starts.STARTS`).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left

@@ -115,10 +115,10 @@ def least_times(env: SharedInterface) -> np.ndarray:
 
     Returns:
         nan where no bound is known: for tasks without goal poses or with goals that move, models other than the planar one,
-        parts that may stick, and where friction or the table's incline are not what part and table say.
+        disturbances, parts that may stick, and where friction or the table's incline are not what part and table say.
     """
-    core, task, truth = env.core, env.task, env.truth
-    known = task.has_goal and not task.goal_moves and not task.flows and core.simulator.model == "planar"
+    task, truth = env.task, env.truth
+    known = task.has_goal and not task.goal_moves and not task.flows and _undisturbed(env)
     slide = all(env.surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
     steps = None
     if known and slide:
@@ -127,6 +127,11 @@ def least_times(env: SharedInterface) -> np.ndarray:
     if steps is None:
         return np.full(len(truth.pose), np.nan)
     return np.where(_usual(env, truth.present), env.step_time * steps, np.nan)
+
+
+def _undisturbed(env: SharedInterface) -> bool:
+    """Whether parts lie in the plane, and nothing but the drive moves them."""
+    return env.core.simulator.model == "planar" and env.core.disturbances is None
 
 
 def _usual(env: SharedInterface, present: np.ndarray) -> np.ndarray:
@@ -147,7 +152,7 @@ def most_rates(env: SharedInterface) -> np.ndarray:
     task, surface, worlds = env.task, env.surface, len(env.truth.pose)
     limit = getattr(env, "max_episode_steps", None)
     slide = all(surface.slides_permanently(part.static_friction) and part.friction > 0.0 for part in env.parts)
-    if not isinstance(task, Feed) or limit is None or env.core.simulator.model != "planar" or not slide:
+    if not isinstance(task, Feed) or limit is None or not _undisturbed(env) or not slide:
         return np.full(worlds, np.nan)
     assert task.zones is not None  # its gates
     inlet = task.inlet
