@@ -49,8 +49,9 @@ class RunSettings(Settings):
         seeds: the seeds themselves, instead of ``episodes`` and ``first_seed``.
         environment: keyword arguments of the environments, see :data:`ENVIRONMENT_KEYS`.
         hardware: machines that all of it runs on, one after the other: name in the report -> keyword arguments of the
-            environments that lie over ``environment`` (``actuators``, ``sensor``, ``randomize``, ``model``), beside ``tasks``, a list of
-            those that run on it, and ``episodes``, at most so many of each. By default there is one, of ``environment`` alone.
+            environments that lie over ``environment`` (``actuators``, ``sensor``, ``randomize``, ``model``), beside ``tasks``,
+            a list of those that run on it, and ``episodes``, at most so many of each. By default there is one, of
+            ``environment`` alone.
         confidence: level of the intervals.
         resamples: number of bootstrap resamples.
         output: directory for the results, made if needed.
