@@ -15,6 +15,7 @@ from studies.accuracy import comparisons, figures
 from studies.accuracy.friction_experiment import Block, Experiment
 from studies.accuracy.ladder import Row, SceneResult
 from studies.accuracy.report import FILES, Report
+from studies.accuracy.rigid import stored
 from studies.accuracy.tables import csv_text, error_text, json_text, plain, significant
 from vibgym import files
 
@@ -25,7 +26,9 @@ def page(report: Report) -> str:
         loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.globals.update(error=error_text, short=significant, colour=lambda name: figures.style_of(name)[0])
+    environment.globals.update(
+        error=error_text, short=significant, colour=lambda name: figures.style_of(name)[0], plain_name=plain_name
+    )
     return environment.get_template("page.html.j2").render(
         report=report,
         settings=report.settings,
@@ -149,7 +152,7 @@ def _head(head: comparisons.Headline) -> dict[str, Any]:
 def _friction(found: Experiment) -> dict[str, Any]:
     lines = []
     for block in found.blocks:
-        name = block.name.replace("_", " ")
+        name = plain_name(block.name)
         lines.append(
             f"{name}: fitted µ = {block.fitted:.4f} ± {block.standard_error:.4f} from measurements with "
             f"{1e3 * found.noise:g} mm of noise, put in {block.friction:g}; largest deviation from the closed forms away "
@@ -163,6 +166,11 @@ def radius_deviation(found: Experiment, block: Block) -> float:
     far = np.all([np.abs(found.frequencies / each - 1.0) > 0.02 for each in block.window], axis=0)
     pairs = ((block.up, block.expected_up), (block.down, block.expected_down))
     return max(float(np.abs(got[far] / wanted[far] - 1.0).max()) for got, wanted in pairs)
+
+
+def plain_name(name: str) -> str:
+    """The name of a part as one writes it in a sentence."""
+    return name.replace("_", " ")
 
 
 def _between(values: list[float], weak: bool) -> str:
@@ -203,6 +211,12 @@ def advice(report: Report) -> list[str]:
             f"The planar model as it comes is off by {_between(met, False)} of the "
             "trajectory (medians of the scenes); it covers every scene here, sticking included."
         )
+    worst = stored.largest_gap(report.rigid)
+    lines.append(
+        "The largest error of all is the model's: it presses evenly. A rigid part on random plates "
+        f"({plain_name(worst['part'])}, {worst['amplitude']:g} of the largest amplitude) is "
+        f"{significant(worst['gap_mm'])} mm and {significant(worst['gap_deg'])} deg elsewhere after 1 s."
+    )
     gaps = [each.gap for each in report.checks if not each.trouble]
     if gaps:
         lines.append(

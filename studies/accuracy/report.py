@@ -13,6 +13,7 @@ from studies.accuracy.candidates import Candidate, model_candidate
 from studies.accuracy.ladder import SceneResult
 from studies.accuracy.peers import peer_candidate
 from studies.accuracy.provenance import provenance
+from studies.accuracy.rigid import stored
 from studies.accuracy.scenes import Scene, scenes_from
 from studies.accuracy.settings import ReportSettings
 from vibgym import checks, files
@@ -49,6 +50,7 @@ class Report:
         results, checks: one for each scene.
         bounds, orders, auto, hard_cases, friction: empty or None where not asked for.
         headlines: the figures that the models are held to.
+        rigid: how far even pressure is from a rigid part, as stored by ``python -m studies.accuracy.rigid``.
         seconds: that it all took.
     """
 
@@ -61,6 +63,7 @@ class Report:
     auto: list[auto.AutoRow]
     hard_cases: list[tuple[hard_cases.HardCase, hard_cases.Outcome]]
     friction: friction_experiment.Experiment | None
+    rigid: dict[str, Any]
     provenance: dict[str, str]
     seconds: float
 
@@ -131,6 +134,7 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
         promises,
         cases,
         experiment,
+        stored.load(),
         provenance(),
         time.perf_counter() - began,
     )

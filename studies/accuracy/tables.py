@@ -67,6 +67,7 @@ def json_text(report: Report) -> str:
             {"name": case.name, "question": case.question, **asdict(outcome)} for case, outcome in report.hard_cases
         ],
         "friction_experiment": None if report.friction is None else _experiment(report.friction),
+        "rigid": report.rigid,
         "scenes": [_scene(report, index) for index in range(len(report.results))],
     }
     return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
