@@ -7,6 +7,7 @@ from collections.abc import Callable
 from studies.thesis import (
     camera_chain,
     control_cycle,
+    cylinder_figure,
     element_size,
     friction_radius,
     parameter_study,
@@ -29,6 +30,7 @@ FIGURES: Registry[Callable[[], Figure]] = Registry(
         "transient": transient.draw,
         "steady_velocity": steady_velocity.draw,
         "speed_ratio": speed_ratio.draw,
+        "cylinder": cylinder_figure.draw,
         "camera_chain": camera_chain.draw,
         "centroid_error": quantisation_figure.draw,
         "pid_step": pid_step.draw,

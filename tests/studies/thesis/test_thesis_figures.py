@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from studies.thesis import element_size, page, quantisation_figure, speed_ratio, squeeze_figure
+from studies.thesis import (
+    cylinder_figure,
+    cylinder_geometry,
+    element_size,
+    page,
+    quantisation_figure,
+    speed_ratio,
+    squeeze_figure,
+)
 from studies.thesis.__main__ import main
 from studies.thesis.element_size import PITCH
 from studies.thesis.figures import FIGURES
@@ -15,7 +23,7 @@ from vibgym.registry import Registry
 
 WITHOUT_LOOPS = (
     "transient", "steady_velocity", "speed_ratio", "centroid_error", "parameter_study", "element_size", "friction_radius",
-    "squeeze",
+    "squeeze", "cylinder",
 )  # fmt: skip
 
 
@@ -56,7 +64,8 @@ def test_what_the_figures_say_is_on_the_page(tmp_path, monkeypatch):
     for module, name, fewer in (
         (quantisation_figure, "TRIALS", 300), (quantisation_figure, "GREY_TRIALS", 50), (element_size, "PLACES", 10),
         (element_size, "SIZES", (PITCH / 2, PITCH)), (squeeze_figure, "STARTS", 24), (squeeze_figure, "OTHERS", 8),
-        (speed_ratio, "POINTS", 20),
+        (speed_ratio, "POINTS", 20), (cylinder_figure, "TALL", (0.020,)), (cylinder_figure, "FLAT", (0.025,)),
+        (cylinder_geometry, "DIRECTIONS", 2),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, fewer)
     drawn = {name: FIGURES[name]() for name in WITHOUT_LOOPS}

@@ -14,7 +14,7 @@ import math
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.noise import normals, uniforms
 
-SPIN, SPEED = 0.51, 0.005
+SPIN, SPEED = 0.57, 0.0057
 """Deviations of spin (rad/s) and of each component of velocity (m/s), per root of a degree of tilt."""
 
 

@@ -23,7 +23,7 @@ from vibgym.physics.tilting.attitude import (
 from vibgym.physics.tilting.candidates import find_contacts, is_inside, on_bottom, place_corners
 from vibgym.physics.tilting.flat import begin_flat, slide_flat
 from vibgym.physics.tilting.ground import ground, is_level, plate, write_plates
-from vibgym.physics.tilting.impulses import resolve_contacts
+from vibgym.physics.tilting.impulses import IMPACT, resolve_contacts
 from vibgym.physics.tilting.records import (
     CX,
     CY,
@@ -49,12 +49,11 @@ from vibgym.physics.tilting.records import (
 FLAT_COSINE = math.cos(math.radians(0.05))
 """Of the tilt below which a part may count as flat."""
 
-CALM_STEPS = 10
-"""In a row, after which a part on level ground counts as flat: longer than a part that rebounds is slow at its highest
-point."""
+CALM_STEPS = 5
+"""In a row, after which a part on level ground counts as flat."""
 
-FLAT_SPEED = 5e-3
-"""m/s, likewise: of its edge, and of its centre of mass against the plates."""
+LEAST_RESTITUTION = 0.2
+"""For how slow the edge of a part has to be that counts as flat: so slow that what rebounds of it is no impact."""
 
 
 @borrowing
@@ -195,7 +194,8 @@ def is_calm(rigid, world, kind, node):
     row = min(max(int(motion[CY] / size), 0), table.rows - 1)
     _, rate = plate(rigid, world, row, column, node, node)
     edge = rigid.bodies.radius[kind] * math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY])
-    return edge < FLAT_SPEED and abs(motion[VZ] - rate) < FLAT_SPEED
+    slow = IMPACT / max(rigid.scheme.restitution, LEAST_RESTITUTION)
+    return edge < slow and abs(motion[VZ] - rate) < slow
 
 
 @borrowing

@@ -50,7 +50,8 @@ class PoseLaw(Law):
         approach, turn_approach: 1/s, most speed over way and turn left; None: what suits task and hardware.
         band, turn_band: m and rad, within which parts at rest are left as they are, on elements with a hard dead zone.
         over: share of the heading's tolerance by which a part may pass its goal when it arrives.
-        delivered: shares of the force and of the torque asked for that reach a part. Even pressure, by which elements are chosen,
+        delivered: shares of the force and of the torque asked for that reach a part. Even pressure, by which elements are
+            chosen,
             delivers all; a rigid part that rocks on them gets less (``python -m studies.tilting means``).
 
     Raises:

@@ -1,0 +1,180 @@
+"""The rim of a cylinder on a moving table, without slip or sliding: the motion of eqs. 3.43 to 3.92, integrated by RK4.
+
+Everything is seen from the table, which moves without turning, so that its acceleration is a part of gravity. Forces and
+velocities are written along three unit vectors that lean with the cylinder but do not spin with it:
+
+- ``k``, the axis, upwards; with the vertical it makes the tilt ``nu``, and it leans towards the azimuth ``alpha``,
+- ``u``, across the axis, from it to the lowest point P of the rim (eq. 3.47), so that ``r_P = -h k + r u``,
+- ``w = k x u``, horizontal: the way in which P runs along the rim.
+
+With spins ``(n, a, b)`` about them, ``nu' = b`` and ``alpha' = -a / sin(nu)``; the vectors themselves turn with
+``W = (-a cot(nu), a, b)``. Per unit of mass, with the force ``F`` of the table at P and ``L = (j3 n, j1 a, j1 b)``:
+
+    L' = r_P x F - W x L,        v' = F + g_eff
+
+The mode is in ``F`` alone. Without slip (3.70), ``v = -omega x r_P`` is differentiated and solved for it. Sliding,
+``F = N (z - mu s/|s|)`` with the slip ``s`` of P, and N is what keeps P on the table: ``z_C = h cos(nu) + r sin(nu)``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym._numba.jit import jit
+
+TILT, AZIMUTH, SPIN, LEANING, NODDING, V_X, V_Y, X, Y, WORK = range(10)
+"""What the state holds: nu, alpha, n, a, b, velocity and place of the centre of mass, work of all but gravity (unit mass)."""
+
+STATES = 10
+
+SLOWEST = 1e-300
+"""m/s: what is divided by where an edge does not move at all, so that friction has no direction."""
+
+
+class Rim(NamedTuple):
+    """A cylinder on its rim, per unit of mass, and the table under it, in SI units."""
+
+    radius: float
+    height: float  # of the centre of mass above the bottom
+    across: float  # moment of inertia j1, m^2
+    along: float  # j3, m^2
+    friction: float  # infinite: no slip
+    gravity: float
+    table_radius: float  # the table moves by a_h (cos wt, sin wt), and vertically by a_v cos(wt + phase)
+    rate: float  # w
+    amplitude: float  # a_v
+    phase: float
+
+
+@jit
+def pull(rim: Rim, time: float, azimuth: float) -> tuple[float, float, float]:
+    """Gravity less the table's acceleration: towards the lean, across it, upwards; m/s^2."""
+    angle = rim.rate * time
+    out = rim.table_radius * rim.rate**2
+    up = rim.amplitude * rim.rate**2 * math.cos(angle + rim.phase)
+    return out * math.cos(angle - azimuth), out * math.sin(angle - azimuth), up - rim.gravity
+
+
+@jit
+def slip(rim: Rim, state: np.ndarray) -> tuple[float, float]:
+    """Of the cylinder's point at P over the table: towards the lean and across it, m/s."""
+    sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
+    over, across = math.cos(state[AZIMUTH]), math.sin(state[AZIMUTH])
+    v_f, v_w = state[V_X] * over + state[V_Y] * across, state[V_Y] * over - state[V_X] * across
+    return (
+        v_f - state[NODDING] * (rim.radius * sine + rim.height * cosine),
+        v_w + state[SPIN] * rim.radius + state[LEANING] * rim.height,
+    )
+
+
+@jit
+def gyroscopic(rim: Rim, state: np.ndarray) -> tuple[float, float]:
+    """``W x L`` along u and w (along k there is none)."""
+    spin, leaning = rim.along * state[SPIN], rim.across * state[LEANING] / math.tan(state[TILT])
+    return state[NODDING] * (spin + leaning), -state[LEANING] * (spin + leaning)
+
+
+@jit
+def holding_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, float, float]:
+    """The table's force without slip, per unit of mass: towards the lean, across it, upwards."""
+    r, h, n, a, b = rim.radius, rim.height, state[SPIN], state[LEANING], state[NODDING]
+    sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
+    turn = -a * cosine / sine  # W_k
+    v_k, v_u, v_w = b * r, b * h, -(n * r + a * h)
+    g_f, g_w, g_z = pull(rim, time, state[AZIMUTH])
+    # W x v - g_eff: what the force is, were the spins constant
+    f_k = a * v_w - b * v_u - (g_f * sine + g_z * cosine)
+    f_u = b * v_k - turn * v_w - (g_f * cosine - g_z * sine)
+    f_w = turn * v_u - a * v_k - g_w
+    l_u, l_w = gyroscopic(rim, state)
+    f_w = (f_w + h * l_u / rim.across) / (1.0 + r * r / rim.along + h * h / rim.across)
+    nodding = -(l_w + h * f_u + r * f_k) / (rim.across + r * r + h * h)  # b'
+    f_k, f_u = f_k + r * nodding, f_u + h * nodding
+    return f_k * sine + f_u * cosine, f_w, f_k * cosine - f_u * sine
+
+
+@jit
+def sliding_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, float, float]:
+    """The same of an edge that slides."""
+    r, h, b = rim.radius, rim.height, state[NODDING]
+    sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
+    s_f, s_w = slip(rim, state)
+    speed = max(math.hypot(s_f, s_w), SLOWEST)
+    d_f, d_w = -rim.friction * s_f / speed, -rim.friction * s_w / speed
+    lever = r * cosine - h * sine  # of N about the axis w; z_C' = b times this
+    torque = -lever - d_f * (r * sine + h * cosine)  # about w, by N = 1
+    below = -pull(rim, time, state[AZIMUTH])[2] - b * b * (r * sine + h * cosine)
+    normal = (below - lever * gyroscopic(rim, state)[1] / rim.across) / (1.0 - lever * torque / rim.across)
+    return normal * d_f, normal * d_w, normal
+
+
+@jit
+def table_force(rim: Rim, time: float, state: np.ndarray) -> tuple[float, float, float]:
+    """That of the mode which the friction chooses."""
+    if math.isinf(rim.friction):
+        return holding_force(rim, time, state)
+    return sliding_force(rim, time, state)
+
+
+@jit
+def rates(rim: Rim, time: float, state: np.ndarray, out: np.ndarray) -> None:
+    """Rates of change of the state, into ``out``."""
+    sine, cosine = math.sin(state[TILT]), math.cos(state[TILT])
+    over, across = math.cos(state[AZIMUTH]), math.sin(state[AZIMUTH])
+    f_f, f_w, f_z = table_force(rim, time, state)
+    g_f, g_w, g_z = pull(rim, time, state[AZIMUTH])
+    s_f, s_w = slip(rim, state)
+    l_u, l_w = gyroscopic(rim, state)
+    f_k, f_u = f_f * sine + f_z * cosine, f_f * cosine - f_z * sine
+    a_f, a_w = f_f + g_f, f_w + g_w
+    v_f, v_w = state[V_X] * over + state[V_Y] * across, state[V_Y] * over - state[V_X] * across
+    v_z = state[NODDING] * (rim.radius * cosine - rim.height * sine)
+    out[TILT] = state[NODDING]
+    out[AZIMUTH] = -state[LEANING] / sine
+    out[SPIN] = rim.radius * f_w / rim.along
+    out[LEANING] = (rim.height * f_w - l_u) / rim.across
+    out[NODDING] = -(rim.height * f_u + rim.radius * f_k + l_w) / rim.across
+    out[V_X], out[V_Y] = a_f * over - a_w * across, a_f * across + a_w * over
+    out[X], out[Y] = state[V_X], state[V_Y]
+    out[WORK] = g_f * v_f + g_w * v_w + (g_z + rim.gravity) * v_z + f_f * s_f + f_w * s_w
+
+
+@jit
+def march(rim: Rim, times: np.ndarray, step: float, arc: float, states: np.ndarray, forces: np.ndarray) -> int:
+    """From the first of ``states`` (t, 10) through ``times`` (t,) s by RK4; ``forces`` (t, 3) as :func:`table_force`.
+
+    Returns how many of the times it reached: it ends when the axis is level, for then the cylinder lies on its side.
+
+    Args:
+        step: s, the largest.
+        arc: rad; P runs at most so far along the rim in a step.
+    """
+    state, tried = states[0].copy(), np.empty(STATES)
+    slopes = np.empty((4, STATES))
+    for k in range(len(times)):
+        time = times[max(k - 1, 0)]
+        while time < times[k]:
+            h = min(step, times[k] - time)
+            runs = abs(state[LEANING] / math.sin(state[TILT]))
+            if h * runs > arc:
+                h = arc / runs
+            last = time + h
+            if not last < times[k] or last == time:
+                last = times[k]
+            rates(rim, time, state, slopes[0])
+            for stage in range(1, 4):
+                part = h if stage == 3 else 0.5 * h
+                for i in range(STATES):
+                    tried[i] = state[i] + part * slopes[stage - 1, i]
+                rates(rim, time + part, tried, slopes[stage])
+            for i in range(STATES):
+                state[i] += h / 6.0 * (slopes[0, i] + 2.0 * slopes[1, i] + 2.0 * slopes[2, i] + slopes[3, i])
+            time = last
+        if state[TILT] > 0.5 * math.pi:
+            return k
+        states[k] = state
+        forces[k] = table_force(rim, time, state)
+    return len(times)
