@@ -55,6 +55,9 @@ NEAR = 2e-5
 AHEAD = 1e-3
 """m, farther than any point slides in half a step."""
 
+SAME = 1e-9
+"""m, difference of heights that is none."""
+
 KEPT = 0.1
 """Share of the depth of a contact that is made good in a step."""
 
@@ -137,7 +140,7 @@ def add_contact(rigid, n, x, y, z, level, node, origin):
 def write_lines(rigid, axis, low, high):
     """Write the lines across an axis on which plates begin and end, in the table's frame between two places (m); returns how
     many."""
-    table, ramp, lines = rigid.table, rigid.scheme.ramp, rigid.work.lines
+    table, ramp, lines, beside = rigid.table, rigid.scheme.ramp, rigid.work.lines, rigid.work.beside
     size, count = table.element_size, table.columns if axis == 0 else table.rows
     first, last = int(math.floor((low - ramp) / size)), int(math.floor((high + ramp) / size)) + 1
     n = 0
@@ -150,8 +153,29 @@ def write_lines(rigid, axis, low, high):
                 continue
             if line > low and line < high:
                 lines[axis, n] = line
+                own = border - 1 + side
+                other = 2 * border - 1 - own
+                if own < 0 or own >= count:  # the table ends there: what is beside it has no number
+                    own, other = other, -1
+                beside[axis, n, 0], beside[axis, n, 1] = own, other
                 n += 1
     return n
+
+
+@borrowing
+def is_step(rigid, axis, line, along):
+    """Whether the plates on either side of a line differ in height, at a plate ``along`` the other axis.
+
+    Where they do not, no piece ends there.
+    """
+    heights, beside = rigid.work.height, rigid.work.beside
+    mask = heights.shape[1] - 1
+    own, other = beside[axis, line, 0], beside[axis, line, 1]
+    if other < 0 or other >= (rigid.table.columns if axis == 0 else rigid.table.rows):
+        return True  # the table ends there
+    if axis == 0:
+        return abs(heights[along & mask, own & mask] - heights[along & mask, other & mask]) > SAME
+    return abs(heights[own & mask, along & mask] - heights[other & mask, along & mask]) > SAME
 
 
 @borrowing
@@ -160,6 +184,7 @@ def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
     table, scheme, corner, lines = rigid.table, rigid.scheme, rigid.work.corner, rigid.work.lines
     for axis in range(2):
         shift = table.radius * (scheme.cosine[node] if axis == 0 else scheme.sine[node])
+        cross = table.radius * (scheme.sine[node] if axis == 0 else scheme.cosine[node])
         for k in range(crossed_x if axis == 0 else crossed_y):
             line = lines[axis, k] + shift
             other = corners - 1
@@ -171,7 +196,9 @@ def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
                     if z < high:
                         x = corner[other, 0] + t * (corner[one, 0] - corner[other, 0])
                         y = corner[other, 1] + t * (corner[one, 1] - corner[other, 1])
-                        n = add_contact(rigid, n, x, y, z, False, node, -1)
+                        across = (y if axis == 0 else x) - cross
+                        if is_step(rigid, axis, k, int(math.floor(across * scheme.fineness))):
+                            n = add_contact(rigid, n, x, y, z, False, node, -1)
                 other = one
     return n
 
@@ -184,6 +211,7 @@ def add_rim(rigid, n, kind, crossed_x, crossed_y, node, high):
     x, y, z = motion[CX] - h * frame[2], motion[CY] - h * frame[5], motion[CZ] - h * frame[8]
     for axis in range(2):
         shift = table.radius * (scheme.cosine[node] if axis == 0 else scheme.sine[node])
+        cross = table.radius * (scheme.sine[node] if axis == 0 else scheme.cosine[node])
         middle = (x if axis == 0 else y) - shift
         p, q = radius * frame[3 * axis], radius * frame[3 * axis + 1]
         square = p * p + q * q
@@ -196,7 +224,9 @@ def add_rim(rigid, n, kind, crossed_x, crossed_y, node, high):
                 height = z + frame[6] * u + frame[7] * v
                 if d * d < square and height < high:
                     at_x, at_y = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
-                    n = add_contact(rigid, n, at_x, at_y, height, False, node, -1)
+                    across = (at_y if axis == 0 else at_x) - cross
+                    if is_step(rigid, axis, k, int(math.floor(across * scheme.fineness))):
+                        n = add_contact(rigid, n, at_x, at_y, height, False, node, -1)
     return n
 
 
@@ -239,7 +269,8 @@ def add_nodes(rigid, n, kind, crossed_x, crossed_y, node, high):
             y = lines[1, j] + shift_y
             dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
             z = motion[CZ] - h * frame[8] + down_x * dx + down_y * dy
-            if z < high:
+            column, row = rigid.work.beside[0, i, 0], rigid.work.beside[1, j, 0]
+            if z < high and is_step(rigid, 0, i, row) and is_step(rigid, 1, j, column):
                 u, v = on_bottom(rigid, kind, x, y)
                 if is_inside(rigid, kind, u, v):
                     n = add_contact(rigid, n, x, y, z, False, node, -1)

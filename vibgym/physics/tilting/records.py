@@ -105,6 +105,7 @@ class Work(NamedTuple):
     contact: np.ndarray  # (capacity, CONTACT)
     warm: np.ndarray  # (corners, 3) impulses of the last step
     lines: np.ndarray  # (2, lines) m, across x and y, on which plates begin or end, in the table's frame
+    beside: np.ndarray  # (2, lines, 2) plates along the axis on either side of each line: its own, and the other
     phasors: Phasors
     height: np.ndarray  # (size, size) m, of the plates beneath, by row and column modulo size, which is a power of two
     rate: np.ndarray  # (size, size) m/s, likewise
@@ -156,6 +157,7 @@ def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
         contact=np.zeros((corners + 4 * lines + lines * lines, CONTACT)),
         warm=np.zeros((corners, 3)),
         lines=np.zeros((2, lines)),
+        beside=np.zeros((2, lines, 2), np.int64),
         phasors=phasors,
         height=np.zeros(phasors.c.shape[1:]),
         rate=np.zeros(phasors.c.shape[1:]),
