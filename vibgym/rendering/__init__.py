@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from vibgym.rendering.raster import Marks, rasterise
-    from vibgym.rendering.view import Scenery, SurfacePainter, View, Zone
+    from vibgym.rendering.view import Scenery, Side, SurfacePainter, View, Zone
     from vibgym.rendering.window import Window
 
-__all__ = ["Marks", "Scenery", "SurfacePainter", "View", "Window", "Zone", "rasterise"]
+__all__ = ["Marks", "Scenery", "Side", "SurfacePainter", "View", "Window", "Zone", "rasterise"]
 
 _HOMES = {
     "Marks": "raster",
     "Scenery": "view",
+    "Side": "view",
     "SurfacePainter": "view",
     "View": "view",
     "Window": "window",

@@ -56,6 +56,19 @@ class Zone:
 
 
 @dataclass(frozen=True)
+class Side:
+    """What is to be seen of a world from the side.
+
+    Attributes:
+        bottoms: of each part, (n, 3) m, the corners of its bottom; one that is not finite is not drawn.
+        plates: (k, 3) m, from where to where along x plates reach that parts lie over, and how high they stand.
+    """
+
+    bottoms: Sequence[np.ndarray]
+    plates: np.ndarray
+
+
+@dataclass(frozen=True)
 class View:
     """All that a picture needs: one world, SI units, y up, origin in the lower left corner of the surface.
 
@@ -69,6 +82,7 @@ class View:
         zones: drawn under everything that moves, in the colours of their kinds.
         paths: one (k, 2) array for each part, m: the line that its goal goes along; none for goals that stay.
         caption: one line of text under the table.
+        side: what is drawn from the side, with heights magnified, under the picture; None: nothing.
     """
 
     pose: np.ndarray
@@ -79,6 +93,7 @@ class View:
     zones: tuple[Zone, ...] = ()
     caption: str = ""
     paths: Sequence[np.ndarray] = ()
+    side: Side | None = None
 
 
 def _kinds(outlines: Sequence[np.ndarray]) -> list[int]:
@@ -108,6 +123,7 @@ class SurfacePainter:
         colours: fill (r, g, b) of each part; by default that of its kind.
         kinds: number of each part's kind, 0 or more; by default parts with the same outline are of one kind.
         walls: borders at which a wall stands, among "left", "right", "bottom" and "top".
+        side: whether pictures have room under them for a view from the side.
 
     Raises:
         ImportError: pygame is not installed.
@@ -125,6 +141,7 @@ class SurfacePainter:
         colours: Sequence[tuple[int, int, int]] | None = None,
         kinds: Sequence[int] | None = None,
         walls: Sequence[str] = (),
+        side: bool = False,
     ) -> None:
         require_pygame()
         if pixels_per_metre is None:
@@ -140,6 +157,7 @@ class SurfacePainter:
         # A zone has the colour of the first part that shall end there, also where colours were given.
         self._kinds = dict(zip(reversed(kinds), reversed(self._colours), strict=True))
         borders = [checks.choice(f"walls[{k}]", wall, WALLS) for k, wall in enumerate(walls)]
+        self._side = side
         self._table = (rows, columns, element_size, pixels_per_metre, borders)
 
     @cached_property
@@ -160,7 +178,11 @@ class SurfacePainter:
     @property
     def height(self) -> int:
         """Of the picture, in pixels."""
-        return self._canvas.size[1]
+        if not self._side:
+            return self._canvas.size[1]
+        from vibgym.rendering.side import HEIGHT
+
+        return self._canvas.size[1] + HEIGHT
 
     def paint(self, view: View) -> np.ndarray:
         """Picture (height, width, 3) uint8 of ``view``; a new array every time.
@@ -187,7 +209,17 @@ class SurfacePainter:
             canvas.trail(np.asarray(trail, dtype=np.float64).reshape(-1, 2), colour)
         for pose, outline, colour in zip(view.pose, self._outlines, self._colours, strict=True):
             canvas.part(np.asarray(pose, dtype=np.float64), outline, colour)
-        return canvas.finish(view.caption)
+        picture = canvas.finish(view.caption)
+        return np.concatenate([picture, self._strip(view.side)]) if self._side else picture
+
+    def _strip(self, side: Side | None) -> np.ndarray:
+        """The view from the side."""
+        from vibgym.rendering.canvas import MARGIN
+        from vibgym.rendering.side import strip
+
+        _, columns, size, scale, _ = self._table
+        nothing = Side([np.full((3, 3), np.nan)] * len(self._outlines), np.zeros((0, 3)))
+        return strip(side or nothing, self.width, MARGIN, columns * size, scale, list(self._colours))
 
 
 @dataclass(frozen=True)
@@ -205,6 +237,7 @@ class Scenery:
         tolerance: m, from goals; None for tasks without.
         trail: past centres of each part that are shown.
         asked: of each part, whether it has a goal; empty: all of them.
+        side: whether pictures have room for a view from the side.
     """
 
     rows: int
@@ -218,11 +251,12 @@ class Scenery:
     tolerance: float | None = None
     trail: int = TRAIL_STEPS
     asked: tuple[bool, ...] = ()
+    side: bool = False
 
     def painter(self, pixels_per_metre: float | None = None) -> SurfacePainter:
         """A painter for views of the task."""
         table = (self.rows, self.columns, self.element_size, self.outlines, pixels_per_metre)
-        return SurfacePainter(*table, kinds=self.kinds, walls=self.walls)
+        return SurfacePainter(*table, kinds=self.kinds, walls=self.walls, side=self.side)
 
     def _since_it_came(self, trail: np.ndarray) -> np.ndarray:
         """Trails (k, parts, 2) without what was before a part was last beside the table: the one before it in its slot."""
@@ -240,6 +274,7 @@ class Scenery:
         trail: np.ndarray,
         caption: str,
         paths: Sequence[np.ndarray] = (),
+        side: Side | None = None,
     ) -> View:
         """What is to be seen of a world.
 
@@ -250,6 +285,7 @@ class Scenery:
             trail: (k, parts, 2) centres of the steps up to now, m, oldest first, of which the last ones are drawn.
             caption: one line.
             paths: (n, 2) of each part, m: lines along which goals move; none where they stay.
+            side: what is drawn from the side.
         """
         there = np.asarray(present, dtype=bool)[:, None]
         asked = there & np.array(self.asked)[:, None] if self.asked else there
@@ -262,4 +298,5 @@ class Scenery:
             zones=self.zones,
             caption=caption,
             paths=[np.where(here, path, np.nan) for here, path in zip(there, paths, strict=False)],
+            side=side,
         )

@@ -49,6 +49,15 @@ def gyration(outline: np.ndarray) -> float:
     return float((cross * squares).sum() / (6.0 * cross.sum()))
 
 
+def rotation(x: float, y: float, z: float) -> np.ndarray:
+    """(3, 3) matrix of a rotation vector, rad (Rodrigues)."""
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle == 0.0:
+        return np.eye(3)
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / angle
+    return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k
+
+
 def inertia(outline: np.ndarray) -> np.ndarray:
     """(3,) inertia over mass of a thin plate about its own axes through the origin, which must be the centroid: xx, yy and xy,
     m^2."""

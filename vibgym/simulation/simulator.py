@@ -12,8 +12,10 @@ from vibgym import checks
 from vibgym._numba.reference import Pinned
 from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
+from vibgym.physics.tilting.records import FLAT
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
+from vibgym.scene.outlines import rotation
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
@@ -378,6 +380,22 @@ class Simulator:
         """
         live = self._model.live()
         return live["lean"].copy() if live else np.zeros((self.worlds, len(self.parts), 2))
+
+    def bottoms(self, world: int) -> list[np.ndarray]:
+        """(n, 3) m, the corners of the bottom of each part of a world, z above plates in the middle of their way.
+
+        Of parts that lie flat, z is 0: what they lie on, the model need not know.
+        """
+        live, found = self._model.live(), []
+        for k, part in enumerate(self.parts):
+            x, y, heading = self._state.pose[world, k]
+            height, lean = 0.0, np.zeros(2)
+            if live and live["mode"][world, k] != FLAT:
+                height, lean = live["height"][world, k] - part.centre_height, live["lean"][world, k]
+            corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
+            turned = corners @ (rotation(lean[0], lean[1], 0.0) @ rotation(0.0, 0.0, heading)).T
+            found.append(turned + [x, y, height + part.centre_height])
+        return found
 
     @property
     def time_tilted(self) -> np.ndarray:

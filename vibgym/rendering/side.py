@@ -1,0 +1,59 @@
+"""The table from the side, heights magnified: plates that stand at different heights, and the bottoms of parts on them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pygame
+
+from vibgym.rendering import colours, legend
+
+if TYPE_CHECKING:
+    from vibgym.rendering.view import Side
+
+HEIGHT = 110
+"""Pixels of the strip."""
+
+MAGNIFIED = 20.0
+"""Heights over lengths."""
+
+FINE = 3
+"""It is drawn this many times larger and scaled down."""
+
+GROUND = 84
+"""Pixels from the strip's top to plates in the middle of their way."""
+
+THICK = 3
+"""Pixels of a part's bottom."""
+
+
+def strip(
+    side: Side, width: int, left: int, length: float, pixels_per_metre: float, tints: list[tuple[int, ...]]
+) -> np.ndarray:
+    """Picture (HEIGHT, width, 3) uint8.
+
+    Args:
+        width: pixels.  left: pixels from the picture's border to the table's.
+        length: m, of the table.
+        tints: (r, g, b) of each part.
+    """
+    fine = pygame.Surface((FINE * width, FINE * HEIGHT), 0, 32)
+    fine.fill(colours.PAPER)
+    scale = FINE * pixels_per_metre
+
+    def placed(x: float, z: float) -> tuple[float, float]:
+        return FINE * left + scale * x, FINE * GROUND - MAGNIFIED * scale * z
+
+    pygame.draw.line(fine, colours.GAP, placed(0.0, 0.0), placed(length, 0.0), FINE)
+    for low, high, z in side.plates.tolist():
+        (begin, top), (end, _) = placed(low, z), placed(high, z)
+        pygame.draw.rect(fine, colours.GAP, (begin + FINE, top, end - begin - 2 * FINE, FINE * (HEIGHT - 4) - top))
+    for bottom, tint in zip(side.bottoms, tints, strict=True):
+        if np.isfinite(bottom).all():
+            points = [placed(x, z) for x, _, z in bottom.tolist()]
+            pygame.draw.polygon(fine, tint, points)  # flat and convex: so is what is seen of it
+            pygame.draw.polygon(fine, [round(0.45 * each) for each in tint], points, THICK * FINE)
+    small = pygame.transform.smoothscale(fine, (width, HEIGHT))
+    small.blit(legend.render_text(f"From the side, heights {MAGNIFIED:g} times as large", 15, colours.INK), (left, 4))
+    return np.frombuffer(bytearray(pygame.image.tobytes(small, "RGB")), dtype=np.uint8).reshape(HEIGHT, width, 3)
