@@ -14,7 +14,9 @@ def blocks(path):
     return re.findall(r"^```python\n(.*?)^```", (ROOT / path).read_text(encoding="utf-8"), re.M | re.S)
 
 
-@pytest.mark.parametrize("path", ["docs/bound.md", "docs/control.md", "docs/extending.md", "docs/pack.md"])
+@pytest.mark.parametrize(
+    "path", ["docs/bound.md", "docs/control.md", "docs/extending.md", "docs/pack.md", "docs/tilting.md"]
+)
 def test_blocks_run_one_after_the_other(path):
     """In a process of their own, since they register names."""
     code = "\n".join(blocks(path))

@@ -32,6 +32,11 @@ pair = vibgym.Simulator(vibgym.Surface(), [part, part], walls=["top"], worlds=3)
 pair.reset([[0.10, 0.1, 0.0], [0.15, 0.1, 0.0]])
 pair.advance(1e-4, 0.0, periods=2)
 assert pair.statistics["contact"] > 0
+struck = gymnasium.make("vibgym/Sort-v0", action="field", model="tilting", randomize={"disturbance": {"rate": 9, "tilt": 0.02}})
+struck.reset(seed=0)
+for _ in range(5):
+    struck.step(struck.action_space.sample())
+assert struck.unwrapped.core.simulator.tipping_margin.shape == (1, 6)
 from vibgym.allocation import Inverse
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound

@@ -61,6 +61,16 @@ def contacts() -> None:
     made.advance(0.0, 0.0)
 
 
+def above_the_plane() -> None:
+    """A period in which parts tilt, alone and several of them, and one in which they are struck."""
+    for parts in (BLOCKS[:1], BLOCKS):
+        made = Simulator(Surface(), parts, model="tilting")
+        made.tip(0, 0.02)
+        made.advance(0.0, 0.0)
+    made.tipping_margin.sum()
+    machine(randomize={"disturbance": {"rate": 1.0, "tilt": 0.02}})
+
+
 def allocation() -> None:
     """Phasors for a wrench, and back."""
     surface, part = Surface(), BLOCKS[0]
@@ -108,6 +118,7 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "planar model", lambda: simulator(parts=BLOCKS[0])
     yield "averaged model", lambda: simulator(parts=BLOCKS[0], model="averaged")
     yield "contacts", contacts
+    yield "tilting model", above_the_plane
     yield "allocation", allocation
     yield "bounds", bounds
     yield "wrench action", lambda: machine(action="wrench")
