@@ -13,7 +13,7 @@ import math
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.records import body_of
-from vibgym.physics.tilting.ground import ground, write_plates
+from vibgym.physics.tilting.ground import LEVEL, ground, write_plates
 from vibgym.physics.tilting.impulses import IMPACT
 from vibgym.physics.tilting.records import (
     BEFORE,
@@ -54,9 +54,6 @@ NEAR = 2e-5
 
 AHEAD = 1e-3
 """m, farther than any point slides in half a step."""
-
-SAME = 1e-9
-"""m, difference of heights that is none."""
 
 KEPT = 0.1
 """Share of the depth of a contact that is made good in a step."""
@@ -174,8 +171,8 @@ def is_step(rigid, axis, line, along):
     if other < 0 or other >= (rigid.table.columns if axis == 0 else rigid.table.rows):
         return True  # the table ends there
     if axis == 0:
-        return abs(heights[along & mask, own & mask] - heights[along & mask, other & mask]) > SAME
-    return abs(heights[own & mask, along & mask] - heights[other & mask, along & mask]) > SAME
+        return abs(heights[along & mask, own & mask] - heights[along & mask, other & mask]) > LEVEL
+    return abs(heights[own & mask, along & mask] - heights[other & mask, along & mask]) > LEVEL
 
 
 @borrowing

@@ -38,7 +38,7 @@ from vibgym.physics.tilting.records import (
     WZ,
 )  # fmt: skip
 
-ENOUGH = 1e-8
+ENOUGH = 1e-7
 """m/s, of change in a sweep below which it is the last."""
 
 MOST_SWEEPS = 60
