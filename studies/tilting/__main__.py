@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import sys
 
-from studies.tilting import endurance, kick
+from studies.tilting import endurance, fields, hold, kick, landing, means
 from vibgym import checks
 
-STUDIES = {"kick": kick.main, "endurance": endurance.main}
+STUDIES = {
+    "kick": kick.main,
+    "landing": landing.main,
+    "fields": fields.main,
+    "means": means.main,
+    "hold": hold.main,
+    "endurance": endurance.main,
+}
 """By name."""
 
 
