@@ -98,7 +98,7 @@ CALLS = {
     "rectangle": (
         Part.rectangle,
         dict(length=0.05, width=0.04, friction=0.5, static_friction=0.6, height=0.01, mass=0.1, name="a", restitution=0.2,
-             contact_friction=0.3),
+             contact_friction=0.3, centre_height=0.004, coupling=0.9),
     ),
     "disc": (Part.disc, dict(radius=0.02, friction=0.5)),
     "polygon": (Part.polygon, dict(vertices=[[0, 0], [0.05, 0], [0, 0.04]], friction=0.5)),
@@ -106,6 +106,15 @@ CALLS = {
         Simulator,
         dict(surface=SURFACE, parts=PART, walls=["left"], worlds=2, model="planar", threads=1, steps=5, substeps=4, pieces=2,
              contact_steps=10, contact_overlap=5e-6),
+    ),
+    "tilting": (Simulator, dict(surface=SURFACE, parts=PART, model="tilting", restitution=0.3, ramp_mm=2.0, steps=100)),
+    "tip": (
+        lambda **settings: Simulator(SURFACE, PART, worlds=2, model="tilting").tip(**settings),
+        dict(worlds=[0, 1], lean=0.02, rocking=0.1, which=True),
+    ),
+    "disturbance": (
+        lambda **settings: gym.make("vibgym/Align-v0", randomize={"disturbance": settings}),
+        dict(rate=1.0, tilt=[0.02, 0.04]),
     ),
     "averaged": (Simulator, dict(surface=SURFACE, parts=PART, model="averaged", order=2, stride=1, steps=1)),
     "auto": (Simulator, dict(surface=SURFACE, parts=PART, model="auto", tolerance=1e-3, periods_per_call=2)),

@@ -429,7 +429,7 @@ class Simulator:
             raise checks.refuse("tip", f"model={self.model!r}", "model='tilting', in which parts can tilt")
         shape = (len(rows), len(self.parts), 2)
         lean, rocking = checks.array("lean", lean, shape), checks.array("rocking", rocking, shape)
-        meant = np.broadcast_to(np.asarray(which, dtype=bool), shape[:2]) & ~self._state.fallen[rows]
+        meant = checks.array("which", which, shape[:2], dtype=np.bool_) & ~self._state.fallen[rows]
         self._model.tip(rows, meant, self._state.pose[rows, :, 2], lean, rocking)  # type: ignore[attr-defined]
 
     @property
