@@ -128,5 +128,5 @@ def test_unknown_names_are_refused():
     with pytest.raises(AttributeError, match="nothing_like_it"):
         _ = vibgym.rendering.nothing_like_it
     assert set(vibgym.rendering.__all__) == {
-        *("Marks", "Scenery", "SurfacePainter", "View", "Window", "Zone", "rasterise")
+        *("Marks", "Scenery", "Side", "SurfacePainter", "View", "Window", "Zone", "rasterise")
     }

@@ -189,9 +189,9 @@ class VibgymEnv(SharedInterface, gym.Env):
             inclined table, or [low, high], rad; its direction is drawn, too. Sort, Singulate, Pack and Swap also take
             ``"parts": [low, high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low,
             high] for their settings (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was
-            drawn. ``"disturbance": {"rate": 0.25, "tilt_deg": [0.5, 3]}`` strikes parts while the episode runs, each so often a
-            second on average: with ``model="tilting"`` they are let go from a tilt in that range (one number: from that one),
-            with other models they get a kick with the statistics of what that does to them.
+            drawn. ``"disturbance"``, a mapping with ``rate`` (1/s) and ``tilt`` (rad, or ``tilt_deg``; a number, or [low,
+            high]), strikes each part so often on average while the episode runs: with ``model="tilting"`` it is let go from a
+            tilt, with other models it gets a kick with the statistics of what that does to it.
         start: of Sort and Pack: ``"scattered"`` (default: at random, at least 2 mm apart), ``"crowded"`` (one heap, in touch)
             or ``"pattern"``; or a mapping with ``kind`` and settings (:data:`vibgym.tasks.starts.STARTS`).
         zones: of Sort: a mapping from kind to [x_low, y_low, x_high, y_high] in m. Default: zones of six columns at the left

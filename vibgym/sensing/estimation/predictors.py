@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from vibgym import checks
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State, new_state
@@ -65,10 +66,11 @@ class ModelPredictor:
         sensor: with surface, parts and worlds.
         plant: nominal actuators.
         walls: of the table.
-        model: of the simulator.
+        model: of the simulator, in the plane: of what is above it nothing is measured.
     """
 
     def __init__(self, sensor: Sensor, plant: Plant, walls: Sequence[str], model: str) -> None:
+        checks.choice("model", model, ("planar", "averaged", "auto"))
         self.simulator = Simulator(sensor.surface, sensor.parts, walls=walls, worlds=sensor.worlds, model=model)
         self.state, self._plant, self._periods = self.simulator.state, plant, sensor.periods
         velocity = [np.append(sensor.surface.idle_velocity(part.friction), 0.0) for part in sensor.parts]
