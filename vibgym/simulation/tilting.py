@@ -53,6 +53,9 @@ FEWEST_STEPS, MOST_STEPS = 50, 100_000
 LEAST_RAMP = 1e-6
 """m: steps that are steeper are as steep."""
 
+STRETCH = 2
+"""Periods for which a part is asked at once whether its ground stays level: in more of them it may get too far."""
+
 STEEPEST = 1.5
 """rad, of a tilt."""
 
@@ -192,9 +195,18 @@ class Tilting(AbovePlane, NoContacts):
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
         """See :class:`vibgym.simulation.protocol.Model`."""
-        self._buffers.lend(self._advance, self._rows[start:stop], (drive.address, state.address), periods)
+
+        def work(buffers: Buffers) -> None:
+            left = periods
+            while left > 0:
+                span = min(left, STRETCH)
+                self._advance(buffers, self._rows[start:stop], (drive.address, state.address), span)
+                left -= span
+
+        self._buffers.lend(work)
 
     def _advance(self, buffers: Buffers, rows: np.ndarray, told: tuple[int, int], periods: int) -> None:
+        """Advance some rows by a few periods."""
         flat, other, tilt = np.empty_like(rows), np.empty_like(rows), self.pinned.address
         planar, rigid = buffers.planar.address, buffers.rigid.address
         n = sort_rows(rows, flat, other, rigid, *told, tilt, periods)

@@ -252,6 +252,21 @@ def _commanded(drive, world, row, column):
 
 
 @borrowing
+def same_command(drive, world, row, column, other_row, other_column):
+    """Whether two elements are told the same, as far as a glance tells: what differs may still come to the same phasor."""
+    if is_given(drive.hardware):
+        return False
+    if drive.mode == POLAR or drive.mode == CARTESIAN:
+        same = drive.amplitude[world, row, column] == drive.amplitude[world, other_row, other_column]
+        return same and drive.phase[world, row, column] == drive.phase[world, other_row, other_column]
+    if drive.mode == ELEMENT or drive.mode == PHASOR:
+        at, other = (row * drive.columns + column) * 2, (other_row * drive.columns + other_column) * 2
+        same = drive.values[world, at] == drive.values[world, other]
+        return same and drive.values[world, at + 1] == drive.values[world, other + 1]
+    return False
+
+
+@borrowing
 def element_phasor(drive, world, row, column):
     """``(C, S)`` in m/s^2 of the element at ``(row, column)`` in ``world``."""
     source = world

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 from vibgym._numba.jit import borrowing
+from vibgym.physics.core.drive import same_command
 from vibgym.physics.planar.phasors import phasor_under
 
 ABYSS = -1.0
@@ -110,9 +111,12 @@ def is_level(rigid, world, x, y, reach):
         return False
     w = 2.0 * math.pi / table.period
     most = (LEVEL * w * w) ** 2
-    c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, int(bottom), int(left))
-    for row in range(int(bottom), int(top) + 1):
-        for column in range(int(left), int(right) + 1):
+    first_row, first_column = int(bottom), int(left)
+    c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, first_row, first_column)
+    for row in range(first_row, int(top) + 1):
+        for column in range(first_column, int(right) + 1):
+            if same_command(rigid.drive, world, row, column, first_row, first_column):
+                continue
             real, imaginary = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
             if not (real - c) * (real - c) + (imaginary - s) * (imaginary - s) <= most:
                 return False

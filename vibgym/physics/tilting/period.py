@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from vibgym._numba.jit import borrowing
-from vibgym.physics.core.records import friction_in
+from vibgym.physics.core.records import friction_in, incline_size
 from vibgym.physics.planar.phasors import forget_phasors
 from vibgym.physics.tilting.attitude import (
     enter_attitude,
@@ -62,11 +62,13 @@ def reach_of(rigid, world, part, periods):
     table, state, kind = rigid.table, rigid.state, rigid.bodies.kind[part]
     vx, vy = state.velocity[world, part, 0], state.velocity[world, part, 1]
     span = periods * table.period
-    pull = 2.0 * friction_in(rigid.bodies, state, world, part) * table.gravity + math.sqrt(
-        state.incline[world, 0] * state.incline[world, 0] + state.incline[world, 1] * state.incline[world, 1]
-    )
-    way = math.sqrt(vx * vx + vy * vy) * span + 0.5 * pull * span * span
-    return rigid.bodies.radius[kind] + rigid.scheme.ramp + table.radius + min(way, (table.speed + 1.0) * span)
+    slope = incline_size(state, world)
+    pull = 2.0 * friction_in(rigid.bodies, state, world, part) * table.gravity + slope
+    speed = math.sqrt(vx * vx + vy * vy)
+    way = speed * span + 0.5 * pull * span * span
+    turning = abs(state.velocity[world, part, 2]) * rigid.bodies.radius[kind]
+    fastest = (max(speed, table.speed) + turning) * span  # friction alone makes no part faster than the table
+    return rigid.bodies.radius[kind] + rigid.scheme.ramp + table.radius + min(way, fastest + 0.5 * slope * span * span)
 
 
 @borrowing
