@@ -72,7 +72,7 @@ class Simulator:
                 steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
 
             tilting (convex parts): parts that lie flat on plates that move alike are the planar model's, to the last bit; all
-                others are rigid bodies, and cost 50 to 200 times as much.
+                others are rigid bodies, and cost 50 to 300 times as much.
 
                 restitution: of a part's bottom on plates, 0 to 1; 0.2 by default.
                 ramp_mm: mm on either side of a border between plates over which their heights are blended; 3 by default.

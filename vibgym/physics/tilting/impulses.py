@@ -46,6 +46,9 @@ MOST_SWEEPS = 60
 IMPACT = 0.01
 """m/s, above which contacts rebound."""
 
+NO_GAIN = 1e-7
+"""J/kg, of energy that counts as none: a fall of ten nanometres."""
+
 SOFTER = 4
 """How often rebounds are halved where they would give energy; the last time they are left out."""
 
@@ -146,7 +149,7 @@ def resolve_contacts(motion, contact, n, friction, table_x, table_y, warm):
         knocks = knocks or contact[k, BEFORE] < -IMPACT
     settle_contacts(motion, contact, n, friction, table_x, table_y)
     tries = 0
-    while knocks and tries < SOFTER and gain(motion, contact, n, table_x, table_y) > 0.0:
+    while knocks and tries < SOFTER and gain(motion, contact, n, table_x, table_y) > NO_GAIN:
         tries += 1
         soften(motion, contact, n, 0.5 if tries < SOFTER else 0.0)
         settle_contacts(motion, contact, n, friction, table_x, table_y)
