@@ -37,18 +37,14 @@ def leans(tilt: float, worlds: int, rng: np.random.Generator) -> np.ndarray:
     return tilt * np.stack([np.cos(way), np.sin(way)], axis=-1)
 
 
-def release(
-    part: Part, tilt: float, share: float, worlds: int, periods: int, seed: int, model: str = "tilting", **knobs: Any
-) -> Track:
+def release(part: Part, tilt: float, share: float, worlds: int, periods: int, seed: int, **knobs: Any) -> Track:
     """Let a part go from a tilt (rad) while all plates move alike with a share of the largest amplitude.
 
-    Args:
-        model: with ``"planar"``, nothing is let go: see :func:`kicked`.
-        knobs: of the model.
+    ``knobs``: of the model.
     """
     rng = np.random.default_rng(seed)
     pose, velocity = starts(part, worlds, rng)
-    struck, calm = (Simulator(SURFACE, part, worlds=worlds, model=model, **knobs) for _ in range(2))
+    struck, calm = (Simulator(SURFACE, part, worlds=worlds, model="tilting", **knobs) for _ in range(2))
     for each in (struck, calm):
         each.reset(pose, velocity)
     struck.tip(slice(None), leans(tilt, worlds, rng))

@@ -369,7 +369,8 @@ class Simulator:
     @property
     def tilt(self) -> np.ndarray:
         """(worlds, parts) rad, angle between a part's axis and the vertical; 0 with planar models."""
-        return np.hypot(self.lean[..., 0], self.lean[..., 1])
+        lean = self.lean
+        return np.hypot(lean[..., 0], lean[..., 1])
 
     @property
     def lean(self) -> np.ndarray:

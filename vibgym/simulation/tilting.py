@@ -207,16 +207,26 @@ class Tilting(AbovePlane, NoContacts):
 
     def _advance(self, buffers: Buffers, rows: np.ndarray, told: tuple[int, int], periods: int) -> None:
         """Advance some rows by a few periods."""
-        flat, other, tilt = np.empty_like(rows), np.empty_like(rows), self.pinned.address
-        planar, rigid = buffers.planar.address, buffers.rigid.address
-        n = sort_rows(rows, flat, other, rigid, *told, tilt, periods)
-        if n > 0:
-            slide_rows(flat[:n], planar, *told, periods, NO_PATHS, 0)
-        rows = other[: len(rows) - n]
+        planar, rigid, tilt = buffers.planar.address, buffers.rigid.address, self.pinned.address
+        flat, rows = sorted_rows(rows, rigid, told, tilt, periods)
+        slide_rows(flat, planar, *told, periods, NO_PATHS, 0)
         for _ in range(periods if len(rows) else 0):
-            n = rock_rows(rows, flat, rigid, *told, tilt, NO_PATHS, 0, 0)
-            if n > 0:
-                slide_rows(flat[:n], planar, *told, 1, NO_PATHS, 0)
+            flat, others = sorted_rows(rows, rigid, told, tilt, 1)
+            rock_rows(others, True, rigid, *told, tilt, NO_PATHS, 0, 0)
+            slide_rows(flat, planar, *told, 1, NO_PATHS, 0)
+
+
+def sorted_rows(
+    rows: np.ndarray, rigid: int, told: tuple[int, int], tilt: int, periods: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of the rows that lie flat on level ground for so many periods, and the others; see :func:`sort_rows`.
+
+    Args:
+        rigid, told, tilt: addresses of pinned records; ``told`` of drive and state.
+    """
+    flat, others = np.empty_like(rows), np.empty_like(rows)
+    n = sort_rows(rows, flat, others, rigid, *told, tilt, periods)
+    return flat[:n], others[: len(rows) - n]
 
 
 class Buffers:

@@ -15,13 +15,13 @@ import numpy as np
 from vibgym.physics.collision.multibody import Prospect
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.tilting.records import TiltScheme
-from vibgym.physics.tilting.rows import keep_toppled, rock_driven, rock_rows
+from vibgym.physics.tilting.rows import keep_toppled, rock_rows
 from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.multibody import ContactBuffers, Multibody
 from vibgym.simulation.protocol import NO_PATHS, Setup
 from vibgym.simulation.schemes import PlanarSchemes
 from vibgym.simulation.threads import Pool
-from vibgym.simulation.tilting import AbovePlane, rigid_buffers
+from vibgym.simulation.tilting import AbovePlane, rigid_buffers, sorted_rows
 
 
 class TiltingMultibody(AbovePlane, Multibody):
@@ -41,14 +41,15 @@ class TiltingMultibody(AbovePlane, Multibody):
     ) -> None:
         """See :meth:`vibgym.simulation.multibody.Multibody.slide`."""
         paths, base, tilt = prospect.paths if near else NO_PATHS, start * buffers.parts, self.pinned.address
-        rigid = self._rigid.take()
-        rock_driven(start, stop, prospect.driven, prospect.found, rigid.address, drive, state, tilt, NO_PATHS)
+        rigid, told = self._rigid.take(), (drive, state)
+        touching = prospect.driven[: stop - start] & (prospect.found[: stop - start] > 0)[:, None]
+        _, others = sorted_rows(base + np.flatnonzero(touching), rigid.address, told, tilt, 1)
+        rock_rows(others, False, rigid.address, *told, tilt, NO_PATHS, 0, 0)
         for kind, alone in enumerate(buffers.alone):
             rows = prospect.rows[kind, : prospect.count[kind]]
-            flat = np.empty_like(rows)
-            n = rock_rows(rows, flat, rigid.address, drive, state, tilt, paths, base, prospect.steps[kind])
-            if n > 0:
-                slide_rows(flat[:n], alone.address, drive, state, 1, paths, base)
+            flat, others = sorted_rows(rows, rigid.address, told, tilt, 1)
+            rock_rows(others, True, rigid.address, *told, tilt, paths, base, int(prospect.steps[kind]))
+            slide_rows(flat, alone.address, *told, 1, paths, base)
         self._rigid.give(rigid)
 
     def end_period(self, start: int, stop: int, buffers: ContactBuffers, state: int) -> None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from vibgym import Part, Simulator, Surface
+from vibgym.scene.outlines import rotation
 from vibgym.scene.parts import shipped_part
 
 LARGE = Surface(rows=40, columns=40)
@@ -50,17 +51,8 @@ def energy(simulator: Simulator) -> np.ndarray:
     for pose, velocity, lean, height, climb, rocking, mode in zip(
         *(state[name][:, 0] for name in ("pose", "velocity", "lean", "height", "climb", "rocking", "mode")), strict=True
     ):
-        frame = turned(lean[0], lean[1], 0.0) @ turned(0.0, 0.0, pose[2])
+        frame = rotation(lean[0], lean[1], 0.0) @ rotation(0.0, 0.0, pose[2])
         spin, way = np.array([*rocking, velocity[2]]), np.array([*velocity[:2], climb])
         rise = height - part.centre_height if mode else 0.0
         found.append(0.5 * way @ way + 0.5 * spin @ frame @ own @ frame.T @ spin + simulator.surface.gravity * rise)
     return np.array(found)
-
-
-def turned(x: float, y: float, z: float) -> np.ndarray:
-    """Matrix of a rotation vector (Rodrigues)."""
-    angle = math.sqrt(x * x + y * y + z * z)
-    if angle == 0.0:
-        return np.eye(3)
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / angle
-    return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * k @ k

@@ -22,7 +22,7 @@ from vibgym.physics.tilting.records import (
     WX,
     WY,
     WZ,
-)  # fmt: skip
+)
 
 
 @borrowing

@@ -1,10 +1,9 @@
 """Where a part may touch the plates: the vertices of the pieces into which its bottom is cut where plates end.
 
 A convex bottom is a plane, and the ground over one plate is level, so that the gap over a piece of both is least at one of the
-piece's
-vertices: corners of the bottom, crossings of its edges with the lines where plates begin and end, and those lines' own
-    crossings inside it. Over a ramp between two plates the gap is least at the ramp's ends, which are such lines. A disc's edge
-    has a lowest point, that moves along it as it rolls, and others evenly around.
+piece's vertices: corners of the bottom, crossings of its edges with the lines where plates begin and end, and those lines' own
+crossings inside it. Over a ramp between two plates the gap is least at the ramp's ends, which are such lines. A disc's edge
+has a lowest point, that moves along it as it rolls, and others evenly around.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ from vibgym.physics.tilting.records import (
     WX,
     WY,
     WZ,
-)  # fmt: skip
+)
 
 NEAR = 2e-5
 """m, above which a point that comes no nearer within half a step is left alone."""

@@ -33,7 +33,7 @@ from vibgym.physics.tilting.records import (
     WX,
     WY,
     WZ,
-)  # fmt: skip
+)
 
 POINTS = 4
 

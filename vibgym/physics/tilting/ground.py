@@ -21,11 +21,10 @@ less than what tilts one by a hundredth of a degree."""
 
 @borrowing
 def plate(rigid, world, row, column, node, after):
-    """Height (m) of a plate's surface ``node`` half steps after the period's start, and its velocity (m/s) ``after`` half
-    steps.
+    """Height (m) of a plate's surface ``node`` half steps after the period's start, and its velocity (m/s) ``after`` of them.
 
     In a step the velocity is that at its end: with which the plate goes on, in the mean, from the middle of the step to the
-        middle of the next. So impulses stand where friction does.
+    middle of the next. So impulses stand where friction does.
     """
     c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
     w = 2.0 * math.pi / rigid.table.period

@@ -36,7 +36,7 @@ from vibgym.physics.tilting.records import (
     WX,
     WY,
     WZ,
-)  # fmt: skip
+)
 
 ENOUGH = 1e-7
 """m/s, of change in a sweep below which it is the last."""

@@ -16,7 +16,6 @@ from vibgym.physics.tilting.attitude import (
     enter_spin,
     leave_attitude,
     rotate,
-    spin_up,
     write_frame,
     write_inverse_inertia,
 )
@@ -44,7 +43,7 @@ from vibgym.physics.tilting.records import (
     WX,
     WY,
     WZ,
-)  # fmt: skip
+)
 
 FLAT_COSINE = math.cos(math.radians(0.05))
 """Of the tilt below which a part may count as flat."""
@@ -181,7 +180,6 @@ def take_step(rigid, world, kind, friction, level, turn):
         resolve_contacts(motion, rigid.work.contact, n, friction, table_x, table_y, rigid.work.warm)
     else:
         forget_contacts(rigid)
-        spin_up(motion)
     drift(motion, 0.5 * step)
 
 

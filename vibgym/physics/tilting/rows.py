@@ -48,44 +48,14 @@ def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
 
 
 @borrowing
-def rock_rows(rows, flat, fixed, drive, state, tilt, paths, base, nodes):
-    """Take those parts through a period that do not lie flat on level ground, and list the others for the planar model.
+def rock_rows(rows, follows, fixed, drive, state, tilt, paths, base, nodes):
+    """Take parts through a period as rigid bodies.
 
     Args:
-        rows, flat, fixed, drive, state, tilt: see :func:`sort_rows`.
-        paths, base, nodes: see :func:`vibgym.physics.tilting.period.rock_period`.
-
-    Returns:
-        How many are left for the planar model.
-    """
-    fixed = fixed_tilting_at(fixed)
-    rigid = reference(
-        Rigid(
-            fixed.table, fixed.bodies, fixed.solids, fixed.scheme, fixed.work, reference(pinned_drive(drive)), state_at(state),
-            tilt_at(tilt),
-        )
-    )  # fmt: skip
-    parts, n = rigid.state.pose.shape[1], 0
-    for k in range(rows.shape[0]):
-        world, part = rows[k] // parts, rows[k] % parts
-        if is_flat(rigid, world, part, 1):
-            flat[n] = rows[k]
-            n += 1
-        else:
-            rock_period(rigid, world, part, True, paths, base, nodes)
-    return n
-
-
-@borrowing
-def rock_driven(start, stop, driven, found, fixed, drive, state, tilt, no_paths):
-    """Take those parts through a period above the plane that touch others, whose motion in the plane contacts will find.
-
-    Args:
-        start, stop: worlds.
-        driven: (stop - start, parts) bool, parts that touch others.
-        found: (stop - start,) near pairs of each world; without any ``driven`` tells nothing.
+        rows: (n,) those that :func:`sort_rows` has found not to lie flat.
+        follows: whether their motion in the plane is this one, or what contacts with other parts make of it.
         fixed, drive, state, tilt: addresses of pinned records.
-        no_paths: no rows.
+        paths, base, nodes: see :func:`vibgym.physics.tilting.period.rock_period`.
     """
     fixed = fixed_tilting_at(fixed)
     rigid = reference(
@@ -94,10 +64,9 @@ def rock_driven(start, stop, driven, found, fixed, drive, state, tilt, no_paths)
             tilt_at(tilt),
         )
     )  # fmt: skip
-    for world in range(start, stop):
-        for part in range(rigid.state.pose.shape[1]):
-            if found[world - start] > 0 and driven[world - start, part] and not is_flat(rigid, world, part, 1):
-                rock_period(rigid, world, part, False, no_paths, 0, 0)
+    parts = rigid.state.pose.shape[1]
+    for k in range(rows.shape[0]):
+        rock_period(rigid, rows[k] // parts, rows[k] % parts, follows, paths, base, nodes)
 
 
 @borrowing

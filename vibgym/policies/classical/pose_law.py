@@ -50,9 +50,6 @@ class PoseLaw(Law):
         approach, turn_approach: 1/s, most speed over way and turn left; None: what suits task and hardware.
         band, turn_band: m and rad, within which parts at rest are left as they are, on elements with a hard dead zone.
         over: share of the heading's tolerance by which a part may pass its goal when it arrives.
-        delivered: shares of the force and of the torque asked for that reach a part. Even pressure, by which elements are
-            chosen,
-            delivers all; a rigid part that rocks on them gets less (``python -m studies.tilting means``).
 
     Raises:
         ValueError: a bad argument.
@@ -69,7 +66,6 @@ class PoseLaw(Law):
         band: float = BAND,
         turn_band: float = TURN_BAND,
         over: float = OVER,
-        delivered: Any = (1.0, 1.0),
     ) -> None:
         plant, step, sheet = info.plant, info.step_time, info.hardware
         braking = checks.number("braking", braking, above=0.0, most=1.0)
@@ -80,13 +76,11 @@ class PoseLaw(Law):
         turn_approach = checks.number("turn_approach", turn_approach, above=0.0)
         over = checks.number("over", over, least=0.0, most=1.0)
         process = FrictionalInverse(info.surface, info.parts, limit=sheet.limit)
-        force, torque = checks.array("delivered", delivered, (2,), least=0.1, most=2.0).tolist()
-        self.asked = 1.0 / np.array([force, force, torque])
         parts = len(info.parts)
         top = np.full(parts, BEYOND * plant.top_speed)
-        self.curve = StoppingCurve(process, np.full(parts, force * braking * plant.strength), top, False)
+        self.curve = StoppingCurve(process, np.full(parts, braking * plant.strength), top, False)
         self.landing = Landing(self.curve, approach, step)
-        turning = torque * turning_push(info)
+        turning = turning_push(info)
         turn_curve = StoppingCurve(process, turn_braking * turning, fastest_spin(process, turning), True)
         self.turn_landing = Landing(turn_curve, turn_approach, step, over * allowed_turn(info))
         self.gain, self.step = GAIN * plant.push, step
@@ -111,7 +105,7 @@ class PoseLaw(Law):
         rate = np.where(time > SOON, np.minimum(rate, left / np.maximum(time, SOON)), rate)
         spin = (np.sign(turn) * rate)[..., None]
         change = np.concatenate([velocity, spin], axis=-1) - measured.rate
-        return self.settle(measured, way, turn, self.asked * (change / self.step)), memory
+        return self.settle(measured, way, turn, change / self.step), memory
 
 
 def allowed_turn(info: TaskInfo) -> float:
