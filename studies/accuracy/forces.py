@@ -25,6 +25,7 @@ class Forces:
         amplitude, phase: (rows, columns), m and rad.
         cubature: of the contact area.
         incline: (2,) m/s^2, constant acceleration of the part.
+        patches: (rows, columns) factor of every element on both coefficients of friction.
     """
 
     def __init__(
@@ -35,8 +36,9 @@ class Forces:
         phase: np.ndarray,
         cubature: Cubature,
         incline: np.ndarray,
+        patches: np.ndarray,
     ) -> None:
-        self.incline = incline
+        self.incline, self.patches = incline, patches
         self.w = w = 2.0 * math.pi * surface.frequency
         self.period = 1.0 / surface.frequency
         self.radius = surface.horizontal_amplitude
@@ -66,7 +68,8 @@ class Forces:
 
     def grip(self, contact: Contact, t: float, friction: float) -> Grip:
         """Scaled friction wrench by scaled slip twist."""
-        pressure = friction * self.pressure(contact, t)
+        i, j = contact.element.T
+        pressure = friction * self.patches[i, j] * self.pressure(contact, t)
         k = self.gyration
 
         def wrench(xi: np.ndarray) -> np.ndarray:

@@ -78,6 +78,7 @@ def integrate(
     tolerance: float = 1e-9,
     estimate: bool = True,
     incline: Any = (0.0, 0.0),
+    patches: Any = 1.0,
 ) -> Trajectory:
     """The motion of one part over whole periods under a held drive, from time 0.
 
@@ -89,6 +90,7 @@ def integrate(
         periods: how many.
         tolerance: relative, of every step; absolute ones follow from the scales of length and velocity of the drive.
         incline: (2,) m/s^2, constant acceleration of what lies on the table.
+        patches: broadcastable to (rows, columns): factor of every element on both coefficients of friction.
         estimate: run again at ``100 tolerance`` for :attr:`Trajectory.error`; costs about half as much again.
 
     Raises:
@@ -103,22 +105,23 @@ def integrate(
     phase = checks.array("phase", phase, shape)
     periods = checks.count("periods", periods)
     incline = checks.array("incline", incline, (2,))
+    patches = checks.array("patches", patches, shape, least=0.0)
     tolerance = checks.number("tolerance", tolerance, least=1e-12, most=1e-4)
-    run = _Run(surface, part, amplitude, phase, incline, tolerance, FINE, _LEAST_STEPS).go(pose, velocity, periods)
+    scene = surface, part, amplitude, phase, incline, patches
+    run = _Run(scene, tolerance, FINE, _LEAST_STEPS).go(pose, velocity, periods)
     if not estimate:
         return run
     rough = 100.0 * tolerance
-    coarse = _Run(surface, part, amplitude, phase, incline, rough, COARSE, _COARSE_STEPS).go(pose, velocity, periods)
+    coarse = _Run(scene, rough, COARSE, _COARSE_STEPS).go(pose, velocity, periods)
     difference = _CAUTION * np.abs(run.pose - coarse.pose)
     evaluations = run.evaluations + coarse.evaluations
     return Trajectory(**{**vars(run), "error": difference, "evaluations": evaluations})
 
 
 class _Run(Forces):
-    def __init__(
-        self, surface, part, amplitude, phase, incline, tolerance, cubature: Cubature, least_steps: int
-    ) -> None:
-        super().__init__(surface, part, amplitude, phase, cubature, incline)
+    def __init__(self, scene: tuple, tolerance: float, cubature: Cubature, least_steps: int) -> None:
+        surface, part, amplitude, phase, incline, patches = scene
+        super().__init__(surface, part, amplitude, phase, cubature, incline, patches)
         self.tolerance = tolerance
         self.longest = self.period / least_steps
         slope = float(np.hypot(*incline))

@@ -68,7 +68,8 @@ ONE, SEVERAL, MOVING = (f"vibgym/{task}-v0" for task in ("Align", "Sort", "Follo
 OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
     "averaged, long steps": (ONE, {"model": "averaged", "periods_per_step": 3}),
     "friction, mass and incline drawn": (ONE, {"randomize": {"friction": [0.5, 1.5], "mass": [0.25, 4], "incline": 0.03}}),
-    "parts drawn too": (SEVERAL, {"randomize": {"parts": [2, 6], "mass": [0.5, 2.0], "incline": 0.02}}),
+    "patches drawn": (ONE, {"randomize": {"patches": [0.7, 1.3]}}),
+    "parts drawn too": (SEVERAL, {"randomize": {"parts": [2, 6], "mass": [0.5, 2.0], "incline": 0.02, "patches": [0.8, 1.2]}}),
     "slots": (SEVERAL, {"slots": 7, "observation": "parts", "randomize": {"parts": [2, 6]}, "sensor": "pose"}),
     "a crowd in an image": ("vibgym/SortCrowded-v0", {"action": "patch", "observation": "image", "walls": ["top"]}),
     "off a small table": ("vibgym/Transport-v0", {"surface": {"rows": 3, "columns": 4}, "observation": "image"}),

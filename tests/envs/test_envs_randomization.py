@@ -9,15 +9,17 @@ from tests.envs.helpers import assert_same, batch, single, still
 from vibgym.envs.randomization import EFFECTS
 from vibgym.tasks import TASKS
 
-ALL = {"friction": [0.5, 1.5], "mass": [0.25, 4.0], "incline": [0.01, 0.03]}
+ALL = {"friction": [0.5, 1.5], "mass": [0.25, 4.0], "incline": [0.01, 0.03], "patches": [0.7, 1.2]}
 
 
 def test_drawn_evenly_within_the_ranges_one_a_part_and_episode():
     env = batch("Sort", 400, action="field", randomize=ALL, max_episode_steps=2, autoreset_mode="SameStep")
     _, info = env.reset(seed=0)
-    for name, (low, high) in (("friction", (0.5, 1.5)), ("mass", (0.25, 4.0))):
+    for name, (low, high) in (("friction", (0.5, 1.5)), ("mass", (0.25, 4.0)), ("patches", (0.7, 1.2))):
         values = info["drawn"][name]
-        assert values.shape == (400, 6) and values.min() >= low and values.max() <= high
+        assert values.shape == ((400, 8, 32) if name == "patches" else (400, 6))
+        values = values[:, 3, 4:10] if name == "patches" else values
+        assert values.min() >= low and values.max() <= high
         share = np.sort((values.ravel() - low) / (high - low))
         assert np.abs(share - np.linspace(0.0, 1.0, share.size)).max() < 1.6 / math.sqrt(share.size)  # Kolmogorov, 99 %
         assert abs(np.corrcoef(values[:, 0], values[:, 1])[0, 1]) < 0.2
@@ -39,7 +41,7 @@ def test_every_task_takes_it_and_the_simulator_gets_it(task):
     _, info = env.reset(seed=3)
     simulator, parts = env.unwrapped.core.simulator, len(env.unwrapped.parts)
     assert {name: values.shape for name, values in info["drawn"].items()} == {
-        "friction": (parts,), "mass": (parts,), "incline": (2,),
+        "friction": (parts,), "mass": (parts,), "incline": (2,), "patches": (8, 32),
     }  # fmt: skip
     for name, values in info["drawn"].items():
         assert getattr(simulator, name)[0].tobytes() == values.tobytes()
@@ -91,7 +93,7 @@ BAD = [
     (
         "Align",
         {"randomize": {"gravity": [1, 2]}},
-        r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, incline, disturbance$",
+        r"randomize: got .the key 'gravity'.; allowed: keys among friction, mass, incline, patches, disturbance$",
     ),
     ("Sort", {"randomize": {1: [1, 2]}}, "randomize: got 1; allowed: keys that are strings"),
     ("Align", {"randomize": [1, 2]}, "randomize: got .*None, or a mapping with keys among friction"),
@@ -103,6 +105,8 @@ BAD = [
     ("Align", {"randomize": {"mass": [1, True]}}, r"randomize\['mass'\]\[1\]: got True"),
     ("Align", {"randomize": {"mass": [1, 2, 3]}}, r"randomize\['mass'\]: "),
     ("Align", {"randomize": {"mass": [1, math.nan]}}, r"randomize\['mass'\]\[1\]: got nan"),
+    ("Align", {"randomize": {"patches": 0.7}}, r"randomize\['patches'\]: got 0.7; allowed: .low, high. with 0.01"),
+    ("Align", {"randomize": {"patches": [1, 6]}, "model": "averaged"}, r"randomize\['patches'\]: got .a factor 6 on"),
     ("Align", {"randomize": {"incline": 0.3}}, r"randomize\['incline'\]: got 0.3; allowed: .*<= 0.2"),
     ("Align", {"randomize": {"incline": [0.1, 0.05]}}, r"randomize\['incline'\]\[1\]: got 0.05"),
     ("Align", {"randomize": {"incline": "steep"}}, r"randomize\['incline'\]: got 'steep'"),
@@ -120,9 +124,9 @@ def test_bad_settings_are_one_error_that_names_them(task, settings, message):
 
 
 def test_every_effect_takes_the_ends_of_its_range():
-    ends = {"friction": [0.5, 0.5], "mass": [2.0, 2.0], "incline": 0.0}
+    ends = {"friction": [0.5, 0.5], "mass": [2.0, 2.0], "incline": 0.0, "patches": [0.9, 0.9]}
     assert ends.keys() == EFFECTS.keys()
     _, info = single("Rotate", randomize=ends).reset(seed=0)
     assert {name: values.tolist() for name, values in info["drawn"].items()} == {
-        "friction": [0.5], "mass": [2.0], "incline": [0.0, 0.0],
+        "friction": [0.5], "mass": [2.0], "incline": [0.0, 0.0], "patches": np.full((8, 32), 0.9).tolist(),
     }  # fmt: skip

@@ -31,7 +31,12 @@ OF_ACTUATORS = {
     "bandwidth": st.just([1.0, 30.0]),
     "stuck": st.just([0.0, 0.1]),
 }
-OF_WORLDS = {"friction": st.just([0.9, 1.1]), "mass": st.just([0.5, 1.5]), "incline": st.just(0.005)}
+OF_WORLDS = {
+    "friction": st.just([0.9, 1.1]),
+    "mass": st.just([0.5, 1.5]),
+    "incline": st.just(0.005),
+    "patches": st.just([0.8, 1.1]),
+}
 ESTIMATORS = ["none", "kalman", "model", {"kind": "model", "model": "auto"}]
 
 

@@ -342,7 +342,8 @@ def test_bad_conditions_are_one_error_and_change_nothing(given, message):
 def test_damaged_conditions_of_a_state_are_refused():
     simulator = Simulator(SURFACE, [LIGHT, HEAVY])
     state = simulator.get_state()
-    for name, bad in (("friction", -1.0), ("mass", 0.0), ("incline", 50.0), ("mass", np.array([[0.3, 1.0]]))):
+    bad_ones = ("friction", -1.0), ("mass", 0.0), ("incline", 50.0), ("mass", np.array([[0.3, 1.0]])), ("patches", 0.0)
+    for name, bad in bad_ones:
         with pytest.raises(ValueError, match=rf"^state\['{name}'\]: got "):
             simulator.set_state({**state, name: bad + np.zeros_like(state[name])})
     assert all(np.array_equal(values, state[name]) for name, values in simulator.get_state().items())
@@ -355,7 +356,9 @@ def test_the_averaged_model_refuses_what_may_stick():
     for given, name in (({"friction": 5.7}, "friction"), ({"friction": 5.6, "incline": [0.6, 0.6]}, "friction")):
         with pytest.raises(ValueError, match=rf"^{name}: got .a factor .*allowed: scenes that always slide"):
             simulator.set_conditions(1, **given)
-    assert simulator.friction.tolist() == [[1.0], [5.6]]
+    with pytest.raises(ValueError, match="^patches: got .a factor 5.7 on friction"):
+        simulator.set_conditions(0, patches=5.7)
+    assert simulator.friction.tolist() == [[1.0], [5.6]] and (simulator.patches == 1.0).all()
 
 
 def test_friction_that_contacts_cannot_follow_is_refused():

@@ -98,6 +98,8 @@ class Core:
             raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
         walls = () if options.walls is None else options.walls
         self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=model, walls=walls, **knobs)
+        if "patches" in self.randomization.ranges:
+            self.simulator.tell_elements_apart()
         disturbance, span = self.randomization.disturbance, self.periods * self.surface.period
         self.disturbances = None if disturbance is None else Disturbances(disturbance, self.simulator, span)
         self.sensing = sensing_from(
@@ -250,7 +252,9 @@ class Core:
         # One part as heavy as may be and the others as light, for every part in turn.
         mass = np.where(np.eye(parts, dtype=bool), highest.get("mass", 1.0), lowest.get("mass", 1.0))
         incline = [self.surface.gravity * np.sin(highest.get("incline", 0.0)), 0.0]
-        rows = Conditions(np.full((parts, parts), highest.get("friction", 1.0)), mass, np.tile(incline, (parts, 1)))
+        friction = np.full((parts, parts), highest.get("friction", 1.0))
+        patches = np.full((parts, 1, 1), highest.get("patches", 1.0))
+        rows = Conditions(friction, mass, np.tile(incline, (parts, 1)), patches)
         if self.randomization.ranges:
             self.simulator.check_conditions(rows, rows._asdict(), "randomize[{!r}]")
 

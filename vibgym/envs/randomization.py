@@ -30,12 +30,12 @@ class Effect:
 
     Attributes:
         range: the lowest and highest value from a setting; raises ValueError. Takes the setting's name for errors, and it.
-        draws: how many uniform numbers it takes, by the number of parts.
+        draws: how many uniform numbers it takes, by surface and number of parts.
         values: what they become: from the range, ``uniform`` (n, draws), and the surface.
     """
 
     range: Callable[[str, Any], tuple[float, float]]
-    draws: Callable[[int], int]
+    draws: Callable[[Surface, int], int]
     values: Callable[[tuple[float, float], np.ndarray, Surface], np.ndarray]
 
 
@@ -63,15 +63,31 @@ def inclines(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface)
     return size[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
-def one_a_part(parts: int) -> int:
+def patches(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
+    """(n, rows, columns) numbers in the range, evenly, for every element its own."""
+    return within(bounds, uniform, surface).reshape(-1, surface.rows, surface.columns)
+
+
+def one_a_part(surface: Surface, parts: int) -> int:
     """Draws of what every part has of its own."""
     return parts
+
+
+def one_an_element(surface: Surface, parts: int) -> int:
+    """Draws of what every element has of its own."""
+    return surface.rows * surface.columns
+
+
+def two(surface: Surface, parts: int) -> int:
+    """Draws of a vector that a world has."""
+    return 2
 
 
 EFFECTS: dict[str, Effect] = {
     "friction": Effect(factor_range, one_a_part, within),
     "mass": Effect(factor_range, one_a_part, within),
-    "incline": Effect(angle_range, lambda parts: 2, inclines),
+    "incline": Effect(angle_range, two, inclines),
+    "patches": Effect(factor_range, one_an_element, patches),
 }
 """By the name in ``randomize=``, which :meth:`vibgym.Simulator.set_conditions` has for them, too."""
 
@@ -121,7 +137,7 @@ class Randomization:
         self.disturbance: Setting | None = None
         if DISTURBANCE in setting:
             self.disturbance = setting_from(setting[DISTURBANCE], parts)
-        self._draws = {name: EFFECTS[name].draws(len(parts)) for name in self.ranges}
+        self._draws = {name: EFFECTS[name].draws(surface, len(parts)) for name in self.ranges}
         self.draws = sum(self._draws.values())
 
     def values(self, uniform: np.ndarray) -> dict[str, np.ndarray]:

@@ -153,10 +153,10 @@ class VibgymEnv(SharedInterface, gym.Env):
     Success (within tolerance, or all parts done, for 10 periods in a row, or as many as ``hold`` says), a fallen part or a
     diverged simulation terminate it; the limit truncates it. ``info`` holds ``is_success``, ``position_error`` (m),
     ``heading_error`` (rad, magnitude, where the heading counts), ``reward_terms``, ``fallen`` and ``diverged``; and, where
-    ``randomize`` draws any, ``drawn``: the factors ``friction`` and ``mass`` of every part (parts,), and ``incline`` (2,), the
-    acceleration x, y (m/s^2) of what lies on the inclined table. Observations do not show them. With ``action="wrench"``,
-    ``commanded`` says which parts' wishes the elements do not serve, and why (``unserved``, (parts,), an index of
-    :data:`vibgym.envs.actions.REASONS`).
+    ``randomize`` draws any, ``drawn``: the factors ``friction`` and ``mass`` of every part (parts,), ``incline`` (2,), the
+    acceleration x, y (m/s^2) of what lies on the inclined table, and ``patches`` (rows, columns), the elements' factors on
+    friction. Observations do not show them. With ``action="wrench"``, ``commanded`` says which parts' wishes the elements do
+    not serve, and why (``unserved``, (parts,), an index of :data:`vibgym.envs.actions.REASONS`).
 
     ``parts`` holds what is true of each part, arrays (parts,): ``done``, ``fallen`` and ``present`` (in this episode),
     ``reward`` and ``reward_terms``. The terms are the world's, of that part alone: its own distance, turn, place and distance
@@ -186,8 +186,9 @@ class VibgymEnv(SharedInterface, gym.Env):
             the last look (``swaps``), how many ran into one another (``merges``), and how many it lost (``losses``).
         randomize: None, or a mapping of what is drawn anew for every episode. ``"friction": [low, high]`` and ``"mass"``:
             factors on friction between table and part, and on mass, one a part. ``"incline"``: the largest angle of an
-            inclined table, or [low, high], rad; its direction is drawn, too. Sort, Singulate, Pack and Swap also take
-            ``"parts": [low, high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low,
+            inclined table, or [low, high], rad; its direction is drawn, too. ``"patches": [low, high]``: factors on friction
+            (wear, dirt), for every element its own: parts that lie on several are turned. Sort, Singulate, Pack and Swap also
+            take ``"parts": [low, high]``: so many of the parts, chosen at random, are there. Prototype actuators take [low,
             high] for their settings (:attr:`vibgym.actuators.PrototypeActuators.VARIED`). ``info["drawn"]`` says what was
             drawn. ``"disturbance"``, a mapping with ``rate`` (1/s) and ``tilt`` (rad, or ``tilt_deg``; a number, or [low,
             high]), strikes each part so often on average while the episode runs: with ``model="tilting"`` it is let go from a

@@ -137,7 +137,8 @@ def _undisturbed(env: SharedInterface) -> bool:
 def _usual(env: SharedInterface, present: np.ndarray) -> np.ndarray:
     """(worlds,) bool: friction and the table's incline are what parts and table say."""
     state = env.core.simulator.state
-    return ((state.friction == 1.0) | ~present).all(axis=1) & (state.incline == 0.0).all(axis=1)
+    even = (state.patches == 1.0).all(axis=(1, 2))
+    return ((state.friction == 1.0) | ~present).all(axis=1) & (state.incline == 0.0).all(axis=1) & even
 
 
 def most_rates(env: SharedInterface) -> np.ndarray:

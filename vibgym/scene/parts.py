@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.core.records import Bodies, Body
+from vibgym.physics.core.records import EVEN, Bodies, Body
 from vibgym.scene import outlines
 
 LEAST_MASS, MOST_MASS = 1e-9, 1e9
@@ -257,6 +257,7 @@ def bodies_of(
         convex=np.array([body.convex for body in bodies]),
         turns=np.array([body.turns for body in bodies]),
         coupling=np.array([body.coupling for body in bodies]),
+        even=EVEN.copy(),
     )
 
 

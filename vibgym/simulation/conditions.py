@@ -1,4 +1,4 @@
-"""The worlds' conditions: factors on friction and mass, and the table's incline, which the physics takes as they are."""
+"""The worlds' conditions, which the physics takes as they are: factors on friction and mass, and the table's incline."""
 
 from __future__ import annotations
 
@@ -19,6 +19,18 @@ class Conditions(NamedTuple):
     friction: np.ndarray  # (n, parts) factor on both coefficients of friction between part and table
     mass: np.ndarray  # (n, parts) factor on mass and inertia
     incline: np.ndarray  # (n, 2) m/s^2, constant acceleration of what lies on the table
+    patches: np.ndarray  # (n, rows, columns) factor of every element on friction, or (n, 1, 1): of all of them
+
+    @property
+    def strongest(self) -> np.ndarray:
+        """(n, parts) largest factor on friction that a part can meet."""
+        return self.friction * self.patches.max(axis=(1, 2), initial=0.0)[:, None]
+
+    @property
+    def stronger(self) -> str:
+        """Which of the two factors on friction is the larger one: what an error about too much of it names."""
+        larger = self.patches.max(initial=0.0) > self.friction.max(initial=0.0)
+        return "patches" if larger else "friction"
 
     @property
     def slope(self) -> np.ndarray:
@@ -26,10 +38,13 @@ class Conditions(NamedTuple):
         return np.hypot(self.incline[:, 0], self.incline[:, 1])
 
 
-def conditions_of(now: Conditions, given: Mapping[str, Any], gravity: float, where: str) -> Conditions:
+def conditions_of(
+    now: Conditions, given: Mapping[str, Any], elements: tuple[int, int], gravity: float, where: str
+) -> Conditions:
     """Checked conditions; what is None stays as it is ``now``.
 
     Args:
+        elements: rows and columns of the surface.
         gravity: m/s^2, which an incline cannot exceed.
         where: how errors name an argument, with ``{}`` for the condition's own name.
 
@@ -37,18 +52,18 @@ def conditions_of(now: Conditions, given: Mapping[str, Any], gravity: float, whe
         ValueError: a number that is not finite or out of its range, or a shape that does not fit.
     """
 
-    def factor(name: str) -> np.ndarray:
-        old = getattr(now, name)
+    def factor(name: str, shape: tuple[int, ...]) -> np.ndarray:
         if given[name] is None:
-            return old
-        return checks.array(where.format(name), given[name], old.shape, least=LEAST_FACTOR, most=MOST_FACTOR)
+            return getattr(now, name)
+        return checks.array(where.format(name), given[name], shape, least=LEAST_FACTOR, most=MOST_FACTOR)
 
     incline = (
         now.incline
         if given["incline"] is None
         else checks.array(where.format("incline"), given["incline"], now.incline.shape)
     )
-    found = Conditions(factor("friction"), factor("mass"), incline)
+    patches = factor("patches", (len(now.friction), *elements))
+    found = Conditions(factor("friction", now.friction.shape), factor("mass", now.mass.shape), incline, patches)
     steep = ~(found.slope <= gravity * (1.0 + 1e-12))
     if steep.any():
         allowed = f"accelerations (x, y) of at most {gravity:g} m/s^2 together, the table's gravity"

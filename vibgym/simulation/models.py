@@ -68,13 +68,13 @@ class Averaged(InPlane, NoContacts):
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         """Refuse those under which the part may stick."""
         part = self._setup.parts[0]
-        factors = conditions.friction[:, 0]
+        factors = conditions.strongest[:, 0]
         if not len(factors):
             return
         worst = int(np.argmax(factors * part.static_friction * 2.0 * self._setup.surface.gravity + conditions.slope))
         factor, slope = float(factors[worst]), float(conditions.slope[worst])
         got = f"a factor {factor:g} on friction {part.static_friction:g} and an incline of {slope:.3g} m/s^2"
-        name = "friction" if factor > 1.0 else "incline"
+        name = conditions.stronger if factor > 1.0 else "incline"
         check_sliding(self._setup.surface, factor * part.static_friction, slope, where.format(name), got)
 
 

@@ -200,7 +200,9 @@ class Simulator:
         """Let the model forget what it knows of some parts, (worlds, parts) bool: others have taken their places."""
         self._model.begin(changed)
 
-    def set_conditions(self, worlds: Any, *, friction: Any = None, mass: Any = None, incline: Any = None) -> None:
+    def set_conditions(
+        self, worlds: Any, *, friction: Any = None, mass: Any = None, incline: Any = None, patches: Any = None
+    ) -> None:
         """Say under which conditions some worlds go on, until the next reset of these; what is None stays as it is.
 
         Args:
@@ -211,6 +213,8 @@ class Simulator:
             incline: constant acceleration x and y of all that lies on the table, m/s^2, broadcastable to (n, 2), at most the
                 table's gravity together. A table inclined by a small angle has ``g sin(angle)``, downhill; that the load
                 becomes smaller by ``cos(angle)`` is left out.
+            patches: factor of every element on friction (wear, dirt), broadcastable to (n, rows, columns), likewise. Where a
+                part lies on several elements, each rubs with its own.
 
         Raises:
             ValueError: a bad argument, masses that differ by more than contacts can be relied on for, friction that
@@ -219,9 +223,24 @@ class Simulator:
         """
         rows = worlds_from(worlds, self.worlds)
         now = Conditions(*(getattr(self._state, name)[rows] for name in Conditions._fields))
-        given = {"friction": friction, "mass": mass, "incline": incline}
+        given = {"friction": friction, "mass": mass, "incline": incline, "patches": patches}
         found = self.check_conditions(now, given, "{}")
+        if patches is not None:
+            self.tell_elements_apart()
         self.condition(rows, found._asdict())
+
+    def tell_elements_apart(self) -> None:
+        """Make room in :attr:`state` for a friction of every element; until then all elements of a world have the same."""
+        elements = self.surface.rows, self.surface.columns
+        if self._state.patches.shape[1:] != elements:
+            patches = np.broadcast_to(self._state.patches, (self.worlds, *elements)).copy()
+            self._state = self._state._replace(patches=patches)
+            self._pinned = Pinned(STATE, self._state)
+
+    def _patches_as(self, given: Any) -> np.ndarray:
+        """An array of the shape that patches of a snapshot may have, one a world or one an element; else the live one."""
+        shapes = (self.worlds, 1, 1), (self.worlds, self.surface.rows, self.surface.columns)
+        return np.empty(given.shape) if getattr(given, "shape", None) in shapes else self._state.patches
 
     def condition(self, worlds: Any, conditions: Mapping[str, np.ndarray]) -> None:
         """Set some conditions of worlds (index or mask), by name, to checked values."""
@@ -234,10 +253,10 @@ class Simulator:
         Raises:
             ValueError: as there.
         """
-        found = conditions_of(now, given, self.surface.gravity, where)
+        found = conditions_of(now, given, (self.surface.rows, self.surface.columns), self.surface.gravity, where)
         self._model.check_conditions(found, where)
         if self.model != "tilting":
-            check_tipping(self.parts, found.friction, where.format("friction"), self.model)
+            check_tipping(self.parts, found.strongest, where.format(found.stronger), self.model)
         return found
 
     def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
@@ -348,6 +367,11 @@ class Simulator:
     def incline(self) -> np.ndarray:
         """(worlds, 2) acceleration x and y of all that lies on the table, m/s^2; a copy."""
         return self._state.incline.copy()
+
+    @property
+    def patches(self) -> np.ndarray:
+        """(worlds, rows, columns) factor of every element on friction; a copy."""
+        return np.broadcast_to(self._state.patches, (self.worlds, self.surface.rows, self.surface.columns)).copy()
 
     @property
     def tipping_margin(self) -> np.ndarray:
@@ -474,6 +498,7 @@ class Simulator:
         """
         live, own = self._state._asdict(), self._model.live()
         check_keys("state", state, (*live, *own, "periods"))
+        live["patches"] = self._patches_as(state["patches"])
         values = restored("state", live, {name: state[name] for name in live})
         more = restored("state", own, {name: state[name] for name in own})
         periods = checks.count("state['periods']", state["periods"], least=0, most=MOST_TIME)
@@ -482,7 +507,9 @@ class Simulator:
         conditions = Conditions(*(values[name] for name in Conditions._fields))
         self.check_conditions(conditions, conditions._asdict(), "state['{}']")
         self._model.check_live(more)
-        put_back(live, values)
+        if values["patches"].shape[1:] != (1, 1):
+            self.tell_elements_apart()
+        put_back(self._state._asdict(), values)
         put_back(own, more)
         self._periods = periods
 

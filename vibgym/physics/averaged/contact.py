@@ -83,7 +83,7 @@ def look_under(table, body, drive, world, x, y, heading, spin, work):
     """Cut the outline at a pose, read the phasors under it and gather their moments; returns the number of points."""
     n = cut_at(table, body, x, y, heading, spin, work)
     if n > 0:
-        read_points(table, drive, world, n, work.cut, work.phasors, 0)
+        read_points(table, body, drive, world, n, work.cut, work.phasors, 0)
         gather_moments(work.cut.points, work.cut.phasor_c, work.cut.phasor_s, n, work.moments)
     return n
 

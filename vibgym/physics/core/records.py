@@ -27,6 +27,10 @@ class Table(NamedTuple):
     top: float
 
 
+EVEN = np.ones((1, 1))
+"""Patches of a surface that is the same everywhere."""
+
+
 class Body(NamedTuple):
     """One part as the kernels need it; without contacts the motion does not depend on mass."""
 
@@ -41,6 +45,7 @@ class Body(NamedTuple):
     coupling: float = 1.0  # share of the elements' vertical motion that reaches the part
     incline_x: float = 0.0  # m/s^2, constant acceleration of what lies on the table, for that is inclined
     incline_y: float = 0.0
+    patches: np.ndarray = EVEN  # (rows, columns) factor of every element on both coefficients, or (1, 1): of all
 
 
 class Bodies(NamedTuple):
@@ -57,6 +62,7 @@ class Bodies(NamedTuple):
     convex: np.ndarray
     turns: np.ndarray
     coupling: np.ndarray
+    even: np.ndarray  # EVEN
 
 
 @borrowing
@@ -74,6 +80,7 @@ def body_of(bodies, kind):
         coupling=bodies.coupling[kind],
         incline_x=0.0,
         incline_y=0.0,
+        patches=bodies.even,
     )
 
 
@@ -103,9 +110,12 @@ class State(NamedTuple):
     friction: np.ndarray  # (worlds, parts) factor on both coefficients of friction between part and table
     mass: np.ndarray  # (worlds, parts) factor on mass and inertia
     incline: np.ndarray  # (worlds, 2) m/s^2, constant acceleration of what lies on the table
+    patches: (
+        np.ndarray
+    )  # (worlds, rows, columns) factor of every element on friction, or (worlds, 1, 1): of all of them
 
 
-CONDITIONS = {"friction": 1.0, "mass": 1.0, "incline": 0.0}
+CONDITIONS = {"friction": 1.0, "mass": 1.0, "incline": 0.0, "patches": 1.0}
 """Fields of the state that the physics does not change, and what they are unless somebody says otherwise."""
 
 
@@ -123,6 +133,7 @@ def new_state(worlds: int, parts: int) -> State:
         friction=np.ones((worlds, parts)),
         mass=np.ones((worlds, parts)),
         incline=np.zeros((worlds, 2)),
+        patches=np.ones((worlds, 1, 1)),
     )
 
 
@@ -141,6 +152,28 @@ def body_incline(body):
 
 
 @borrowing
+def grip_of(patches, row, column):
+    """Factor on friction of the element at ``(row, column)``, from patches (rows, columns) or (1, 1)."""
+    return patches[min(row, patches.shape[0] - 1), min(column, patches.shape[1] - 1)]
+
+
+@borrowing
+def best_grip(patches):
+    """The largest factor on friction of any element."""
+    most = patches[0, 0]
+    for row in range(patches.shape[0]):
+        for column in range(patches.shape[1]):
+            most = max(most, patches[row, column])
+    return most
+
+
+@borrowing
+def most_friction(body):
+    """The largest coefficient of sliding friction that a body can meet."""
+    return body.friction * best_grip(body.patches)
+
+
+@borrowing
 def friction_in(bodies, state, world, part):
     """Coefficient of sliding friction of a part in its world."""
     return state.friction[world, part] * bodies.friction[bodies.kind[part]]
@@ -148,7 +181,7 @@ def friction_in(bodies, state, world, part):
 
 @borrowing
 def under_conditions(body, state, world, part):
-    """A body as it is in its world: with the factor on its friction, and the table's incline."""
+    """A body as it is in its world: with the factors on its friction, its own and the elements', and the table's incline."""
     factor = state.friction[world, part]
     return Body(
         outline=body.outline,
@@ -162,6 +195,7 @@ def under_conditions(body, state, world, part):
         coupling=body.coupling,
         incline_x=state.incline[world, 0],
         incline_y=state.incline[world, 1],
+        patches=state.patches[world],
     )
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym._numba.jit import borrowing
-from vibgym.physics.core.records import Body, Table
+from vibgym.physics.core.records import Body, Table, grip_of
 from vibgym.physics.planar.outline import (
     MOMENTS,
     NEGLIGIBLE_PIECE,
@@ -35,7 +35,7 @@ class Cut(NamedTuple):
     angles: np.ndarray  # (most_angles(most corners),)
     cells: np.ndarray  # (cells, MOMENTS)
     box: np.ndarray  # (4,)
-    points: np.ndarray  # (3, capacity): weight, x, y
+    points: np.ndarray  # (3, capacity): weight (share of the load, times the element's factor on friction), x, y
     under: np.ndarray  # (capacity,) element under each piece
     phasor_c: np.ndarray  # (capacity,) m/s^2, of the points
     phasor_s: np.ndarray
@@ -135,13 +135,15 @@ def cut_into_points(table, body, split, x, y, cut):
 
 
 @borrowing
-def read_points(table, drive, world, n, cut, phasors, slot):
-    """Phasors under the ``n`` contact points of the part of a slot."""
+def read_points(table, body, drive, world, n, cut, phasors, slot):
+    """Phasors under the ``n`` contact points of the part of a slot; makes of their weights those with which they rub."""
     for piece in range(n // POINTS_PER_PIECE):
         element = cut.under[piece]
         c, s = phasor_under(phasors, slot, drive, world, element // table.columns, element % table.columns)
+        grip = grip_of(body.patches, element // table.columns, element % table.columns)
         for k in range(POINTS_PER_PIECE * piece, POINTS_PER_PIECE * piece + POINTS_PER_PIECE):
             cut.phasor_c[k], cut.phasor_s[k] = c, s
+            cut.points[0, k] *= grip
 
 
 @borrowing
@@ -154,5 +156,5 @@ def points_at(table, body, split, drive, world, x, y, heading, cut, phasors, slo
     scale = 1.0 / (table.element_size / split)
     place_outline(body, x, y, heading, scale, cut.outline_x[:corners], cut.outline_y[:corners])
     n = cut_into_points(table, body, split, x, y, cut)
-    read_points(table, drive, world, n, cut, phasors, slot)
+    read_points(table, body, drive, world, n, cut, phasors, slot)
     return n

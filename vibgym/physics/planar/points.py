@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 
 from vibgym._numba.jit import borrowing
-from vibgym.physics.core.records import Motion, body_incline, is_finite
+from vibgym.physics.core.records import Motion, body_incline, is_finite, most_friction
 from vibgym.physics.planar.cut import points_at, spin_split
 from vibgym.physics.planar.static import holds, slip_step
 from vibgym.physics.planar.wrench import sliding_wrench
@@ -101,7 +101,7 @@ def near_rest(table, body, cut, n, phase, h, motion, stuck):
     """A substep of length ``h`` from ``phase = w t`` on, while slip is small or the part sticks; ``motion`` and ``stuck``."""
     x, y, heading, vx, vy, spin = motion
     omega = 2.0 * math.pi / table.period
-    harshest = table.speed * omega + 2.0 * body.friction * table.gravity + body_incline(body)  # m/s^2, of slip
+    harshest = table.speed * omega + 2.0 * most_friction(body) * table.gravity + body_incline(body)  # m/s^2, of slip
     shortest = SHORTEST * h
     stop = phase + omega * h
     let_go = -1.0  # the phase at which static friction was found too weak
@@ -168,7 +168,7 @@ def slide_by_points(table, body, pieces, drive, world, step, cut, phasors, slot,
     substeps = (step.substeps + cuts - 1) // cuts
     h = step.span / (cuts * substeps)
     # The most that slip can change in a substep.
-    slow = (table.speed * omega + 2.0 * body.friction * table.gravity + body_incline(body)) * h
+    slow = (table.speed * omega + 2.0 * most_friction(body) * table.gravity + body_incline(body)) * h
     ahead = 0.5 * step.span / cuts
     for k in range(cuts):
         begin = step.phase + omega * h * (k * substeps)

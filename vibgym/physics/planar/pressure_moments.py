@@ -7,7 +7,8 @@ at a cost that does not depend on the number of elements underneath. With ``z = 
     M_ab = sum over pieces of p * integral of z^a conj(z)^b,      a >= b, a + b <= 4
 
 and ``M_ba`` is its conjugate. Pressure is ``g - C cos wt + S sin wt`` on each piece, so every moment comes three times: for
-``g``, C and S. Worlds stand side by side in the innermost index of flat arrays (lanes, :mod:`vibgym._numba.vector`).
+``g``, C and S; times the element's factor on friction, where elements differ in that. Worlds stand side by side in the
+innermost index of flat arrays (lanes, :mod:`vibgym._numba.vector`).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from vibgym._numba.vector import (
     spread_register,
     store,
 )
+from vibgym.physics.core.records import grip_of
 from vibgym.physics.planar.group_cut import CELL
 from vibgym.physics.planar.phasors import phasor_under
 
@@ -85,7 +87,7 @@ def store_moments(pieces, at, uu, uv, vv, x, y):
 
 @exact
 def read_missing(scene, g, first, row, column, missing):
-    """Read the phasors of the elements in a cell of the window, for those lanes from ``first`` on whose bits are set."""
+    """Read phasors and grip of the elements in a cell of the window, for those lanes from ``first`` on whose bits are set."""
     workspace = scene.workspace
     cell, base = row * workspace.across + column, workspace.base[g]
     workspace.known[g, cell] |= missing << first
@@ -94,10 +96,13 @@ def read_missing(scene, g, first, row, column, missing):
         if missing >> k & 1:
             lane = first + k
             slot = g * LANES + lane
+            at_row, at_column = np.int64(base[LANES + lane]) + row, np.int64(base[lane]) + column
             c[cell * LANES + lane], s[cell * LANES + lane] = phasor_under(
-                workspace.phasors, slot, scene.drive, workspace.world[slot],
-                np.int64(base[LANES + lane]) + row, np.int64(base[lane]) + column,
+                workspace.phasors, slot, scene.drive, workspace.world[slot], at_row, at_column
             )  # fmt: skip
+            workspace.grip[g, cell * LANES + lane] = grip_of(
+                scene.state.patches[workspace.world[slot]], at_row, at_column
+            )
 
 
 @exact
@@ -110,12 +115,14 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
         box: first and last row and column, from :func:`vibgym.physics.planar.group_cut.cut_outlines`.
 
     Returns:
-        Number of pieces, and the sums of their weights: areas (in cells), times C, times S.
+        Number of pieces, their area (in cells), and the sums of the weights with which they rub (areas times the elements'
+        factors on friction), of these times C, and times S.
     """
     table, workspace = scene.table, scene.workspace
     pitch, cells, pieces, across = table.element_size, workspace.cells, workspace.pieces, workspace.across
     base_x, base_y = load_register(workspace.base[g], first), load_register(workspace.base[g], LANES + first)
-    total, total_c, total_s, n = spread_register(0.0), spread_register(0.0), spread_register(0.0), 0
+    covered, total = spread_register(0.0), spread_register(0.0)
+    total_c, total_s, n = spread_register(0.0), spread_register(0.0), 0
     nought, square = spread_register(0.0), pitch * pitch
     for row in range(box[0], box[1] + 1):
         height, height_y, height_yy = nought, nought, nought
@@ -137,6 +144,8 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
                     load_register(workspace.phasor_c[g], cell * LANES + first),
                     load_register(workspace.phasor_s[g], cell * LANES + first),
                 )
+                covered = covered + weight
+                weight = weight * load_register(workspace.grip[g], cell * LANES + first)
                 weight_c, weight_s = weight * c, weight * s
                 # Clamping only ever touches slivers whose moments have lost their digits.
                 u = minimum(maximum(0.5 * (load_register(cells, at + WIDTH) + height) * inverse, 0.0), 1.0)
@@ -160,7 +169,7 @@ def collect_pieces(scene, g, first, x, y, smallest, box):
             height_yy = height_yy + load_register(cells, at + 8 * WIDTH)
             for field in range(0, CELL, WIDTH):
                 store(cells, at + field, nought)
-    return n, total, total_c, total_s
+    return n, covered, total, total_c, total_s
 
 
 @exact_inlined
@@ -200,7 +209,7 @@ def sum_moments(pieces, n, cutting, inverse, gravity, moments, first):
 
 @exact
 def pressure_moments(scene, g, first, x, y, smallest, box, cutting):
-    """Moments of a group's pieces, normalised to their area, from the cells that its outlines touch; clears the cells.
+    """Moments with which a group's pieces rub, over their area, from the cells that its outlines touch; clears the cells.
 
     Args:
         x, y, smallest, box: see :func:`collect_pieces`.
@@ -210,9 +219,9 @@ def pressure_moments(scene, g, first, x, y, smallest, box, cutting):
         Lanes that are supported.
     """
     moments = scene.workspace.moments[g]
-    n, total, total_c, total_s = collect_pieces(scene, g, first, x, y, smallest, box)
-    held = total > 0.0
-    inverse = select(held, 1.0, 0.0) / select(held, total, 1.0)
+    n, covered, total, total_c, total_s = collect_pieces(scene, g, first, x, y, smallest, box)
+    held = covered > 0.0
+    inverse = select(held, 1.0, 0.0) / select(held, covered, 1.0)
     gravity = scene.table.gravity * inverse
     _keep(moments, first, cutting, total * gravity)
     _keep(moments, LANES + first, cutting, total_c * inverse)

@@ -10,7 +10,7 @@ import math
 
 from vibgym._numba.jit import borrowing, exact
 from vibgym._numba.vector import LANES, load, maximum, minimum, spread, store
-from vibgym.physics.core.records import body_incline
+from vibgym.physics.core.records import body_incline, most_friction
 from vibgym.physics.planar.wrench import expanded_wrench
 
 LARGEST_VARIATION = 0.45
@@ -24,7 +24,9 @@ SMALLEST_SLIP = 0.6
 @borrowing
 def limits(table, body):
     """What the series is good for: largest ``(omega / |u|)^2``, and slip (m/s) that is too small, per s of a substep."""
-    harshest = table.speed * 2.0 * math.pi / table.period + 2.0 * body.friction * table.gravity + body_incline(body)
+    harshest = (
+        table.speed * 2.0 * math.pi / table.period + 2.0 * most_friction(body) * table.gravity + body_incline(body)
+    )
     return (LARGEST_VARIATION / body.radius) ** 2, SMALLEST_SLIP * harshest
 
 

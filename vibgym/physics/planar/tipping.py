@@ -17,8 +17,9 @@ import math
 from vibgym._numba.jit import borrowing
 from vibgym._numba.reference import reference
 from vibgym.physics.core.drive import pinned_drive
-from vibgym.physics.core.records import body_in, state_at
+from vibgym.physics.core.records import body_in, grip_of, state_at
 from vibgym.physics.planar.cut import points_at
+from vibgym.physics.planar.outline import POINTS_PER_PIECE
 from vibgym.physics.planar.phasors import forget_phasors
 from vibgym.physics.planar.static import set_loads
 from vibgym.physics.planar.workspace import fixed_scene_at
@@ -52,6 +53,13 @@ def share_of_way(table, x, y, heading, hull, first, last, rx, ry):
 
 
 @borrowing
+def grip_under(table, body, cut, point):
+    """Factor on friction of the element under a contact point."""
+    element = cut.under[point // POINTS_PER_PIECE]
+    return grip_of(body.patches, element // table.columns, element % table.columns)
+
+
+@borrowing
 def worst_share(scene, drive, state, world, part, centre_height, hull, first, last):
     """The largest share of the way to the edge in a period, for a part at its pose and velocity of this instant."""
     table, cut = scene.table, scene.workspace.cut
@@ -64,21 +72,24 @@ def worst_share(scene, drive, state, world, part, centre_height, hull, first, la
     weight, px, py = cut.points[0], cut.points[1], cut.points[2]
     vx, vy, spin = state.velocity[world, part, 0], state.velocity[world, part, 1], state.velocity[world, part, 2]
     carried, ax, ay = 0.0, 0.0, 0.0
-    for point in range(n):
-        carried += weight[point]
-        ax += weight[point] * px[point]
-        ay += weight[point] * py[point]
+    for point in range(n):  # weights are those with which points rub
+        share = weight[point] / grip_under(table, body, cut, point)
+        carried += share
+        ax += share * px[point]
+        ay += share * py[point]
     ax, ay = ax / max(carried, 1e-300), ay / max(carried, 1e-300)
     most = 0.0
     for k in range(PHASES):
         c, s = math.cos(2.0 * math.pi * k / PHASES), math.sin(2.0 * math.pi * k / PHASES)
-        total = set_loads(weight, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, 1.0, cut.load)
+        set_loads(weight, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, 1.0, cut.load)
+        total, mx, my = 0.0, 0.0, 0.0
+        for point in range(n):
+            load = cut.load[point] / grip_under(table, body, cut, point)
+            total += load
+            mx += load * (px[point] - ax)
+            my += load * (py[point] - ay)
         if not total > 1e-9 * table.gravity:
             continue
-        mx, my = 0.0, 0.0
-        for point in range(n):
-            mx += cut.load[point] * (px[point] - ax)
-            my += cut.load[point] * (py[point] - ay)
         fx, fy, _ = sliding_wrench(
             weight, px, py, cut.phasor_c, cut.phasor_s, n, table.gravity, c, s, -table.speed * s - vx, table.speed * c - vy,
             spin,

@@ -66,6 +66,7 @@ class Workspace(NamedTuple):
     known: np.ndarray  # (groups, across x across) lanes whose phasors in the window have been read, a bit each
     phasor_c: np.ndarray  # (groups, across x across x lane) m/s^2
     phasor_s: np.ndarray
+    grip: np.ndarray  # (groups, across x across x lane) factor on friction
     cells: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.group_cut.cut_outlines
     crossings: np.ndarray  # (across x register)
     pieces: np.ndarray  # (across x across x field x register), see vibgym.physics.planar.pressure_moments
@@ -163,6 +164,7 @@ def new_workspace(table: Table, bodies: Bodies, scheme: Scheme, slots: int) -> W
         known=np.zeros((groups, cells), np.int64),
         phasor_c=lanes(cells),
         phasor_s=lanes(cells),
+        grip=lanes(cells),
         cells=_noughts(cells * CELL),
         crossings=_noughts(across * WIDTH),
         pieces=_noughts(cells * PIECE),

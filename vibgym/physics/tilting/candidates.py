@@ -12,7 +12,7 @@ import math
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.records import body_of
-from vibgym.physics.tilting.ground import LEVEL, ground, write_plates
+from vibgym.physics.tilting.ground import LEVEL, grip_at, ground, write_plates
 from vibgym.physics.tilting.impulses import IMPACT
 from vibgym.physics.tilting.records import (
     BEFORE,
@@ -21,6 +21,7 @@ from vibgym.physics.tilting.records import (
     CZ,
     GIVE,
     GOAL,
+    GRIP,
     MXX,
     MXY,
     MXZ,
@@ -125,7 +126,7 @@ def add_contact(rigid, n, x, y, z, level, node, origin):
     contact[n, GOAL], contact[n, RATE], contact[n, SLIP_X], contact[n, SLIP_Y] = goal, rate, slip_x, slip_y
     contact[n, GIVE], contact[n, SLIDE] = 1.0 / give, 1.0 / max(slide_x, slide_y)
     contact[n, PN] = contact[n, PX] = contact[n, PY] = 0.0
-    contact[n, ORIGIN] = origin
+    contact[n, ORIGIN], contact[n, GRIP] = origin, grip_at(rigid, at_x, at_y)
     if origin >= 0:
         warm = rigid.work.warm
         contact[n, PN], contact[n, PX], contact[n, PY] = warm[origin, 0], warm[origin, 1], warm[origin, 2]

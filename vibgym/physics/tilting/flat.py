@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 
 from vibgym._numba.jit import borrowing
+from vibgym.physics.core.records import grip_of
 from vibgym.physics.tilting.ground import plate
 from vibgym.physics.tilting.impulses import ENOUGH, MOST_SWEEPS, rub
 from vibgym.physics.tilting.records import (
     CX,
     CY,
     CZ,
+    GRIP,
     LX,
     LY,
     LZ,
@@ -74,6 +76,9 @@ def slide_flat(rigid, world, kind, friction, heading, turn):
         rx, ry = cosine * u - sine * v, sine * u + cosine * v
         contact[k, RX], contact[k, RY], contact[k, RZ] = rx, ry, 0.0
         contact[k, PN], contact[k, PX], contact[k, PY] = 0.25 * normal, 0.0, 0.0
+        over = min(max(int((motion[CX] + rx) / table.element_size), 0), table.columns - 1)
+        beside = min(max(int((motion[CY] + ry) / table.element_size), 0), table.rows - 1)
+        contact[k, GRIP] = grip_of(rigid.state.patches[world], beside, over)
         contact[k, SLIP_X], contact[k, SLIP_Y] = (
             motion[VX] - motion[WZ] * ry - table_x,
             motion[VY] + motion[WZ] * rx - table_y,

@@ -9,6 +9,7 @@ import math
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.drive import same_command
+from vibgym.physics.core.records import grip_of
 from vibgym.physics.planar.phasors import phasor_under
 
 ABYSS = -1.0
@@ -34,7 +35,7 @@ def plate(rigid, world, row, column, node, after):
 
 @borrowing
 def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
-    """Write down heights and velocities of the plates in a box of the table's frame (m), for :func:`ground`.
+    """Write down heights, velocities and grip of the plates in a box of the table's frame (m), for :func:`ground`.
 
     Args:
         node, after: see :func:`plate`.
@@ -49,7 +50,9 @@ def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
     for row in range(bottom, top + 1):
         for column in range(left, right + 1):
             height, rate = plate(rigid, world, row, column, node, after)
-            work.height[row & mask, column & mask], work.rate[row & mask, column & mask] = height, rate
+            i, j = row & mask, column & mask
+            work.height[i, j], work.rate[i, j] = height, rate
+            work.grip[i, j] = grip_of(rigid.state.patches[world], row, column)
             highest = max(highest, height)
     return highest
 
@@ -97,6 +100,15 @@ def ground(rigid, x, y):
             going += (1.0 - own_x) * (rates[i, j] - going)
         height, rate = height + (1.0 - own_y) * (beside - height), rate + (1.0 - own_y) * (going - rate)
     return height, rate
+
+
+@borrowing
+def grip_at(rigid, x, y):
+    """Factor on friction of the plate at a point of the table's frame, of those that are written down."""
+    table, grip = rigid.table, rigid.work.grip
+    mask = grip.shape[1] - 1
+    column = min(max(int(x * rigid.scheme.fineness), 0), table.columns - 1)
+    return grip[min(max(int(y * rigid.scheme.fineness), 0), table.rows - 1) & mask, column & mask]
 
 
 @borrowing

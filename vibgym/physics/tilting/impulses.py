@@ -10,6 +10,7 @@ from vibgym.physics.tilting.records import (
     BEFORE,
     GIVE,
     GOAL,
+    GRIP,
     LX,
     LY,
     LZ,
@@ -76,7 +77,7 @@ def rub(motion, contact, k, friction, table_x, table_y):
     slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table_y
     old_x, old_y = contact[k, PX], contact[k, PY]
     px, py = old_x - slip_x * contact[k, SLIDE], old_y - slip_y * contact[k, SLIDE]
-    limit = friction * contact[k, PN]
+    limit = friction * contact[k, GRIP] * contact[k, PN]
     if px * px + py * py > limit * limit:  # against the mean of slip before and after: so friction never gives energy
         mean_x, mean_y = slip_x + contact[k, SLIP_X], slip_y + contact[k, SLIP_Y]
         scale = -limit / max(math.sqrt(mean_x * mean_x + mean_y * mean_y), 1e-12)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from vibgym._numba.jit import borrowing
-from vibgym.physics.core.records import friction_in, incline_size
+from vibgym.physics.core.records import best_grip, friction_in, incline_size
 from vibgym.physics.planar.phasors import forget_phasors
 from vibgym.physics.tilting.attitude import (
     enter_attitude,
@@ -62,7 +62,8 @@ def reach_of(rigid, world, part, periods):
     vx, vy = state.velocity[world, part, 0], state.velocity[world, part, 1]
     span = periods * table.period
     slope = incline_size(state, world)
-    pull = 2.0 * friction_in(rigid.bodies, state, world, part) * table.gravity + slope
+    grip = best_grip(state.patches[world])
+    pull = 2.0 * grip * friction_in(rigid.bodies, state, world, part) * table.gravity + slope
     speed = math.sqrt(vx * vx + vy * vy)
     way = speed * span + 0.5 * pull * span * span
     turning = abs(state.velocity[world, part, 2]) * rigid.bodies.radius[kind]
@@ -78,11 +79,19 @@ def begin_reading(rigid, kind):
 
 
 @borrowing
+def is_steady(rigid, world, part):
+    """Whether friction is too weak to tip a part that lies flat on level ground."""
+    state = rigid.state
+    factor = state.friction[world, part] * best_grip(state.patches[world])
+    return factor < rigid.solids.unsteady[rigid.bodies.kind[part]]
+
+
+@borrowing
 def lies_level(rigid, world, part, periods):
     """Whether a part that lies flat stays flat for so many periods: all plates that it may come to lie on move alike, and
     friction is too weak to tip it."""
     state, kind = rigid.state, rigid.bodies.kind[part]
-    if state.friction[world, part] >= rigid.solids.unsteady[kind]:
+    if not is_steady(rigid, world, part):
         return False
     begin_reading(rigid, kind)
     reach = reach_of(rigid, world, part, periods)
@@ -291,7 +300,7 @@ def rock_period(rigid, world, part, follows, paths, base, nodes):
     row, written = world * state.pose.shape[1] + part - base, 0
     if paths.shape[0] > 0:
         paths[row, 0, 0], paths[row, 0, 1], paths[row, 0, 2] = x, y, heading
-    steady = level and state.friction[world, part] < rigid.solids.unsteady[kind]
+    steady = level and is_steady(rigid, world, part)
     gone, toppled, flat, now = False, False, False, heading
     for turn in range(rigid.scheme.steps):
         if steady and not flat and tilt.calm[world, part] >= CALM_STEPS:

@@ -87,13 +87,13 @@ most."""
 FRAME = 9
 """Numbers of an attitude as a matrix, row by row."""
 
-CONTACT = 14
+CONTACT = 15
 """Numbers of a contact."""
 
-RX, RY, RZ, GOAL, RATE, GIVE, SLIDE, PN, PX, PY, BEFORE, SLIP_X, SLIP_Y, ORIGIN = range(CONTACT)
+RX, RY, RZ, GOAL, RATE, GIVE, SLIDE, PN, PX, PY, BEFORE, SLIP_X, SLIP_Y, ORIGIN, GRIP = range(CONTACT)
 """Places: arm from the centre of mass (m); normal velocity aimed at, and that of the ground (m/s); inverse of what a normal and
 a horizontal impulse change; impulses over mass, normal, x and y (m/s); normal velocity against the ground, and slip, before
-(m/s); index of the corner that it is, or -1."""
+(m/s); index of the corner that it is, or -1; the plate's factor on friction."""
 
 
 class Work(NamedTuple):
@@ -109,6 +109,7 @@ class Work(NamedTuple):
     phasors: Phasors
     height: np.ndarray  # (size, size) m, of the plates beneath, by row and column modulo size, which is a power of two
     rate: np.ndarray  # (size, size) m/s, likewise
+    grip: np.ndarray  # (size, size) factor on friction, likewise
 
 
 RIM_POINTS = 8
@@ -161,6 +162,7 @@ def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
         phasors=phasors,
         height=np.zeros(phasors.c.shape[1:]),
         rate=np.zeros(phasors.c.shape[1:]),
+        grip=np.ones(phasors.c.shape[1:]),
     )
 
 
