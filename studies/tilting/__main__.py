@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from studies.tilting import endurance, fields, hold, kick, landing, means
+from studies.tilting import endurance, energy, fields, hold, kick, landing, means
 from vibgym import checks
 
 STUDIES = {
@@ -14,6 +14,7 @@ STUDIES = {
     "means": means.main,
     "hold": hold.main,
     "endurance": endurance.main,
+    "energy": energy.main,
 }
 """By name."""
 
