@@ -125,7 +125,7 @@ class PartsPPO(Resumable, PPO):
             for world in np.flatnonzero(done).tolist():
                 if infos[world]["TimeLimit.truncated"]:
                     buffer.cut_off(world, coding.see(infos[world]["terminal_observation"], seen.of(world)))
-            self._update_info_buffer([infos[world] for world in np.flatnonzero(done)])
+            self._update_info_buffer(infos, done)
             self._last_obs, self._last_episode_starts, self._seen = observation, done, seen
             if not callback.on_step():
                 return False

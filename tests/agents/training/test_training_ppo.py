@@ -235,6 +235,8 @@ def test_a_rollout_keeps_what_happened(model):
 
     def watched():
         found = step()
+        for world in np.flatnonzero(found[2]):
+            found[3][world]["is_success"] = bool(world == 1)
         seen.append((env.part_reward.copy(), found[2].copy(), [info.get("terminal_observation") for info in found[3]]))
         return found
 
@@ -254,6 +256,7 @@ def test_a_rollout_keeps_what_happened(model):
     for at, world, rows, _ in buffer.cut:
         assert at == 4 and (rows == seen[4][2][world]["parts"][:PARTS]).all()
     assert (buffer.reward[4] != reward[4].astype(np.float32)).all()
+    assert list(model.ep_success_buffer) == [False, True, False] and len(model.ep_info_buffer) == WORLDS
 
 
 class Shifted(VectorRewardWrapper):
