@@ -49,8 +49,9 @@ def balance(name: str, share: float, tilt: float, restitution: float, periods: i
         turning = motion[LX] * motion[WX] + motion[LY] * motion[WY] + motion[LZ] * motion[WZ]
         return 0.5 * (swift + turning) + surface.gravity * motion[CZ]
 
-    def watched(motion, contact, n, friction, table_x, table_y, *more):  # type: ignore[no-untyped-def]
-        resolve(motion, contact, n, friction, table_x, table_y, *more)
+    def watched(working, n, friction, table_x, table_y):  # type: ignore[no-untyped-def]
+        resolve(working, n, friction, table_x, table_y)
+        motion, contact = working.motion, working.contact
         rigid, turn = scene
         shift = surface.horizontal_amplitude * np.array(
             [rigid.scheme.cosine[2 * turn + 1], rigid.scheme.sine[2 * turn + 1]]

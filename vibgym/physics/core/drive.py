@@ -252,17 +252,28 @@ def _commanded(drive, world, row, column):
 
 
 @borrowing
-def same_command(drive, world, row, column, other_row, other_column):
-    """Whether two elements are told the same, as far as a glance tells: what differs may still come to the same phasor."""
+def all_told_alike(drive, world, row, column, last_row, last_column):
+    """Whether the elements of a box, its corners among them, are told the same, as far as a glance tells.
+
+    What differs may still come to the same phasor.
+    """
     if is_given(drive.hardware):
         return False
+    others = 0
     if drive.mode == POLAR or drive.mode == CARTESIAN:
-        same = drive.amplitude[world, row, column] == drive.amplitude[world, other_row, other_column]
-        return same and drive.phase[world, row, column] == drive.phase[world, other_row, other_column]
+        amplitude, phase = drive.amplitude[world], drive.phase[world]
+        first, second = amplitude[row, column], phase[row, column]
+        for i in range(row, last_row + 1):
+            for j in range(column, last_column + 1):
+                others += (amplitude[i, j] != first) | (phase[i, j] != second)
+        return others == 0
     if drive.mode == ELEMENT or drive.mode == PHASOR:
-        at, other = (row * drive.columns + column) * 2, (other_row * drive.columns + other_column) * 2
-        same = drive.values[world, at] == drive.values[world, other]
-        return same and drive.values[world, at + 1] == drive.values[world, other + 1]
+        values, width = drive.values[world], 2 * drive.columns
+        first, second = values[row * width + 2 * column], values[row * width + 2 * column + 1]
+        for i in range(row, last_row + 1):
+            for j in range(i * width + 2 * column, i * width + 2 * last_column + 2, 2):
+                others += (values[j] != first) | (values[j + 1] != second)
+        return others == 0
     return False
 
 

@@ -28,7 +28,6 @@ from vibgym.physics.tilting.records import (
     MYY,
     MYZ,
     MZZ,
-    ORIGIN,
     PN,
     PX,
     PY,
@@ -49,11 +48,14 @@ from vibgym.physics.tilting.records import (
     WZ,
 )
 
-NEAR = 2e-5
+NEAR = 5e-6
 """m, above which a point that comes no nearer within half a step is left alone."""
 
 AHEAD = 1e-3
 """m, farther than any point slides in half a step."""
+
+SAME, LEAST_SAME = 4.0, 1e-5
+"""In a step a contact goes on by no more than these: of the table's way, and m."""
 
 KEPT = 0.1
 """Share of the depth of a contact that is made good in a step."""
@@ -85,32 +87,33 @@ def place_corners(rigid, kind):
 
 
 @borrowing
-def add_contact(rigid, n, x, y, z, level, node, origin):
-    """Add a point of the bottom (m, world) to the ``n`` contacts at hand if it touches or may touch within the step.
+def begin_warm(work, contact, n, x, y, reach):
+    """Let a contact at (x, y) begin with the impulses of one that stood there in the last step, if any did within ``reach``
+    (m)."""
+    contact[n, PN] = contact[n, PX] = contact[n, PY] = 0.0
+    warm = work.warm
+    for k in range(work.kept[0]):
+        if abs(warm[k, 0] - x) < reach and abs(warm[k, 1] - y) < reach and warm[k, 2] > 0.0:
+            contact[n, PN], contact[n, PX], contact[n, PY] = warm[k, 2], warm[k, 3], warm[k, 4]
+            warm[k, 2] = 0.0
+            return
+
+
+@borrowing
+def add_contact(rigid, n, x, y, z, height, rate, node):
+    """Add a point of the bottom (m, world) to the ``n`` contacts at hand if it touches the ground or may touch within the step.
 
     Args:
-        level: whether the plates beneath move alike.
+        height, rate: of the ground beneath (m, m/s); the point comes no nearer than half a step makes it, see ``REACH``.
         node: half steps since the period's start, for the ground's place.
-        origin: index of the corner that it is, or -1: then the point belongs to a plate's edge.
 
     Returns:
         The number of contacts now.
     """
     table, scheme, motion, contact = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.contact
     cosine, sine = scheme.cosine[node], scheme.sine[node]
-    step = table.period / scheme.steps
-    at_x, at_y = x - table.radius * cosine, y - table.radius * sine
-    height, rate = ground(rigid, at_x, at_y)
-    gap = z - height
-    if gap > motion[REACH]:
-        return n
+    step, gap = table.period / scheme.steps, z - height
     rx, ry, rz = x - motion[CX], y - motion[CY], z - motion[CZ]
-    slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * ry + table.speed * sine
-    slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table.speed * cosine
-    if origin >= 0 and not level:  # what climbs a ramp: by how much it climbs while it slides on for half a step
-        half = 0.5 * step
-        further, _ = ground(rigid, at_x + half * slip_x, at_y + half * slip_y)
-        rate += min(max((further - height) / half, -scheme.settling), scheme.settling)
     u = motion[VZ] + motion[WX] * ry - motion[WY] * rx - rate
     ahead = gap + 0.5 * step * u
     if not ahead < (NEAR if u > -IMPACT else 0.0):
@@ -118,6 +121,8 @@ def add_contact(rigid, n, x, y, z, level, node, origin):
     goal = -2.0 * gap / step if gap > 0.0 else min(-KEPT * gap / step, scheme.settling)
     if u <= -IMPACT:  # at once, or friction would stop the slip before the rest of the impact comes
         goal = max(goal, -scheme.restitution * u)
+    slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * ry + table.speed * sine
+    slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table.speed * cosine
     give = 1.0 + ry * ry * motion[MXX] - 2.0 * rx * ry * motion[MXY] + rx * rx * motion[MYY]
     slide_x = 1.0 + rz * rz * motion[MYY] - 2.0 * ry * rz * motion[MYZ] + ry * ry * motion[MZZ]
     slide_y = 1.0 + rz * rz * motion[MXX] - 2.0 * rx * rz * motion[MXZ] + rx * rx * motion[MZZ]
@@ -125,12 +130,31 @@ def add_contact(rigid, n, x, y, z, level, node, origin):
     contact[n, BEFORE] = u
     contact[n, GOAL], contact[n, RATE], contact[n, SLIP_X], contact[n, SLIP_Y] = goal, rate, slip_x, slip_y
     contact[n, GIVE], contact[n, SLIDE] = 1.0 / give, 1.0 / max(slide_x, slide_y)
-    contact[n, PN] = contact[n, PX] = contact[n, PY] = 0.0
-    contact[n, ORIGIN], contact[n, GRIP] = origin, grip_at(rigid, at_x, at_y)
-    if origin >= 0:
-        warm = rigid.work.warm
-        contact[n, PN], contact[n, PX], contact[n, PY] = warm[origin, 0], warm[origin, 1], warm[origin, 2]
+    contact[n, GRIP] = grip_at(rigid, x - table.radius * cosine, y - table.radius * sine)
+    begin_warm(rigid.work, contact, n, x, y, SAME * table.speed * step + LEAST_SAME)
     return n + 1
+
+
+@borrowing
+def add_corner(rigid, n, k, level, node):
+    """Add a corner of the bottom, see :func:`add_contact`.
+
+    Args:
+        level: whether the plates beneath move alike.
+    """
+    table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
+    x, y, z = corner[k, 0], corner[k, 1], corner[k, 2]
+    cosine, sine = scheme.cosine[node], scheme.sine[node]
+    at_x, at_y = x - table.radius * cosine, y - table.radius * sine
+    height, rate, slope_x, slope_y = ground(rigid, at_x, at_y)
+    if z - height > motion[REACH]:
+        return n
+    if not level:  # what slides up a ramp climbs
+        rz = z - motion[CZ]
+        slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * (y - motion[CY]) + table.speed * sine
+        slip_y = motion[VY] + motion[WZ] * (x - motion[CX]) - motion[WX] * rz - table.speed * cosine
+        rate += min(max(slope_x * slip_x + slope_y * slip_y, -scheme.settling), scheme.settling)
+    return add_contact(rigid, n, x, y, z, height, rate, node)
 
 
 @borrowing
@@ -161,9 +185,9 @@ def write_lines(rigid, axis, low, high):
 
 @borrowing
 def is_step(rigid, axis, line, along):
-    """Whether the plates on either side of a line differ in height, at a plate ``along`` the other axis.
+    """Whether the ground goes down beyond a line, at a plate ``along`` the other axis.
 
-    Where they do not, no piece ends there.
+    Where it stays level no piece ends, and where it goes up it is steeper on: a plane comes nearest to it elsewhere.
     """
     heights, beside = rigid.work.height, rigid.work.beside
     mask = heights.shape[1] - 1
@@ -171,44 +195,59 @@ def is_step(rigid, axis, line, along):
     if other < 0 or other >= (rigid.table.columns if axis == 0 else rigid.table.rows):
         return True  # the table ends there
     if axis == 0:
-        return abs(heights[along & mask, own & mask] - heights[along & mask, other & mask]) > LEVEL
-    return abs(heights[own & mask, along & mask] - heights[other & mask, along & mask]) > LEVEL
+        return heights[along & mask, own & mask] - heights[along & mask, other & mask] > LEVEL
+    return heights[own & mask, along & mask] - heights[other & mask, along & mask] > LEVEL
+
+
+@borrowing
+def add_crossing(rigid, n, axis, line, x, y, z, node):
+    """Add where the edge of the bottom crosses a line across an axis, see :func:`add_contact`."""
+    table, scheme, work = rigid.table, rigid.scheme, rigid.work
+    at_x, at_y = x - table.radius * scheme.cosine[node], y - table.radius * scheme.sine[node]
+    height, rate, _, _ = ground(rigid, at_x, at_y)
+    if z - height > work.motion[REACH] or not is_step(
+        rigid, axis, line, int((at_y if axis == 0 else at_x) * scheme.fineness)
+    ):
+        return n
+    return add_contact(rigid, n, x, y, z, height, rate, node)
 
 
 @borrowing
 def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
     """Add where edges of the bottom cross lines, of which there are so many across each axis."""
     table, scheme, corner, lines = rigid.table, rigid.scheme, rigid.work.corner, rigid.work.lines
-    for axis in range(2):
-        shift = table.radius * (scheme.cosine[node] if axis == 0 else scheme.sine[node])
-        cross = table.radius * (scheme.sine[node] if axis == 0 else scheme.cosine[node])
-        for k in range(crossed_x if axis == 0 else crossed_y):
-            line = lines[axis, k] + shift
-            other = corners - 1
-            for one in range(corners):
-                a, b = corner[other, axis] - line, corner[one, axis] - line
-                if a * b < 0.0:
-                    t = a / (a - b)
-                    z = corner[other, 2] + t * (corner[one, 2] - corner[other, 2])
-                    if z < high:
-                        x = corner[other, 0] + t * (corner[one, 0] - corner[other, 0])
-                        y = corner[other, 1] + t * (corner[one, 1] - corner[other, 1])
-                        across = (y if axis == 0 else x) - cross
-                        if is_step(rigid, axis, k, int(math.floor(across * scheme.fineness))):
-                            n = add_contact(rigid, n, x, y, z, False, node, -1)
-                other = one
+    beside, highest, reach = rigid.work.beside, rigid.work.highest, rigid.work.motion[REACH]
+    mask = highest.shape[1] - 1
+    other = corners - 1
+    for one in range(corners):
+        x, y, z = corner[other, 0], corner[other, 1], corner[other, 2]
+        to_x, to_y, to_z = corner[one, 0] - x, corner[one, 1] - y, corner[one, 2] - z
+        other = one
+        if z >= high and z + to_z >= high:
+            continue
+        for axis in range(2):
+            length = to_x if axis == 0 else to_y
+            if length == 0.0:
+                continue
+            inverse = 1.0 / length
+            begin = x - table.radius * scheme.cosine[node] if axis == 0 else y - table.radius * scheme.sine[node]
+            for k in range(crossed_x if axis == 0 else crossed_y):
+                t = (lines[axis, k] - begin) * inverse
+                if t > 0.0 and t < 1.0 and z + t * to_z < highest[axis, beside[axis, k, 0] & mask] + reach:
+                    n = add_crossing(rigid, n, axis, k, x + t * to_x, y + t * to_y, z + t * to_z, node)
     return n
 
 
 @borrowing
-def add_rim(rigid, n, kind, crossed_x, crossed_y, node, high):
+def add_rim(rigid, n, kind, crossed_x, crossed_y, node):
     """Add where the edge of a disc crosses lines, see :func:`add_edges`."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h, radius = rigid.work.lines, rigid.solids.centre_height[kind], rigid.solids.disc[kind]
+    beside, highest, reach = rigid.work.beside, rigid.work.highest, motion[REACH]
+    mask = highest.shape[1] - 1
     x, y, z = motion[CX] - h * frame[2], motion[CY] - h * frame[5], motion[CZ] - h * frame[8]
     for axis in range(2):
         shift = table.radius * (scheme.cosine[node] if axis == 0 else scheme.sine[node])
-        cross = table.radius * (scheme.sine[node] if axis == 0 else scheme.cosine[node])
         middle = (x if axis == 0 else y) - shift
         p, q = radius * frame[3 * axis], radius * frame[3 * axis + 1]
         square = p * p + q * q
@@ -219,11 +258,9 @@ def add_rim(rigid, n, kind, crossed_x, crossed_y, node, high):
                 far = root if sign == 0 else -root
                 u, v = radius * (p * d - q * far) / square, radius * (q * d + p * far) / square
                 height = z + frame[6] * u + frame[7] * v
-                if d * d < square and height < high:
+                if d * d < square and height < highest[axis, beside[axis, k, 0] & mask] + reach:
                     at_x, at_y = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
-                    across = (at_y if axis == 0 else at_x) - cross
-                    if is_step(rigid, axis, k, int(math.floor(across * scheme.fineness))):
-                        n = add_contact(rigid, n, at_x, at_y, height, False, node, -1)
+                    n = add_crossing(rigid, n, axis, k, at_x, at_y, height, node)
     return n
 
 
@@ -254,10 +291,12 @@ def is_inside(rigid, kind, u, v):
 
 
 @borrowing
-def add_nodes(rigid, n, kind, crossed_x, crossed_y, node, high):
+def add_nodes(rigid, n, kind, crossed_x, crossed_y, node):
     """Add where lines cross one another under the bottom."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h = rigid.work.lines, rigid.solids.centre_height[kind]
+    heights, rates, reach = rigid.work.height, rigid.work.rate, motion[REACH]
+    mask = heights.shape[1] - 1
     shift_x, shift_y = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
     down_x, down_y = -frame[2] / frame[8], -frame[5] / frame[8]  # slope of the bottom
     for i in range(crossed_x):
@@ -267,10 +306,13 @@ def add_nodes(rigid, n, kind, crossed_x, crossed_y, node, high):
             dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
             z = motion[CZ] - h * frame[8] + down_x * dx + down_y * dy
             column, row = rigid.work.beside[0, i, 0], rigid.work.beside[1, j, 0]
-            if z < high and is_step(rigid, 0, i, row) and is_step(rigid, 1, j, column):
+            height = heights[row & mask, column & mask]  # where lines cross, ramps have ended
+            if z - height > reach:
+                continue
+            if is_step(rigid, 0, i, row) and is_step(rigid, 1, j, column):
                 u, v = on_bottom(rigid, kind, x, y)
                 if is_inside(rigid, kind, u, v):
-                    n = add_contact(rigid, n, x, y, z, False, node, -1)
+                    n = add_contact(rigid, n, x, y, z, height, rates[row & mask, column & mask], node)
     return n
 
 
@@ -302,12 +344,12 @@ def find_contacts(rigid, world, kind, level, node):
     high += motion[REACH]
     for k in range(corners):
         if corner[k, 2] < high:
-            n = add_contact(rigid, n, corner[k, 0], corner[k, 1], corner[k, 2], level, node, k)
+            n = add_corner(rigid, n, k, level, node)
     if level:
         return n
     crossed_x, crossed_y = write_lines(rigid, 0, low_x, high_x), write_lines(rigid, 1, low_y, high_y)
     if radius > 0.0:
-        n = add_rim(rigid, n, kind, crossed_x, crossed_y, node, high)
+        n = add_rim(rigid, n, kind, crossed_x, crossed_y, node)
     else:
         n = add_edges(rigid, n, corners, crossed_x, crossed_y, node, high)
-    return add_nodes(rigid, n, kind, crossed_x, crossed_y, node, high)
+    return add_nodes(rigid, n, kind, crossed_x, crossed_y, node)

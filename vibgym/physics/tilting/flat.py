@@ -11,7 +11,7 @@ import math
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.records import grip_of
 from vibgym.physics.tilting.ground import plate
-from vibgym.physics.tilting.impulses import ENOUGH, MOST_SWEEPS, rub
+from vibgym.physics.tilting.impulses import ENOUGH, MOST_SWEEPS, rubbed
 from vibgym.physics.tilting.records import (
     CX,
     CY,
@@ -88,7 +88,15 @@ def slide_flat(rigid, world, kind, friction, heading, turn):
     while sweeps < MOST_SWEEPS and most > ENOUGH:
         most = 0.0
         for k in range(POINTS):
-            most = max(most, rub(motion, contact, k, friction, table_x, table_y))
+            rx, ry = contact[k, RX], contact[k, RY]
+            old_x, old_y = contact[k, PX], contact[k, PY]
+            slip_x, slip_y = motion[VX] - motion[WZ] * ry - table_x, motion[VY] + motion[WZ] * rx - table_y
+            px, py = rubbed(contact, k, friction, slip_x, slip_y)
+            contact[k, PX], contact[k, PY] = px, py
+            motion[VX] += px - old_x
+            motion[VY] += py - old_y
+            motion[WZ] += (rx * (py - old_y) - ry * (px - old_x)) / gyration
+            most = max(most, max(abs(px - old_x), abs(py - old_y)))
         sweeps += 1
     motion[LZ] = gyration * motion[WZ]
     motion[CX] += 0.5 * step * motion[VX]

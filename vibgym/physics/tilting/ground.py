@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 
 from vibgym._numba.jit import borrowing
-from vibgym.physics.core.drive import same_command
+from vibgym.physics.core.drive import all_told_alike
 from vibgym.physics.core.records import grip_of
-from vibgym.physics.planar.phasors import phasor_under
+from vibgym.physics.planar.phasors import forget_phasors, phasor_under
 
 ABYSS = -1.0
 """m, height where there is no plate."""
@@ -41,65 +41,75 @@ def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
         node, after: see :func:`plate`.
 
     Returns:
-        Height (m) of the highest, or that of no plate if there is none.
+        Height (m) of the highest, or that of no plate if there is none. The highest of each column and row are written
+        down, too.
     """
     table, work, highest = rigid.table, rigid.work, ABYSS
     size, mask = table.element_size, rigid.work.height.shape[1] - 1
     left, right = max(int(math.floor(low_x / size)), 0), min(int(math.floor(high_x / size)), table.columns - 1)
     bottom, top = max(int(math.floor(low_y / size)), 0), min(int(math.floor(high_y / size)), table.rows - 1)
+    for column in range(left, right + 1):
+        work.highest[0, column & mask] = ABYSS
     for row in range(bottom, top + 1):
+        of_row = ABYSS
         for column in range(left, right + 1):
             height, rate = plate(rigid, world, row, column, node, after)
             i, j = row & mask, column & mask
             work.height[i, j], work.rate[i, j] = height, rate
             work.grip[i, j] = grip_of(rigid.state.patches[world], row, column)
-            highest = max(highest, height)
+            of_row = max(of_row, height)
+            work.highest[0, j] = max(work.highest[0, j], height)
+        work.highest[1, row & mask] = of_row
+        highest = max(highest, of_row)
     return highest
 
 
 @borrowing
-def share_of_own(position, index, count, ramp):
-    """Which neighbour's height is blended in along one axis, and the share of the element's own.
+def share_of_own(position, index, count, steepness):
+    """Which neighbour's height is blended in along one axis, and how.
 
     Args:
         position: in the element, 0 to 1.
         index, count: of the element, and how many there are.
-        ramp: on either side of a border, in elements.
+        steepness: by how much the element's own share falls in an element's length.
 
     Returns:
-        The neighbour (the element itself where there is none), and the share.
+        The neighbour (the element itself where there is none), its share, and how that grows with the position.
     """
-    other, distance = index - 1, position
-    if position > 0.5:
-        other, distance = index + 1, 1.0 - position
-    if distance >= ramp or other < 0 or other >= count:
-        return index, 1.0
-    return other, 0.5 + 0.5 * distance / ramp
+    upward = position > 0.5
+    distance = 1.0 - position if upward else position
+    other = index + 1 if upward else index - 1
+    share = max(0.5 - steepness * distance, 0.0)
+    slope = 0.0 if share == 0.0 else (steepness if upward else -steepness)
+    return index if other < 0 or other >= count else other, share, slope
 
 
 @borrowing
 def ground(rigid, x, y):
-    """Height (m) and velocity (m/s) of the ground at a point of the table's frame, over plates that are written down."""
-    table, ramp, heights, rates = rigid.table, rigid.scheme.blend, rigid.work.height, rigid.work.rate
-    u, v = x * rigid.scheme.fineness, y * rigid.scheme.fineness
+    """The ground at a point of the table's frame, over plates that are written down.
+
+    Returns:
+        Height (m), velocity (m/s), and slope along x and y.
+    """
+    table, scheme, heights, rates = rigid.table, rigid.scheme, rigid.work.height, rigid.work.rate
+    u, v = x * scheme.fineness, y * scheme.fineness
     if not (u >= 0.0 and v >= 0.0 and u <= table.columns and v <= table.rows):
-        return ABYSS, 0.0
+        return ABYSS, 0.0, 0.0, 0.0
     mask = heights.shape[1] - 1
     column, row = min(int(u), table.columns - 1), min(int(v), table.rows - 1)
-    height, rate = heights[row & mask, column & mask], rates[row & mask, column & mask]
-    other_column, own_x = share_of_own(u - column, column, table.columns, ramp)
-    other_row, own_y = share_of_own(v - row, row, table.rows, ramp)
-    i, j = other_row & mask, other_column & mask
-    if own_x < 1.0:
-        height += (1.0 - own_x) * (heights[row & mask, j] - height)
-        rate += (1.0 - own_x) * (rates[row & mask, j] - rate)
-    if own_y < 1.0:
-        beside, going = heights[i, column & mask], rates[i, column & mask]
-        if own_x < 1.0:
-            beside += (1.0 - own_x) * (heights[i, j] - beside)
-            going += (1.0 - own_x) * (rates[i, j] - going)
-        height, rate = height + (1.0 - own_y) * (beside - height), rate + (1.0 - own_y) * (going - rate)
-    return height, rate
+    other_column, share_x, slope_x = share_of_own(u - column, column, table.columns, scheme.steepness)
+    other_row, share_y, slope_y = share_of_own(v - row, row, table.rows, scheme.steepness)
+    # Without branches. Plates that are not written down have no share: whatever stands there changes no bit.
+    i, j, k, m = row & mask, column & mask, other_row & mask, other_column & mask
+    own, along, across, both = heights[i, j], heights[i, m], heights[k, j], heights[k, m]
+    near, far = own + share_x * (along - own), across + share_x * (both - across)
+    rate, other_rate = rates[i, j], rates[k, j]
+    rate, other_rate = rate + share_x * (rates[i, m] - rate), other_rate + share_x * (rates[k, m] - other_rate)
+    climb_x = slope_x * (along - own + share_y * (both - across - along + own))
+    return (
+        near + share_y * (far - near), rate + share_y * (other_rate - rate),
+        scheme.fineness * climb_x, scheme.fineness * (slope_y * (far - near)),
+    )  # fmt: skip
 
 
 @borrowing
@@ -112,22 +122,30 @@ def grip_at(rigid, x, y):
 
 
 @borrowing
-def is_level(rigid, world, x, y, reach):
-    """Whether all plates within ``reach`` (m) of a point move alike, and none is missing."""
+def begin_reading(rigid, kind):
+    """Forget what has been read of the drive, and read what reaches a part of this kind."""
+    forget_phasors(rigid.work.phasors, 0)
+    rigid.work.phasors.coupling[0] = rigid.bodies.coupling[kind]
+
+
+@borrowing
+def is_level(rigid, world, kind, x, y, reach):
+    """Whether all plates within ``reach`` (m) of a point move alike, and none is missing; as they reach parts of a kind."""
     table = rigid.table
     size = table.element_size
     left, bottom = math.floor((x - reach) / size), math.floor((y - reach) / size)
     right, top = math.floor((x + reach) / size), math.floor((y + reach) / size)
     if not (left >= 0.0 and bottom >= 0.0 and right < table.columns and top < table.rows):
         return False
+    first_row, first_column = int(bottom), int(left)
+    if all_told_alike(rigid.drive, world, first_row, first_column, int(top), int(right)):
+        return True
     w = 2.0 * math.pi / table.period
     most = (LEVEL * w * w) ** 2
-    first_row, first_column = int(bottom), int(left)
+    begin_reading(rigid, kind)
     c, s = phasor_under(rigid.work.phasors, 0, rigid.drive, world, first_row, first_column)
     for row in range(first_row, int(top) + 1):
         for column in range(first_column, int(right) + 1):
-            if same_command(rigid.drive, world, row, column, first_row, first_column):
-                continue
             real, imaginary = phasor_under(rigid.work.phasors, 0, rigid.drive, world, row, column)
             if not (real - c) * (real - c) + (imaginary - s) * (imaginary - s) <= most:
                 return False

@@ -10,7 +10,6 @@ import math
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.records import best_grip, friction_in, incline_size
-from vibgym.physics.planar.phasors import forget_phasors
 from vibgym.physics.tilting.attitude import (
     enter_attitude,
     enter_spin,
@@ -21,7 +20,7 @@ from vibgym.physics.tilting.attitude import (
 )
 from vibgym.physics.tilting.candidates import find_contacts, is_inside, on_bottom, place_corners
 from vibgym.physics.tilting.flat import begin_flat, slide_flat
-from vibgym.physics.tilting.ground import ground, is_level, plate, write_plates
+from vibgym.physics.tilting.ground import begin_reading, ground, is_level, plate, write_plates
 from vibgym.physics.tilting.impulses import IMPACT, resolve_contacts
 from vibgym.physics.tilting.records import (
     CX,
@@ -72,13 +71,6 @@ def reach_of(rigid, world, part, periods):
 
 
 @borrowing
-def begin_reading(rigid, kind):
-    """Forget what has been read of the drive, and read what reaches a part of this kind."""
-    forget_phasors(rigid.work.phasors, 0)
-    rigid.work.phasors.coupling[0] = rigid.bodies.coupling[kind]
-
-
-@borrowing
 def is_steady(rigid, world, part):
     """Whether friction is too weak to tip a part that lies flat on level ground."""
     state = rigid.state
@@ -93,9 +85,8 @@ def lies_level(rigid, world, part, periods):
     state, kind = rigid.state, rigid.bodies.kind[part]
     if not is_steady(rigid, world, part):
         return False
-    begin_reading(rigid, kind)
     reach = reach_of(rigid, world, part, periods)
-    return is_level(rigid, world, state.pose[world, part, 0], state.pose[world, part, 1], reach)
+    return is_level(rigid, world, kind, state.pose[world, part, 0], state.pose[world, part, 1], reach)
 
 
 @borrowing
@@ -129,7 +120,7 @@ def set_down(rigid, world, kind):
     x, y = motion[CX] - table.radius, motion[CY]
     write_plates(rigid, world, x - wide, y - wide, x + wide, y + wide, 0, 0)
     for k in range(place_corners(rigid, kind)):
-        height, speed = ground(rigid, corner[k, 0] - table.radius, corner[k, 1])
+        height, speed, _, _ = ground(rigid, corner[k, 0] - table.radius, corner[k, 1])
         if height - corner[k, 2] > most:
             most, rate = height - corner[k, 2], speed
     size = table.element_size
@@ -155,9 +146,7 @@ def set_down(rigid, world, kind):
 @borrowing
 def forget_contacts(rigid):
     """Let the first step begin without impulses of an earlier one."""
-    warm = rigid.work.warm
-    for k in range(warm.shape[0]):
-        warm[k, 0] = warm[k, 1] = warm[k, 2] = 0.0
+    rigid.work.kept[0] = 0
 
 
 @borrowing
@@ -186,7 +175,7 @@ def take_step(rigid, world, kind, friction, level, turn):
     n = find_contacts(rigid, world, kind, level, node)
     if n > 0:
         table_x, table_y = -table.speed * scheme.sine[node], table.speed * scheme.cosine[node]
-        resolve_contacts(motion, rigid.work.contact, n, friction, table_x, table_y, rigid.work.warm)
+        resolve_contacts(rigid.work, n, friction, table_x, table_y)
     else:
         forget_contacts(rigid)
     drift(motion, 0.5 * step)
@@ -289,9 +278,9 @@ def rock_period(rigid, world, part, follows, paths, base, nodes):
     """
     state, tilt, work = rigid.state, rigid.tilt, rigid.work
     kind = rigid.bodies.kind[part]
-    begin_reading(rigid, kind)
     x, y, heading = state.pose[world, part, 0], state.pose[world, part, 1], state.pose[world, part, 2]
-    level = is_level(rigid, world, x, y, reach_of(rigid, world, part, 1))
+    level = is_level(rigid, world, kind, x, y, reach_of(rigid, world, part, 1))
+    begin_reading(rigid, kind)
     enter_motion(rigid, world, part, kind)
     if tilt.mode[world, part] == FLAT or tilt.mode[world, part] == TIPPED:
         set_down(rigid, world, kind)

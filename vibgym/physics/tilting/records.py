@@ -72,7 +72,7 @@ class TiltScheme(NamedTuple):
     restitution: float
     ramp: float  # m, on either side of a border over which heights are blended
     fineness: float  # elements per m
-    blend: float  # the ramp in elements
+    steepness: float  # of a ramp: by how much an element's share falls in its length
     settling: float  # m/s, at most, with which what has sunk into a plate is lifted out
 
 
@@ -87,13 +87,15 @@ most."""
 FRAME = 9
 """Numbers of an attitude as a matrix, row by row."""
 
-CONTACT = 15
+CONTACT = 23
 """Numbers of a contact."""
 
-RX, RY, RZ, GOAL, RATE, GIVE, SLIDE, PN, PX, PY, BEFORE, SLIP_X, SLIP_Y, ORIGIN, GRIP = range(CONTACT)
+RX, RY, RZ, GOAL, RATE, GIVE, SLIDE, PN, PX, PY, BEFORE, SLIP_X, SLIP_Y, GRIP = range(14)
+UP_X, UP_Y, UP_Z, EAST_X, EAST_Y, EAST_Z, NORTH_X, NORTH_Y, NORTH_Z = range(14, CONTACT)
 """Places: arm from the centre of mass (m); normal velocity aimed at, and that of the ground (m/s); inverse of what a normal and
 a horizontal impulse change; impulses over mass, normal, x and y (m/s); normal velocity against the ground, and slip, before
-(m/s); index of the corner that it is, or -1; the plate's factor on friction."""
+(m/s); the plate's factor on friction; angular velocity (rad/s) that a unit impulse over mass (m/s) upward, along x and along y
+gives."""
 
 
 class Work(NamedTuple):
@@ -103,13 +105,15 @@ class Work(NamedTuple):
     frame: np.ndarray  # (FRAME,)
     corner: np.ndarray  # (corners, 3) m, of the bottom, in the world
     contact: np.ndarray  # (capacity, CONTACT)
-    warm: np.ndarray  # (corners, 3) impulses of the last step
+    warm: np.ndarray  # (capacity, 5) m, m, m/s, where contacts pushed in the last step, and their impulses over mass
+    kept: np.ndarray  # (1,) how many of these there are
     lines: np.ndarray  # (2, lines) m, across x and y, on which plates begin or end, in the table's frame
     beside: np.ndarray  # (2, lines, 2) plates along the axis on either side of each line: its own, and the other
     phasors: Phasors
     height: np.ndarray  # (size, size) m, of the plates beneath, by row and column modulo size, which is a power of two
     rate: np.ndarray  # (size, size) m/s, likewise
     grip: np.ndarray  # (size, size) factor on friction, likewise
+    highest: np.ndarray  # (2, size) m, highest plate beneath of each column and of each row
 
 
 RIM_POINTS = 8
@@ -156,17 +160,19 @@ def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
         frame=np.zeros(FRAME),
         corner=np.zeros((corners, 3)),
         contact=np.zeros((corners + 4 * lines + lines * lines, CONTACT)),
-        warm=np.zeros((corners, 3)),
+        warm=np.zeros((corners + 4 * lines + lines * lines, 5)),
+        kept=np.zeros(1, np.int64),
         lines=np.zeros((2, lines)),
         beside=np.zeros((2, lines, 2), np.int64),
         phasors=phasors,
         height=np.zeros(phasors.c.shape[1:]),
         rate=np.zeros(phasors.c.shape[1:]),
         grip=np.ones(phasors.c.shape[1:]),
+        highest=np.zeros((2, phasors.c.shape[1])),
     )
 
 
 def tilt_scheme(steps: int, restitution: float, ramp: float, size: float, settling: float) -> TiltScheme:
     """The constants, with the drive's trigonometry at the half steps."""
     phase = np.arange(2 * steps + 1) * (math.pi / steps)
-    return TiltScheme(steps, np.cos(phase), np.sin(phase), restitution, ramp, 1.0 / size, ramp / size, settling)
+    return TiltScheme(steps, np.cos(phase), np.sin(phase), restitution, ramp, 1.0 / size, 0.5 * size / ramp, settling)
