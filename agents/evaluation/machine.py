@@ -20,6 +20,8 @@ from vibgym.sensing.camera import CameraSensor, Settings
 from vibgym.sensing.effects import deviations
 from vibgym.sensing.ideal import IdealSensor
 from vibgym.sensing.pose import PoseSensor
+from vibgym.simulation.simulator import MODELS
+from vibgym.simulation.tilting import RAMP, RESTITUTION
 
 IDEAL = (
     "Every element does exactly what it is told, at once.",
@@ -42,8 +44,8 @@ Said = Callable[[Any, Mapping[str, Any], Surface], Words | None]
 def sentences(environment: Mapping[str, Any], surface: Surface) -> list[str]:
     """What an engineer would tell of the machine that these arguments of an environment make, at length."""
     parts = _words(environment, surface)
-    actuators, sensor, drawn = ([each.sentence for each in found] for found in parts)
-    return [*(actuators or IDEAL[:1]), *(sensor or IDEAL[1:]), *drawn]
+    actuators, sensor, physics, drawn = ([each.sentence for each in found] for found in parts)
+    return [*(actuators or IDEAL[:1]), *(sensor or IDEAL[1:]), *physics, *drawn]
 
 
 def cards(environments: Mapping[str, Mapping[str, Any]], surface: Surface) -> list[dict[str, Any]]:
@@ -72,15 +74,38 @@ def settings_of_sensor(settings: Mapping[str, Any], surface: Surface) -> str:
     return " ".join([*(each.sentence for each in said if each is not None), *([f"({plain})"] if plain else [])])
 
 
-def _words(environment: Mapping[str, Any], surface: Surface) -> tuple[list[Words], list[Words], list[Words]]:
-    """Of actuators, sensor, and what is drawn for every episode."""
+def _words(environment: Mapping[str, Any], surface: Surface) -> tuple[list[Words], ...]:
+    """Of actuators, sensor, physics, and what is drawn for every episode."""
     actuators = _of_kind(environment.get("actuators", "ideal"), "actuators", ACTUATORS, surface)
     sensor = _of_kind(environment.get("sensor", "ideal"), "sensor", SENSORS, surface)
+    model, knobs = checks.named("model", environment.get("model", "planar"), MODELS)
+    physics = [_rigid(**knobs)] if model == "tilting" else []
     drawn = []
     for name, value in to_si(environment.get("randomize") or {}, "randomize").items():
+        if name == "disturbance":
+            drawn.append(_struck(to_si(value, name)))
+            continue
         text = _range(name, value)
         drawn.append(Words(text, f"Drawn anew for every episode: {text}."))
-    return actuators, sensor, drawn
+    return actuators, sensor, physics, drawn
+
+
+def _rigid(restitution: float = RESTITUTION, ramp_mm: float = 1e3 * RAMP, **steps: int) -> Words:
+    """Of ``model="tilting"``."""
+    differ = f"restitution {restitution:g}, plates' edges blended over {ramp_mm:g} mm"
+    return Words(
+        f"rigid parts ({differ})",
+        f"Parts are rigid bodies: they rock where plates stand at different heights ({differ}).",
+    )
+
+
+def _struck(setting: Mapping[str, Any]) -> Words:
+    """Of ``randomize={"disturbance": ...}``."""
+    tilt = setting["tilt"]
+    ends = sorted({*tilt} if checks.listed(tilt) else {tilt})
+    degrees = " to ".join(f"{math.degrees(each):.4g}" for each in ends)
+    often = f"about {60.0 * setting['rate']:.3g} times a minute"
+    return Words(f"struck {often}", f"Every part is struck {often}, as hard as a tilt of {degrees}°.")
 
 
 def _of_kind(given: Any, what: str, kinds: Mapping[str, Any], surface: Surface) -> list[Words]:
@@ -107,7 +132,11 @@ def _range(name: str, value: Any) -> str:
         value = f"up to {factor * value:.4g}"
     elif all(isinstance(each, int | float) for each in value):
         value = " to ".join(f"{factor * each:.4g}" for each in value)
-    return f"{name.replace('_', ' ')} {value}{unit}"
+    return f"{NAMES.get(name, name.replace('_', ' '))} {value}{unit}"
+
+
+NAMES = {"patches": "friction of each element"}
+"""Of what may be drawn, where the setting's own does not say it."""
 
 
 UNITS = {
@@ -123,6 +152,7 @@ UNITS = {
     "friction": (100.0, " %"),
     "mass": (100.0, " %"),
     "incline": (180.0 / math.pi, "°"),
+    "patches": (100.0, " %"),
 }
 """Of what may be drawn for every episode: factor and unit in which it is said."""
 
