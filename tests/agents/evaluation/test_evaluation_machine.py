@@ -112,14 +112,14 @@ def test_rigid_parts_that_are_struck_on_patches():
     struck = {"patches": [0.7, 1.3], "disturbance": {"rate": 0.25, "tilt_deg": [0.5, 3.0]}}
     environment = {"model": {"kind": "tilting", "ramp_mm": 1.0}, "randomize": struck}
     assert machine.sentences(environment, SURFACE)[2:] == [
-        "Parts are rigid bodies: they rock where plates stand at different heights (restitution 0.2, plates' edges blended over "
-        "1 mm).",
+        "Parts are rigid bodies: they rock where plates stand at different heights (restitution 0.2, plates' edges blended "
+        "over 1 mm).",
         "Drawn anew for every episode: friction of each element 70 to 130 %.",
         "Every part is struck about 15 times a minute, as hard as a tilt of 0.5 to 3°.",
     ]
     assert machine.summary({"model": "planar"}, SURFACE) == "ideal"
     assert (
-        "as hard as a tilt of up to 3°"
+        "as hard as a tilt of 3°."
         in machine.sentences({"randomize": {"disturbance": {"rate": 1, "tilt_deg": 3}}}, SURFACE)[2]
     )
 
