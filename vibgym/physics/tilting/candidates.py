@@ -12,7 +12,7 @@ import math
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.records import body_of
-from vibgym.physics.tilting.ground import LEVEL, grip_at, ground, write_plates
+from vibgym.physics.tilting.ground import LEVEL, grip_at, ground, ground_on_line, write_plates
 from vibgym.physics.tilting.impulses import IMPACT
 from vibgym.physics.tilting.records import (
     BEFORE,
@@ -203,11 +203,12 @@ def is_step(rigid, axis, line, along):
 def add_crossing(rigid, n, axis, line, x, y, z, node):
     """Add where the edge of the bottom crosses a line across an axis, see :func:`add_contact`."""
     table, scheme, work = rigid.table, rigid.scheme, rigid.work
-    at_x, at_y = x - table.radius * scheme.cosine[node], y - table.radius * scheme.sine[node]
-    height, rate, _, _ = ground(rigid, at_x, at_y)
-    if z - height > work.motion[REACH] or not is_step(
-        rigid, axis, line, int((at_y if axis == 0 else at_x) * scheme.fineness)
-    ):
+    at = y - table.radius * scheme.sine[node] if axis == 0 else x - table.radius * scheme.cosine[node]
+    own, along = work.beside[axis, line, 0], int(math.floor(at * scheme.fineness))
+    if along < 0 or along >= (table.rows if axis == 0 else table.columns) or not is_step(rigid, axis, line, along):
+        return n
+    height, rate = ground_on_line(rigid, axis, own, along, at)
+    if z - height > work.motion[REACH]:
         return n
     return add_contact(rigid, n, x, y, z, height, rate, node)
 
@@ -291,8 +292,8 @@ def is_inside(rigid, kind, u, v):
 
 
 @borrowing
-def add_nodes(rigid, n, kind, crossed_x, crossed_y, node):
-    """Add where lines cross one another under the bottom."""
+def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
+    """Add where lines cross one another under the bottom, which lies between two places (m) along y of the table's frame."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h = rigid.work.lines, rigid.solids.centre_height[kind]
     heights, rates, reach = rigid.work.height, rigid.work.rate, motion[REACH]
@@ -300,12 +301,16 @@ def add_nodes(rigid, n, kind, crossed_x, crossed_y, node):
     shift_x, shift_y = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
     down_x, down_y = -frame[2] / frame[8], -frame[5] / frame[8]  # slope of the bottom
     for i in range(crossed_x):
-        x = lines[0, i] + shift_x
+        x, column = lines[0, i] + shift_x, rigid.work.beside[0, i, 0]
+        dx = x - motion[CX] + h * frame[2]
+        base = motion[CZ] - h * frame[8] + down_x * dx
+        away = max(abs(low_y + shift_y - motion[CY] + h * frame[5]), abs(high_y + shift_y - motion[CY] + h * frame[5]))
+        if base - abs(down_y) * away - rigid.work.highest[0, column & mask] > reach:
+            continue  # all of the line is too high
         for j in range(crossed_y):
             y = lines[1, j] + shift_y
-            dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
-            z = motion[CZ] - h * frame[8] + down_x * dx + down_y * dy
-            column, row = rigid.work.beside[0, i, 0], rigid.work.beside[1, j, 0]
+            dy = y - motion[CY] + h * frame[5]
+            z, row = base + down_y * dy, rigid.work.beside[1, j, 0]
             height = heights[row & mask, column & mask]  # where lines cross, ramps have ended
             if z - height > reach:
                 continue
@@ -352,4 +357,4 @@ def find_contacts(rigid, world, kind, level, node):
         n = add_rim(rigid, n, kind, crossed_x, crossed_y, node)
     else:
         n = add_edges(rigid, n, corners, crossed_x, crossed_y, node, high)
-    return add_nodes(rigid, n, kind, crossed_x, crossed_y, node)
+    return add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node)

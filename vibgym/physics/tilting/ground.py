@@ -113,6 +113,27 @@ def ground(rigid, x, y):
 
 
 @borrowing
+def ground_on_line(rigid, axis, own, along, at):
+    """The ground on a line across an axis on which a plate ends, its ramp there having ended, over plates written down.
+
+    Args:
+        own, along: the plate's numbers along the axis and along the other.
+        at: m, place along the other axis in the table's frame, over that plate.
+
+    Returns:
+        Height (m) and velocity (m/s).
+    """
+    table, scheme, heights, rates = rigid.table, rigid.scheme, rigid.work.height, rigid.work.rate
+    mask = heights.shape[1] - 1
+    count = table.rows if axis == 0 else table.columns
+    other, share, _ = share_of_own(at * scheme.fineness - along, along, count, scheme.steepness)
+    i, j = (along & mask, own & mask) if axis == 0 else (own & mask, along & mask)
+    k, m = (other & mask, j) if axis == 0 else (i, other & mask)
+    height, rate = heights[i, j], rates[i, j]
+    return height + share * (heights[k, m] - height), rate + share * (rates[k, m] - rate)
+
+
+@borrowing
 def grip_at(rigid, x, y):
     """Factor on friction of the plate at a point of the table's frame, of those that are written down."""
     table, grip = rigid.table, rigid.work.grip
