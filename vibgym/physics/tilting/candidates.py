@@ -22,6 +22,7 @@ from vibgym.physics.tilting.records import (
     GIVE,
     GOAL,
     GRIP,
+    LIFT,
     MXX,
     MXY,
     MXZ,
@@ -136,18 +137,19 @@ def add_contact(rigid, n, x, y, z, height, rate, node):
 
 
 @borrowing
-def add_corner(rigid, n, k, level, node):
+def add_corner(rigid, n, k, level, climbing, node):
     """Add a corner of the bottom, see :func:`add_contact`.
 
     Args:
         level: whether the plates beneath move alike.
+        climbing: m, that it gains at most in half a step as it slides up a ramp.
     """
     table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
     x, y, z = corner[k, 0], corner[k, 1], corner[k, 2]
     cosine, sine = scheme.cosine[node], scheme.sine[node]
     at_x, at_y = x - table.radius * cosine, y - table.radius * sine
     height, rate, slope_x, slope_y = ground(rigid, at_x, at_y)
-    if z - height > motion[REACH]:
+    if z - height > motion[REACH] + climbing:
         return n
     if not level:  # what slides up a ramp climbs
         rz = z - motion[CZ]
@@ -232,10 +234,15 @@ def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
                 continue
             inverse = 1.0 / length
             begin = x - table.radius * scheme.cosine[node] if axis == 0 else y - table.radius * scheme.sine[node]
-            for k in range(crossed_x if axis == 0 else crossed_y):
+            low, top = min(begin, begin + length), max(begin, begin + length)
+            k, last = 0, crossed_x if axis == 0 else crossed_y
+            while k < last and lines[axis, k] <= low:  # they are in order
+                k += 1
+            while k < last and lines[axis, k] < top:
                 t = (lines[axis, k] - begin) * inverse
-                if t > 0.0 and t < 1.0 and z + t * to_z < highest[axis, beside[axis, k, 0] & mask] + reach:
+                if z + t * to_z < highest[axis, beside[axis, k, 0] & mask] + reach:
                     n = add_crossing(rigid, n, axis, k, x + t * to_x, y + t * to_y, z + t * to_z, node)
+                k += 1
     return n
 
 
@@ -344,12 +351,14 @@ def find_contacts(rigid, world, kind, level, node):
     wide = scheme.ramp + AHEAD
     high = write_plates(rigid, world, low_x - wide, low_y - wide, high_x + wide, high_y + wide, node, node + 1)
     # What is higher than a plate by more than it can come down in half a step cannot touch it.
-    rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY]) * rigid.bodies.radius[kind]
-    motion[REACH] = NEAR + 0.5 * table.period / scheme.steps * (abs(motion[VZ]) + rocking + 2.0 * scheme.settling)
+    rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY])
+    coming = abs(motion[VZ]) + rocking * (rigid.bodies.radius[kind] + rigid.solids.centre_height[kind]) + motion[LIFT]
+    motion[REACH] = NEAR + 0.5 * table.period / scheme.steps * coming
+    climbing = 0.5 * table.period / scheme.steps * scheme.settling  # what a corner gains at most as it slides up a ramp
     high += motion[REACH]
     for k in range(corners):
-        if corner[k, 2] < high:
-            n = add_corner(rigid, n, k, level, node)
+        if corner[k, 2] < high + climbing:
+            n = add_corner(rigid, n, k, level, climbing, node)
     if level:
         return n
     crossed_x, crossed_y = write_lines(rigid, 0, low_x, high_x), write_lines(rigid, 1, low_y, high_y)
