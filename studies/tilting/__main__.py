@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from studies.tilting import endurance, energy, fields, hold, kick, landing, means
+from studies.tilting import cost, endurance, energy, fields, hold, kick, landing, means
 from vibgym import checks
 
 STUDIES = {
@@ -15,6 +15,7 @@ STUDIES = {
     "hold": hold.main,
     "endurance": endurance.main,
     "energy": energy.main,
+    "cost": cost.main,
 }
 """By name."""
 

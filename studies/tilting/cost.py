@@ -1,4 +1,5 @@
-"""What a period costs: ``python -m studies.tilting cost``. Microseconds of one core, medians of rounds in turn.
+"""What a period costs: ``python -m studies.tilting cost``. Microseconds of one core's own time (what else
+runs on the machine counts for little), medians of rounds in turn.
 
 Rigid parts on level ground and on random fields; and parts that lie flat, against the planar model.
 """
@@ -40,9 +41,9 @@ def rigid(part: Part, share: float, level: bool) -> float:
         simulator.tip(slice(None), TILT * np.stack([np.cos(way), np.sin(way)], axis=-1))
         taken = rigid_periods = 0.0
         for _ in range(1 if level else PERIODS):
-            began = time.perf_counter()
+            began = time.process_time()
             simulator.advance(amplitude, phase)
-            taken += time.perf_counter() - began
+            taken += time.process_time() - began
             rigid_periods += float((~simulator.fallen).sum())
         found.append(1e6 * taken / rigid_periods)
     return float(np.median(found))
@@ -57,9 +58,9 @@ def flat(part: Part, periods: int) -> tuple[float, float, float]:
         for each in both:
             if turn % 3 == 0:
                 each.reset(start)
-            began = time.perf_counter()
+            began = time.process_time()
             each.advance(0.3 * (SURFACE.max_amplitude or 0.0), 0.3 * turn, periods)
-            row.append(1e6 * (time.perf_counter() - began) / WORLDS / periods)
+            row.append(1e6 * (time.process_time() - began) / WORLDS / periods)
         found.append(row)
     planar, tilting = np.median(found, axis=0)
     return planar, tilting, float(np.median([b / a for a, b in found]))

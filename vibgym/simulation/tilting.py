@@ -197,10 +197,13 @@ class Tilting(AbovePlane, NoContacts):
         """See :class:`vibgym.simulation.protocol.Model`."""
 
         def work(buffers: Buffers) -> None:
-            left = periods
-            while left > 0:
+            told, rows, left = (drive.address, state.address), self._rows[start:stop], periods
+            if periods > STRETCH:  # most parts lie far enough from what is not level
+                flat, rows = sorted_rows(rows, buffers.rigid.address, told, self.pinned.address, periods)
+                slide_rows(flat, buffers.planar.address, *told, periods, NO_PATHS, 0)
+            while left > 0 and len(rows):
                 span = min(left, STRETCH)
-                self._advance(buffers, self._rows[start:stop], (drive.address, state.address), span)
+                self._advance(buffers, rows, told, span)
                 left -= span
 
         self._buffers.lend(work)

@@ -12,7 +12,7 @@ import math
 
 from vibgym._numba.jit import borrowing
 from vibgym.physics.core.records import body_of
-from vibgym.physics.tilting.ground import LEVEL, grip_at, ground, write_plates
+from vibgym.physics.tilting.ground import LEVEL, grip_at, ground, ground_on_line, write_plates
 from vibgym.physics.tilting.impulses import IMPACT
 from vibgym.physics.tilting.records import (
     BEFORE,
@@ -22,6 +22,7 @@ from vibgym.physics.tilting.records import (
     GIVE,
     GOAL,
     GRIP,
+    LIFT,
     MXX,
     MXY,
     MXZ,
@@ -136,18 +137,19 @@ def add_contact(rigid, n, x, y, z, height, rate, node):
 
 
 @borrowing
-def add_corner(rigid, n, k, level, node):
+def add_corner(rigid, n, k, level, climbing, node):
     """Add a corner of the bottom, see :func:`add_contact`.
 
     Args:
         level: whether the plates beneath move alike.
+        climbing: m, that it gains at most in half a step as it slides up a ramp.
     """
     table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
     x, y, z = corner[k, 0], corner[k, 1], corner[k, 2]
     cosine, sine = scheme.cosine[node], scheme.sine[node]
     at_x, at_y = x - table.radius * cosine, y - table.radius * sine
     height, rate, slope_x, slope_y = ground(rigid, at_x, at_y)
-    if z - height > motion[REACH]:
+    if z - height > motion[REACH] + climbing:
         return n
     if not level:  # what slides up a ramp climbs
         rz = z - motion[CZ]
@@ -203,11 +205,12 @@ def is_step(rigid, axis, line, along):
 def add_crossing(rigid, n, axis, line, x, y, z, node):
     """Add where the edge of the bottom crosses a line across an axis, see :func:`add_contact`."""
     table, scheme, work = rigid.table, rigid.scheme, rigid.work
-    at_x, at_y = x - table.radius * scheme.cosine[node], y - table.radius * scheme.sine[node]
-    height, rate, _, _ = ground(rigid, at_x, at_y)
-    if z - height > work.motion[REACH] or not is_step(
-        rigid, axis, line, int((at_y if axis == 0 else at_x) * scheme.fineness)
-    ):
+    at = y - table.radius * scheme.sine[node] if axis == 0 else x - table.radius * scheme.cosine[node]
+    own, along = work.beside[axis, line, 0], int(math.floor(at * scheme.fineness))
+    if along < 0 or along >= (table.rows if axis == 0 else table.columns) or not is_step(rigid, axis, line, along):
+        return n
+    height, rate = ground_on_line(rigid, axis, own, along, at)
+    if z - height > work.motion[REACH]:
         return n
     return add_contact(rigid, n, x, y, z, height, rate, node)
 
@@ -231,10 +234,15 @@ def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
                 continue
             inverse = 1.0 / length
             begin = x - table.radius * scheme.cosine[node] if axis == 0 else y - table.radius * scheme.sine[node]
-            for k in range(crossed_x if axis == 0 else crossed_y):
+            low, top = min(begin, begin + length), max(begin, begin + length)
+            k, last = 0, crossed_x if axis == 0 else crossed_y
+            while k < last and lines[axis, k] <= low:  # they are in order
+                k += 1
+            while k < last and lines[axis, k] < top:
                 t = (lines[axis, k] - begin) * inverse
-                if t > 0.0 and t < 1.0 and z + t * to_z < highest[axis, beside[axis, k, 0] & mask] + reach:
+                if z + t * to_z < highest[axis, beside[axis, k, 0] & mask] + reach:
                     n = add_crossing(rigid, n, axis, k, x + t * to_x, y + t * to_y, z + t * to_z, node)
+                k += 1
     return n
 
 
@@ -291,8 +299,8 @@ def is_inside(rigid, kind, u, v):
 
 
 @borrowing
-def add_nodes(rigid, n, kind, crossed_x, crossed_y, node):
-    """Add where lines cross one another under the bottom."""
+def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
+    """Add where lines cross one another under the bottom, which lies between two places (m) along y of the table's frame."""
     table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
     lines, h = rigid.work.lines, rigid.solids.centre_height[kind]
     heights, rates, reach = rigid.work.height, rigid.work.rate, motion[REACH]
@@ -300,12 +308,16 @@ def add_nodes(rigid, n, kind, crossed_x, crossed_y, node):
     shift_x, shift_y = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
     down_x, down_y = -frame[2] / frame[8], -frame[5] / frame[8]  # slope of the bottom
     for i in range(crossed_x):
-        x = lines[0, i] + shift_x
+        x, column = lines[0, i] + shift_x, rigid.work.beside[0, i, 0]
+        dx = x - motion[CX] + h * frame[2]
+        base = motion[CZ] - h * frame[8] + down_x * dx
+        away = max(abs(low_y + shift_y - motion[CY] + h * frame[5]), abs(high_y + shift_y - motion[CY] + h * frame[5]))
+        if base - abs(down_y) * away - rigid.work.highest[0, column & mask] > reach:
+            continue  # all of the line is too high
         for j in range(crossed_y):
             y = lines[1, j] + shift_y
-            dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
-            z = motion[CZ] - h * frame[8] + down_x * dx + down_y * dy
-            column, row = rigid.work.beside[0, i, 0], rigid.work.beside[1, j, 0]
+            dy = y - motion[CY] + h * frame[5]
+            z, row = base + down_y * dy, rigid.work.beside[1, j, 0]
             height = heights[row & mask, column & mask]  # where lines cross, ramps have ended
             if z - height > reach:
                 continue
@@ -339,12 +351,14 @@ def find_contacts(rigid, world, kind, level, node):
     wide = scheme.ramp + AHEAD
     high = write_plates(rigid, world, low_x - wide, low_y - wide, high_x + wide, high_y + wide, node, node + 1)
     # What is higher than a plate by more than it can come down in half a step cannot touch it.
-    rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY]) * rigid.bodies.radius[kind]
-    motion[REACH] = NEAR + 0.5 * table.period / scheme.steps * (abs(motion[VZ]) + rocking + 2.0 * scheme.settling)
+    rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY])
+    coming = abs(motion[VZ]) + rocking * (rigid.bodies.radius[kind] + rigid.solids.centre_height[kind]) + motion[LIFT]
+    motion[REACH] = NEAR + 0.5 * table.period / scheme.steps * coming
+    climbing = 0.5 * table.period / scheme.steps * scheme.settling  # what a corner gains at most as it slides up a ramp
     high += motion[REACH]
     for k in range(corners):
-        if corner[k, 2] < high:
-            n = add_corner(rigid, n, k, level, node)
+        if corner[k, 2] < high + climbing:
+            n = add_corner(rigid, n, k, level, climbing, node)
     if level:
         return n
     crossed_x, crossed_y = write_lines(rigid, 0, low_x, high_x), write_lines(rigid, 1, low_y, high_y)
@@ -352,4 +366,4 @@ def find_contacts(rigid, world, kind, level, node):
         n = add_rim(rigid, n, kind, crossed_x, crossed_y, node)
     else:
         n = add_edges(rigid, n, corners, crossed_x, crossed_y, node, high)
-    return add_nodes(rigid, n, kind, crossed_x, crossed_y, node)
+    return add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node)

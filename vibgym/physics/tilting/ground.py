@@ -11,6 +11,7 @@ from vibgym._numba.jit import borrowing
 from vibgym.physics.core.drive import all_told_alike
 from vibgym.physics.core.records import grip_of
 from vibgym.physics.planar.phasors import forget_phasors, phasor_under
+from vibgym.physics.tilting.records import LIFT
 
 ABYSS = -1.0
 """m, height where there is no plate."""
@@ -41,10 +42,10 @@ def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
         node, after: see :func:`plate`.
 
     Returns:
-        Height (m) of the highest, or that of no plate if there is none. The highest of each column and row are written
-        down, too.
+        Height (m) of the highest, or that of no plate if there is none. The highest of each column and row and the
+        fastest are written down, too.
     """
-    table, work, highest = rigid.table, rigid.work, ABYSS
+    table, work, highest, fastest = rigid.table, rigid.work, ABYSS, 0.0
     size, mask = table.element_size, rigid.work.height.shape[1] - 1
     left, right = max(int(math.floor(low_x / size)), 0), min(int(math.floor(high_x / size)), table.columns - 1)
     bottom, top = max(int(math.floor(low_y / size)), 0), min(int(math.floor(high_y / size)), table.rows - 1)
@@ -57,10 +58,11 @@ def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
             i, j = row & mask, column & mask
             work.height[i, j], work.rate[i, j] = height, rate
             work.grip[i, j] = grip_of(rigid.state.patches[world], row, column)
-            of_row = max(of_row, height)
+            of_row, fastest = max(of_row, height), max(fastest, abs(rate))
             work.highest[0, j] = max(work.highest[0, j], height)
         work.highest[1, row & mask] = of_row
         highest = max(highest, of_row)
+    work.motion[LIFT] = fastest
     return highest
 
 
@@ -110,6 +112,27 @@ def ground(rigid, x, y):
         near + share_y * (far - near), rate + share_y * (other_rate - rate),
         scheme.fineness * climb_x, scheme.fineness * (slope_y * (far - near)),
     )  # fmt: skip
+
+
+@borrowing
+def ground_on_line(rigid, axis, own, along, at):
+    """The ground on a line across an axis on which a plate ends, its ramp there having ended, over plates written down.
+
+    Args:
+        own, along: the plate's numbers along the axis and along the other.
+        at: m, place along the other axis in the table's frame, over that plate.
+
+    Returns:
+        Height (m) and velocity (m/s).
+    """
+    table, scheme, heights, rates = rigid.table, rigid.scheme, rigid.work.height, rigid.work.rate
+    mask = heights.shape[1] - 1
+    count = table.rows if axis == 0 else table.columns
+    other, share, _ = share_of_own(at * scheme.fineness - along, along, count, scheme.steepness)
+    i, j = (along & mask, own & mask) if axis == 0 else (own & mask, along & mask)
+    k, m = (other & mask, j) if axis == 0 else (i, other & mask)
+    height, rate = heights[i, j], rates[i, j]
+    return height + share * (heights[k, m] - height), rate + share * (rates[k, m] - rate)
 
 
 @borrowing

@@ -76,13 +76,15 @@ class TiltScheme(NamedTuple):
     settling: float  # m/s, at most, with which what has sunk into a plate is lifted out
 
 
-MOTION = 23
+MOTION = 24
 """Numbers of a rigid body in motion."""
 
-CX, CY, CZ, QW, QX, QY, QZ, VX, VY, VZ, LX, LY, LZ, WX, WY, WZ, MXX, MYY, MZZ, MXY, MXZ, MYZ, REACH = range(MOTION)
+CX, CY, CZ, QW, QX, QY, QZ, VX, VY, VZ, LX, LY, LZ, WX, WY, WZ, MXX, MYY, MZZ, MXY, MXZ, MYZ, REACH, LIFT = range(
+    MOTION
+)
 """Places: centre of mass (m), attitude (quaternion), velocity (m/s), angular momentum over mass (m^2/s), angular velocity
-(rad/s), the inverse of the inertia over mass (m^-2), all in the world's axes; m that any point comes down in half a step at
-most."""
+(rad/s), the inverse of the inertia over mass (m^-2), all in the world's axes; m that any point comes nearer to a plate in half
+a step at most; speed of the fastest plate beneath (m/s)."""
 
 FRAME = 9
 """Numbers of an attitude as a matrix, row by row."""
