@@ -20,6 +20,7 @@ import numpy as np
 from vibgym import checks
 from vibgym._numba.jit import borrowing
 from vibgym.actuators import DataSheet
+from vibgym.allocation.apron import spread_fields
 from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
 from vibgym.allocation.effect import effects, reaches
 from vibgym.allocation.projections import SPREAD, Limits, Problem, Scratch, allocate, new_scratch, start_table
@@ -49,6 +50,9 @@ class Allocator:
         surface, parts: the scene.
         sheet: what is known of the elements: largest amplitude, dead zone, resolution.
         threads: None uses all processors of this process; results do not depend on it.
+        apron: m around a part within which elements that bear none go on with the field under it
+            (:mod:`vibgym.allocation.apron`): what a rigid part comes to lie on within the step is then no step. Up to an
+            element.
 
     Attributes:
         most: largest amplitude, over the surface's.
@@ -56,8 +60,18 @@ class Allocator:
         gyration: (parts,) radii, m.
     """
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], sheet: DataSheet, threads: int | None = None) -> None:
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        sheet: DataSheet,
+        threads: int | None = None,
+        apron: float = 0.0,
+    ) -> None:
         self.surface, self.parts = surface, tuple(parts)
+        self._apron = checks.number("apron", apron, least=0.0, most=surface.element_size)
+        self._grown = outlines_of(surface, self.parts, self._apron)
+        self._around = workers.Pool(partial(_around, surface, self.parts, self._apron))
         self.outlines = outlines_of(surface, self.parts)
         self.gyration = self.outlines.gyration
         largest = surface.max_amplitude
@@ -108,6 +122,19 @@ class Allocator:
             self._scratch.lend(lambda scratch: allocate(start, stop, problem, *scratch, push))
 
         workers.share(work, worlds, self._threads)
+        return self._spread(problem.pose, problem.present, push) if self._apron > 0.0 else push
+
+    def _spread(self, pose: np.ndarray, present: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """The same pushes, with those of aprons."""
+
+        def work(start: int, stop: int) -> None:
+            self._around.lend(
+                lambda scratch: spread_fields(
+                    start, stop, self.outlines, self._grown, self.least, self.most, pose, present, *scratch, push
+                )
+            )
+
+        workers.share(work, len(push), self._threads)
         return push
 
     def effect(
@@ -167,6 +194,12 @@ def turn_round(push, action):
     """Write pushes (n,) x, y, x, y, ... as phasors ``-(y, x)``, float32, into ``action``."""
     for k in range(0, push.shape[0], 2):
         action[k], action[k + 1] = -push[k + 1], -push[k]
+
+
+def _around(surface: Surface, parts: tuple[Part, ...], apron: float) -> tuple[Pieces, Pieces, np.ndarray]:
+    """What one thread needs for aprons."""
+    mark = np.zeros(surface.rows * surface.columns, dtype=np.bool_)
+    return new_pieces(surface, parts), new_pieces(surface, parts, apron), mark
 
 
 def _scratch(surface: Surface, parts: tuple[Part, ...]) -> tuple[Pieces, Scratch]:

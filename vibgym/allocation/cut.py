@@ -35,9 +35,10 @@ class Pieces(NamedTuple):
     spare: np.ndarray
 
 
-def outlines_of(surface: Surface, parts: tuple[Part, ...]) -> Outlines:
-    """The parts' outlines for :func:`cut_parts`."""
-    vertex = np.concatenate([part.outline for part in parts])
+def outlines_of(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Outlines:
+    """The parts' outlines for :func:`cut_parts`, moved ``apron`` m away from the centre of mass."""
+    reach = [np.hypot(*part.outline.T)[:, None] for part in parts]
+    vertex = np.concatenate([part.outline * (1.0 + apron / far) for part, far in zip(parts, reach, strict=True)])
     first = np.cumsum([0, *(len(part.outline) for part in parts)])
     area = np.empty(len(parts))
     for p, part in enumerate(parts):
@@ -47,9 +48,9 @@ def outlines_of(surface: Surface, parts: tuple[Part, ...]) -> Outlines:
     return Outlines(vertex, first, area, gyration, surface.rows, surface.columns, surface.element_size)
 
 
-def new_pieces(surface: Surface, parts: tuple[Part, ...]) -> Pieces:
-    """Room for the pieces of one world."""
-    room = sum((math.floor(2.0 * part.radius / surface.element_size) + 2) ** 2 for part in parts)
+def new_pieces(surface: Surface, parts: tuple[Part, ...], apron: float = 0.0) -> Pieces:
+    """Room for the pieces of one world, of outlines with such an apron."""
+    room = sum((math.floor(2.0 * (part.radius + apron) / surface.element_size) + 2) ** 2 for part in parts)
     # A cut along a line keeps at most every vertex and adds at most one an edge; there are four.
     most = 16 * max(len(part.outline) for part in parts)
     whole = np.zeros((2, room), dtype=np.int64)

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from vibgym import checks
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.envs.actions import Wrench
@@ -16,7 +17,7 @@ from vibgym.policies.task_info import TaskInfo
 
 
 class Output(Protocol):
-    """One of :data:`OUTPUTS`, made as ``cls(info, process, learn)``."""
+    """One of :data:`OUTPUTS`, made as ``cls(info, process, learn, apron)``."""
 
     action: str
     """Value of the environment's ``action=``."""
@@ -50,13 +51,14 @@ class PhasorOutput:
         process: the frictional process, with the limit of the hardware.
         learn: whether to learn what elements make of their phasors (:mod:`.gains`), where they have a hard dead
             zone and parts have goals to be held at.
+        apron: m, of :class:`vibgym.allocation.Allocator`.
     """
 
     action = "phasor"
 
-    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool) -> None:
+    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
         self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
-        self.allocator = Allocator(info.surface, info.parts, info.hardware)
+        self.allocator = Allocator(info.surface, info.parts, info.hardware, apron=apron)
         self.half = 0.5 * info.surface.period  # s
 
     def begin(self, batch: int) -> Any:
@@ -98,12 +100,18 @@ class WrenchOutput:
     Args:
         info, process: see :class:`PhasorOutput`.
         learn: without effect.
+        apron: likewise 0, since the environment allocates.
+
+    Raises:
+        ValueError: an apron.
     """
 
     action = "wrench"
     learner = None
 
-    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool) -> None:
+    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
+        if apron != 0.0:
+            raise checks.refuse("apron", apron, "0 with action='wrench': the environment allocates")
         self.process = process
         self.scale = Wrench(info.surface, info.parts).scale
         self.allocator = Allocator(info.surface, info.parts, info.hardware)

@@ -41,6 +41,8 @@ class Steering:
         learn: whether to learn what elements make of their phasors (:mod:`.gains`), where they have a hard dead
             zone and parts have goals to be held at, and ``action`` is ``"phasor"``.
         action: the environment's ``action=`` that is spoken, of :data:`vibgym.policies.classical.outputs.OUTPUTS`.
+        apron: m around parts within which elements move as those under them, for rigid parts
+            (:mod:`vibgym.allocation.apron`); only with ``action="phasor"``.
         **settings: the law's own.
 
     Attributes:
@@ -54,7 +56,14 @@ class Steering:
     observation = "state"
 
     def __init__(
-        self, info: TaskInfo, *, law: str = "local", learn: bool = True, action: str = "phasor", **settings: Any
+        self,
+        info: TaskInfo,
+        *,
+        law: str = "local",
+        learn: bool = True,
+        action: str = "phasor",
+        apron: float = 0.0,
+        **settings: Any,
     ) -> None:
         self.info = info
         self.law = checks.made(f"law {law!r}", LAWS.choose("law", law), (info,), settings)
@@ -68,7 +77,7 @@ class Steering:
         # s, of the same, by the end of the step.
         self.gained = info.surface.period + 2.0 * self.ahead * np.exp(-self.ahead * info.plant.drag)
         self.action = checks.choice("action", action, tuple(OUTPUTS))
-        self.output = OUTPUTS[action](info, self.process, learn)
+        self.output = OUTPUTS[action](info, self.process, learn, apron)
         self.learner = self.output.learner
         self.symmetry = np.array([part.symmetry for part in info.parts])
         self.preview, self.seen = (Preview(info), from_goals) if info.goal_moves else (as_they_stand, as_they_stand)

@@ -307,6 +307,8 @@ class ModelSettings(KalmanSettings):
     Args:
         model: of the simulator.
         model_error: standard deviation of the acceleration that the model does not know, as a share of that which acts.
+        delivered: share of the elements' push that reaches parts. Rigid ones that rock get less than even pressure promises:
+            see docs/tilting.md.
     """
 
     acceleration: float = 0.001
@@ -314,8 +316,10 @@ class ModelSettings(KalmanSettings):
     drift: float = 0.005
     model: str = "planar"
     model_error: float = 0.06
+    delivered: float = 1.0
 
     def __post_init__(self) -> None:
+        checks.number("sensor.estimator.delivered", self.delivered, above=0.0, most=1.0)
         checks.number("sensor.estimator.model_error", self.model_error, least=0.0, most=10.0)
         super().__post_init__()
 
@@ -425,5 +429,5 @@ class ModelEstimator(FilterEstimator):
     def __init__(self, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str], **settings: Any) -> None:
         given = ModelSettings(**settings)
         with checks.within("sensor.estimator", "."):  # the environment has refused all that may be wrong but this model
-            predictor = ModelPredictor(sensor, plant, walls, given.model)
+            predictor = ModelPredictor(sensor, plant, walls, given.model, given.delivered)
         super().__init__(sensor, predictor, latency, given, given.model_error)

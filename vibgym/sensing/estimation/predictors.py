@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -67,11 +68,13 @@ class ModelPredictor:
         plant: nominal actuators.
         walls: of the table.
         model: of the simulator, in the plane: of what is above it nothing is measured.
+        delivered: share of the elements' motion that reaches parts, of what nominal ones have.
     """
 
-    def __init__(self, sensor: Sensor, plant: Plant, walls: Sequence[str], model: str) -> None:
+    def __init__(self, sensor: Sensor, plant: Plant, walls: Sequence[str], model: str, delivered: float = 1.0) -> None:
         checks.choice("model", model, ("planar", "averaged", "auto"))
-        self.simulator = Simulator(sensor.surface, sensor.parts, walls=walls, worlds=sensor.worlds, model=model)
+        parts = [replace(part, coupling=delivered * part.coupling) for part in sensor.parts]
+        self.simulator = Simulator(sensor.surface, parts, walls=walls, worlds=sensor.worlds, model=model)
         self.state, self._plant, self._periods = self.simulator.state, plant, sensor.periods
         velocity = [np.append(sensor.surface.idle_velocity(part.friction), 0.0) for part in sensor.parts]
         self._idle = np.array(velocity)
