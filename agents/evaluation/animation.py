@@ -6,6 +6,7 @@ import bisect
 import io
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,14 +45,14 @@ def picture(film: Film, scenery: Scenery, frame: int, painter: SurfacePainter) -
         trail,
         film.captions[frame],
     )
-    return painter.paint(scenery.view(*shown, film.paths))
+    return painter.paint(scenery.view(*shown, film.paths, film.sides[frame]))
 
 
 def frames_of(film: Film, scenery: Scenery, step_time: float, width: int = WIDTH) -> tuple[list[np.ndarray], float]:
     """Frames of a film and the time between them in s: every step of a short one, fewer of a long one, true to time."""
     last = len(film.poses) - 1
     stride = max(1, math.ceil(last / (MOST_FRAMES - 1)))
-    painter = painter_for(scenery, width)
+    painter = painter_for(replace(scenery, side=film.sides[0] is not None), width)
     return [picture(film, scenery, k, painter) for k in [*range(0, last, stride), last]], stride * step_time
 
 

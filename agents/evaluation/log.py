@@ -10,8 +10,10 @@ import numpy as np
 
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.shared import SharedInterface, Truth
+from vibgym.envs.viewer import side_of
 from vibgym.policies.measures import Measured, Measures
 from vibgym.policies.rollout import Step, Timing
+from vibgym.rendering import Side
 
 WATCHED_AMONG = 30
 """The world that is filmed is one of the first so many, which are also those of the trajectory plot."""
@@ -38,6 +40,7 @@ class Film:
     captions: tuple[str, ...]  # of the frames
     done: float  # parts done at the end; nan where they are not counted
     success: bool
+    sides: tuple[Side | None, ...]  # views from the side, of frames whose parts may tilt
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ class Log(Measures):
         self.last = np.full((worlds, parts, 2), np.nan)
         self.watched = farthest_goal(env, info.get("touching", np.zeros(worlds)))
         self.paths = tuple(env.paths(self.watched))
-        self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str]] = []
+        self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str, Side | None]] = []
         self._keep(0, np.ones(worlds, dtype=bool), info)
 
     def add(self, step: Step) -> None:
@@ -170,7 +173,9 @@ class Log(Measures):
         if playing[self.watched]:
             self.frames.append(self._frame(truth, step))
 
-    def _frame(self, truth: Truth, step: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str]:
+    def _frame(
+        self, truth: Truth, step: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str, Side | None]:
         said = self.env.caption(self.watched).removeprefix(self.env.task.name).strip()
         phasors = self.env.phasors(self.watched).astype(np.float32)
         return (
@@ -179,6 +184,7 @@ class Log(Measures):
             truth.goal[self.watched],
             phasors,
             f"{step * self.env.step_time:.2f} s   {said}",
+            side_of(self.env, self.watched),
         )
 
     def result(self, task: str, timing: Timing) -> Rollout:
@@ -187,7 +193,7 @@ class Log(Measures):
 
     def _film(self) -> Film:
         """The watched world's."""
-        poses, present, goals, phasors, captions = zip(*self.frames, strict=True)
+        poses, present, goals, phasors, captions, sides = zip(*self.frames, strict=True)
         world, fields = self.watched, self.fields
         return Film(
             self.seeds[world],
@@ -199,4 +205,5 @@ class Log(Measures):
             captions,
             float(fields["series"][SERIES.index("parts_done"), world, len(poses) - 1]),
             bool(fields["success"][world]),
+            sides,
         )

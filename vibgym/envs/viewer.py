@@ -31,14 +31,36 @@ def scenery_of(env: SharedInterface) -> Scenery:
     )
 
 
+def has_side(env: SharedInterface) -> bool:
+    """Whether there is anything to see from the side: parts may tilt."""
+    return env.core.simulator.model == "tilting"
+
+
+def side_of(env: SharedInterface, world: int) -> Side | None:
+    """Bottoms of the parts, and the plates in the rows under their centres, as a period ends; None where all parts lie flat."""
+    if not has_side(env):
+        return None
+    core, surface = env.core, env.surface
+    amplitude, size = surface.max_amplitude or 0.0, surface.element_size
+    heights = amplitude * core.phasors(world)[..., 0]
+    bottoms, plates = core.simulator.bottoms(world), []
+    for k, bottom in enumerate(bottoms):
+        if not core.episode.present[world, k]:
+            bottom[:] = np.nan
+            continue
+        row = min(max(int(core.simulator.state.pose[world, k, 1] / size), 0), surface.rows - 1)
+        low, high = (int(edge / size) for edge in (bottom[:, 0].min(), bottom[:, 0].max()))
+        for column in range(max(low, 0), min(high, surface.columns - 1) + 1):
+            plates.append((column * size, (column + 1) * size, heights[row, column]))
+    return Side(bottoms, np.array(plates).reshape(-1, 3))
+
+
 class Viewer:
     """Draws worlds of an environment and keeps their trails."""
 
     def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
         self.env = env
-        above = env.core.simulator.model == "tilting"
-        self.scenery = replace(scenery_of(env), side=above)
-        self._side = self._from_the_side if above else _nothing
+        self.scenery = replace(scenery_of(env), side=has_side(env))
         self.painter = self.scenery.painter()
         self.window = Window(self.painter, 1.0 / env.step_time, title)
         self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
@@ -62,24 +84,10 @@ class Viewer:
         present, goal = episode.present[world], episode.goal[world]
         caption = self.env.caption(world)
         lines = self.env.paths(world)
-        view = self.scenery.view(pose, present, goal, core.phasors(world), trail, caption, lines, self._side(world))
+        view = self.scenery.view(
+            pose, present, goal, core.phasors(world), trail, caption, lines, side_of(self.env, world)
+        )
         return self.painter.paint(view)
-
-    def _from_the_side(self, world: int) -> Side:
-        """Bottoms of the parts, and the plates in the rows under their centres, as a period ends."""
-        core, surface = self.env.core, self.env.surface
-        amplitude, size = surface.max_amplitude or 0.0, surface.element_size
-        heights = amplitude * core.phasors(world)[..., 0]
-        bottoms, plates = core.simulator.bottoms(world), []
-        for k, bottom in enumerate(bottoms):
-            if not core.episode.present[world, k]:
-                bottom[:] = np.nan
-                continue
-            row = min(max(int(core.simulator.state.pose[world, k, 1] / size), 0), surface.rows - 1)
-            low, high = (int(edge / size) for edge in (bottom[:, 0].min(), bottom[:, 0].max()))
-            for column in range(max(low, 0), min(high, surface.columns - 1) + 1):
-                plates.append((column * size, (column + 1) * size, heights[row, column]))
-        return Side(bottoms, np.array(plates).reshape(-1, 3))
 
     def show(self, world: int) -> None:
         """Show a world in the window."""
@@ -88,7 +96,3 @@ class Viewer:
     def close(self) -> None:
         """Close the window, if one is open."""
         self.window.close()
-
-
-def _nothing(world: int) -> None:
-    """What there is to see from the side where all parts lie flat."""

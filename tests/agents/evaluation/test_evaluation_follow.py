@@ -33,6 +33,21 @@ def test_films_show_where_the_goal_is_at_each_instant():
     assert (first != later).any()
 
 
+def test_films_of_parts_that_may_tilt_show_them_from_the_side():
+    """Under every frame, while those of the plane are as they were."""
+    height = pytest.importorskip("vibgym.rendering.side").HEIGHT
+    frames = {}
+    for model in ("planar", "tilting"):
+        env = single("Align", model=model)
+        policy = make_policy("pose", TaskInfo.of(env))
+        film = rollout(policy, "Align", seeds=[1], keep=Log, model=model).film
+        frames[model], _ = animation.frames_of(film, scenery_of(env.unwrapped), 0.04, 400)
+    flat, above = (frames[model][0] for model in ("planar", "tilting"))
+    assert len({frame.shape for frame in frames["tilting"]}) == 1
+    assert above.shape == (flat.shape[0] + height, *flat.shape[1:]) and (above[: len(flat)] == flat).all()
+    assert (frames["tilting"][0][len(flat) :] != frames["tilting"][8][len(flat) :]).any()
+
+
 def test_path_errors_are_those_of_the_poses(tmp_path):
     """In the rollout, the table, the CSV file and on the page; a task whose goals stay has none, and no such column."""
     settings = {
