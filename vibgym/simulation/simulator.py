@@ -12,13 +12,12 @@ from vibgym import checks
 from vibgym._numba.reference import Pinned
 from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
-from vibgym.physics.tilting.records import FLAT
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
-from vibgym.scene.outlines import rotation
 from vibgym.scene.parts import Part, kinds_of
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
+from vibgym.simulation.above_the_plane import AboveThePlane
 from vibgym.simulation.choice import Choice, choose, choose_for
 from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
 from vibgym.simulation.models import MODELS as FIXED
@@ -35,7 +34,7 @@ MOST_TIME = 10**15
 """Periods since a reset that a snapshot may tell of."""
 
 
-class Simulator:
+class Simulator(AboveThePlane):
     """Worlds of one surface and its parts.
 
     Args:
@@ -389,73 +388,6 @@ class Simulator:
             drive = Pinned(DRIVE, polar_drive(still, still, self.surface.angular_frequency))
         margin = self._tipping(drive, self._pinned)
         return np.where((self.tilt > 0.0) & ~self._state.fallen, 0.0, margin)
-
-    @property
-    def tilt(self) -> np.ndarray:
-        """(worlds, parts) rad, angle between a part's axis and the vertical; 0 with planar models."""
-        lean = self.lean
-        return np.hypot(lean[..., 0], lean[..., 1])
-
-    @property
-    def lean(self) -> np.ndarray:
-        """(worlds, parts, 2) rad, rotation vector, about the world's x and y, by which a part is turned after its heading; a
-        copy.
-
-        Noughts with planar models.
-        """
-        live = self._model.live()
-        return live["lean"].copy() if live else np.zeros((self.worlds, len(self.parts), 2))
-
-    def bottoms(self, world: int) -> list[np.ndarray]:
-        """(n, 3) m, the corners of the bottom of each part of a world, z above plates in the middle of their way.
-
-        Of parts that lie flat, z is 0: what they lie on, the model need not know.
-        """
-        live, found = self._model.live(), []
-        for k, part in enumerate(self.parts):
-            x, y, heading = self._state.pose[world, k]
-            height, lean = 0.0, np.zeros(2)
-            if live and live["mode"][world, k] != FLAT:
-                height, lean = live["height"][world, k] - part.centre_height, live["lean"][world, k]
-            corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
-            turned = corners @ (rotation(lean[0], lean[1], 0.0) @ rotation(0.0, 0.0, heading)).T
-            found.append(turned + [x, y, height + part.centre_height])
-        return found
-
-    @property
-    def time_tilted(self) -> np.ndarray:
-        """(worlds, parts) s from when a part was tipped last until its tilt was last above 0.05 deg; 0 with planar models."""
-        live = self._model.live()
-        return live["landing"] * self._model.step if live else np.zeros(self._state.fallen.shape)  # type: ignore[attr-defined]
-
-    @property
-    def toppled(self) -> np.ndarray:
-        """(worlds, parts) whether a part has tipped beyond its edge; it has then fallen, too. Never with planar models."""
-        live = self._model.live()
-        return live["toppled"].copy() if live else np.zeros_like(self._state.fallen)
-
-    def tip(self, worlds: Any, lean: Any, *, rocking: Any = 0.0, which: Any = True) -> None:
-        """Put parts of some worlds on an edge or a corner; only with ``model="tilting"``.
-
-        Such a part keeps its place, heading and velocity in the plane. Its lowest point touches the plates as they stand when
-        the next period begins.
-
-        Args:
-            worlds: mask (worlds,), indices, or a slice; n worlds.
-            lean: rad, see :attr:`lean`, broadcastable to (n, parts, 2).
-            rocking: rad/s, angular velocity about the world's x and y, likewise.
-            which: (n, parts) or broadcastable, bool: the parts that are meant; those that have fallen stay where they are.
-
-        Raises:
-            ValueError: another model, a number that is not finite, or a part that would topple; nothing has changed.
-        """
-        rows = worlds_from(worlds, self.worlds)
-        if self.model != "tilting":
-            raise checks.refuse("tip", f"model={self.model!r}", "model='tilting', in which parts can tilt")
-        shape = (len(rows), len(self.parts), 2)
-        lean, rocking = checks.array("lean", lean, shape), checks.array("rocking", rocking, shape)
-        meant = checks.array("which", which, shape[:2], dtype=np.bool_) & ~self._state.fallen[rows]
-        self._model.tip(rows, meant, self._state.pose[rows, :, 2], lean, rocking)  # type: ignore[attr-defined]
 
     @property
     def statistics(self) -> dict[str, int]:
