@@ -17,7 +17,10 @@ from vibgym.rendering import colours
 
 INK, MUTED, GRID = "#262c38", "#6c7380", "#e3e6ea"
 SUCCESS, FAILURE = "#0b7a75", "#d1572a"
-POLICY_COLOURS = ("#9aa1ac", "#d1572a", "#b8860b", "#2f6fde", "#0b7a75", "#8a4fbf", "#c2478a", "#4c8c2b")
+POLICY_COLOURS = (
+    "#9aa1ac", "#d1572a", "#b8860b", "#2f6fde", "#0b7a75", "#8a4fbf", "#c2478a", "#4c8c2b",
+    "#1c2b4a", "#38b2d8", "#7a4a2b", "#f0908a", "#a4c639", "#b9a3e3",
+)  # fmt: skip
 DPI = 170
 
 
