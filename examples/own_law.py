@@ -1,0 +1,36 @@
+"""A control law of your own, in the plane and above it: ``python examples/own_law.py [EPISODES]``; more in docs/control.md."""
+
+import sys
+
+import numpy as np
+
+from vibgym.policies import LAWS, Law, rollout
+
+
+class Spring(Law):
+    """A spring to the goal, and a damper."""
+
+    def __init__(self, info, *, stiffness=60.0, damping=12.0):
+        self.stiffness, self.damping = stiffness, damping  # 1/s^2, 1/s
+
+    def wanted(self, measured, way, turn, memory):
+        """Accelerations (batch, parts, 3) that parts shall get, m/s^2 and rad/s^2, and the law's memory."""
+        push = self.stiffness * way - self.damping * measured.velocity
+        torque = self.stiffness * turn - self.damping * measured.spin
+        return np.concatenate([push, torque[..., None]], axis=-1), memory
+
+
+LAWS.register("spring", Spring)
+episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 50
+struck = {"disturbance": {"rate": 0.25, "tilt_deg": 3.0}, "patches": [0.8, 1.2]}
+worlds = {
+    "in the plane": {},
+    "prototype hardware": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
+    "rigid, struck, on rough elements": {"model": "tilting", "randomize": struck},
+}
+for policy in ({"kind": "spring"}, {"kind": "spring", "damping": 15.0}, {"kind": "pose"}):
+    for name, settings in worlds.items():
+        found = rollout(policy, "vibgym/Align-v0", seeds=range(episodes), **settings)
+        times = found.time_to_goal[found.success]
+        median = f"median {np.median(times):.2f} s" if len(times) else "never there"
+        print(f"{policy!s:36} {name:34} {100 * found.success.mean():5.1f} %, {median}")

@@ -1,0 +1,45 @@
+"""A reward of your own, and SAC on a batch of worlds: ``python examples/own_reward_sac.py [STEPS]`` (50 000: some 4 minutes).
+
+The elements' work costs. Stable-Baselines3 comes with the extra ``learn``.
+"""
+
+import sys
+
+import gymnasium as gym
+import numpy as np
+from stable_baselines3 import SAC
+
+from vibgym.adapters.sb3 import VecEnv
+from vibgym.policies import rollout
+from vibgym.tasks import TASKS, Transport
+
+
+class ThriftyTransport(Transport):
+    """Transport, and what the elements do costs, too."""
+
+    TERMS = {**Transport.TERMS, "energy": 0.05}
+
+    def reward(self, step):
+        """Terms (worlds, parts) by name; ``step.phasors``: 1 is full scale."""
+        energy = np.square(step.phasors).sum(axis=-1).mean(axis=(1, 2))
+        return {**super().reward(step), "energy": -energy[:, None] * step.present}
+
+
+TASKS.register("ThriftyTransport", ThriftyTransport)
+gym.register(
+    "mine/ThriftyTransport-v0",
+    entry_point="vibgym.envs:VibgymEnv",
+    vector_entry_point="vibgym.envs:VibgymVectorEnv",
+    max_episode_steps=250,
+    kwargs={"task": "ThriftyTransport", "action": "field", "max_episode_periods": 250},
+)
+
+steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
+venv = VecEnv("mine/ThriftyTransport-v0", num_envs=16)
+settings = {"gamma": 0.98, "batch_size": 512, "gradient_steps": 8, "learning_starts": min(2000, steps // 2)}
+model = SAC("MlpPolicy", venv, seed=0, device="cpu", policy_kwargs={"net_arch": [128, 128]}, **settings)
+for when in ("untrained", "trained"):
+    found = rollout(model, "mine/ThriftyTransport-v0", seeds=range(100), action="field")
+    print(f"{when:10} {100 * found.success.mean():5.1f} %, mean return {found.returns.mean():.2f}")
+    if when == "untrained":
+        model.learn(steps)

@@ -1,0 +1,44 @@
+"""A task of your own: park the part at the left end. ``python examples/own_task.py [EPISODES]``; more in docs/extending.md."""
+
+import sys
+
+import gymnasium as gym
+import numpy as np
+
+from vibgym.policies import rollout
+from vibgym.tasks import TASKS, PoseTask
+
+
+class Park(PoseTask):
+    """Bring the part to the left end, at half the table's width, whatever its heading."""
+
+    position_tolerance = 0.005  # m
+    FACTS = ("is_success", "position_error", "fallen", "diverged")
+    draws = 3  # uniform numbers that a start needs
+
+    def __init__(self, surface, parts, *, column=0.05):
+        super().__init__(surface, parts)
+        self.column = column  # m from the left border
+
+    def draw(self, uniform):
+        """Starts and goals of n worlds, (n, 3) each, from ``uniform`` (n, draws)."""
+        start = np.column_stack([self.somewhere(uniform[:, :2]), 2.0 * np.pi * uniform[:, 2] - np.pi])
+        goal = np.tile([self.column, 0.5 * self.surface.depth, 0.0], (len(uniform), 1))
+        return start, goal
+
+
+TASKS.register("Park", Park)
+gym.register(
+    "mine/Park-v0",
+    entry_point="vibgym.envs:VibgymEnv",
+    vector_entry_point="vibgym.envs:VibgymVectorEnv",
+    max_episode_steps=250,
+    kwargs={"task": "Park", "task_settings": {"column": 0.06}, "max_episode_periods": 250},
+)
+
+episodes = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+for name in ("zero", "local_field", "pose"):
+    found = rollout(name, "mine/Park-v0", seeds=range(episodes))
+    times = found.time_to_goal[found.success]
+    median = f"median {np.median(times):.2f} s" if len(times) else "never there"
+    print(f"{name:12} {100 * found.success.mean():5.1f} %, {median}")

@@ -1,0 +1,40 @@
+"""The examples run, at small size, and are short enough to be read."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+EXAMPLES = {
+    "first_steps": ("PICTURE", "learned      100 %"),
+    "own_law": ("4", "{'kind': 'pose'}                     in the plane                       100.0 %"),
+    "own_reward_sac": ("320", "trained"),
+    "own_sensor": ("10", "off by up to 0.0 mm: success 100 %, ends 0.00 mm"),
+    "own_task": ("10", "pose         100.0 %"),
+    "speed_against_error": ("16", "averaged  {'order': 2}"),
+}
+"""By name: the argument, and what is printed among other things."""
+
+LINES = 60
+
+
+def test_every_example_is_tested_and_short():
+    files = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "examples").glob("*.py")}
+    assert files.keys() == EXAMPLES.keys()
+    assert all(len(text.splitlines()) < LINES for text in files.values())
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_runs(name, tmp_path):
+    argument, said = EXAMPLES[name]
+    picture = tmp_path / "picture.png"
+    command = [sys.executable, str(ROOT / "examples" / f"{name}.py"), argument.replace("PICTURE", str(picture))]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert said in done.stdout
+    assert (name == "first_steps") == picture.exists()
