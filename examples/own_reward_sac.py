@@ -1,4 +1,4 @@
-"""A reward of your own, and SAC on a batch of worlds: ``python examples/own_reward_sac.py [STEPS]`` (50 000: some 4 minutes).
+"""A reward of your own, and SAC on a batch of worlds: ``python examples/own_reward_sac.py [STEPS]`` (160 000: 5 minutes, 100 %).
 
 The elements' work costs. Stable-Baselines3 comes with the extra ``learn``.
 """
@@ -34,12 +34,12 @@ gym.register(
     kwargs={"task": "ThriftyTransport", "action": "field", "max_episode_periods": 250},
 )
 
-steps = int(sys.argv[1]) if len(sys.argv) > 1 else 50_000
-venv = VecEnv("mine/ThriftyTransport-v0", num_envs=16)
-settings = {"gamma": 0.98, "batch_size": 512, "gradient_steps": 8, "learning_starts": min(2000, steps // 2)}
+steps = int(sys.argv[1]) if len(sys.argv) > 1 else 160_000
+venv = VecEnv("mine/ThriftyTransport-v0", num_envs=32)
+settings = {"learning_rate": 1e-3, "batch_size": 512, "gradient_steps": 8, "learning_starts": min(2000, steps // 2)}
 model = SAC("MlpPolicy", venv, seed=0, device="cpu", policy_kwargs={"net_arch": [128, 128]}, **settings)
 for when in ("untrained", "trained"):
     found = rollout(model, "mine/ThriftyTransport-v0", seeds=range(100), action="field")
-    print(f"{when:10} {100 * found.success.mean():5.1f} %, mean return {found.returns.mean():.2f}")
+    print(f"{when:10} {100 * found.success.mean():5.1f} %, mean return {found.returns.mean():.2f}", flush=True)
     if when == "untrained":
         model.learn(steps)
