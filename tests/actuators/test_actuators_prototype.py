@@ -216,7 +216,10 @@ def test_bad_settings_are_refused(settings, message):
     ({"limit": [5e-5, 2e-4]}, r"randomize\['limit'\]: got 'a dead zone of 0.0001 m'"),
     ({"dead": [0.0, 1.5]}, r"randomize\['dead'\]\[1\]: got 1.5"),
     ({"dead": 0.5}, r"randomize\['dead'\]: got 0.5; allowed: \[low, high\]"),
-    ({"hum": [0, 1]}, r"randomize: got \"the key 'hum'\"; allowed: keys among friction, mass, incline, patches, disturbance, dead_zone"),
+    (
+        {"hum": [0, 1]},
+        r"randomize: got \"the key 'hum'\"; allowed: keys among friction, mass, incline, patches, disturbance, dead_zone",
+    ),
 ])  # fmt: skip
 def test_bad_ranges_are_refused(ranges, message):
     with pytest.raises(ValueError, match=f"^{message}"):
