@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from studies.tilting import cost, endurance, energy, fields, hold, kick, landing, means
+from studies.tilting import cost, endurance, energy, fields, hold, housner, kick, landing, means, transport
 from vibgym import checks
 
 STUDIES = {
@@ -16,6 +16,8 @@ STUDIES = {
     "endurance": endurance.main,
     "energy": energy.main,
     "cost": cost.main,
+    "housner": housner.main,
+    "transport": transport.main,
 }
 """By name."""
 

@@ -7,43 +7,22 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.tilting.rigid import (
-    ALUMINIUM,
-    LARGE,
-    PARTS,
-    STEEL,
-    STILL,
-    energy,
-    in_the_middle,
-    kept_above_the_plane,
-    leans,
-)
+from studies.tilting import housner, transport
+from studies.tilting.housner import STILL
+from studies.tilting.states import energy
+from tests.physics.tilting.rigid import ALUMINIUM, LARGE, PARTS, STEEL, in_the_middle, leans
 from vibgym import Part, Simulator
 
-# -- G. W. Housner: The behavior of inverted pendulum structures during earthquakes. Bull. Seismol. Soc. Am. 53 (1963) -
+# -- Housner's block ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("width", "height"), [(0.05, 0.15), (0.04, 0.10)])
+@pytest.mark.parametrize(("width", "height"), housner.BLOCKS)
 def test_energy_of_a_rocking_block_after_an_impact(width, height):
     """Angular momentum about the new edge is kept: ``r = (1 - m R^2 / I (1 - cos 2 alpha))^2``, at 200 steps within 2 %."""
-    block = Part.rectangle(width, 0.2, friction=3.0, height=height)
-    to_edge = 0.25 * (width**2 + height**2)
-    alpha = math.atan2(width, height)
-    kept = (1.0 - to_edge / (block.inertia[1] + to_edge) * (1.0 - math.cos(2.0 * alpha))) ** 2
-    simulator = Simulator(STILL, block, worlds=12, model="tilting", restitution=0.0)
-    simulator.reset([[[0.52, 0.52, 0.0]]])
-    tilts = np.radians(np.linspace(2.0, 5.0, 12))
-    simulator.tip(slice(None), np.stack([np.zeros(12), tilts], axis=1)[:, None, :])
-    levels = []
-    for _ in range(20):
-        simulator.advance(0.0, 0.0)
-        levels.append(energy(simulator))
-    ratios = []
-    for track in np.array(levels).T:
-        impact = int(np.argmax(track < 0.9 * track[0]))
-        ratios.append(track[impact] / track[0])
+    ratios = housner.measured(width, height, np.radians(np.linspace(*housner.TILTS, 12)))
+    kept = housner.kept(width, height)
     assert np.mean(ratios) == pytest.approx(kept, rel=0.02)
-    assert np.abs(np.array(ratios) / kept - 1.0).max() < 0.03  # an impact may come anywhere in a step
+    assert np.abs(ratios / kept - 1.0).max() < 0.03  # an impact may come anywhere in a step
 
 
 def test_a_block_on_its_edge_begins_to_fall_as_a_pendulum():
@@ -67,25 +46,11 @@ def test_a_block_on_its_edge_begins_to_fall_as_a_pendulum():
 # -- The drive ---------------------------------------------------------------------------------------------------------
 
 
-def transported(**knobs: object) -> np.ndarray:
-    """Way (m) that a steel block makes in a second on plates that all push it at full amplitude."""
-    simulator = Simulator(LARGE, STEEL, model=knobs.pop("model", "tilting"), **knobs)
-    simulator.reset([[[0.52, 0.3, 0.3]]], [[[*LARGE.idle_velocity(STEEL.friction), 0.0]]])
-    if simulator.model == "tilting":
-        simulator.tip(0, 0.0)
-    for _ in range(25):
-        if simulator.model == "tilting":
-            kept_above_the_plane(simulator)
-        simulator.advance(LARGE.max_amplitude, math.pi)
-    return simulator.pose[0, 0] - [0.52, 0.3, 0.3]
-
-
 def test_uniform_transport_is_that_of_the_plane():
     """A rigid part on level ground above the plane moves as one that lies flat: within 0.02 %, and of second order."""
-    exact = transported(model="planar", steps=40, substeps=8)
-    away = {steps: np.hypot(*(transported(steps=steps) - exact)[:2]) for steps in (100, 200, 400)}
-    assert away[200] < 2e-4 * np.hypot(*exact[:2])
-    assert math.log2(away[100] / away[200]) > 1.7 and math.log2(away[200] / away[400]) > 1.7
+    away, way = transport.errors("steel_block")
+    assert away[transport.STEPS.index(200)] < 2e-4 * way
+    assert (np.log2(away[:-1] / away[1:]) > 1.7).all()
 
 
 # -- Energy ------------------------------------------------------------------------------------------------------------
