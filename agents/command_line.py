@@ -14,9 +14,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from agents import imports
 from agents.failures import TrainingError
-from vibgym import interrupts
+from vibgym import imports, interrupts
 from vibgym.checks import Refused
 from vibgym.files import WriteError
 

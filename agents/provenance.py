@@ -94,6 +94,28 @@ def digest(data: str | bytes) -> str:
     return hashlib.sha256(data.encode() if isinstance(data, str) else data).hexdigest()
 
 
+def portable(value: Any) -> Any:
+    """JSON values without what only this machine has: absolute paths start from the current directory, as relative ones do in
+    settings; of one that lies elsewhere its name is left.
+
+    Args:
+        value: a text, or mappings and lists of values; keys and anything else stay as they are.
+    """
+    if isinstance(value, str):
+        return _portable(value)
+    if isinstance(value, Mapping):
+        return {key: portable(each) for key, each in value.items()}
+    return [portable(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+def _portable(text: str) -> str:
+    path = Path(text)
+    if not path.is_absolute():
+        return text
+    here = Path.cwd()
+    return path.relative_to(here).as_posix() if path.is_relative_to(here) else path.name
+
+
 def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
     """The files that policies are read from, by their paths as they are given, with the digests of what stands there.
 
@@ -101,13 +123,14 @@ def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
         policies: what :func:`vibgym.policies.registry.make_policy` takes, and the name of a task.
 
     Returns:
-        A JSON file and the tensors that it names, for every path that is said; None for one that cannot be read.
+        A JSON file and the tensors that it names, for every path that is said, see :func:`portable`; None for one that cannot
+        be read.
     """
     found: dict[str, str | None] = {}
     for content, task in policies:
         for path in _paths(content):
             found |= _file_and_tensors(Path(path.replace("{task}", task.lower())), found)
-    return dict(sorted(found.items()))
+    return {_portable(name): found[name] for name in sorted(found)}
 
 
 def _paths(content: Any) -> Iterator[str]:

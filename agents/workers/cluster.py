@@ -12,11 +12,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from agents.imports import take_part, taking_part
 from agents.workers.kernels import compiled
 from agents.workers.local import LIBRARIES, Submit, usable
 from vibgym import checks
 from vibgym.files import reason
+from vibgym.imports import take_part, taking_part
 from vibgym.simulation.threads import MOST
 
 TRIES = 5

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
-from agents.imports import take_part, taking_part
+from vibgym.imports import take_part, taking_part
 from vibgym.simulation.threads import available_threads
 
 Found = TypeVar("Found")

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from agents import __main__ as command
-from agents import imports
 from agents.workers import side_by_side
+from vibgym import imports
 
 PACKAGE = """
 import gymnasium as gym
