@@ -1,13 +1,11 @@
-"""Films of single episodes: animated WebP for the report, GIF for the README."""
+"""Pictures of single episodes: the last one for the report, whose films are drawn in the browser, and GIFs for the README."""
 
 from __future__ import annotations
 
-import bisect
 import io
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -16,17 +14,13 @@ from agents.evaluation.log import Film
 from vibgym.rendering import Scenery, SurfacePainter
 
 MOST_FRAMES = 120
-WIDTH = 520  # pixels of a film in the report
+WIDTH = 520  # pixels of a picture in the report
 BORDER = 40  # pixels of a picture that are not table
 REST = 1500  # ms that the last frame stays
-QUALITIES = (72, 60, 45, 30, 15)
-"""Of WebP, best first: a film takes the first that fits into its share of the page."""
+CUT, SIDE = 4, 110
+"""Pixels under the table that are left out of a still picture, and those of a view from the side."""
 
-METHOD = 2
-"""Effort of the WebP encoder, 0 to 6: the next one takes twice as long for files that are a twentieth smaller."""
-
-SAMPLE = 12
-"""Frames in a row from the middle of a film that tell how large it will be."""
+STILL_COLOURS = 64
 
 
 def painter_for(scenery: Scenery, width: int) -> SurfacePainter:
@@ -56,50 +50,29 @@ def frames_of(film: Film, scenery: Scenery, step_time: float, width: int = WIDTH
     return [picture(film, scenery, k, painter) for k in [*range(0, last, stride), last]], stride * step_time
 
 
-def _durations(frames: Sequence[Any], interval: float) -> list[int]:
+def _durations(frames: Sequence[object], interval: float) -> list[int]:
     return [max(20, round(1e3 * interval))] * (len(frames) - 1) + [REST]
 
 
-def webp(frames: Sequence[np.ndarray], interval: float, most: int) -> bytes:
-    """A looping WebP animation of at most ``most`` bytes, or of the lowest quality if none is that small.
+def still(film: Film, scenery: Scenery) -> tuple[bytes, tuple[int, int]]:
+    """The last picture of a film as a PNG, as a canvas draws it in its place.
 
-    Encoding is slow, so that a few frames say which quality to try first.
+    Returns:
+        The file, its width and height. What stands under the table in other pictures is left out; a view from the side stays.
     """
-    images = [Image.fromarray(frame) for frame in frames]
-    middle = max(0, (len(images) - SAMPLE) // 2)
-    some, first = images[middle : middle + SAMPLE], 0
-    if len(some) < len(images):
-
-        def fits(quality: int) -> bool:
-            """As far as can be told: the first frame is whole, the others are differences."""
-            whole, all_some = (len(_encoded(each, interval, quality)) for each in (some[:1], some))
-            return whole + (len(images) - 1) / (len(some) - 1) * (all_some - whole) <= most
-
-        first = bisect.bisect_left(QUALITIES[:-1], True, key=fits)
-    data = b""
-    for quality in QUALITIES[first:]:
-        data = _encoded(images, interval, quality)
-        if len(data) <= most:
-            break
-    return data
+    tilting = film.sides[0] is not None
+    pixels, last = max(4, (WIDTH - BORDER) // scenery.columns), len(film.poses) - 1
+    painter = painter_for(replace(scenery, side=tilting), WIDTH)
+    whole = picture(film, scenery, last, painter)[:, : scenery.columns * pixels + BORDER]
+    top = whole[: scenery.rows * pixels + BORDER - CUT]
+    shown = np.concatenate([top, whole[len(whole) - SIDE :]]) if tilting else top
+    return png(shown, STILL_COLOURS), (shown.shape[1], shown.shape[0])
 
 
-def _encoded(images: Sequence[Image.Image], interval: float, quality: int) -> bytes:
+def png(frame: np.ndarray, colours: int = 256) -> bytes:
+    """A single picture, in few colours to keep the page small."""
     file = io.BytesIO()
-    settings: dict[str, Any] = {
-        "duration": _durations(images, interval),
-        "loop": 0,
-        "quality": quality,
-        "method": METHOD,
-    }
-    images[0].save(file, format="WEBP", save_all=True, append_images=images[1:], **settings)
-    return file.getvalue()
-
-
-def png(frame: np.ndarray) -> bytes:
-    """A single picture, in 256 colours to keep the page small."""
-    file = io.BytesIO()
-    Image.fromarray(frame).quantize(256, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)
+    Image.fromarray(frame).quantize(colours, dither=Image.Dither.NONE).save(file, format="PNG", optimize=True)
     return file.getvalue()
 
 

@@ -1,0 +1,62 @@
+"""The same picture drawn by a browser: what ``table.js`` and ``side.js`` are told of a scene, and the scripts themselves."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibgym.rendering import colours
+from vibgym.rendering.view import Scenery
+
+HERE = Path(__file__).parent
+
+SCRIPTS = ("shapes", "table", "side")
+"""In the order in which they build on one another."""
+
+
+def script_path(name: str) -> Path:
+    """The file of one of :data:`SCRIPTS`."""
+    return HERE / f"{name}.js"
+
+
+def scripts() -> str:
+    """All of them as one text for a page that has to be a single file: each module in a scope of its own."""
+    return "\n".join(_as_script(script_path(name).read_text(encoding="utf-8")) for name in SCRIPTS)
+
+
+def _as_script(module: str) -> str:
+    """A module whose imports come from the scope around it, and whose exports go there."""
+    names = ", ".join(re.findall(r"^export (?:class|function|const) (\w+)", module, flags=re.M))
+    own = re.sub(r"^export ", "", re.sub(r"^import .*;\n", "", module, flags=re.M), flags=re.M)
+    return f"const {{ {names} }} = (() => {{\n{own}\nreturn {{ {names} }};\n}})();"
+
+
+def drawn_scene(scenery: Scenery) -> dict[str, Any]:
+    """What stays the same in all pictures: table, walls, zones, outlines, colours; lengths in m, as plain values for JSON."""
+    return {
+        "rows": scenery.rows,
+        "columns": scenery.columns,
+        "size": scenery.element_size,
+        "walls": list(scenery.walls),
+        "outlines": [np.round(outline, 6).tolist() for outline in scenery.outlines],
+        "tints": [tint_of(kind) for kind in scenery.kinds],
+        "zones": [
+            {"box": [*zone.low, *zone.high], "tint": tint_of(zone.kind), "label": zone.label} for zone in scenery.zones
+        ],
+        "goalSize": scenery.goal_size,
+        "tolerance": scenery.tolerance or 0.0,
+        "asked": list(scenery.asked),
+    }
+
+
+def tint_of(kind: int) -> list[str]:
+    """Colour of a kind, and what is written on it."""
+    colour = colours.PARTS[kind % len(colours.PARTS)]
+    return [_hex(colour), _hex(colours.INK if colours.is_light(colour) else colours.PAPER)]
+
+
+def _hex(colour: Any) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
