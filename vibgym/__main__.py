@@ -1,4 +1,5 @@
-"""Command line: ``python -m vibgym warm`` compiles all kernels, so that no first step has to wait for them.
+"""Command line: ``python -m vibgym warm`` compiles all kernels, so that no first step has to wait for them;
+``python -m vibgym play`` serves a page to play on.
 
 Exit codes: 0 done, 2 bad input, 130 interrupted, 1 anything else (such as no folder that compiled kernels can be kept in).
 """
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vibgym import interrupts
+from vibgym.play import command
 
 interrupts.start_command()
 
@@ -26,13 +28,26 @@ def parser() -> argparse.ArgumentParser:
         metavar="FOLDER",
         help="write there what a wheel holds of them, as its build does (docs/numba.md)",
     )
+    play = commands.add_parser("play", help="serve a page to play with a world by hand (extra 'play')")
+    command.arguments(play)
     return result
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
+    if arguments.command == "play":
+        return interrupts.run(lambda: played(arguments))
     return interrupts.run(lambda: compiled(arguments.ship))
+
+
+def played(arguments: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C; returns the exit code, 2 for bad input."""
+    try:
+        return command.run(arguments)
+    except (ValueError, ModuleNotFoundError) as error:
+        print(" ".join(str(error).split()), file=sys.stderr)
+        return 2
 
 
 def compiled(ship: Path | None = None) -> int:

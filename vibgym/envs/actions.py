@@ -150,7 +150,7 @@ class Action(Live, ABC):
         """The batch as contiguous float32 (worlds, size).
 
         Args:
-            action: (worlds, size) or (worlds, *shape).
+            action: (worlds, size) or (worlds, ...) with :attr:`shape` for the rest.
             worlds: None: one action without that axis, as a batch of 1.
 
         Raises:

@@ -50,37 +50,36 @@ class Simulator(AboveThePlane):
         knobs: of the model.
 
             planar:
-                steps: times per period that the contact area is cut by the element grid; its error is of second order.
-                    ``"auto"``: 5, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's
-                    speed makes in a period: what rests on an element changes faster under them.
-                substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order. ``"auto"``: so many that
-                    a period has at least 18, which resolve the fast table to 0.1 % at full speed.
-                pieces: cells per element and direction into which the contact area is cut. ``"auto"`` sums friction as a
-                    series over the whole contact area where slip varies little under the part, and over as many cells as
-                    the spin asks for elsewhere.
-                contact_steps: with several parts or walls, fewest steps in which friction and contacts take turns in a period;
-                    ``"auto"``: 10, or as many as keep what friction adds to an overlap small (long periods, narrow parts).
-                    Steps are shorter where parts come together or spin fast.
-                contact_overlap: m, likewise: how far parts may run into one another before contacts see it;
-                    ``"auto"``: 5e-6, or
-                    a fiftieth of half the narrowest part.
+                - steps: times per period that the contact area is cut by the element grid; its error is of second order.
+                  ``"auto"``: 5, or 9 for parts whose radius of gyration is below ``2 pi a_h``, the way that the table's
+                  speed makes in a period: what rests on an element changes faster under them.
+                - substeps: Runge-Kutta steps of the friction dynamics in each of them; fourth order. ``"auto"``: so many that
+                  a period has at least 18, which resolve the fast table to 0.1 % at full speed.
+                - pieces: cells per element and direction into which the contact area is cut. ``"auto"`` sums friction as a
+                  series over the whole contact area where slip varies little under the part, and over as many cells as
+                  the spin asks for elsewhere.
+                - contact_steps: with several parts or walls, fewest steps of friction and contacts in turn in a period;
+                  ``"auto"``: 10, or as many as keep what friction adds to an overlap small (long periods, narrow parts).
+                  Steps are shorter where parts come together or spin fast.
+                - contact_overlap: m, likewise: how far parts may run into one another before contacts see it;
+                  ``"auto"``: 5e-6,
+                  or a fiftieth of half the narrowest part.
 
             averaged (one part and no walls):
-                order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
-                stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
-                steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
+                - order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
+                - stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
+                - steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
 
-            tilting (convex parts): parts that lie flat on plates that move alike are the planar model's, to the last bit; all
-                others are rigid bodies, and cost 50 to 300 times as much.
-
-                restitution: of a part's bottom on plates, 0 to 1; 0.2 by default.
-                ramp_mm: mm on either side of a border between plates over which their heights are blended; 3 by default.
-                steps: a period, 200 by default.
+            tilting (convex parts):
+                - restitution: of a part's bottom on plates, 0 to 1; 0.2 by default.
+                - ramp_mm: mm on either side of a border between plates over which their heights are blended; 3 by default.
+                - steps: a period, 200 by default. Parts that lie flat on plates that move alike are the planar model's, to
+                  the last bit; all others are rigid bodies, and cost 50 to 300 times as much.
 
             auto:
-                tolerance: m, default 1e-4: how far a part's outline may stray from the converged model's in 25 periods, in
-                    the median over worlds with random fields.
-                periods_per_call: periods that :meth:`advance` will typically be asked for at once, default 1.
+                - tolerance: m, default 1e-4: how far a part's outline may stray from the converged model's in 25 periods, in
+                  the median over worlds with random fields.
+                - periods_per_call: periods that :meth:`advance` will typically be asked for at once, default 1.
 
     Attributes:
         choice: model and knobs in effect, and why (:class:`vibgym.simulation.choice.Choice`).

@@ -1,0 +1,130 @@
+"""What a visitor may choose while a world runs: task, policy, hardware, model, disturbance."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+
+from vibgym import checks
+from vibgym.envs.named import environment_id
+from vibgym.policies import TaskInfo, make_policy
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import CONTROLLERS
+from vibgym.policies.trained.catalogue import shipped_agents
+
+HARDWARE: dict[str, dict[str, Any]] = {
+    "ideal": {},
+    "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
+    "camera": {"actuators": "prototype", "sensor": {"kind": "camera", "statistical": True, "estimator": "model"}},
+}
+"""Arguments of environments by what the hardware is called."""
+
+MODELS = ("planar", "averaged", "tilting")
+
+NEED_MORE = ("trained", "residual", "schedule", "by_task")
+"""Policies that cannot be made from their name alone: they need a file, or others."""
+
+MOST_RATE, MOST_TILT = 5.0, math.radians(10.0)
+"""1/s and rad of a disturbance."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a world is made of.
+
+    Attributes:
+        id: of the environment.
+        policy: a name among those that :func:`policies_of` finds; ``"zero"``: elements rest, but for what is painted.
+        hardware: a key of :data:`HARDWARE`.
+        model: among :data:`MODELS`; None: what the environment has.
+        rate: how often each part is struck, 1/s; 0: never.
+        tilt: rad, how hard.
+
+    Raises:
+        ValueError: there is no such thing; policies are looked up when the world is made.
+    """
+
+    id: str
+    policy: str = ""
+    hardware: str = "ideal"
+    model: str | None = None
+    rate: float = 0.0
+    tilt: float = math.radians(2.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "id", environment_id(self.id, "id"))
+        if self.id not in gym.registry:
+            raise checks.refuse("id", self.id, "the id of a registered environment")
+        if self.policy:
+            checks.label("policy", self.policy)
+        checks.choice("hardware", self.hardware, tuple(HARDWARE))
+        if self.model is not None:
+            checks.choice("model", self.model, MODELS)
+        object.__setattr__(self, "rate", checks.number("rate", self.rate, least=0.0, most=MOST_RATE))
+        object.__setattr__(self, "tilt", checks.number("tilt", self.tilt, above=0.0, most=MOST_TILT))
+
+    def arguments(self) -> dict[str, Any]:
+        """Of the environment: every element's phasor is the world's own business, whoever decides on it."""
+        found: dict[str, Any] = {"action": "phasor", "observation": "state", **HARDWARE[self.hardware]}
+        if self.model is not None:
+            found["model"] = self.model
+        if self.rate > 0.0:
+            drawn = gym.spec(self.id).kwargs.get("randomize") or {}
+            found["randomize"] = {**drawn, "disturbance": {"rate": self.rate, "tilt": self.tilt}}
+        return found
+
+    def environment(self) -> Any:
+        """The environment, without a limit of time.
+
+        Raises:
+            ValueError: a model or hardware that does not serve the task.
+        """
+        return gym.make(self.id, disable_env_checker=True, **self.arguments()).unwrapped
+
+
+def _named(info: TaskInfo) -> dict[str, Any]:
+    """Policies by the names that visitors choose from: laws, planners, and the shipped agents of the task."""
+    variants = {agent.variant for agent in shipped_agents() if info.name in agent.tasks and agent.variant}
+    known: dict[str, Any] = {name: name for name in CONTROLLERS if name not in NEED_MORE}
+    return known | {f"learned ({name})": {"kind": "learned", "variant": name} for name in sorted(variants)}
+
+
+def policies_of(info: TaskInfo) -> tuple[str, ...]:
+    """Names of the policies that serve a task."""
+    return tuple(name for name, policy in _named(info).items() if _made(policy, info) is not None)
+
+
+def usual_policy(names: Any, info: TaskInfo) -> str:
+    """The one that a world begins with: who is made for the task, else a law that gets there."""
+    crossing = info.has_goal and len(info.parts) > 1 and not info.goal_moves
+    made_for = ("push", *(("lanes",) if info.flows else ("two_phases",) if crossing else ()), "pose", "zero")
+    return next(name for name in made_for if name in names)
+
+
+def policy_for(name: str, info: TaskInfo) -> Policy:
+    """The policy of this name.
+
+    Raises:
+        ValueError: there is none for this task.
+    """
+    known = _named(info)
+    made = _made(known[name], info) if name in known else None
+    if made is None:
+        raise checks.refuse("policy", name, ", ".join(policies_of(info)))
+    return made
+
+
+def _made(policy: Any, info: TaskInfo) -> Policy | None:
+    """A policy; None where it does not serve the task, or what it needs is not installed."""
+    try:
+        with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
+            warnings.simplefilter("ignore")  # what speaks against a choice is for reports; here it can be seen
+            return make_policy(policy, info)
+    except (ValueError, ModuleNotFoundError):
+        return None
