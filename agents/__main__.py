@@ -14,6 +14,7 @@ ROOMS = {
     "evaluate": Room("agents.evaluation.commands", "run policies on tasks and write a report"),
     "compare": Room("agents.evaluation.commands", "compare learned with classical policies on the same seeds"),
     "score": Room("agents.evaluation.commands", "score policies on a suite of tasks, or a policy of your own"),
+    "datasheet": Room("agents.evaluation.commands", "one printable page: what a surface does with a part of your own"),
     "publish": Room("agents.evaluation.commands", "keep the figures and episodes of an evaluation"),
     "verify": Room(
         "agents.evaluation.commands",

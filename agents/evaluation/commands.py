@@ -1,8 +1,9 @@
-"""``python -m agents evaluate CONFIG``, ``compare``, ``score``, ``publish`` and ``verify``."""
+"""``python -m agents evaluate CONFIG``, ``compare``, ``score``, ``datasheet``, ``publish`` and ``verify``."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -155,12 +156,39 @@ def score(arguments: argparse.Namespace) -> None:
     print(f"{suite.summary(found)}\n\npage: {page}")
 
 
+def datasheet_arguments(parser: argparse.ArgumentParser) -> None:
+    """What ``datasheet`` takes."""
+    parser.add_argument(
+        "config", type=Path, nargs="?", metavar="CONFIG", help="YAML file, see configs/datasheets; else the prototype's"
+    )
+    parser.add_argument("--episodes", type=int, metavar="N", help="of each measurement")
+
+
+def datasheet(arguments: argparse.Namespace) -> None:
+    """Measure what a surface does with a part, write the sheet and print its lines."""
+    from agents.evaluation import datasheet as sheets
+    from vibgym import files
+
+    output = None if arguments.output is None else str(arguments.output)
+    settings = sheets.load_settings(arguments.config, arguments.episodes, output)
+    files.output_files(
+        [files.output_directory(Path(settings.output), "datasheet.output") / sheets.PAGE], "datasheet.output"
+    )
+    with contextlib.ExitStack() as where:
+        if arguments.config is not None:
+            where.enter_context(checks.within(arguments.config))
+        found = sheets.measure(settings, arguments.quiet)
+    page = sheets.write(found)
+    print(f"{sheets.summary(found)}\n\npage: {page}")
+
+
 OUTPUT = "directory for what is written, instead of the file's"
 
 COMMANDS = {
     "evaluate": Command(evaluate_arguments, evaluate, OUTPUT),
     "compare": Command(compare_arguments, compare, OUTPUT),
     "score": Command(score_arguments, score, OUTPUT),
+    "datasheet": Command(datasheet_arguments, datasheet, OUTPUT),
     "publish": Command(publish_arguments, publish, f"directory for what is kept, instead of {PUBLISHED}"),
     "verify": Command(verify_arguments, verify, f"directory of {FIGURES}: all figures and their intervals"),
 }

@@ -15,12 +15,12 @@ from agents.evaluation.entries import Column, HardwareEntry, PolicyEntry, laid_o
 from agents.evaluation.records import Trial
 from agents.evaluation.run_settings import RunSettings
 from agents.evaluation.settings import EvaluationSettings
-from agents.imports import taking_part
 from agents.workers import Submit
 from vibgym import checks
 from vibgym.envs.named import environment_id
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files
+from vibgym.imports import taking_part
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, make_policy
 from vibgym.policies.rollout import Ends, rollout, worlds_of

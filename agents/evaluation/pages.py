@@ -7,17 +7,24 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from markupsafe import Markup
+
+HOME = Path(__file__).parent
 
 
 def render(template: Path, **values: Any) -> str:
-    """A page from a template, which may include what lies beside it, and ``page.css`` and ``pieces.html.j2`` of this folder."""
+    """A page from a template, which may include what lies beside it, and ``page.css`` and ``pieces.html.j2`` of this folder.
+
+    ``inline(name)`` is the text of a script of this folder, as it is.
+    """
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader([template.parent, Path(__file__).parent]),
+        loader=jinja2.FileSystemLoader([template.parent, HOME]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.globals["inline"] = lambda name: Markup((HOME / name).read_text(encoding="utf-8"))
     return environment.get_template(template.name).render(**values)
 
 

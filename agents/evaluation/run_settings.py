@@ -8,6 +8,7 @@ from typing import Any, ClassVar, Self
 from pydantic import Field
 
 from agents.evaluation.entries import HARDWARE_KEYS, HardwareEntry, PolicyEntry, hardware_entry, laid_over, policy_entry
+from agents.provenance import portable
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
 from vibgym.envs.named import environment_id
@@ -115,9 +116,9 @@ class RunSettings(Settings):
         return {each.name: laid_over(self.environment, each.arguments) for each in self.machines()}
 
     def as_written(self) -> dict[str, Any]:
-        """All of it as values for JSON, policies by their names."""
+        """All of it as values for JSON, policies by their names, without paths of this machine alone."""
         given = self.model_dump(exclude={"policies", "processes", "hardware"})
-        return {**given, "hardware": self.named_hardware(), "policies": self.written_policies()}
+        return portable({**given, "hardware": self.named_hardware(), "policies": self.written_policies()})
 
     def written_policies(self) -> dict[str, Any]:
         """What the settings say of every policy, by its name."""

@@ -1,1 +1,1 @@
-"""Figures of the thesis, repeated: ``python -m agents replicate``."""
+"""Figures of the thesis, repeated: ``python -m studies.thesis``."""

@@ -23,7 +23,7 @@ def write(output: Path, names: Sequence[str] | None = None) -> Path:
     for name, make in chosen.items():
         figure = make()
         pictures = [(data_address(each.png), each.caption) for each in figure.pictures]
-        command = f"python -m agents replicate --figure {name}"
+        command = f"python -m studies.thesis --figure {name}"
         figures.append({"name": name, "figure": figure, "pictures": pictures, "command": command})
     text = render(Path(__file__).with_name("replicate.html.j2"), figures=figures)
     path = files.output_directory(output) / PAGE

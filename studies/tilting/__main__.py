@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 
-from studies.tilting import cost, endurance, energy, fields, hold, housner, kick, landing, means, transport
-from vibgym import checks
+from vibgym import interrupts
+
+interrupts.start_command()
+
+from studies.tilting import (  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
+    cost,
+    endurance,
+    energy,
+    fields,
+    hold,
+    housner,
+    kick,
+    landing,
+    means,
+    transport,
+)
+from vibgym import checks  # noqa: E402
 
 STUDIES = {
     "kick": kick.main,
@@ -22,12 +38,19 @@ STUDIES = {
 """By name."""
 
 
-def main() -> None:
-    """Run the study that is named."""
-    if len(sys.argv) != 2 or sys.argv[1] not in STUDIES:
-        raise SystemExit(str(checks.refuse("NAME", " ".join(sys.argv[1:]), f"one of {', '.join(STUDIES)}")))
-    STUDIES[sys.argv[1]]()
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study that is named; returns the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if len(words) != 1 or words[0] not in STUDIES:
+        print(checks.refuse("NAME", " ".join(words), f"one of {', '.join(STUDIES)}"), file=sys.stderr)
+        return 2
+
+    def work() -> int:
+        STUDIES[words[0]]()
+        return 0
+
+    return interrupts.run(work)
 
 
 if __name__ == "__main__":
-    main()
+    interrupts.leave(main())

@@ -9,15 +9,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from tqdm import tqdm
 
 from agents.evaluation import animation, machine, words
 from agents.evaluation.entries import laid_over
+from agents.evaluation.film import packed, script
 from agents.evaluation.log import TURN_WEIGHT, WATCHED_AMONG, Film, Rollout
 from agents.evaluation.pages import data_address, render
 from agents.evaluation.quantities import BY_NAME, QUANTITIES, RATES
 from agents.evaluation.records import Row, Trial
 from agents.evaluation.report import cost_figure, plots_of_episodes
+from agents.evaluation.report.answers import anchor, answers, best_row
 from agents.evaluation.report.load import Load
 from agents.evaluation.report.load import draw as draw_load
 from agents.evaluation.report.results import Results
@@ -28,12 +31,6 @@ from agents.workers import side_by_side, usable
 from vibgym.policies.task_info import TaskInfo
 from vibgym.rendering import Scenery
 from vibgym.tasks.base import HOLD_PERIODS
-
-MOST_BYTES = 14_000_000
-"""Of the page; films share what is left of it."""
-
-FIGURE_BYTES = 140_000
-"""Of one plot in base64, generously: kept free when films get their shares."""
 
 TABLES = (
     (
@@ -107,6 +104,8 @@ def page(results: Results, quiet: bool = False) -> str:
     return render(
         Path(__file__).with_name("report.html.j2"),
         results=results,
+        answers=answers(results),
+        film_script=Markup(script()),
         settings=settings,
         surface=surface,
         loads=words.loads({task: (info, results.episodes(task)) for task, info in infos.items()}),
@@ -143,12 +142,10 @@ def _drawn(results: Results, kinds: Sequence[Sequence[str]], quiet: bool) -> tup
     """Everything that takes time to draw: sections of every task, and an example of each kind of tasks."""
     settings, trials = results.settings, list(results.rollouts)
     places = [(task, hardware) for task in results.tasks for hardware in results.hardware_of(task)]
-    # Base64 needs 4 bytes for 3.
-    share = int(0.74 * (MOST_BYTES - FIGURE_BYTES * (len(trials) + len(places) + 4)) / len(trials))
     with side_by_side(settings.processes) as submit:
         drawn = []
         for trial in tqdm(trials, desc="drawing", unit="pair", disable=quiet or usable(settings.processes) > 1):
-            asked = (results.tasks[trial.task], results.scenery[trial.task], settings.animations, max(share, 100_000))
+            asked = (results.tasks[trial.task], results.scenery[trial.task], settings.animations)
             drawn.append(submit(_pictures, results.rollouts[trial], *asked))
         arrivals = {place: data_address(plots_of_episodes.arrivals(results, *place)) for place in places}
         examples = [_example(results, tasks) for tasks in kinds if tasks and settings.animations]
@@ -174,6 +171,7 @@ def _card(results: Results, row: Row) -> dict[str, Any]:
     film, info = results.rollouts[trial].film, results.tasks[row.task]
     return {
         "row": row,
+        "anchor": anchor(row),
         "cells": {
             **{
                 each.name: (each.text(row).replace(" deg", "°"), each.middle_half(row))
@@ -194,14 +192,13 @@ def _card(results: Results, row: Row) -> dict[str, Any]:
     }
 
 
-def _pictures(rollout: Rollout, info: TaskInfo, scenery: Scenery, animated: bool, share: int) -> dict[str, Any]:
-    """The plot of one policy on one task, and its film of at most ``share`` bytes, as addresses of data."""
+def _pictures(rollout: Rollout, info: TaskInfo, scenery: Scenery, animated: bool) -> dict[str, Any]:
+    """The plot of one policy on one task, and its film with the picture that stands there until it is played."""
     found: dict[str, Any] = {"plot": data_address(plots_of_episodes.trajectories(rollout, info, scenery)), "film": None}
     if animated:
-        frames, interval = animation.frames_of(rollout.film, scenery, rollout.step_time)
-        found["film"] = data_address(animation.webp(frames, interval, share), "webp")
-        found["still"] = data_address(animation.png(frames[-1]))
-        found["size"] = (frames[0].shape[1], frames[0].shape[0])
+        still, size = animation.still(rollout.film, scenery)
+        moving = packed(rollout.film, scenery, rollout.step_time)
+        found |= {"film": moving, "still": data_address(still), "size": size, "said": rollout.film.captions[-1]}
     return found
 
 
@@ -221,21 +218,13 @@ def _millimetres(value: float) -> str:
     return "–" if not math.isfinite(value) else f"{signed(1e3 * value, 2).removeprefix('+')} mm"
 
 
-def best_policy(results: Results, task: str, hardware: str) -> str:
-    """The policy with the most successes on a task and hardware; of equal ones the fastest to the goal."""
-    rows = [row for row in results.rows if (row.task, row.hardware) == (task, hardware)]
-    if results.tasks[task].flows:
-        return max(rows, key=lambda row: row.good_per_minute_mean).policy
-    return min(rows, key=lambda row: (-row.successes, np.nan_to_num(row.time_to_goal_median_s, nan=np.inf))).policy
-
-
 def against_best(results: Results) -> list[PairedComparison]:
     """Comparisons of the best policy on every task and hardware with each other one, the best one first."""
     found = []
     for each in results.comparisons:
         if results.tasks[each.task].flows:  # they know no success
             continue
-        best = best_policy(results, each.task, each.hardware)
+        best = best_row(results, each.task, each.hardware).policy
         if best == each.first:
             found.append(each)
         elif best == each.second:
@@ -302,7 +291,7 @@ def _compared(each: PairedComparison) -> dict[str, Any]:
 def _example(results: Results, tasks: Sequence[str]) -> str:
     """A large picture for the reading aid: of the policies that ever work, the film with the most varied field."""
     best = {
-        Trial(task, hardware, best_policy(results, task, hardware))
+        Trial(task, hardware, best_row(results, task, hardware).policy)
         for task in tasks
         for hardware in results.hardware_of(task)
     }

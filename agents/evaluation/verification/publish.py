@@ -20,7 +20,7 @@ from agents.evaluation.verification.published import (
 )
 from agents.evaluation.verification.published_figures import COLUMNS, EFFECTS, REPORT, EpisodeTable, Place, figure_rows
 from agents.locks import one_run
-from agents.provenance import digest
+from agents.provenance import digest, portable
 from vibgym import checks
 from vibgym.files import csv_text, output_directory, output_files, reason, write_together
 
@@ -61,7 +61,7 @@ def publish(config: Path, run: Path | None, directory: Path) -> Path:
     record = {
         "format": FORMAT,
         "version": VERSION,
-        "config": config.as_posix(),
+        "config": portable(config.as_posix()),
         **{key: found[key] for key in ("time", "commit", "machine", "versions")},
         "confidence": settings.confidence,
         "digests": {

@@ -22,7 +22,7 @@ from agents.evaluation.verification.published_figures import (
     Place,
     place_of,
 )
-from agents.provenance import digest
+from agents.provenance import digest, portable
 from vibgym import checks
 from vibgym.files import reason
 
@@ -62,7 +62,7 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
     """Those that episodes come from, as JSON values of which :func:`agents.evaluation.settings_from` makes them again.
 
     Raises:
-        ValueError: there are policies among them that are objects.
+        ValueError: there are policies among them that are objects, or files that no one else has.
     """
     plain = {key: value for key, value in settings.as_written().items() if key not in LEFT_OUT}
     policies = []
@@ -73,7 +73,11 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
             content = {"kind": "trained", "path": content} if trained else {"kind": content}
         if not isinstance(content, Mapping) or "policy" in content:
             raise checks.refuse(f"evaluation.policies ({entry.name})", entry.content, "policies that a file can say")
-        policies.append({**content, "name": entry.name, **entry.limits})
+        path = content.get("path")
+        if isinstance(path, str) and Path(path).is_absolute() and not Path(path).is_relative_to(Path.cwd()):
+            field = f"evaluation.policies ({entry.name}).path"
+            raise checks.refuse(field, path, f"a path below {Path.cwd()}: others have no file there")
+        policies.append({**portable(content), "name": entry.name, **entry.limits})
     try:
         return json.loads(json.dumps({**plain, "policies": policies}, allow_nan=False))
     except (TypeError, ValueError) as error:

@@ -120,7 +120,7 @@ def test_page(machines, files):
     assert "A command takes effect 3 periods (120 ms) late." in words
     assert "Share of the 4 episodes that have" in words
     assert "No result on this page comes from a real machine." in words
-    assert text.count('<article class="card') == len(machines.rollouts)
+    assert text.count('<article id="card-') == len(machines.rollouts)
 
 
 def test_one_machine_is_not_spoken_of(written, found):

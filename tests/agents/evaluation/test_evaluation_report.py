@@ -24,7 +24,7 @@ from agents.evaluation.report import plots_of_episodes, report_page
 class Links(HTMLParser):
     """Collects what a page would load, and the tags that are open."""
 
-    VOID = {"meta", "img", "source", "br", "link"}
+    VOID = {"meta", "img", "input", "br"}
 
     def __init__(self):
         super().__init__()
@@ -35,7 +35,7 @@ class Links(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         values = dict(attrs)
-        assert tag not in ("script", "link", "iframe")
+        assert tag not in ("link", "iframe") and not (tag == "script" and "src" in values)
         self.targets |= {value for value in [values.get("id")] if value}
         self.anchors += [value for value in [values.get("href")] if value]
         self.loads += [value for key in ("src", "srcset", "data") if (value := values.get(key))]
@@ -54,14 +54,14 @@ def test_page_opens_offline(written):
     assert page.loads and all(each.startswith("data:image/") for each in page.loads)
     assert page.anchors and all(each.startswith("#") and each[1:] in page.targets for each in page.anchors)
     assert "@import" not in text and not re.search(r"url\(", text)
-    assert len(text) < 15e6
+    assert len(text) < 1e6
 
 
 def test_page_says_what_was_found(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
     assert "still &lt;&amp;&gt;" in text and "still <&>" not in text
     assert "Does &lt;nothing&gt; &amp; says so." in text
-    assert text.count("data:image/webp") == len(found.rollouts)
+    assert text.count('data-film="') == len(found.rollouts)
     for row in found.rows:
         assert f"{100 * row.success_rate:.1f} %" in text
         assert f"Seed {found.rollouts[Trial(row.task, row.hardware, row.policy)].film.seed}" in text
@@ -136,16 +136,6 @@ def test_only_the_files_are_left(written):
         "results.csv",
         "results.json",
     ]
-
-
-@pytest.mark.parametrize("most", [10**9, 60_000, 25_000, 1])
-def test_a_film_takes_the_best_quality_that_fits(found, most):
-    film = found.rollouts[Trial("Align", "ideal", "counting")].film
-    frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04)
-    sizes = [len(animation.webp(frames, interval, size)) for size in (10**9, most, 1)]
-    assert sizes[1] <= max(most, sizes[2]) and sizes[2] <= sizes[1] <= sizes[0]
-    with Image.open(io.BytesIO(animation.webp(frames, interval, most))) as image:
-        assert image.n_frames == len(frames) > animation.SAMPLE and image.info["loop"] == 0
 
 
 def test_gif(found):

@@ -218,7 +218,7 @@ def test_page(several, written_several):
     for row in several.rows:
         if row.task != "Transport":
             assert f"{row.collisions_mean:.1f} collisions an episode" in text
-    assert text.count("data:image/webp") == len(several.rollouts)
+    assert text.count('data-film="') == len(several.rollouts)
 
 
 def test_summary_has_a_table_of_its_own(several):

@@ -54,7 +54,7 @@ def test_the_page(tmp_path, capsys):
     page = (tmp_path / "replicate.html").read_text()
     assert page.count("data:image/png;base64,") == 5 and "Figs. 5.5 to 5.9" in page and "Fig. 5.8" not in page
     assert "http" not in page  # opens offline
-    assert "python -m agents replicate --figure camera_chain" in page  # the command that draws it alone
+    assert "python -m studies.thesis --figure camera_chain" in page  # the command that draws it alone
     assert "11 of 11" in page and "What is assumed" in page
     assert str(tmp_path) in capsys.readouterr().out
 

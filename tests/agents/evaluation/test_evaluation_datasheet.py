@@ -1,0 +1,137 @@
+"""The data sheet: figures against closed forms, one page of A4, and bad input in one line."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from agents.__main__ import main
+from agents.evaluation import datasheet
+from agents.evaluation.datasheet import limits, page
+from tests.browser import chromium, faults_at_all_sizes, watch
+from vibgym import Part, Surface
+from vibgym.actuators import DataSheet
+
+SURFACE = Surface()
+IDEAL = DataSheet(limit=SURFACE.max_amplitude)
+SQUARE = Part.rectangle(0.04, 0.04, friction=0.58, height=0.02)
+
+
+@pytest.fixture(scope="module")
+def sheet(tmp_path_factory):
+    """Of the prototype with a square part whose height is known."""
+    part = {"shape": "rectangle", "length_mm": 40, "width_mm": 40, "friction": 0.58, "height_mm": 20, "name": "<block>"}
+    output = str(tmp_path_factory.mktemp("datasheet"))
+    return datasheet.measure(datasheet.settings_from({"part": part, "episodes": 8, "output": output}), quiet=True)
+
+
+@pytest.fixture(scope="module")
+def written(sheet):
+    return datasheet.write(sheet)
+
+
+def test_limits_follow_from_closed_forms(sheet):
+    found = sheet.limits
+    assert found.acceleration == pytest.approx(0.5 * 0.58 * 9.81, rel=1e-9)
+    assert found.most_friction == pytest.approx(2.7e-3 * (50.0 * math.pi) ** 2 / (2.0 * 9.81), rel=1e-9)
+    assert found.circle == pytest.approx(0.58 * 9.81 / (50.0 * math.pi) ** 2, rel=1e-9)
+    assert found.tipping == pytest.approx(0.58 * 0.010 / 0.020, rel=1e-9)
+    # The averages' own speed, within what they leave out (vibgym.scene.sliding).
+    assert found.top_speed == pytest.approx(0.71 * SURFACE.table_speed, rel=0.03)
+
+
+def test_measured_rates_keep_the_bounds(sheet):
+    assert all(reached == 8 for _, reached in sheet.reached.values()) and set(sheet.reached) == {
+        "Transport",
+        "Align",
+        "Rotate",
+    }
+    assert (sheet.speed < sheet.limits.top_speed).all() and (sheet.speed > 0.05).all()
+    assert sheet.position.shape == sheet.heading.shape == (8,)
+    assert sheet.position.max() < 1e-3 and sheet.heading.max() < math.radians(2.0) and sheet.lost == 0
+
+
+def test_a_part_on_a_single_element_cannot_be_turned():
+    scale = limits.smallest_scale(SURFACE, SQUARE, IDEAL)
+    assert 26.0 < 40.0 * scale < 30.0  # mm: a little more than an element
+    for factor, turns in ((0.95, False), (1.05, True)):
+        part = Part.polygon(factor * scale * SQUARE.outline, friction=0.58)
+        assert bool(limits.reach_of(SURFACE, part, IDEAL).min() >= limits.TURNABLE) is turns
+    assert math.isnan(limits.smallest_scale(SURFACE, Part.rectangle(0.01, 0.01, friction=0.58), IDEAL))
+
+
+def test_what_an_episode_does_not_say_is_left_out():
+    assert page._middle(np.array([math.nan, 1.0, 3.0, 2.0]), 1e3, 0, "mm/s") == "2000 mm/s (1500 to 2500)"
+    assert page._most(np.array([math.nan]), 1.0, "°") == "–"
+
+
+def test_the_page_is_one_of_a4_without_scripts(written, tmp_path):
+    text = written.read_text(encoding="utf-8")
+    assert "<script" not in text and "&lt;block&gt;" in text and "<block>" not in text
+    assert all(each.startswith("data:image/png") for each in re.findall(r'src="([^"]*)"', text)) and len(text) < 200_000
+    with chromium() as browser:
+        sheet = browser.new_page()
+        said = watch(sheet)
+        sheet.goto(written.as_uri())
+        data = sheet.pdf(prefer_css_page_size=True, print_background=True)
+        assert faults_at_all_sizes(sheet) == [] and said == []
+    assert len(re.findall(rb"/Type\s*/Page\b", data)) == 1
+    (box,) = set(re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", data))
+    assert [round(float(each) / 72.0 * 25.4) for each in box] == [210, 297]
+
+
+def test_summary_has_every_line(sheet):
+    text = datasheet.summary(sheet)
+    for label in (
+        "Parts moved",
+        "Rotation in place",
+        "Heading at rest",
+        "Smallest part",
+        "Margin to tipping: 71 %",
+        "Latency: 40 ms",
+    ):
+        assert label in text
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("part: {shape: rectangle, length_mm: 40, width_mm: 40, friction: 5.0}", "friction 5"),
+        ("part: {shape: rectangle, length_mm: 40, friction: 0.5}", "width"),
+        ("part: {shape: rectangle, length_mm: 4000, width_mm: 40, friction: 0.5}", "datasheet"),
+        ("colour: red", "datasheet.colour: got 'red'"),
+        ("episodes: 3", "datasheet.episodes: got 3"),
+        ("surface: {rows: 0}", "rows"),
+        ("actuators: magic", "actuators"),
+        ("policy: {kind: trained, path: none.json}", "none.json"),
+        ("policy: nobody", "nobody"),
+        ("model: [1]", "model"),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, capfd, content, said):
+    config = tmp_path / "own.yaml"
+    config.write_text(content, encoding="utf-8")
+    assert main(["datasheet", str(config), "--output", str(tmp_path / "out"), "--quiet"]) == 2
+    line = capfd.readouterr().err
+    assert line.count("\n") == 1 and said in line and str(config) in line
+
+
+def test_a_missing_file_is_one_line(tmp_path, capfd):
+    assert main(["datasheet", str(tmp_path / "none.yaml")]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+    assert main(["datasheet", "--episodes", "2", "--output", str(tmp_path)]) == 2
+    assert "--episodes: got 2" in capfd.readouterr().err
+
+
+def test_a_disc_has_no_heading(tmp_path):
+    part = {"shape": "disc", "radius_mm": 20, "friction": 0.5}
+    settings = datasheet.settings_from({"part": part, "episodes": 8, "output": str(tmp_path)})
+    found = datasheet.measure(settings, quiet=True)
+    assert found.turn_speed is None and found.heading is None and "Rotate" not in found.reached
+    text = datasheet.summary(found)
+    assert (
+        "Heading" not in text
+        and "Rotation" not in text
+        and "disc of 40 mm" in datasheet.write(found).read_text(encoding="utf-8")
+    )
