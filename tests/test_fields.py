@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym import Part, Simulator, Surface
-from vibgym.fields import Field, lead_angle, radial, squeeze, tangential, uniform
+from vibgym.fields import Field, MovingSqueeze, lead_angle, radial, squeeze, tangential, uniform
 from vibgym.physics.core.drive import all_phasors, polar_drive
 
 SURFACE = Surface()
@@ -229,3 +229,72 @@ def test_a_users_own_field():
     phasors = saddle.phasors(SURFACE)
     x, y = SURFACE.element_centres()
     assert phasors[..., 0] == pytest.approx(y - 0.1) and phasors[..., 1] == pytest.approx(0.4 - x)
+
+
+@given(x=near, y=near, angle=st.floats(-4, 4), vx=near, vy=near, time=st.floats(0, 10), at_x=near, at_y=near)
+def test_a_moving_line_is_the_line_that_has_moved(x, y, angle, vx, vy, time, at_x, at_y):
+    moved = squeeze(x + time * vx, y + time * vy, angle).push(np.array(at_x), np.array(at_y))
+    line = MovingSqueeze(x, y, angle, (vx, vy))
+    assert np.ravel(line.at(time).push(np.array(at_x), np.array(at_y))) == pytest.approx(np.ravel(moved), abs=1e-9)
+
+
+def test_a_line_with_a_pitch_stands_on_edges_of_elements():
+    size = SURFACE.element_size
+    line = MovingSqueeze(4 * size, 0.1, math.pi / 2, (0.1, 0.3), pitch=size)
+    at = np.array([line.place(time) for time in np.linspace(0.0, 3.0, 200)])
+    steps = (at[:, 0] - 4 * size) / size
+    assert np.abs(steps - np.round(steps)).max() < 1e-9 and set(np.round(steps)) == set(range(13))
+    assert at[:, 1] == pytest.approx(0.1)  # what it has along itself does not move a line
+    assert np.abs(at[:, 0] - 4 * size - 0.1 * np.linspace(0.0, 3.0, 200)).max() <= 0.5 * size + 1e-9
+
+
+def lags(velocity, part=BLOCK, seconds=4.0, pitch=None, reach=0.026):
+    """How far a part is behind a line that moves at ``velocity`` (m/s) along the table, m, period by period."""
+    simulator, start = Simulator(SURFACE, (part,)), 4 * SURFACE.element_size
+    simulator.reset([[[start, 0.104, 0.0]]])
+    line = MovingSqueeze(start, 0.104, math.pi / 2, (velocity, 0.0), pitch=pitch, reach=reach)
+    behind = []
+    for k in range(int(min(seconds, 0.64 / velocity) / SURFACE.period)):
+        field = line.at((k + 0.5) * SURFACE.period)
+        simulator.advance(*field.drive(SURFACE, friction=part.friction), periods=1)
+        behind.append(start + velocity * (k + 1) * SURFACE.period - simulator.state.pose[0, 0, 0])
+    return np.array(behind)
+
+
+def test_parts_follow_a_slow_line_at_the_distance_at_which_push_and_friction_are_even():
+    # Two elements wide within the reach: the mean of what the elements under it do is linear in the distance.
+    part = Part.rectangle(0.052, 0.078, friction=0.58)
+    slow, fast = (lags(v, part, seconds=9.0, reach=0.078)[100:].mean() for v in (0.03, 0.06))
+    # mu a_v w^2 / 2 * lag / reach = mu g v / (2 a_h w); friction cancels. The difference is free of the wobble in a period.
+    closed = 0.078 * SURFACE.gravity / (SURFACE.full_scale * SURFACE.table_speed)
+    assert (fast - slow) / 0.03 == pytest.approx(closed, rel=0.05)
+
+
+@pytest.mark.parametrize("steps", [{}, {"pitch": 0.026, "reach": 0.001}])
+def test_a_line_takes_parts_along_up_to_the_speed_at_which_they_go_at_full_strength(steps):
+    simulator = Simulator(SURFACE, (BLOCK,))
+    simulator.reset([[[0.1, 0.104, 0.0]]])
+    simulator.advance(*uniform(0.0).drive(SURFACE, friction=BLOCK.friction), periods=40)
+    most = float(np.hypot(*simulator.state.mean_velocity[0, 0, :2]))
+    caught, lost = lags(0.9 * most, **steps), lags(1.1 * most, **steps)
+    assert caught.max() < 0.06 and caught[-1] < caught[len(caught) // 2] + 0.013
+    late = len(lost) // 2
+    rate = np.polyfit(SURFACE.period * np.arange(late, len(lost)), lost[late:], 1)[0]
+    assert rate == pytest.approx(0.1 * most, rel=0.25) and lost[-1] > 0.05
+
+
+@pytest.mark.parametrize(
+    ("bad", "named"),
+    [
+        ({"velocity": 0.1}, "velocity"),
+        ({"velocity": (0.1, math.nan)}, "velocity[1]"),
+        ({"pitch": 0.0}, "pitch"),
+        ({"reach": -1.0}, "reach"),
+        ({"angle": "up"}, "angle"),
+    ],
+)
+def test_a_bad_line_is_refused_in_one_line(bad, named):
+    given_ = {"x": 0.1, "y": 0.1, "angle": 0.0, "velocity": (0.1, 0.0)} | bad
+    with pytest.raises(ValueError) as error:
+        MovingSqueeze(**given_)
+    assert str(error.value).startswith(named) and "\n" not in str(error.value)

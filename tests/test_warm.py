@@ -11,6 +11,9 @@ for name in ("Rotate", "Sort"):
         env = gymnasium.make(f"vibgym/{name}-v0", action=action)
         env.reset(seed=0)
         env.step(env.action_space.sample())
+many = gymnasium.make_vec("vibgym/Align-v0", num_envs=1000, action="field")
+many.reset(seed=0)
+many.step(many.action_space.sample())
 for name in ("Align", "Sort"):
     for sensor in ({"kind": "pose"}, {"kind": "camera", "lines": "interlaced"}, {"kind": "camera", "statistical": True}):
         for estimator in ("none", "kalman", "model"):

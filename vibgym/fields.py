@@ -1,7 +1,9 @@
 """Vector fields of the surface: uniform, squeeze, radial, tangential and their sum (thesis section 4.2, fig. 4.4).
 
+A squeeze line may move on while parts are on it: :class:`MovingSqueeze` has a field for every time.
+
 A field says for every point in which direction, and how strongly, the surface shall push there. Sampled at the elements'
-centres it becomes the elements' motion: strength is amplitude, direction is phase.
+centres it becomes the elements' motion: strength is amplitude, direction is phase::
 
     field = radial(0.4, 0.1) + 0.5 * tangential(0.4, 0.1)
     simulator.advance(*field.drive(surface), periods=50)
@@ -12,7 +14,7 @@ Positions and strengths may be arrays that broadcast with (rows, columns), for i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -141,6 +143,63 @@ def squeeze(x: Any, y: Any, angle: Any, strength: Any = 1.0, reach: float = DEFA
         return towards * across_x, towards * across_y
 
     return Field(push)
+
+
+@dataclass(frozen=True)
+class MovingSqueeze:
+    """A squeeze field whose line moves and takes the parts on it along (thesis section 4.2)::
+
+        line = MovingSqueeze(0.1, 0.1, math.pi / 2, velocity=(0.1, 0.0))
+        simulator.advance(*line.at(period * surface.period).drive(surface), periods=1)
+
+    Parts follow at a distance at which the push makes up for the friction on a part of that speed: to first order, for slow
+    lines, ``reach * v g / (strength * a_v w^2 a_h w)``. A line faster than a part at full strength goes leaves it behind.
+
+    With the push falling off over ``reach`` the line may lie anywhere. In the thesis elements left and right of the line
+    push alike, so that it moves "in discrete steps given by the position of the edges of the surface elements": that is a
+    small ``reach``, a ``pitch`` of one element, and a line that begins on an edge.
+
+    Args:
+        x, y: a point of the line at time 0, m.
+        angle: direction of the line, rad from +x.
+        velocity: of that point, (x, y) m/s; what it has along the line changes nothing.
+        strength, reach: of :func:`squeeze`.
+        pitch: m, of the steps in which the line moves, half a step early and late; None: it does not stop.
+
+    Raises:
+        ValueError: a bad value.
+    """
+
+    x: Any
+    y: Any
+    angle: Any
+    velocity: tuple[Any, Any]
+    strength: Any = 1.0
+    reach: float = DEFAULT_REACH
+    pitch: float | None = None
+
+    def __post_init__(self) -> None:
+        checks.number("reach", self.reach, above=0.0)
+        if self.pitch is not None:
+            checks.number("pitch", self.pitch, above=0.0)
+        if not isinstance(self.velocity, Sequence) or len(self.velocity) != 2:
+            raise checks.refuse("velocity", self.velocity, "two numbers or arrays, x and y in m/s")
+        along_x, along_y = self.velocity
+        _finite(x=self.x, y=self.y, angle=self.angle, strength=self.strength)
+        _finite(**{"velocity[0]": along_x, "velocity[1]": along_y})
+
+    def place(self, time: Any) -> Push:
+        """The point (x, y) m of the line at a time (s), a number or an array: what begins as (x, y), less its way along it."""
+        _finite(time=time)
+        across_x, across_y = -np.sin(self.angle), np.cos(self.angle)
+        way = (self.velocity[0] * across_x + self.velocity[1] * across_y) * np.asarray(time)
+        if self.pitch is not None:
+            way = self.pitch * np.round(way / self.pitch)
+        return self.x + way * across_x, self.y + way * across_y
+
+    def at(self, time: Any) -> Field:
+        """The field at a time (s)."""
+        return squeeze(*self.place(time), self.angle, self.strength, self.reach)
 
 
 def radial(x: Any, y: Any, strength: Any = 1.0, reach: float = DEFAULT_REACH) -> Field:

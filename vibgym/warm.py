@@ -14,8 +14,9 @@ from vibgym import Part, Simulator, Surface, make_policy
 from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
+from vibgym.envs.actions import all_finite
 from vibgym.physics.core.drive import all_phasors, polar_drive
-from vibgym.policies import TaskInfo
+from vibgym.policies import TaskInfo, rollout
 
 BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)]
 
@@ -105,12 +106,19 @@ def policies() -> None:
             policy.predict(seen, None, np.ones(2, bool))
             wanted.close()
         made.close()
+    # Laws learn what the elements of real hardware make of their phasors.
+    rollout("pose", "vibgym/Align-v0", seeds=[0], actuators="prototype", max_episode_periods=25)
+
+
+def many_worlds() -> None:
+    """A look at the actions of a batch that several threads step."""
+    all_finite(np.zeros((1, 1), np.float32))
 
 
 def phasors() -> None:
     """What viewers draw."""
     still = np.zeros((1, 1, 1))
-    all_phasors(polar_drive(still, still, 1.0), np.zeros((1, 1, 1, 2)))
+    all_phasors(polar_drive(still, still, 1.0), np.zeros((1, 1, 1, 2)), 0)
 
 
 def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
@@ -123,6 +131,7 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     yield "bounds", bounds
     yield "wrench action", lambda: machine(action="wrench")
     yield "viewers", phasors
+    yield "many worlds", many_worlds
     yield "policies", policies
     for name in sorted(each for each in gymnasium.registry if each.startswith("vibgym/")):
         for observation in ("state", "parts", "goal", "image"):

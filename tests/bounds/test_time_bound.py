@@ -36,7 +36,7 @@ def bound(**settings):
 
 
 def test_every_period_of_a_long_way_adds_the_top_speed():
-    # 0.30438 m/s: the steady velocity at full amplitude, known from an independent integration (README).
+    # 0.30438 m/s: the steady velocity at full amplitude, known from an independent integration (docs/accuracy.md).
     pace = way_reach(SURFACE, 0.6, MOST, 0.005, HOLD).pace / SURFACE.period
     assert 0.30438 * 0.9995 <= pace <= 0.30438 * 1.002
 

@@ -1,0 +1,93 @@
+"""Command line: ``python -m studies.rivals NAME`` compares the segmented surface with the other machines of Table 1.1.
+
+- ``figures`` plays the tasks, and writes ``results/rivals.csv``; with ``--task`` those lines alone.
+- ``push`` writes ``results/rivals-push.csv``: how hard each machine can push several parts at once.
+- ``page`` writes both tables into ``docs/rivals.md``.
+- ``film`` writes ``docs/squeeze-line.gif``: a squeeze line that moves.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from vibgym import interrupts
+
+interrupts.start_command()
+
+from agents import command_line  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
+from agents.command_line import Command, Room  # noqa: E402
+
+
+def _nothing(parser: argparse.ArgumentParser) -> None:
+    """No arguments of its own."""
+
+
+def _tasks(parser: argparse.ArgumentParser) -> None:
+    """What ``figures`` takes."""
+    command_line.some(parser, "--task")
+
+
+def figures(arguments: argparse.Namespace) -> None:
+    """Play, and write the table."""
+    from studies.rivals.figures import EPISODES, rows
+    from studies.rivals.page import FIGURES, merged, read, written
+    from vibgym import checks
+
+    for each in arguments.task or ():
+        checks.choice("--task", each, tuple(EPISODES))
+    path = (arguments.output or Path()) / FIGURES
+    chosen = {task: EPISODES[task] for task in EPISODES if task in (arguments.task or EPISODES)}
+    found = rows(chosen, told=(lambda _: None) if arguments.quiet else lambda text: print(text, flush=True))
+    print(f"table: {written(path, merged(read(path) if path.exists() else [], found))}")
+
+
+def push(arguments: argparse.Namespace) -> None:
+    """Solve the linear programmes, and write the table."""
+    from studies.rivals.page import PUSH, written
+    from studies.rivals.reach import rows
+
+    print(f"table: {written((arguments.output or Path()) / PUSH, rows())}")
+
+
+def page(arguments: argparse.Namespace) -> None:
+    """Write the tables into the page."""
+    from studies.rivals.page import write
+
+    print(f"page: {write(arguments.output or Path())}")
+
+
+def film(arguments: argparse.Namespace) -> None:
+    """Write the film."""
+    from studies.rivals.film import write
+
+    print(f"film: {write(arguments.output or Path())}")
+
+
+ROOT = "directory of results/ and docs/, instead of the present one"
+
+COMMANDS = {
+    "figures": Command(_tasks, figures, ROOT),
+    "push": Command(_nothing, push, ROOT),
+    "page": Command(_nothing, page, ROOT),
+    "film": Command(_nothing, film, ROOT),
+}
+
+ROOMS = {
+    "figures": Room("studies.rivals.__main__", "play the tasks: results/rivals.csv"),
+    "push": Room("studies.rivals.__main__", "how hard each machine can push several parts: results/rivals-push.csv"),
+    "page": Room("studies.rivals.__main__", "write the tables into docs/rivals.md"),
+    "film": Room("studies.rivals.__main__", "a squeeze line that moves: docs/squeeze-line.gif"),
+}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code."""
+    return command_line.run_one_of(
+        "python -m studies.rivals", "Compare the segmented surface with Table 1.1's other machines.", ROOMS, argv
+    )
+
+
+if __name__ == "__main__":
+    interrupts.leave(main())

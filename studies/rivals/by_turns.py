@@ -1,0 +1,309 @@
+"""The plate's policy for several parts: whichever stroke brings the places where they come to rest nearest to their zones.
+
+A plate has three numbers for all parts, so it cannot give each the push that a law wants, and a law that sees only
+velocities makes no way where these cannot all be had. This policy looks at places instead. Friction brakes a part at the rate
+c, so one at p with velocity v comes to rest at p + v / c, and a stroke that pushes it with u for a time T shifts that place by
+u T / c. Of all strokes and strengths the one is taken that leaves the least sum of squared distances from the zones, with a
+price for places beside the table and for parts in one another's way. What one stroke spoils the next ones have to make good:
+parts are served by turns.
+
+Zones alone leave parts that block each other where they are. So places in the zones are given out, as the planner does it, and
+the distance from these counts a little.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from studies.rivals.fitting import served
+from studies.rivals.machines import MACHINES
+from studies.rivals.policies import OUTPUTS, first_strokes
+from vibgym import checks
+from vibgym._numba.jit import borrowing
+from vibgym.allocation.cut import cut_parts, new_pieces
+from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.simulation import threads as workers
+
+STRENGTHS = np.array([1.0, -1.0, 0.4, -0.4, 0.16, -0.16, 0.06, -0.06, 0.02, -0.02])
+"""That are tried of every stroke, over the strongest."""
+
+EFFORT = 1e-7
+"""m^2, price of a stroke of full strength: one that wins nothing is not worth it."""
+
+TRIED = 64
+"""Strokes that are tried in all strengths: those that promise most by slope and curvature of the squared distances."""
+
+JAMMED, EASE, EASED = 750, 150, 50
+"""Steps after which a world counts as jammed; from then on, of every so many steps, in so many parts may come near to each
+other and shall go to their places above all: what blocks the others moves off."""
+
+EASY = 0.1, 1.0
+"""Prices ``near`` and ``place`` in these steps."""
+
+SURE = 0.004
+"""m inside its zone that a part will have arrived."""
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Of squared distances, over that from a zone; lengths in m.
+
+    Raises:
+        ValueError: a bad value.
+    """
+
+    margin: float = 0.03  # how far inside zones parts shall be
+    edge: float = 0.02  # likewise inside the table
+    room: float = 0.005  # that parts shall have between the circles that hold them
+    beside: float = 100.0  # beside the table
+    near: float = 1.0  # of what parts lack between each other
+    place: float = 0.05  # from the place that a part has been given
+
+    def __post_init__(self) -> None:
+        for name in ("margin", "edge", "beside", "near", "place"):
+            checks.number(name, getattr(self, name), least=0.0)
+        checks.number("room", self.room)
+
+
+class Bill(NamedTuple):
+    """What places of rest are judged by, the same in all worlds."""
+
+    low: np.ndarray  # (parts, 2) m, of the zones ...
+    high: np.ndarray
+    size: np.ndarray  # (2,) m, of the table
+    apart: np.ndarray  # (parts,) m, half of what centres shall be apart
+    shift: np.ndarray  # (parts,) m, by which a push of 1 shifts a place of rest in a step
+    margin: float
+    edge: float
+    beside: float
+    near: float
+    place: float
+
+
+@borrowing
+def price(bill, rest, present, target, one, other, pairs):
+    """Of places of rest (parts, 2) m: squared distances from zones, places and the table, and from one another."""
+    total = 0.0
+    for p in range(rest.shape[0]):
+        if not present[p]:
+            continue
+        for k in range(2):
+            x = rest[p, k]
+            off = max(bill.low[p, k] + bill.margin - x, x - bill.high[p, k] + bill.margin, 0.0)
+            out = max(bill.edge - x, x - (bill.size[k] - bill.edge), 0.0)
+            total += off * off + bill.beside * out * out + bill.place * (x - target[p, k]) ** 2
+    for i in range(pairs):
+        p, q = one[i], other[i]
+        x, y = rest[p, 0] - rest[q, 0], rest[p, 1] - rest[q, 1]
+        square, least = x * x + y * y, bill.apart[p] + bill.apart[q]
+        if square < least * least:
+            lack = least - math.sqrt(square)
+            total += bill.near * lack * lack
+    return total
+
+
+@borrowing
+def slopes(bill, rest, present, target, one, other, pairs, slope):
+    """Write how fast :func:`price` grows with each place of rest, (parts, 2) m."""
+    slope[:] = 0.0
+    for p in range(rest.shape[0]):
+        if not present[p]:
+            continue
+        for k in range(2):
+            x = rest[p, k]
+            off = min(x - bill.low[p, k] - bill.margin, 0.0) + max(x - bill.high[p, k] + bill.margin, 0.0)
+            out = min(x - bill.edge, 0.0) + max(x - (bill.size[k] - bill.edge), 0.0)
+            slope[p, k] = 2.0 * (off + bill.beside * out + bill.place * (x - target[p, k]))
+    for i in range(pairs):
+        p, q = one[i], other[i]
+        x, y = rest[p, 0] - rest[q, 0], rest[p, 1] - rest[q, 1]
+        length, least = max(math.sqrt(x * x + y * y), 1e-9), bill.apart[p] + bill.apart[q]
+        if length < least:
+            pull = -2.0 * bill.near * (least - length) / length
+            slope[p, 0] += pull * x
+            slope[p, 1] += pull * y
+            slope[q, 0] -= pull * x
+            slope[q, 1] -= pull * y
+
+
+@borrowing
+def promise(bill, effect, slope, most):
+    """What a stroke may win at its best strength of up to ``most``, by slope and curvature where nothing is in the way."""
+    fall, bend = 0.0, 1e-15
+    for p in range(effect.shape[0]):
+        x, y = bill.shift[p] * effect[p, 0], bill.shift[p] * effect[p, 1]
+        fall += x * slope[p, 0] + y * slope[p, 1]
+        bend += x * x + y * y
+    strength = min(0.5 * abs(fall) / bend, most)
+    return strength * (abs(fall) - strength * bend)
+
+
+@borrowing
+def near_pairs(bill, rest, present, one, other):
+    """Write the pairs that may come too near in a step into ``one`` and ``other``; returns their number."""
+    pairs = 0
+    for p in range(rest.shape[0]):
+        for q in range(p):
+            x, y = rest[p, 0] - rest[q, 0], rest[p, 1] - rest[q, 1]
+            least = bill.apart[p] + bill.apart[q] + bill.shift[p] + bill.shift[q]
+            if present[p] and present[q] and x * x + y * y < least * least:
+                one[pairs], other[pairs] = p, q
+                pairs += 1
+    return pairs
+
+
+@borrowing
+def arrived(bill, rest, present):
+    """Whether all parts of a world will come to rest in their zones."""
+    for p in range(rest.shape[0]):
+        for k in range(2):
+            x = rest[p, k]
+            if present[p] and (x < bill.low[p, k] + SURE or x > bill.high[p, k] - SURE):
+                return False
+    return True
+
+
+@borrowing
+def choose_strokes(
+    start,
+    stop,
+    usual,
+    easy,
+    eased,
+    outlines,
+    pose,
+    present,
+    rest,
+    target,
+    stroke,
+    push,
+    strength,
+    pieces,
+    scratch,
+    found,
+):
+    """Write the stroke (worlds, 3) of least :func:`price`.
+
+    Args:
+        start, stop: worlds.
+        usual, easy: :class:`Bill`, the second where ``eased`` (worlds,) bool.
+        outlines, pieces: see :func:`vibgym.allocation.cut.cut_parts`.
+        pose, present: (worlds, parts, 3) and (worlds, parts).
+        rest, target: (worlds, parts, 2) m.
+        stroke, push: (n, 3) and (n, elements, 2).  strength: (m,) that are tried.
+        scratch: of :func:`new_scratch`.
+        found: (worlds, 3), overwritten.
+    """
+    effect, moved, slope, one, other, promised = scratch
+    for w in range(start, stop):
+        found[w] = 0.0
+        bill = easy if eased[w] else usual
+        if arrived(bill, rest[w], present[w]):
+            continue
+        count = cut_parts(outlines, pose[w], present[w], pieces)
+        pairs = near_pairs(bill, rest[w], present[w], one, other)
+        best = price(bill, rest[w], present[w], target[w], one, other, pairs)
+        slopes(bill, rest[w], present[w], target[w], one, other, pairs, slope)
+        for k in range(stroke.shape[0]):
+            served(pieces, count, push[k], effect)
+            promised[k] = promise(bill, effect, slope, strength[0])
+        for _ in range(min(TRIED, stroke.shape[0])):
+            k = 0
+            for i in range(1, stroke.shape[0]):
+                if promised[i] > promised[k]:
+                    k = i
+            promised[k] = -1.0
+            served(pieces, count, push[k], effect)
+            for j in range(strength.shape[0]):
+                for p in range(rest.shape[1]):
+                    moved[p, 0] = rest[w, p, 0] + strength[j] * bill.shift[p] * effect[p, 0]
+                    moved[p, 1] = rest[w, p, 1] + strength[j] * bill.shift[p] * effect[p, 1]
+                cost = price(bill, moved, present[w], target[w], one, other, pairs)
+                cost += EFFORT * strength[j] * strength[j]
+                if cost < best:
+                    best = cost
+                    for i in range(3):
+                        found[w, i] = strength[j] * stroke[k, i]
+
+
+def new_scratch(parts: int, strokes: int) -> tuple[np.ndarray, ...]:
+    """Of one thread."""
+    pairs = np.empty((2, parts * parts), dtype=np.int64)
+    return np.empty((parts, 3)), np.empty((parts, 2)), np.empty((parts, 2)), pairs[0], pairs[1], np.empty(strokes)
+
+
+class ByTurnsPolicy(PlannerPolicy):
+    """Strokes of one plate for several parts that have zones; see the module.
+
+    Args:
+        info: task and scene.
+        machine: ``"plate"`` or ``"plain-plate"``.
+        **prices: of :class:`Prices`.
+
+    Raises:
+        ValueError: a task without zones, or a bad argument.
+    """
+
+    def __init__(self, info: TaskInfo, machine: str, **prices: Any) -> None:
+        super().__init__(info, law="pose", learn=False)
+        if info.zones is None:
+            raise checks.refuse("policy 'by turns'", f"the task {info.name}", "tasks with zones")
+        given = Prices(**prices)
+        self.action = checks.choice("machine", machine, ("plate", "plain-plate"))
+        self.output = OUTPUTS[machine](info, MACHINES[machine](info.surface, info.parts))
+        self.allocator, surface, plant = self.output.allocator, info.surface, info.plant
+        zone, self.drag = info.zones[list(info.kind)], plant.drag
+        self.bill = Bill(
+            low=np.ascontiguousarray(zone[:, :2]),
+            high=np.ascontiguousarray(zone[:, 2:]),
+            size=np.array([surface.width, surface.depth]),
+            apart=np.array([part.radius for part in info.parts]) + 0.5 * given.room,
+            shift=plant.push / plant.strength * info.step_time / plant.drag,
+            margin=min(given.margin, 0.5 * float((zone[:, 2:] - zone[:, :2]).min())),
+            edge=given.edge,
+            beside=given.beside,
+            near=given.near,
+            place=given.place,
+        )
+        plate = self.output.machine
+        self.easy = self.bill._replace(near=EASY[0], place=EASY[1])
+        self.stroke = first_strokes(surface, plate, self.output.place).stroke
+        push = plate.pushes(self.stroke).reshape(len(self.stroke), -1, 2)
+        self.push, self.strength = np.ascontiguousarray(push), self.allocator.most * STRENGTHS
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Strokes from the measured poses and mean velocities; the state is the planner's."""
+        measured, info = Measured.of(observation, self.info), self.info
+        memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
+        measured = self.expected(measured, memory.steering)
+        memory = self.aim(measured, memory, new)
+        present, target = (np.ascontiguousarray(each) for each in (measured.present, memory.target))
+        pose = np.ascontiguousarray(measured.pose + self.output.half * measured.rate)
+        rest = np.ascontiguousarray(measured.centre + measured.velocity / self.drag[:, None])
+        steps = memory.waited[:, 0]  # which only the planner's own choice of motions needs
+        eased = (steps > JAMMED) & (steps % EASE < EASED)
+        found = np.zeros((len(pose), 3))
+
+        def work(start: int, stop: int) -> None:
+            choose_strokes(
+                start, stop, self.bill, self.easy, eased, self.allocator.outlines, pose, present, rest, target, self.stroke,
+                self.push, self.strength, new_pieces(info.surface, info.parts),
+                new_scratch(len(info.parts), len(self.stroke)), found,
+            )  # fmt: skip
+
+        workers.share(work, len(pose), self.output.threads)
+        action = found.astype(np.float32)
+        given = self.allocator.effect(pose, present, self.output.machine.pushes(action.astype(np.float64)))
+        acceleration, _ = self.process.acceleration(measured.rate, given)
+        memory = memory._replace(
+            waited=memory.waited + 1.0, steering=memory.steering._replace(acceleration=acceleration)
+        )
+        return (action[0] if measured.single else action), memory

@@ -1,0 +1,183 @@
+"""The rivals' own classical policies: the laws and the planner of the segmented surface, with what a rival's drives can do.
+
+    observation -> targets -> law -> wanted pushes of all parts -> the rival's command that serves them best
+
+Only the last step differs. It also says what the parts are given, so that laws and estimators count on what the machine does.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+
+from studies.rivals.fitting import FAR, Strokes, fit_cells, fit_strokes, plate_pushes, stroke_about
+from studies.rivals.machines import MACHINES, Cells, Machine, PlainPlate, Plate
+from vibgym import Surface
+from vibgym.allocation import Allocator
+from vibgym.allocation.cut import new_pieces
+from vibgym.policies.classical.local_field import LocalFieldPolicy
+from vibgym.policies.classical.outputs import Order
+from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.simulation import threads as workers
+
+DIRECTIONS = 16
+"""Of strokes without rotation that are tried first, over half a turn: the other half are their opposites."""
+
+AROUND = 0.25
+"""m beside the table in which centres of rotation are looked for, with twice the distance between them."""
+
+TURNING = 0.1
+"""Weight of errors of turning over those of moving, where parts are several and headings do not count."""
+
+
+def places(surface: Surface) -> np.ndarray:
+    """Centres of the elements (elements, 2), m from the table's middle."""
+    x, y = surface.element_centres()
+    middle = 0.5 * np.array([surface.width, surface.depth])
+    return np.ascontiguousarray(np.stack([x.ravel(), y.ravel()], axis=-1) - middle)
+
+
+class RivalOutput(ABC):
+    """What steering says to a rival: an output (:class:`vibgym.policies.classical.outputs.Output`) for its action.
+
+    Args:
+        info: task and scene.
+        machine: what the hardware can do.
+    """
+
+    learner = None
+
+    def __init__(self, info: TaskInfo, machine: Machine) -> None:
+        self.info, self.machine = info, machine
+        self.allocator = Allocator(info.surface, info.parts, info.hardware)
+        self.half = 0.5 * info.surface.period  # s
+        self.weight = np.array([1.0, 1.0, 1.0 if info.has_heading or len(info.parts) == 1 else TURNING])
+        self.threads = workers.available_threads()
+        self.place = places(info.surface)
+
+    def begin(self, batch: int) -> Any:
+        """Nothing is remembered."""
+        return ()
+
+    def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
+        """See :meth:`vibgym.policies.classical.outputs.Output.give`."""
+        present, wanted = np.ascontiguousarray(order.measured.present), np.ascontiguousarray(order.push)
+        # In the middle of the step, as the segmented surface's output has it.
+        pose = np.ascontiguousarray(order.measured.pose + self.half * order.velocity)
+        weight = np.ascontiguousarray(np.broadcast_to(self.weight, wanted.shape) * present[..., None])
+        action = self.fit(pose, present, np.where(present[..., None], wanted, 0.0), weight).astype(np.float32)
+        push = self.machine.pushes(action.astype(np.float64))
+        return action, self.allocator.effect(pose, present, push), memory
+
+    @abstractmethod
+    def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Actions (worlds, size) that serve the parts best: pushes ``wanted`` (worlds, parts, 3), squared errors weighted."""
+
+
+def first_strokes(surface: Surface, plate: Plate, place: np.ndarray) -> Strokes:
+    """Centres of rotation all over the table and around it, and directions; ``place`` (elements, 2) m from the middle."""
+    size = surface.element_size
+    reach = 0.5 * np.array([surface.width, surface.depth])
+    inner = [np.arange(-far + 0.5 * size, far, size) for far in reach]
+    outer = [np.arange(-far - AROUND, far + AROUND + size, 2.0 * size) for far in reach]
+    near, wide = (np.stack(np.meshgrid(*each), axis=-1).reshape(-1, 2) for each in (inner, outer))
+    wide = wide[(np.abs(wide) > reach).any(axis=1)]
+    angles = math.pi / DIRECTIONS * np.arange(DIRECTIONS)
+    centre = np.concatenate([near, wide, np.stack([np.full(DIRECTIONS, FAR), angles], axis=-1)])
+    step = np.concatenate(
+        [np.full(near.shape, size), np.full(wide.shape, 2.0 * size), np.full((DIRECTIONS, 2), math.pi / DIRECTIONS)]
+    )
+    stroke, push = np.empty((len(centre), 3)), np.empty((len(centre), len(place), 2))
+    for k in range(len(centre)):
+        stroke_about(*centre[k], plate.half, stroke[k])
+        plate_pushes(stroke[k], place, plate.half, plate.core, push[k])
+    return Strokes(stroke, centre, step, push)
+
+
+class PlateOutput(RivalOutput):
+    """The stroke that serves all parts best. The plate serves them by turns, since what is owed to a part is wanted again."""
+
+    def __init__(self, info: TaskInfo, machine: Machine) -> None:
+        super().__init__(info, machine)
+        assert isinstance(machine, Plate)
+        self.plate = machine
+        self.strokes = first_strokes(info.surface, machine, self.place)
+
+    def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """See :meth:`RivalOutput.fit`."""
+        found, info = np.zeros((len(pose), 3)), self.info
+
+        def work(start: int, stop: int) -> None:
+            pieces = new_pieces(info.surface, info.parts)
+            effect, push = np.empty((len(info.parts), 3)), np.empty((len(self.place), 2))
+            fit_strokes(
+                start, stop, self.allocator.outlines, pose, present, wanted, weight, self.allocator.most, self.strokes,
+                self.place, self.plate.half, self.plate.core, pieces, effect, push, found,
+            )  # fmt: skip
+
+        workers.share(work, len(pose), self.threads)
+        return found
+
+
+class PlainOutput(RivalOutput):
+    """The stroke of least squared error, which is linear in it; what is too fast is slowed down as a whole."""
+
+    def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """See :meth:`RivalOutput.fit`."""
+        plate = self.machine
+        assert isinstance(plate, PlainPlate)
+        worlds, most = len(pose), self.allocator.most
+        unit = 0.5 * np.eye(3)  # slow enough that nothing is slowed down
+        effects = [self.allocator.effect(pose, present, plate.pushes(np.tile(each, (worlds, 1)))) for each in unit]
+        root = np.sqrt(weight)
+        matrix = 2.0 * np.stack([(root * each).reshape(worlds, -1) for each in effects], axis=-1)
+        normal = np.einsum("wik,wil->wkl", matrix, matrix) + 1e-9 * np.eye(3)
+        right = np.einsum("wik,wi->wk", matrix, (root * wanted).reshape(worlds, -1))
+        stroke = np.linalg.solve(normal, right[..., None])[..., 0]
+        return most * stroke / np.maximum(plate.fastest(stroke), most)[:, None]
+
+
+class CellsOutput(RivalOutput):
+    """What every cell does along its axis, of least squared error."""
+
+    def fit(self, pose: np.ndarray, present: np.ndarray, wanted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """See :meth:`RivalOutput.fit`."""
+        cells, info = self.machine, self.info
+        assert isinstance(cells, Cells)
+        axis = np.ascontiguousarray(cells.axis.reshape(-1, 2))
+        most, found = self.allocator.most, np.zeros((len(pose), len(axis)))
+
+        def work(start: int, stop: int) -> None:
+            pieces = new_pieces(info.surface, info.parts)
+            following, first = np.empty(len(pieces.part), dtype=np.int64), np.empty(len(axis), dtype=np.int64)
+            fit_cells(
+                start, stop, self.allocator.outlines, pose, present, wanted, weight, axis, most * cells.least, most, pieces,
+                following, first, np.empty((len(info.parts), 3)), found,
+            )  # fmt: skip
+
+        workers.share(work, len(pose), self.threads)
+        return found
+
+
+OUTPUTS = {"plate": PlateOutput, "plain-plate": PlainOutput, "conveyor": CellsOutput, "one-way": CellsOutput}
+"""By the machine's name."""
+
+
+def rival_policy(info: TaskInfo, machine: str, **settings: Any) -> Policy:
+    """The classical policy of a rival: straight to the goal with one part, with the planner with several.
+
+    Args:
+        info: task and scene.
+        machine: among :data:`.machines.MACHINES`.
+        **settings: of the policy and its law.
+    """
+    straight = info.has_goal and len(info.parts) == 1
+    policy = (LocalFieldPolicy if straight else PlannerPolicy)(info, **{"law": "pose", **settings}, learn=False)
+    policy.output = OUTPUTS[machine](info, MACHINES[machine](info.surface, info.parts))
+    policy.action = machine
+    return policy

@@ -1,0 +1,202 @@
+"""The machines of Table 1.1 beside the segmented surface."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from studies.rivals import page
+from studies.rivals.__main__ import main
+from studies.rivals.by_turns import ByTurnsPolicy
+from studies.rivals.contenders import OWN_SPEED, policy_of, scene_of, strength_of
+from studies.rivals.figures import played, row_of
+from studies.rivals.film import FILM, Sweep, frames
+from studies.rivals.film import played as seen
+from studies.rivals.machines import MACHINES, register
+from studies.rivals.policies import OUTPUTS
+from studies.rivals.reach import rows
+from tests.commands import refusal
+from vibgym import Part, Simulator, Surface
+from vibgym.envs import ACTIONS
+from vibgym.envs.named import batch_of, environment_id
+from vibgym.fields import uniform
+from vibgym.policies.task_info import TaskInfo
+
+SURFACE = Surface()
+BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(autouse=True)
+def registered(monkeypatch):
+    """The rivals' actions, for one test: others run over all that are registered."""
+    monkeypatch.setattr(ACTIONS, "_items", dict(ACTIONS))
+    register()
+
+
+def machine(name):
+    return MACHINES[name](SURFACE, (BLOCK,))
+
+
+def some(shape, seed=1):
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, shape)
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_no_element_does_more_than_it_can(name):
+    own = machine(name)
+    push = own.pushes(some((50, own.size)))
+    assert push.shape == (50, 8, 32, 2)
+    assert np.hypot(push[..., 0], push[..., 1]).max() <= 1.0 + 1e-12
+    assert (own.pushes(np.zeros((1, own.size))) == 0.0).all()
+
+
+def test_a_stroke_pushes_square_to_its_centre_of_rotation_and_equally_hard():
+    plate, centre = machine("plate"), np.array([0.2, 0.05])
+    stroke = np.array([centre[1] - 0.5 * SURFACE.depth, 0.5 * SURFACE.width - centre[0], plate.half])
+    push = plate.pushes(stroke[None] / np.linalg.norm(stroke))[0]
+    away = np.stack(SURFACE.element_centres(), axis=-1) - centre
+    distance = np.hypot(away[..., 0], away[..., 1])
+    assert np.abs((push * away).sum(axis=-1)).max() < 1e-12
+    assert np.hypot(push[..., 0], push[..., 1]) == pytest.approx(np.minimum(distance / plate.core, 1.0))
+
+
+def test_without_saturation_pushes_are_those_of_a_rigid_body():
+    push = machine("plain-plate").pushes(some((20, 3)))
+    place = np.stack(SURFACE.element_centres(), axis=-1).reshape(-1, 2)
+    push = push.reshape(20, -1, 2)
+    apart, differ = place[:, None] - place, push[:, :, None] - push[:, None]
+    assert np.abs((apart * differ).sum(axis=-1)).max() < 1e-12  # no two places come nearer to each other
+
+
+@pytest.mark.parametrize("name", ["conveyor", "one-way"])
+def test_cells_push_along_their_own_axis(name):
+    own, values = machine(name), some((10, 256))
+    push = own.pushes(values)
+    along = (push * own.axis).sum(axis=-1)
+    assert np.abs(push - along[..., None] * own.axis).max() == 0.0
+    least = -1.0 if name == "conveyor" else 0.0
+    assert along == pytest.approx(np.maximum(values.reshape(10, 8, 32), least))
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_elements_do_what_the_machine_says(name):
+    env = batch_of(environment_id("Transport"), num_envs=3, action=name)
+    env.reset(seed=[1, 2, 3])
+    action = some((3, env.unwrapped.core.action.size)).astype(np.float32)
+    env.step(action)
+    push = env.unwrapped.core.action.pushes(action.astype(np.float64))
+    done = np.stack([env.unwrapped.core.phasors(world) for world in range(3)])
+    assert done == pytest.approx(-push[..., ::-1], abs=1e-6)
+    env.close()
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_what_is_fitted_is_better_than_anything_drawn(name):
+    env = batch_of(environment_id("Sort"), num_envs=4, action=name)
+    env.reset(seed=list(range(4)))
+    info, pose = TaskInfo.of(env), env.unwrapped.truth.pose.copy()
+    env.close()
+    output = OUTPUTS[name](info, MACHINES[name](info.surface, info.parts))
+    present, wanted = np.ones(pose.shape[:2], dtype=bool), some(pose.shape)
+    if name == "plain-plate":  # so that no corner is at its limit, where the stroke is only slowed down
+        wanted *= 0.02
+    weight = np.broadcast_to(output.weight, pose.shape).copy()
+
+    def error(action):
+        given = output.allocator.effect(pose, present, output.machine.pushes(action))
+        return (weight * (given - wanted) ** 2).sum(axis=(1, 2))
+
+    found = output.fit(pose, present, wanted, weight)
+    best = error(found)
+    assert (best < error(np.zeros_like(found))).all()
+    rng = np.random.default_rng(3)
+    for size in (0.01, 0.1, 1.0):
+        for _ in range(50):
+            other = np.clip(found + size * rng.normal(size=found.shape), -1.0, 1.0)
+            if name == "plate":  # it is searched on a lattice and refined
+                other /= np.maximum(np.linalg.norm(other, axis=1), 1.0)[:, None]
+                assert (best <= 1.03 * error(other) + 1e-3).all()
+            else:  # but for the price of the cells' effort
+                assert (best <= error(other) + (1e-3 if "plate" not in name else 1e-9)).all()
+
+
+def test_at_its_own_speed_the_plate_takes_a_part_no_faster_than_table_1_1_says():
+    strength = strength_of(SURFACE, OWN_SPEED)
+    simulator = Simulator(SURFACE, (BLOCK,))
+    simulator.reset([[[0.1, 0.104, 0.0]]])
+    simulator.advance(*uniform(0.0, strength).drive(SURFACE), periods=60)
+    assert math.hypot(*simulator.state.mean_velocity[0, 0, :2]) == pytest.approx(OWN_SPEED, rel=0.05)
+    assert policy_of("plate-own-speed", "Transport").info.hardware.limit == pytest.approx(
+        strength * SURFACE.max_amplitude
+    )
+    assert "actuators" not in scene_of("plate")
+
+
+def test_degrees_of_freedom_count():
+    found = {(row["machine"], row["parts"]): row for row in rows(samples=2, counts=(1, 2))}
+    assert found["segmented", 2]["share"] > 0.9
+    assert found["plate", 1]["share"] > 0.99 and 0.1 < found["plate", 2]["share"] < 1.0
+    assert found["plain-plate", 1]["share"] > 0.99 and found["plain-plate", 2]["none"] == 1.0
+    # Of a uniform push in a random direction conveyors give half, or more along a diagonal.
+    assert 0.3 < found["conveyor", 1]["share"] < 0.8 and found["one-way", 1]["share"] < found["conveyor", 1]["share"]
+
+
+@pytest.mark.parametrize("name", ["plate", "conveyor", "one-way"])
+def test_rivals_do_transport_and_the_row_says_so(name):
+    own, first = (played(each, "Transport", 6) for each in (name, "segmented"))
+    row = row_of(name, "Transport", own, first)
+    assert row["success"] == 1.0 and row["success_low"] < 1.0 and not row["fallen"]
+    ratio = own.time_to_goal / first.time_to_goal
+    assert row["time_ratio"] == pytest.approx(np.exp(np.log(ratio).mean()))
+
+
+def test_the_plate_sorts():
+    played_ = played("plate", "Sort", 2)
+    assert played_.success.all()
+
+
+def test_the_page_shows_the_tables():
+    assert page.made(ROOT) == (ROOT / page.PAGE).read_text(encoding="utf-8")
+
+
+def test_the_block_on_the_page_takes_the_part_along():
+    (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / page.PAGE).read_text(encoding="utf-8"), re.M | re.S)
+    names = {}
+    exec(block, names)
+    assert names["simulator"].state.pose[0, 0, 0] == pytest.approx(0.1 + 0.1 * 100 * SURFACE.period, abs=0.015)
+
+
+def test_the_film_shows_the_line_and_the_parts():
+    slow = Sweep(0.15, 0.1, 0.16, "slow")
+    pictures, poses = frames((slow,)), [pose for pose, *_ in seen((slow,))]
+    assert len(poses) == 4 and len(pictures) == 2 and pictures[0].shape[2] == 3
+    assert (pictures[0] != pictures[1]).any() and (ROOT / FILM).stat().st_size < 1e6
+
+
+def test_the_plate_serves_by_turns_where_there_are_zones():
+    env = batch_of(environment_id("Transport"), num_envs=1, action="plate")
+    info = TaskInfo.of(env)
+    env.close()
+    with pytest.raises(ValueError, match="tasks with zones") as error:
+        ByTurnsPolicy(info, "plate")
+    assert "\n" not in str(error.value)
+
+
+def test_new_lines_replace_those_of_their_task():
+    old = [{"task": "Sort", "machine": "plate"}, {"task": "Align", "machine": "plate"}]
+    found = page.merged(old, [{"task": "Sort", "machine": "conveyor"}])
+    assert found == [{"task": "Align", "machine": "plate"}, {"task": "Sort", "machine": "conveyor"}]
+
+
+def test_bad_input_is_refused_in_one_line(capsys, tmp_path):
+    assert "--task" in refusal(capsys, main, "figures", "--task", "Juggle")
+    assert "docs/rivals.md" in refusal(capsys, main, "page", "--output", tmp_path)
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs/rivals.md").write_text("no markers")
+    assert "rivals.csv" in refusal(capsys, main, "page", "--output", tmp_path)
+    for each in (page.FIGURES, page.PUSH):
+        page.written(tmp_path / each, page.read(ROOT / each))
+    assert "markers" in refusal(capsys, main, "page", "--output", tmp_path)
