@@ -1,4 +1,4 @@
-"""The documentation's code runs."""
+"""The documentation's code runs, and the README is short and current."""
 
 import re
 import subprocess
@@ -7,19 +7,63 @@ from pathlib import Path
 
 import pytest
 
+from studies.manual import readme
+
 ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+LEARNERS = DOCS / "learners"  # run in environments of their own, see tests/learners
+GENERATED = (DOCS / "environments", DOCS / "generated")
+README_LINES = 120
 
+PAGES = {
+    str(path.relative_to(ROOT))
+    for path in [ROOT / "README.md", *DOCS.rglob("*.md")]
+    if path.parent not in (LEARNERS, *GENERATED) and "```python" in path.read_text(encoding="utf-8")
+}
+REGISTER = {"docs/control.md", "docs/extending.md", "docs/tutorials/own-sensor-effect.md"}
+"""Pages that register names, each in a process of its own; the others share one."""
 
-def blocks(path):
-    return re.findall(r"^```python\n(.*?)^```", (ROOT / path).read_text(encoding="utf-8"), re.M | re.S)
+RUN = """
+import pathlib, re, sys
+for path in sys.argv[1:]:
+    text = pathlib.Path(path).read_text(encoding="utf-8")
+    code = "\\n".join(re.findall(r"^```python\\n(.*?)^```", text, re.M | re.S))
+    print("--", path, flush=True)
+    exec(compile(code, path, "exec"), {"__name__": "__main__"})
+"""
 
 
 @pytest.mark.parametrize(
-    "path", ["docs/bound.md", "docs/control.md", "docs/extending.md", "docs/pack.md", "docs/tilting.md"]
+    "pages", [*([page] for page in sorted(REGISTER)), sorted(PAGES - REGISTER)], ids=lambda it: it[0]
 )
-def test_blocks_run_one_after_the_other(path):
-    """In a process of their own, since they register names."""
-    code = "\n".join(blocks(path))
-    assert code
-    result = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr[-2000:]
+def test_blocks_run_one_after_the_other(pages):
+    done = subprocess.run([sys.executable, "-c", RUN, *pages], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, f"{done.stdout[-300:]}\n{done.stderr[-2000:]}"
+    assert re.findall(r"^-- (.+)", done.stdout, re.M) == pages
+
+
+def test_there_is_code_to_run():
+    assert PAGES > REGISTER
+    assert {"README.md", "docs/start.md", "docs/hardware.md", "docs/models.md", "docs/bound.md"} < PAGES
+
+
+def test_the_readme_is_a_page_whose_table_is_current():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= README_LINES
+    assert readme.renewed(text) == text
+
+
+def test_the_readme_links_to_what_is_there():
+    targets = re.findall(r"\]\(([^)#]+)", (ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len(targets) > 15
+    missing = [target for target in targets if "://" not in target and not (ROOT / target).exists()]
+    assert not missing
+
+
+def test_the_readmes_commands_are_those_of_the_checkout():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert all((ROOT / path).exists() for path in re.findall(r"examples/\w+\.py", text))
+    targets = set(re.findall(r"`make (\w+)`", text))
+    assert {"docs", "test", "venv"} <= targets
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert all(re.search(rf"^{target}:", makefile, re.M) for target in targets)

@@ -1,0 +1,79 @@
+"""Settings of the site: ``sphinx-build -W -b html docs runs/docs``, or ``make docs``. Nothing is fetched from anywhere."""
+
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+MAYBE = ("rivals", "datasheet")
+sys.path.insert(0, str(DOCS.parent))
+
+import vibgym  # noqa: E402
+
+project = "vibgym"
+author = "vibgym contributors"
+copyright = f"{author}, MIT licence"
+version = release = vibgym.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["generated", "thesis/figures.md", "**/*.txt"]
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_default_options = {"members": True, "show-inheritance": True}
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+python_use_unqualified_type_names = True
+
+html_theme = "furo"
+html_title = f"vibgym {release}"
+html_favicon = "_static/icon.svg"
+html_static_path = ["_static"]
+html_css_files = ["tables.css"]
+html_copy_source = False
+html_show_sphinx = False
+html_theme_options = {"top_of_page_buttons": []}
+pygments_style, pygments_dark_style = "a11y-high-contrast-light", "a11y-high-contrast-dark"
+
+
+def generate(app):
+    """Tables of results and pages of environments, before pages are read."""
+    from studies.manual.build import write
+
+    write(DOCS)
+
+
+def leave_out(app, page, source):
+    """Pages that some versions have not are left out of the order."""
+    if page == "index":
+        missing = {f"{name}\n" for name in MAYBE if not (DOCS / f"{name}.md").exists()}
+        source[0] = "".join(line for line in source[0].splitlines(keepends=True) if line not in missing)
+
+
+FOR_EVERYBODY = {
+    ' role="heading"><': ' role="heading" aria-level="2"><',
+    '<div class="highlight"><pre>': '<div class="highlight"><pre tabindex="0">',
+    '<div class="table-wrapper': '<div tabindex="0" role="region" aria-label="Table" class="table-wrapper',
+}
+"""What the theme's pages lack for keyboards and screen readers: levels of captions, and tables that can be scrolled by keys."""
+
+
+def complete(app, error):
+    """Mend the theme's pages once they are written."""
+    for path in Path(app.outdir).rglob("*.html") if error is None and app.builder.name == "html" else ():
+        before = after = path.read_text(encoding="utf-8")
+        for lacking, whole in FOR_EVERYBODY.items():
+            after = after.replace(lacking, whole)
+        if after != before:
+            path.write_text(after, encoding="utf-8")
+
+
+def setup(app):
+    """Hook in what is generated."""
+    from studies.manual import rest
+
+    app.connect("builder-inited", generate)
+    app.connect("source-read", leave_out)
+    app.connect("build-finished", complete)
+    app.connect("autodoc-process-docstring", rest.process, priority=400)  # before Napoleon

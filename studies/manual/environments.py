@@ -1,0 +1,165 @@
+"""A page for each registered environment, from its code: what is asked, actions, observations, rewards, baselines."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents.evaluation.tables import markdown
+from studies.manual.baselines import baselines
+from studies.manual.figures_file import ROOT
+from studies.manual.said import ACTIONS_SAID, TERMS_SAID, spoken
+from vibgym import checks
+from vibgym.envs import ACTIONS, OBSERVATIONS, VibgymEnv
+from vibgym.registration import ENVIRONMENTS
+
+DOCS = ROOT / "docs"
+BEGIN = """```python
+import gymnasium as gym
+import vibgym
+
+env = gym.make("vibgym/{name}-v0")
+observation, info = env.reset(seed=0)
+```"""
+REWARD = """The sum of these terms, which `info["reward_terms"]` has one by one.
+`task_settings={"weights": ...}` changes their weights."""
+
+
+def pages() -> dict[str, str]:
+    """Markdown of every registered environment, by the name of its page."""
+    return {name: page(name) for name in ENVIRONMENTS}
+
+
+def page(name: str) -> str:
+    """Markdown of the environment ``vibgym/<name>-v0``."""
+    env: Any = gym.make(f"vibgym/{name}-v0").unwrapped
+    assert isinstance(env, VibgymEnv)
+    asked, further = _asked(env)
+    pieces = [
+        f"# {name}",
+        f"`vibgym/{name}-v0`" + (f": the task `{env.task.name}`" if env.task.name != name else ""),
+        film(name),
+        asked,
+        *further,
+        *_more(env),
+        BEGIN.format(name=name),
+        "## The scene",
+        _scene(name, env),
+        "## Actions",
+        f"Flat boxes in [-1, 1], float32; the default is `{_default('action')}`.",
+        _actions(env),
+        "## Observations",
+        _observations(env),
+        "### The state",
+        _state(env),
+        "## Reward",
+        REWARD,
+        _rewards(env),
+        "## Information",
+        "Besides `reward_terms` and `parts`, `info` says " + ", ".join(f"`{fact}`" for fact in env.task.FACTS) + ".",
+        "## Baselines",
+        baselines(name),
+    ]
+    return "\n\n".join(pieces) + "\n"
+
+
+def film(name: str) -> str:
+    """The picture at the top of a page."""
+    path = DOCS / "films" / f"{name}.webp"
+    if not path.exists():
+        raise checks.refuse("films", str(path), "a film of every environment: python -m studies.manual films")
+    return f"![An episode of {name} under a shipped policy](../films/{name}.webp)"
+
+
+def _asked(env: VibgymEnv) -> tuple[str, list[str]]:
+    """What the task asks: its docstring up to its arguments."""
+    text = inspect.getdoc(type(env.task)) or ""
+    first, *others = re.split(
+        r"\n\n", re.split(r"^(?:Args|Attributes|Raises):$", text, maxsplit=1, flags=re.M)[0].strip()
+    )
+    return spoken(first), [spoken(each) for each in others]
+
+
+def _more(env: VibgymEnv) -> list[str]:
+    task = env.task.name
+    own = DOCS / f"{task.lower()}.md"
+    return [f"More of the task, its laws and figures: [{task}](../{task.lower()}.md)."] if own.exists() else []
+
+
+def _scene(name: str, env: VibgymEnv) -> str:
+    limit, settings = ENVIRONMENTS[name]
+    task, parts = env.task, env.parts
+    kinds = [part.name for part in parts]
+    lines = [
+        ["parts", ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))],
+        ["walls", ", ".join(settings.get("walls", ())) or "none"],
+        ["limit", f"{limit} periods ({limit * env.surface.period:g} s)"],
+        ["success", "none: parts come and go" if task.flows else f"all parts done for {task.hold} periods in a row"],
+    ]
+    tolerance = task.tolerances()[task.asked]
+    if task.has_goal and len(tolerance):
+        heading = np.degrees(tolerance[0, 1])
+        within = f"{1e3 * tolerance[0, 0]:g} mm" + (f" and {heading:g} deg" if np.isfinite(heading) else "")
+        lines.append(["done", f"within {within} of the goal"])
+    if np.isfinite(task.speed_limit):
+        lines.append(["slow enough", f"below {1e3 * task.speed_limit:g} mm/s"])
+    if np.isfinite(task.apart):
+        lines.append(["apart", f"at least {1e3 * task.apart:.1f} mm"])
+    return markdown(("what", "here"), lines)
+
+
+def _default(argument: str) -> str:
+    return {"action": "element", "observation": "state"}[argument]
+
+
+def _actions(env: VibgymEnv) -> str:
+    lines = []
+    for name, action in ACTIONS.items():
+        made = action(env.surface, env.parts)
+        lines.append([f"`{name}`", str(tuple(made.shape)), str(made.size), ACTIONS_SAID[name]])
+    return markdown(("`action=`", "shape", "numbers", "meaning"), lines)
+
+
+def _observations(env: VibgymEnv) -> str:
+    lines = []
+    for name, observation in OBSERVATIONS.items():
+        if name == "camera":
+            continue  # of the sensor, whatever the task
+        try:
+            lines.append([f"`{name}`", *_space(observation(env.task).space)])
+        except checks.Refused:
+            lines.append([f"`{name}`", "–", "not of this task"])
+    seen = 'what the camera sees, with `sensor="camera"`: [hardware](../hardware.md)'
+    lines.append(["`camera`", "the camera's lines and columns", seen])
+    return markdown(("`observation=`", "shape", "of"), lines)
+
+
+def _space(space: gym.Space) -> tuple[str, str]:
+    if isinstance(space, gym.spaces.Dict):
+        return "dictionary", ", ".join(f"`{key}` {each.shape}" for key, each in space.items())
+    return str(space.shape), f"{space.dtype}"
+
+
+def _state(env: VibgymEnv) -> str:
+    block = [each for each in env.observation_layout if each.part == 0]
+    size = sum(each.width for each in block)
+    lines = [
+        [", ".join(str(each.start + k) for k in range(each.width)), each.name, each.meaning, each.unit]
+        for each in block
+    ]
+    table = markdown(("index", "feature", "meaning", "unit of 1"), lines)
+    slots = env.task.slots
+    told = (
+        "" if slots == 1 else f" The observation has {slots} such blocks, part p in block p, from number {size} x p on."
+    )
+    return f"`env.unwrapped.observation_layout` says the same with scales and ranges.{told}\n\n{table}"
+
+
+def _rewards(env: VibgymEnv) -> str:
+    task = env.task
+    lines = [[term, TERMS_SAID[task.made_of[term]], f"{weight:g}"] for term, weight in task.weights.items()]
+    return markdown(("term", "what it counts, at most 1 in magnitude", "weight"), lines)

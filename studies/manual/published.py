@@ -1,0 +1,144 @@
+"""Tables of published results for the pages: each is a function without arguments that returns Markdown."""
+
+from __future__ import annotations
+
+import functools
+import json
+from collections.abc import Callable
+
+from agents.evaluation.tables import markdown
+from studies.manual import above_the_plane
+from studies.manual.figures_file import RESULTS, Published, rows, table, with_time
+from studies.manual.trained import trained
+
+TIME, BOUND = "time_to_goal_median_s", "time_over_bound_median"
+ERRORS = ("position_error_median_m", "heading_error_median_rad")
+ONE, SEVERAL = ("Transport", "Align", "Rotate"), ("Sort", "Singulate")
+ALL = (*ONE, *SEVERAL)
+PROTOTYPE, RIGID = "prototype", "rigid, struck"
+TOGETHER = (TIME, "throughput_median_parts_per_s", "collisions_mean", "path_efficiency_median")
+
+
+@functools.cache
+def report() -> Published:
+    """What ``make report`` found."""
+    return Published(RESULTS / "report")
+
+
+def provenance() -> str:
+    """When and on what they were found."""
+    about = report().about
+    machine, versions = about["machine"], about["versions"]
+    return (
+        f"Found on {report().day} at commit {about['commit'][:7]}, {machine['cores']} cores ({machine['processor']}), "
+        f"Python {versions['python']}, numba {versions['numba']}."
+    )
+
+
+def one_part() -> str:
+    """Transport, Align and Rotate on the ideal machine."""
+    return table(report(), ONE, "ideal", (TIME, BOUND, *ERRORS, "fallen_rate"))
+
+
+def several_parts() -> str:
+    """Sort and Singulate on the ideal machine."""
+    return table(report(), SEVERAL, "ideal", TOGETHER)
+
+
+def prototype() -> str:
+    """The same tasks on the prototype's machine: one part, then several."""
+    one = table(report(), ONE, PROTOTYPE, (TIME, BOUND, *ERRORS))
+    return f"{one}\n\n{table(report(), SEVERAL, PROTOTYPE, TOGETHER)}"
+
+
+def rigid() -> str:
+    """On rigid parts that are struck."""
+    one = table(report(), ("Align",), RIGID, (TIME, *ERRORS))
+    return f"{one}\n\n{table(report(), ('Sort',), RIGID, TOGETHER)}"
+
+
+def follow() -> str:
+    """Paths, on both machines."""
+    names = ("path_error_median_m", "heading_error_median_rad")
+    tables = [(hardware, table(report(), ("Follow",), hardware, names)) for hardware in ("ideal", PROTOTYPE)]
+    return "\n\n".join(f"On the {hardware} machine:\n\n{text}" for hardware, text in tables)
+
+
+def effects() -> str:
+    """What breaks a policy: success and time of every policy under every effect."""
+    places = [place for place in report().places if place.study == "effects"]
+    cases = list(dict.fromkeys(place.hardware for place in places))
+    policies = list(dict.fromkeys(place.policy for place in places))
+    found = {case: report().of("Align", case, "effects") for case in cases}
+    lines = [[SAID.get(case, case), *(with_time(found[case].get(policy)) for policy in policies)] for case in cases]
+    return markdown(("Align: effect", *policies), lines)
+
+
+SAID = {
+    "dead zone": "dead zone: nothing below 0.1 mm",
+    "latency": "latency of one period",
+    "noise": "noise of 0.1 mm and 0.2 deg",
+    "spread": "elements differ by 5 % and 5 deg",
+    "faults": "5 % of the elements dead",
+}
+"""Cases of the study of effects in words; their settings are in ``configs/evaluations/report.yaml``."""
+
+
+def overview() -> str:
+    """The README's: of each task what comes of doing nothing clever, of the best laws, and of what was learned."""
+    columns = (("ideal", ("local_field", "planner")), ("ideal", ("pose",)), ("ideal", ("learned",)))
+    columns = (*columns, (PROTOTYPE, ("pose",)), (PROTOTYPE, ("learned there",)))
+    heads = (
+        "task",
+        "fields (*local_field*, *planner*)",
+        "law *pose*",
+        "learned",
+        "*pose* on the prototype",
+        "learned there",
+    )
+    lines = []
+    for task in ALL:
+        cells = []
+        for hardware, policies in columns:
+            found = report().of(task, hardware)
+            cells.append(with_time(next((found[name] for name in policies if name in found), None)))
+        lines.append([task, *cells])
+    return markdown(heads, lines)
+
+
+def open_tasks() -> str:
+    """The score of each policy on the open tasks, on both machines, with intervals of the whole."""
+    scores = rows(RESULTS / "open" / "scores.csv")
+    tasks = list(dict.fromkeys(row["task"] for row in scores))
+    of_task = {(row["hardware"], row["policy"], row["task"]): row for row in scores}
+    lines = []
+    for row in rows(RESULTS / "open" / "suite.csv"):
+        served = [of_task.get((row["hardware"], row["policy"], task)) for task in tasks]
+        lines.append([row["hardware"], row["policy"], _score(row), *(_score(each) if each else "–" for each in served)])
+    about = json.loads((RESULTS / "open" / "results.json").read_text(encoding="utf-8"))
+    found = f"Found on {about['time'][:10]} at commit {about['commit'][:7]}; the score is that of all tasks, with its interval."
+    return f"{found}\n\n{markdown(('hardware', 'policy', 'score', *tasks), lines)}"
+
+
+def _score(row: dict[str, str]) -> str:
+    if row.get("served", "True") != "True" or not row["score"]:
+        return "–"
+    text = f"{float(row['score']):.3f}"
+    known = row["score_low"] and "task" not in row
+    return f"{text} ({float(row['score_low']):.3f} to {float(row['score_high']):.3f})" if known else text
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "provenance": provenance,
+    "overview": overview,
+    "one-part": one_part,
+    "several-parts": several_parts,
+    "prototype": prototype,
+    "rigid": rigid,
+    "follow": follow,
+    "effects": effects,
+    "open": open_tasks,
+    "trained": trained,
+    **above_the_plane.TABLES,
+}
+"""By the name of the file in ``docs/generated``."""

@@ -1,0 +1,182 @@
+"""What the documentation shows but nobody types: it says what the results and the code say."""
+
+import csv
+import io
+import re
+import statistics
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from docutils import nodes
+from docutils.core import publish_doctree
+from PIL import Image
+
+from studies.manual import environments, films, published, readme, rest, thesis, trained
+from studies.manual.__main__ import main
+from studies.manual.figures_file import RESULTS, ROOT
+from studies.thesis.figure import Comparison, Figure, Picture, Table
+from studies.thesis.figures import FIGURES
+from tests.commands import refusal
+from vibgym.registration import ENVIRONMENTS
+
+
+def cells_of(text):
+    """Rows of a table in Markdown, without its head and rule."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines[2:]]
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return environments.pages()
+
+
+@pytest.mark.parametrize(("task", "policy"), [("Transport", "random"), ("Align", "open_loop"), ("Rotate", "learned")])
+def test_a_line_of_the_results_follows_from_the_episodes(task, policy):
+    with (RESULTS / "report" / "episodes.csv").open(newline="") as file:
+        lines = [line for line in csv.DictReader(file) if line["study"] == "report" and line["hardware"] == "ideal"]
+    own = [line for line in lines if (line["task"], line["policy"]) == (task, policy)]
+    times = [float(line["time_to_goal_s"]) for line in own if line["time_to_goal_s"]]
+    row = next(cells for cells in cells_of(published.one_part()) if cells[:2] == [task, policy])
+    assert row[2] == f"{100 * sum(line['success'] == '1' for line in own) / len(own):.1f} %"
+    assert row[4] == f"{statistics.median(times):.2f} s"
+    assert row[-1] == f"{100 * sum(line['fallen'] == '1' for line in own) / len(own):.1f} %"
+
+
+def test_every_table_is_one_and_says_when_it_was_found():
+    for name, make in published.TABLES.items():
+        text = make()
+        assert name == "provenance" or cells_of(text), name
+        assert "nan" not in text and "None" not in text, name
+    assert published.report().day in published.provenance()
+
+
+def test_what_was_not_tried_is_a_dash():
+    rows = {tuple(cells[:2]): cells for cells in cells_of(published.open_tasks())}
+    assert rows["prototype", "mpc"][3:] == ["–"] * 8
+    assert rows["ideal", "classical"][3] != "–"
+
+
+def test_agents_have_a_line_each_and_parts_that_flow_no_success():
+    lines = {cells[0]: cells for cells in trained.lines_of()}
+    assert lines["Feed/ideal"][1] == "–" and lines["Feed/ideal"][5] != "–"
+    assert re.fullmatch(r"[\d., ]+ % of \d+", lines["Align/ideal"][1])
+    assert {cells[0] for cells in trained.lines_of("Swap")} == {"Swap/ideal", "Swap/prototype"}
+
+
+def test_every_environment_has_a_page(pages):
+    assert pages.keys() == ENVIRONMENTS.keys()
+    assert {f"{path.stem}" for path in (ROOT / "docs" / "films").glob("*.webp")} == ENVIRONMENTS.keys()
+    index = (ROOT / "docs" / "environments" / "index.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^([A-Z]\w+)$", index, re.M)) == ENVIRONMENTS.keys()
+
+
+@pytest.mark.parametrize("name", ["Align", "Sort", "Push", "Feed"])
+def test_a_pages_tables_are_those_of_the_environment(pages, name):
+    page = pages[name]
+    for action, shape, numbers, _ in cells_of(page.split("## Actions")[1].split("## ")[0]):
+        space = gym.make(f"vibgym/{name}-v0", action=action.strip("`")).action_space
+        assert space.shape == (int(numbers),) and np.prod([int(n) for n in re.findall(r"\d+", shape)]) == int(numbers)
+    env = gym.make(f"vibgym/{name}-v0").unwrapped
+    state = cells_of(page.split("### The state")[1].split("## ")[0])
+    indices = [int(index) for cells in state for index in cells[0].split(",")]
+    assert indices == list(range(env.observation_space.shape[0] // env.task.slots))
+    rewards = cells_of(page.split("## Reward")[1].split("## ")[0])
+    assert {cells[0]: float(cells[2]) for cells in rewards} == pytest.approx(env.task.weights)
+
+
+def test_films_are_small_and_move():
+    for name in ENVIRONMENTS:
+        path = ROOT / "docs" / "films" / f"{name}.webp"
+        assert path.stat().st_size < 100_000, name
+        with Image.open(path) as film:
+            assert film.n_frames >= 5 and film.width <= 480, name
+
+
+def test_a_film_is_made(tmp_path):
+    assert main(["films", "--only", "Rotate", "--output", str(tmp_path), "--quiet"]) == 0
+    with Image.open(tmp_path / "Rotate.webp") as film:
+        assert film.n_frames > 3 and film.width == films.FEW.width
+        film.seek(film.n_frames - 1)
+        last = np.asarray(film.convert("RGB"), dtype=float)
+        film.seek(0)
+        assert np.abs(last - np.asarray(film.convert("RGB"), dtype=float)).max() > 50
+
+
+def test_the_thesis_page_has_every_figure_and_its_pictures():
+    text = (ROOT / "docs" / "thesis" / thesis.PAGE).read_text(encoding="utf-8")
+    assert re.findall(r"`python -m studies.thesis --figure (\w+)`", text) == list(FIGURES)
+    pictures = re.findall(r"\]\(thesis/([\w-]+\.png)\)", text)
+    assert len(pictures) >= len(FIGURES)
+    assert {path.name for path in (ROOT / "docs" / "thesis").glob("*.png")} == set(pictures)
+
+
+def test_a_figure_becomes_a_section():
+    file = io.BytesIO()
+    Image.new("RGB", (1800, 600), "white").save(file, format="PNG")
+    figure = Figure(
+        title="Fig. 1: a | b",
+        shows="It shows *this*.",
+        comparisons=(Comparison("speed", "1 m/s", "2 m/s", "+1 m/s"),),
+        differs="Twice.",
+        assumed=("nothing",),
+        pictures=(Picture(file.getvalue(), "A line."),),
+        tables=(Table("More.", ("x",), (("1",),)),),
+    )
+    text = thesis.section("mine", figure, ["mine-1.png"])
+    assert "## Fig. 1: a | b" in text and r"\*this\*" in text and "(thesis/mine-1.png)" in text
+    assert ["speed", "1 m/s", "2 m/s", "+1 m/s"] in cells_of(text)
+    with Image.open(io.BytesIO(thesis.small(file.getvalue()))) as picture:
+        assert picture.size == (900, 300)
+
+
+def test_markdown_in_a_docstring_becomes_rest():
+    lines = [
+        "It moves.",
+        "",
+        "## Rewards",
+        "Their sum:",
+        "",
+        "| term | meaning |",
+        "|---|---|",
+        "| time | every ``x`` |",
+        "",
+    ]
+    tree = publish_doctree("\n".join(rest.converted(lines)), settings_overrides={"report_level": 2, "halt_level": 2})
+    entries = [entry.astext() for entry in tree.findall(nodes.entry)]
+    assert entries == ["term", "meaning", "time", "every x"]
+    assert [title.astext() for title in tree.findall(nodes.rubric)] == ["Rewards"]
+
+
+def test_the_readme_is_renewed_between_its_marks(tmp_path, capsys):
+    path = tmp_path / "README.md"
+    path.write_text(f"before\n{readme.BEGIN}\nold\n{readme.END}\nafter\n")
+    assert main(["readme", "--output", str(tmp_path)]) == 0
+    text = path.read_text(encoding="utf-8")
+    assert (
+        "old" not in text
+        and text.startswith("before\n")
+        and text.endswith("\nafter\n")
+        and published.overview() in text
+    )
+    assert main(["readme", "--output", str(tmp_path)]) == 0
+    assert "as it was" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["", readme.BEGIN, readme.END + readme.BEGIN, 2 * (readme.BEGIN + readme.END)])
+def test_a_readme_without_its_marks_is_refused_and_stays(tmp_path, capsys, text):
+    path = tmp_path / "README.md"
+    path.write_text(text)
+    said = refusal(capsys, main, "readme", "--output", tmp_path)
+    assert "README" in said and "once each" in said and path.read_text() == text
+
+
+def test_a_readme_that_is_not_there_is_refused(tmp_path, capsys):
+    assert str(tmp_path) in refusal(capsys, main, "readme", "--output", tmp_path)
+
+
+@pytest.mark.parametrize(("command", "known"), [("films", "Transport"), ("thesis", "transient")])
+def test_unknown_names_are_refused_in_one_line(tmp_path, capsys, command, known):
+    said = refusal(capsys, main, command, "--only", "Nothing", "--output", tmp_path / "out")
+    assert "'Nothing'" in said and known in said and not (tmp_path / "out").exists()
