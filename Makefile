@@ -34,7 +34,8 @@ define install
 endef
 
 .NOTPARALLEL:
-.PHONY: help venv warm learners peers test fuzz report publish verify compare replicate accuracy benchmark train format clean
+.PHONY: help venv warm learners peers test fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
+	format clean
 
 help:
 	@echo "make test        lint, import contracts, types, tests"
@@ -43,10 +44,13 @@ help:
 	@echo "make publish     keep what make report found: results/report/"
 	@echo "make verify      play a sample of results/report/ again: does each figure lie in its interval?"
 	@echo "make replicate   the thesis's figures beside ours: runs/replicate/replicate.html"
+	@echo "make docs        these pages as a site: runs/docs/index.html"
 	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
-	@echo "make benchmark   accuracy and speed, as the README quotes them"
+	@echo "make benchmark   accuracy and speed, as docs/accuracy.md quotes them"
 	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
 	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
+	@echo "make notebooks   execute the notebooks, which keep their pictures: notebooks/, or NOTEBOOKS=first_steps"
+	@echo "make release     build sdist and wheel and try both in empty environments, on 3.11, 3.12, 3.13: dist/"
 	@echo "make venv        $(VENV) with everything for development"
 	@echo "make warm        all kernels, which are else compiled when they are first needed"
 	@echo "make learners    $(VENV)-cleanrl, -rllib, -zoo: what other libraries' learners need, see docs/learners"
@@ -109,6 +113,11 @@ verify: $(REPORT)
 replicate: $(REPORT)
 	$(PY) -m studies.thesis
 
+# Without a network; a warning is an error, so that no link is dead.
+docs: $(DEV)
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs runs/docs
+	@echo "site: runs/docs/index.html"
+
 accuracy: $(ACCURACY)
 	$(PY) -m studies.accuracy configs/accuracy/shipped.yaml
 
@@ -151,6 +160,14 @@ train: $(LEARN)
 
 compare: $(REPORT)
 	$(PY) -m agents compare configs/comparisons/agents.yaml
+
+NOTEBOOKS ?=
+notebooks: $(DEV)
+	$(PY) -m studies.notebooks $(NOTEBOOKS)
+
+# What has passed lies in dist. ARGS="--extras play,learn" trains there, too; ARGS="--tag v0.2.0" is what the workflow says.
+release: $(DEV)
+	$(PY) -m studies.release $(ARGS)
 
 format: $(DEV)
 	$(BIN)/ruff check --fix

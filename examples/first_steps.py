@@ -4,7 +4,7 @@ import sys
 
 import gymnasium as gym
 import numpy as np
-from PIL import Image
+import pygame
 
 import vibgym
 
@@ -33,7 +33,8 @@ while not over:
     observation, reward, terminated, truncated, info = env.step(action)
     over = terminated or truncated
 print(f"the law: success {info['is_success']}, {1e3 * info['position_error']:.2f} mm off")
-Image.fromarray(env.render()).save(sys.argv[1] if len(sys.argv) > 1 else "first_steps.png")
+picture = pygame.surfarray.make_surface(env.render().swapaxes(0, 1))  # (height, width, 3) to columns first
+pygame.image.save(picture, sys.argv[1] if len(sys.argv) > 1 else "first_steps.png")
 
 # And who is better? "learned" is the agent that is shipped for the task.
 for name in ("local_field", "pose", "learned"):

@@ -1,7 +1,31 @@
 """Shared by all tests."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
 from hypothesis import settings
 
 # Kernels compile on first use, so a first example may take seconds; and a suite that proves something must be repeatable.
 settings.register_profile("vibgym", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile("vibgym")
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory):
+    """Directory of the documentation as a site, built as ``make docs`` does, once for all workers of a run."""
+    base = tmp_path_factory.getbasetemp()
+    directory = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "site"
+    with FileLock(f"{directory}.lock"):
+        if not (directory / "built").exists():
+            command = [str(Path(sys.executable).parent / "sphinx-build"), "-W", "--keep-going", "-q", "-b", "html"]
+            command += ["-d", f"{directory}-doctrees", str(ROOT / "docs"), str(directory)]
+            done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr[-4000:]
+            (directory / "built").touch()
+    return directory

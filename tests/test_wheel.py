@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import vibgym
+from studies.release import built
 from vibgym._numba.vector import WIDTH
 
 ROOT = Path(__file__).parents[1]
@@ -100,8 +102,16 @@ def test_the_wheel_holds_the_shipped_agents_and_no_laboratory(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     shipped = ROOT / "vibgym" / "policies" / "trained" / "shipped"
     assert {path.relative_to(ROOT).as_posix() for path in shipped.rglob("*.*")} <= names
-    assert {name.partition("/")[0] for name in names} == {"vibgym", "vibgym-0.1.0.dist-info"}
+    assert {name.partition("/")[0] for name in names} == {"vibgym", f"vibgym-{vibgym.__version__}.dist-info"}
     assert sum(name.endswith(".bitcode") for name in names) > 30
+
+
+def test_the_wheel_is_what_a_release_asks_for(wheel):
+    rows = []
+    built.look_into_wheel(wheel, vibgym.__version__, rows.append)
+    assert {row.what for row in rows} == {"wheel", "metadata"}
+    pages = list((ROOT / "vibgym" / "play" / "page").rglob("*.*"))
+    assert ("page", f"{len(pages)} files" if pages else "not in the checkout") in {row[1:] for row in rows}
 
 
 def test_a_build_that_cannot_compile_says_so(tmp_path):

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from vibgym.scene import Part, Surface
     from vibgym.simulation import Simulator
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["Part", "Simulator", "Surface", "make_policy"]
 
 _ROOMS = (

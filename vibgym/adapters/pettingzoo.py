@@ -30,7 +30,7 @@ def parallel_env(
     Args:
         name: such as ``"Sort"``, for ``vibgym/Sort-v0``.
         max_episode_steps: instead of the environment's own limit.
-        render_mode, **options: as for :class:`vibgym.envs.VibgymEnv`, but ``observation``. ``action`` is one that has a
+        render_mode, options: as for :class:`vibgym.envs.VibgymEnv`, but ``observation``. ``action`` is one that has a
             share for every part: ``"wrench"`` (default), ``"patch"``, ``"field"``.
 
     Raises:

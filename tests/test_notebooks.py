@@ -1,0 +1,124 @@
+"""Notebooks run at small size; what stands in them was made at full size, and by this code."""
+
+import base64
+import json
+
+import nbformat
+import pytest
+
+from studies import notebooks
+
+SMALL = {
+    "first_steps": {"EPISODES": 4, "WORLDS": 8, "FRAMES": 2},
+    "train_in_three_minutes": {"STEPS": 64, "PARTS": 2, "WORLDS": 2, "EPISODES": 2, "FRAMES": 2},
+    "speed_against_error": {"WORLDS": 8, "REPEATS": 2},
+}
+"""By name: its parameters."""
+
+SAID = {
+    "first_steps": "learned      100.0 %, median",
+    "train_in_three_minutes": "the law pose  success 100.0 %, median",
+    "speed_against_error": "averaged  {'order': 2}",
+}
+
+
+def read(name):
+    return nbformat.read(notebooks.FOLDER / f"{name}.ipynb", as_version=4)
+
+
+def shown(notebook):
+    """Printed text, and types of pictures."""
+    outputs = [each for cell in notebook.cells if cell.cell_type == "code" for each in cell.outputs]
+    printed = "".join(each.text for each in outputs if each.get("name") == "stdout")
+    pictures = [kind for each in outputs for kind in each.get("data", {}) if kind in ("image/png", "image/gif")]
+    return printed, pictures
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_notebook_runs_at_small_size_and_shows_what_is_kept(name):
+    kept = read(name)
+    found = notebooks.tidied(notebooks.executed(kept, **SMALL[name]))
+    printed, pictures = shown(found)
+    assert SAID[name] in printed and SAID[name] in shown(kept)[0]
+    assert pictures and pictures == shown(kept)[1]
+    # The kept one was executed in one go, from this source, without an error.
+    assert [cell.source for cell in found.cells] == [cell.source for cell in kept.cells]
+    counts = [cell.execution_count for cell in kept.cells if cell.cell_type == "code"]
+    assert counts == list(range(1, len(counts) + 1))
+    assert not any(each.output_type == "error" for cell in kept.cells for each in cell.get("outputs", ()))
+
+
+def test_all_notebooks_are_tested_small_and_say_nothing_of_a_machine():
+    assert notebooks.names() == list(SMALL)
+    for name in SMALL:
+        text = (notebooks.FOLDER / f"{name}.ipynb").read_text(encoding="utf-8")
+        assert len(text.encode()) < notebooks.LARGEST
+        assert not any(place in text for place in (str(notebooks.ROOT), "/home/", "/root/", "/tmp/", "site-packages"))
+        notebook = read(name)
+        nbformat.validate(notebook)
+        assert notebook == notebooks.tidied(notebook)
+        for cell in notebook.cells:
+            for each in cell.get("outputs", ()):
+                if "image/gif" in each.get("data", {}):
+                    assert base64.b64decode(each.data["image/gif"]).startswith(b"GIF89a")
+
+
+def test_the_kept_training_learns():
+    curve = [line for line in shown(read("train_in_three_minutes"))[0].splitlines() if " steps: success" in line]
+    before, after = (
+        line for line in shown(read("train_in_three_minutes"))[0].splitlines() if line[:6] in ("before", "after ")
+    )
+    success = [float(line.split("success")[1].split("%")[0]) for line in (before, after)]
+    assert success[0] < 20.0 and success[1] >= 95.0
+    assert float(curve[-1].split(" s,")[0]) < 180.0  # s: the three minutes
+
+
+@pytest.mark.parametrize("name, package, extra", [
+    ("first_steps", "matplotlib", "notebooks"),
+    ("train_in_three_minutes", "stable_baselines3", "learn"),
+    ("speed_against_error", "matplotlib", "notebooks"),
+])  # fmt: skip
+def test_a_notebook_without_its_extra_says_so_in_one_line(name, package, extra, tmp_path):
+    kept = read(name)
+    kept.cells = kept.cells[
+        : next(k for k, cell in enumerate(kept.cells) if "parameters" in cell.metadata.get("tags", ())) + 1
+    ]
+    # Whatever asks for the package is told that there is none, as in an environment without the extra.
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys\n\n\nclass Blocked:\n    def find_spec(self, name, *more):\n"
+        f"        if name.partition('.')[0] == {package!r}:\n"
+        "            raise ModuleNotFoundError(f'No module named {name!r}', name=name)\n\n\n"
+        "sys.meta_path.insert(0, Blocked())\n"
+    )
+    found = notebooks.executed(kept, go_on=True, env={"PYTHONPATH": f"{notebooks.ROOT}:{tmp_path}"})
+    errors = [each for cell in found.cells for each in cell.get("outputs", ()) if each.output_type == "error"]
+    line = f"{package} is not installed: pip install 'vibgym[{extra}]'"
+    assert errors[0].traceback == [line] and errors[0].evalue == line
+
+
+def test_parameters_that_a_notebook_does_not_have_are_refused():
+    with pytest.raises(ValueError, match="STEP"):
+        notebooks.executed(read("first_steps"), STEP=1)
+
+
+def test_bad_input_of_the_command_is_told_in_one_line(capsys, tmp_path):
+    assert notebooks.main(["last_steps"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "last_steps" in said and "first_steps" in said
+
+
+def test_a_notebook_that_fails_or_tells_of_the_machine_is_not_kept(capsys, tmp_path, monkeypatch):
+    source = {"fails": "1 / 0", "tells": "import os; print(os.__file__)"}
+    for name, code in source.items():
+        cell = {**nbformat.v4.new_code_cell("N = 1"), "metadata": {"tags": ["parameters"]}}
+        book = nbformat.v4.new_notebook(cells=[cell, nbformat.v4.new_code_cell(code)])
+        (tmp_path / f"{name}.ipynb").write_text(json.dumps(book))
+    monkeypatch.setattr(notebooks, "FOLDER", tmp_path)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert notebooks.main(["fails"]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "fails.ipynb: ZeroDivisionError" in said
+    monkeypatch.setattr(notebooks, "PLACES", (*notebooks.PLACES, "os.py"))
+    assert notebooks.main(["tells"]) == 2
+    assert "without paths of this machine" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
