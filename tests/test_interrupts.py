@@ -18,20 +18,23 @@ COMMANDS = {
     "accuracy": ["studies.accuracy", "configs/accuracy/quick.yaml"],
     "sensorless": ["studies.sensorless", "configs/sensorless.yaml"],
     "warm": ["vibgym", "warm"],
+    "play": ["vibgym", "play", "Align", "--port", "0", "--no-browser"],
     "train": ["agents", "train", "configs/agents/align.yaml"],
     "evaluate": ["agents", "evaluate", "configs/evaluations/quick.yaml"],
 }
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_while_a_command_imports_or_prepares(command, tmp_path):
+@pytest.mark.parametrize(
+    ("command", "module"), [*((name, "numpy") for name in COMMANDS), ("play", "uvicorn.server")]
+)
+def test_while_a_command_imports_or_prepares(command, module, tmp_path):
     output = [] if command == "warm" else ["--output", str(tmp_path / "out")]
     environment = {**os.environ, "PYTHONPATH": str(Path.cwd()), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     program = [sys.executable, "-v", "-m", *COMMANDS[command], *output]  # which tells of every import
     process = subprocess.Popen(program, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stderr is not None
     for line in process.stderr:
-        if line.startswith("import 'numpy'"):
+        if line.startswith(f"import '{module}'"):
             break
     time.sleep(0.05)
     process.send_signal(signal.SIGINT)

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from vibgym import interrupts
-from vibgym.play import command
 
 interrupts.start_command()
+
+from vibgym.play import command  # noqa: E402 - imports take a while in which Ctrl-C is in hand already
 
 
 def parser() -> argparse.ArgumentParser:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import ipaddress
 import socket
 import sys
 import webbrowser
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vibgym import checks, imports
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp
 
 PORT = 8734
 LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
@@ -45,9 +50,6 @@ def run(given: argparse.Namespace) -> int:
         raise checks.refuse("--output", str(given.output), "a directory")
     heard = _listening(given.host, checks.count("--port", given.port, least=0, most=65535))
     host, port = heard.getsockname()[:2]
-    import uvicorn
-
-    from vibgym.play.messages import MOST_BYTES
     from vibgym.play.server import Server
 
     wide = ipaddress.ip_address(host).is_unspecified
@@ -57,13 +59,28 @@ def run(given: argparse.Namespace) -> int:
     address = f"http://{shown}:{port}/"
     opened = not given.no_browser and webbrowser.open(address)
     todo = "it opens in your browser" if opened else "open it in a browser"
-    print(f"{first.id} is at {address} ({todo}; Ctrl-C ends)", flush=True)
+    _serve(app, heard, f"{first.id} is at {address} ({todo}; Ctrl-C ends)")
+    return 0
+
+
+def _serve(app: ASGIApp, heard: socket.socket, said: str) -> None:
+    """Serve until Ctrl-C, and say so once Ctrl-C ends it as it should."""
+    import uvicorn
+
+    from vibgym.play.messages import MOST_BYTES
+
+    class Announced(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            print(said, flush=True)
+
     config = uvicorn.Config(
         app, log_level="warning", ws_max_size=MOST_BYTES, ws_per_message_deflate=False, access_log=False,
         timeout_graceful_shutdown=1, server_header=False, lifespan="off", ws="websockets-sansio",
     )  # fmt: skip
-    uvicorn.Server(config).run(sockets=[heard])
-    return 0
+    with asyncio.Runner() as runner:
+        runner.get_loop()  # all that takes time comes before there is a coroutine, which Ctrl-C would leave unawaited
+        runner.run(Announced(config).serve(sockets=[heard]))
 
 
 def _check_extra() -> None:
