@@ -24,9 +24,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize(
-    ("command", "module"), [*((name, "numpy") for name in COMMANDS), ("play", "uvicorn.server")]
-)
+@pytest.mark.parametrize(("command", "module"), [*((name, "numpy") for name in COMMANDS), ("play", "uvicorn.server")])
 def test_while_a_command_imports_or_prepares(command, module, tmp_path):
     output = [] if command == "warm" else ["--output", str(tmp_path / "out")]
     environment = {**os.environ, "PYTHONPATH": str(Path.cwd()), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
