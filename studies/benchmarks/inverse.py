@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from studies.kept import argument, show
 from vibgym import Part, Simulator, Surface
 from vibgym.allocation import Inverse, Periods, mean_acceleration, phasors_for
 
@@ -108,37 +109,35 @@ def together(all_errors: list[Errors]) -> Errors:
     return Errors(*(np.concatenate(each) for each in zip(*all_errors)))
 
 
-def line(name: str, found: Errors) -> str:
+def line(name: str, found: Errors) -> list[str]:
     """Median, 95 % and worst of each."""
     columns = [100.0 * found.absolute, 100.0 * found.size, found.direction]
     numbers = [", ".join(f"{np.percentile(each, q):.2f}" for q in (50, 95, 100)) for each in columns]
-    return f"| {name} | {len(found.absolute)} | " + " | ".join(numbers) + " |"
+    return [name, str(len(found.absolute)), *numbers]
 
 
-HEAD = """
-| {} | cases | error over mu g: median, 95 %, worst (%) | size (%) | direction (deg) |
-|---|---|---|---|---|"""
+HEADS = ("cases", "error over mu g: median, 95 %, worst (%)", "size (%)", "direction (deg)")
 
 
-def accuracy(worlds: int) -> None:
+def accuracy(worlds: int, keep: bool) -> None:
     """Print errors by method and friction, and what they are made of."""
-    print(HEAD.format("method, friction"))
+    lines = []
     for method, settings in METHODS.items():
         for friction in FRICTIONS:
             found = [errors(part, cases(part, worlds, 1), **settings) for part in parts(friction).values()]
-            print(line(f"{method}, {friction}", together(found)), flush=True)
-    print(HEAD.format("friction 0.6, one correction"))
+            lines.append(line(f"{method}, {friction}", together(found)))
+    show("inverse", ("method, friction", *HEADS), lines, keep)
     one = METHODS["one correction"]
-    for name, part in parts(0.6).items():
-        print(line(name, errors(part, cases(part, worlds, 2), **one)))
+    lines = [line(name, errors(part, cases(part, worlds, 2), **one)) for name, part in parts(0.6).items()]
     disc = errors(parts(0.6)["disc"], cases(parts(0.6)["disc"], 2 * worlds, 3, spin=0.0), **one)
-    print(line("disc on one element", disc.on(False)))
-    print(line("disc on several", disc.on(True)))
-    print(HEAD.format("aluminium, mean over the period"))
+    lines += [line("disc on one element", disc.on(False)), line("disc on several", disc.on(True))]
+    show("inverse-parts", ("friction 0.6, one correction", *HEADS), lines, keep)
+    lines = []
     for friction, speed, spin in ((0.15, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.6, 0.3, 0.0), (0.6, 0.3, 6.0)):
         part = Part.rectangle(0.050, 0.035, friction=friction)
         found = errors(part, cases(part, worlds, 4, speed, spin), over="period")
-        print(line(f"friction {friction}, up to {speed} m/s and {spin} rad/s", found))
+        lines.append(line(f"friction {friction}, up to {speed} m/s and {spin} rad/s", found))
+    show("inverse-speeds", ("aluminium, mean over the period", *HEADS), lines, keep)
 
 
 def cost() -> None:
@@ -165,5 +164,7 @@ def cost() -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=400, help="cases for each part and friction")
-    accuracy(parser.parse_args().worlds)
+    argument(parser)
+    asked = parser.parse_args()
+    accuracy(asked.worlds, asked.keep)
     cost()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from studies import kept
 from studies.manual import environments
 from studies.manual.published import TABLES
 from vibgym import files
@@ -16,8 +17,12 @@ def write(docs: Path) -> int:
 
 
 def tables(docs: Path) -> dict[Path, str]:
-    """The tables of published results, by their files."""
-    return {docs / "generated" / f"{name}.md": make() + "\n" for name, make in TABLES.items()}
+    """The tables of published results, and those that studies have kept, by their files."""
+    generated = docs / "generated"
+    published = {generated / f"{name}.md": make() + "\n" for name, make in TABLES.items()}
+    return published | {
+        generated / "tables" / f"{name}.md": f"{each.markdown()}\n" for name, each in kept.tables().items()
+    }
 
 
 def environment_pages(docs: Path) -> dict[Path, str]:
