@@ -12,7 +12,7 @@ import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from agents.evaluation.tables import markdown
 from agents.provenance import provenance
@@ -61,11 +61,9 @@ def show(name: str, heads: Sequence[str], rows: Iterable[Sequence[str]], keep: b
             raise ValueError(f"{name}: got the row {line}, a row has {len(heads)} cells: {', '.join(heads)}")
     print(markdown(heads, lines), end="\n\n", flush=True)
     if keep:
-        about = provenance()
-        machine = about["machine"]
-        assert isinstance(machine, dict)
-        processor = f"{machine['processor']}, {machine['cores']} cores"
-        table = Kept(list(heads), lines, _command(), str(about["time"]), about["commit"], processor)
+        about: dict[str, Any] = provenance()
+        processor = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
+        table = Kept(list(heads), lines, _command(), about["time"], about["commit"], processor)
         output_directory(DIRECTORY, OPTION)
         write_atomically(DIRECTORY / f"{name}.json", json.dumps(table._asdict(), indent=1, ensure_ascii=False) + "\n")
 
