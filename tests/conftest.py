@@ -1,6 +1,7 @@
 """Shared by all tests."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -29,3 +30,11 @@ def site(tmp_path_factory):
             assert done.returncode == 0, done.stderr[-4000:]
             (directory / "built").touch()
     return directory
+
+
+@pytest.fixture
+def interruptible():
+    """Shells let background jobs ignore interruptions, and programs pass that on: here they shall come through."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

@@ -14,6 +14,8 @@ import pytest
 import vibgym
 from vibgym import interrupts
 
+pytestmark = pytest.mark.usefixtures("interruptible")
+
 COMMANDS = {
     "accuracy": ["studies.accuracy", "configs/accuracy/quick.yaml"],
     "sensorless": ["studies.sensorless", "configs/sensorless.yaml"],
@@ -40,14 +42,6 @@ def test_while_a_command_imports_or_prepares(command, module, tmp_path):
     assert process.returncode == 130
     assert "Traceback" not in text and text.count("interrupted: ") == 1
     assert not (tmp_path / "out").exists()
-
-
-@pytest.fixture(autouse=True)
-def interruptible():
-    """Shells let background jobs ignore interruptions, and programs pass that on: here they shall come through."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 def test_run_tells_it_in_one_line_and_restores_what_was(capsys):

@@ -47,6 +47,7 @@ def test_without_the_extra(capsys, monkeypatch, missing):
     assert said(capsys) == f"play needs {missing}, which is not installed: pip install 'vibgym[play]'\n"
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path):
     command = [sys.executable, "-m", "vibgym", "play", "Align", "--port", "0", "--output", str(tmp_path)]
     env = {**os.environ, "BROWSER": "/nowhere/browser"}  # there is none: it says so and serves
