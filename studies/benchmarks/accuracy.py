@@ -1,10 +1,12 @@
 """How far the planar model is from the truth, and what a period costs: ``python -m studies.benchmarks.accuracy``.
 
-Prints four tables and writes nothing. Random fields put every element on its own amplitude in [0, g/w^2] and phase.
+Steady velocities against an independent integration; random fields, which put every element on its own amplitude in [0, g/w^2]
+and phase, against a converged run; that run against a finer one and against point sampling; speed against error.
 """
 
 from __future__ import annotations
 
+import argparse
 import math
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -13,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from studies.benchmarks import point_sampling
+from studies.kept import argument, show
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
@@ -73,59 +76,57 @@ def compare(one: Simulator, other: Simulator) -> tuple[np.ndarray, np.ndarray, i
     return *errors(one.pose[~fell, 0], other.pose[~fell, 0]), int(fell.sum())
 
 
-def spread(values: np.ndarray) -> str:
+def spread(values: np.ndarray) -> list[str]:
     """Median, 95th percentile, largest."""
-    return f"{np.median(values):9.4f} {np.percentile(values, 95):9.4f} {values.max():9.4f}"
+    return [f"{each:.2g}" for each in (np.median(values), np.percentile(values, 95), values.max())]
 
 
-def steady_velocities() -> None:
-    """Table 1."""
-    print("1  Steady velocity, full amplitude, phase 270 deg, default settings      (target: 0.1 %, 0.1 deg)")
-    print("   friction   m/s       expected   error %   deg       expected   error deg")
+SPREADS = ("position: median", "95 %", "largest (mm)", "heading: median", "95 %", "largest (deg)")
+
+
+def steady_velocities(keep: bool) -> None:
+    """Full amplitude, phase 270 deg, default settings."""
     surface = Surface(rows=60, columns=200)  # long enough to settle: 5.2 m
+    lines = []
     for friction, (speed, direction) in STEADY.items():
         simulator = Simulator(surface, Part.rectangle(0.050, 0.035, friction=friction))
         simulator.reset([0.3, 0.3, 0.4])
         simulator.advance(surface.max_amplitude, 1.5 * math.pi, 250)
         x, y, _ = simulator.mean_velocity[0, 0]
         v, angle = math.hypot(x, y), math.degrees(math.atan2(y, x))
-        print(
-            f"   {friction:<8}   {v:.6f}  {speed:.5f}    {100 * (v / speed - 1):+.4f}   "
-            f"{angle:8.4f}  {direction:8.2f}   {angle - direction:+.4f}"
-        )
+        speeds = [f"{speed:.5f} m/s", f"{100 * (v / speed - 1):+.4f} %", "0.1 %"]
+        lines.append([str(friction), *speeds, f"{direction:.2f} deg", f"{angle - direction:+.4f} deg", "0.1 deg"])
+    heads = ("friction", "steady speed", "error", "target", "direction", "error", "target")
+    show("accuracy-steady", heads, lines, keep)
 
 
-def random_fields(surface: Surface) -> None:
-    """Table 2."""
-    print(f"\n2  Default settings against the converged run {CONVERGED}")
-    print(f"   Random fields, {WORLDS} worlds, {PERIODS} periods")
-    print("   (targets: median 0.05 mm and 0.1 deg, 95th percentile 1 mm)")
-    print(f"   {'part':18} spin   {'position error, mm':^29}   {'heading error, deg':^29}   fell  stick")
-    print(f"   {'':18} rad/s  {'median     95 %   largest':>29}   {'median     95 %   largest':>29}")
+def random_fields(surface: Surface, keep: bool) -> None:
+    """Default settings against the converged run."""
+    lines = []
     for name, part in parts().items():
         for spin in (0.0, 5.0):
             scene = random_scene(surface, 1, spin)
             reference = run(surface, part, scene, PERIODS, **CONVERGED)
             position, heading, fell = compare(run(surface, part, scene, PERIODS), reference)
-            sticking = int(reference.sticking.sum())
-            print(f"   {name:18} {spin:4.0f}   {spread(position)}   {spread(heading)}   {fell:4}  {sticking:5}")
+            counts = [str(fell), str(int(reference.sticking.sum()))]
+            lines.append([name, f"{spin:g}", *spread(position), *spread(heading), *counts])
+    heads = ("part", "spin at the start (rad/s)", *SPREADS, "fallen", "sticking at the end")
+    show("accuracy-fields", heads, lines, keep)
 
 
-def reference_error(surface: Surface) -> None:
-    """Table 3."""
+def reference_error(surface: Surface, keep: bool) -> None:
+    """How converged the converged run is."""
     part = shipped_part("aluminium_block")
-    print("\n3  How converged the converged run is (aluminium block)")
-    print(f"   {'against':34} spin   {'position error, mm':^29}   {'heading error, deg':^29}   worlds")
-    print(f"   {'':34} rad/s  {'median     95 %   largest':>29}   {'median     95 %   largest':>29}")
+    lines = []
     for spin in (0.0, 5.0):
         scene = random_scene(surface, 1, spin)
         finer, converged = (run(surface, part, scene, PERIODS, **scheme) for scheme in (FINER, CONVERGED))
         position, heading, fell = compare(converged, finer)
-        label = f"{FINER['steps']} steps, {FINER['pieces']} pieces, {PERIODS} periods"
-        print(f"   {label:34} {spin:4.0f}   {spread(position)}   {spread(heading)}   {WORLDS - fell:6}")
+        label = f"{FINER['steps']} cuts, {FINER['pieces'] ** 2} cells an element, {PERIODS} periods"
+        lines.append([label, f"{spin:g}", *spread(position), *spread(heading), str(WORLDS - fell)])
     few, periods, steps = 4, 10, 128
     points = point_sampling.strew(part.outline, 200)
-    label = f"{len(points[0])} points, {steps} RK4 steps, {periods} periods"
+    label = f"{len(points[0])} points, {steps} Runge-Kutta steps, {periods} periods"
     for spin in (0.0, 5.0):
         pose, velocity, amplitude, phase = (values[:few] for values in random_scene(surface, 1, spin))
 
@@ -139,16 +140,17 @@ def reference_error(surface: Surface) -> None:
             sampled = np.array(list(pool.map(sample, range(few))))
         converged = run(surface, part, (pose, velocity, amplitude, phase), periods, **CONVERGED)
         position, heading = errors(converged.pose[:, 0], sampled)
-        print(f"   {label:34} {spin:4.0f}   {spread(position)}   {spread(heading)}   {few:6}")
+        lines.append([label, f"{spin:g}", *spread(position), *spread(heading), str(few)])
+    heads = ("converged run against", "spin at the start (rad/s)", *SPREADS, "worlds")
+    show("accuracy-reference", heads, lines, keep)
 
 
-def speed_against_error(surface: Surface) -> None:
-    """Table 4."""
+def speed_against_error(surface: Surface, keep: bool) -> None:
+    """Aluminium block, spin 0 at the start, one thread."""
     part = shipped_part("aluminium_block")
     scene = random_scene(surface, 1, 0.0)
     reference = run(surface, part, scene, PERIODS, **CONVERGED)
-    print("\n4  Speed against error (aluminium block, spin 0 at the start, one thread)")
-    print("   steps substeps   median mm    95 % mm   median deg   us per period and core")
+    lines = []
     for steps, substeps in ((4, 3), (5, 4), (9, 2), (12, 3), (24, 2)):
         scheme = {"steps": steps, "substeps": substeps, "threads": 1}
         position, heading, _ = compare(run(surface, part, scene, PERIODS, **scheme), reference)
@@ -159,21 +161,23 @@ def speed_against_error(surface: Surface) -> None:
             start = time.perf_counter()
             simulator.advance(scene[2], scene[3], PERIODS)
             best = min(best, time.perf_counter() - start)
-        print(
-            f"   {steps:5} {substeps:8}   {np.median(position):9.4f}  {np.percentile(position, 95):9.4f}   "
-            f"{np.median(heading):10.4f}   {1e6 * best / WORLDS / PERIODS:10.2f}"
-        )
+        numbers = [np.median(position), np.percentile(position, 95), np.median(heading)]
+        texts = [f"{each:.4f} {unit}" for each, unit in zip(numbers, ("mm", "mm", "deg"), strict=True)]
+        lines.append([f"{steps} x {substeps}", *texts, f"{1e6 * best / WORLDS / PERIODS:.2f} us"])
+    heads = ("cuts x Runge-Kutta steps", "position: median", "95 %", "heading: median", "a period and core")
+    show("accuracy-speed", heads, lines, keep)
 
 
 def main() -> None:
-    """Print all tables."""
-    start = time.perf_counter()
+    """Measure all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    argument(parser)
+    keep = parser.parse_args().keep
     surface = Surface()
-    steady_velocities()
-    random_fields(surface)
-    reference_error(surface)
-    speed_against_error(surface)
-    print(f"\n{time.perf_counter() - start:.0f} s")
+    steady_velocities(keep)
+    random_fields(surface, keep)
+    reference_error(surface, keep)
+    speed_against_error(surface, keep)
 
 
 if __name__ == "__main__":

@@ -1,12 +1,20 @@
-"""What the camera reaches: ``python -m studies.benchmarks.camera``."""
+"""What the camera reaches: ``python -m studies.benchmarks.camera``.
+
+Centroids of discs as in the thesis's fig. 5.8, calibration, errors of the shipped blocks with default noise, blur, light and
+distortion, blocks that cross each other's ways, and what a look takes.
+"""
 
 from __future__ import annotations
 
+import argparse
 import math
 import time
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 
+from studies.kept import argument, show
 from studies.thesis.quantisation import centre_errors, chain_errors
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
@@ -18,46 +26,62 @@ SPACING = 0.0368
 """m, the least distance between parts that the spacing rule allows."""
 
 
-def quantisation() -> None:
+LINES = {"half": "half of the lines", "all": "all lines"}
+EDGES = {"grey": "grey-level edges", "threshold": "whole pixels"}
+
+Row = list[str]
+"""What, measured, target."""
+
+
+def joined(values: Iterable[float], digits: int) -> str:
+    """With so many digits after the point."""
+    return ", ".join(f"{value:.{digits}f}" for value in values)
+
+
+def quantisation(discs: int = 10_000) -> list[Row]:
     """Fig. 5.8."""
-    for diameter, target in ((2, 0.17), (10, 0.08), (40, 0.035)):
-        whole, centres, grey = (
-            chain_errors(diameter, 10_000),
-            centre_errors(diameter, 10_000),
-            chain_errors(diameter, 10_000, True),
-        )
-        print(
-            f"disc of {diameter:2} px: centroid std {whole.std():.4f} px thresholded (by pixel centres {centres.std():.4f}; "
-            f"target {target}), {grey.std():.4f} px by grey levels"
-        )
+    sizes, what = (2, 10, 40), "centroid of a disc of 2, 10, 40 px: standard deviation"
+    methods: dict[str, tuple[Callable[[int], np.ndarray], str]] = {
+        "whole pixels (thesis, fig. 5.8)": (lambda size: chain_errors(size, discs), "0.17, 0.08, 0.035 px"),
+        "pixels whose centres it covers": (lambda size: centre_errors(size, discs), ""),
+        "grey-level edges": (lambda size: chain_errors(size, discs, True), ""),
+    }
+    return [
+        [f"{what}, {name}", f"{joined((errors(size).std() for size in sizes), 4)} px", target]
+        for name, (errors, target) in methods.items()
+    ]
 
 
-def accuracy() -> None:
-    """Of the shipped blocks, with default noise, blur, light and distortion."""
-    blocks = [shipped_part("aluminium_block"), shipped_part("steel_block")]
-    for lines in ("all", "half"):
-        for edge in ("grey", "threshold"):
-            setup = Setup(Surface(), blocks, Settings(lines=lines, edge=edge), 0.04)
-            errors = fit_errors(setup)
-            total = np.sqrt(errors.fixed**2 + errors.white**2)
-            for k, block in enumerate(blocks):
-                print(
-                    f"{block.name}, {lines} lines, {edge} edges: position {1e3 * np.sqrt((total[k, :2] ** 2).mean()):.3f} mm, "
-                    f"heading {math.degrees(total[k, 2]):.3f} deg (fixed {math.degrees(errors.fixed[k, 2]):.3f}, "
-                    f"new at each look {math.degrees(errors.white[k, 2]):.3f})"
-                )
-
-
-def calibration() -> None:
+def calibration() -> list[Row]:
     """How far the calibrated way is off on the surface."""
-    for lines in ("all", "half"):
+    rows = []
+    for lines, name in LINES.items():
         setup = Setup(Surface(), [shipped_part("steel_block")], Settings(lines=lines, distortion=0.01), 0.04)
         points = np.random.default_rng(1).uniform([0, 0], [setup.surface.width, setup.surface.depth], (20_000, 2))
         residual = setup.residual(points)
-        print(
-            f"calibration, 1 % distortion, {lines} lines: residual {math.sqrt((residual**2).mean()):.4f} px rms, "
-            f"{residual.max():.4f} px at most (target 0.1)"
-        )
+        rms = math.sqrt((residual**2).mean())
+        what = f"residual of the calibration at 1 % distortion, {name}: largest, rms"
+        rows.append([what, f"{joined((residual.max(), rms), 3)} px", "0.1 px"])
+    return rows
+
+
+def accuracy() -> list[Row]:
+    """Of the shipped blocks; part of the error stays while a block is at rest, the other is new at each look."""
+    blocks = [shipped_part("aluminium_block"), shipped_part("steel_block")]
+    rows = []
+    for lines in LINES:
+        for edge in EDGES:
+            errors = fit_errors(Setup(Surface(), blocks, Settings(lines=lines, edge=edge), 0.04))
+            total = np.sqrt(errors.fixed**2 + errors.white**2)
+            for k, block in enumerate(blocks):
+                heading, fixed, white = np.degrees([each[k, 2] for each in (total, errors.fixed, errors.white)])
+                name = block.name.replace("_", " ")
+                rows.append([
+                    f"{name}, {LINES[lines]}, {EDGES[edge]}: position, heading (of which fixed, new at each look)",
+                    f"{1e3 * np.sqrt((total[k, :2] ** 2).mean()):.3f} mm, {heading:.3f} deg ({joined((fixed, white), 3)})",
+                    "0.1 deg" if (block.name, lines, edge) == ("aluminium_block", "all", "grey") else "",
+                ])  # fmt: skip
+    return rows
 
 
 def wandering(frames: int, parts: list[Part], seed: int) -> np.ndarray:
@@ -102,7 +126,7 @@ def state_of(pose: np.ndarray, before: np.ndarray | None):
     return state
 
 
-def identities(lines: str, edge: str, frames: int = 1000) -> None:
+def identities(lines: str, edge: str, frames: int = 1000) -> list[Row]:
     """Parts that cross each other's ways."""
     parts = [shipped_part("aluminium_block")] * 3 + [shipped_part("steel_block")] * 3
     poses = wandering(frames, parts, 7)
@@ -117,55 +141,64 @@ def identities(lines: str, edge: str, frames: int = 1000) -> None:
         error = sensor.due.pose[0] - now
         worst = max(worst, float(np.abs(error[sensor.due.seen[0]][:, :2]).max()))
     swaps, merges, losses = total
-    print(
-        f"six blocks wandering for {frames} frames, {lines} lines, {edge} edges: {crossings} times two pass along the table, "
-        f"{swaps} swaps, {merges} merges, {losses} losses, largest error {1e3 * worst:.2f} mm"
-    )
+    what = f"six blocks for {frames} frames, of which two pass along the table {crossings} times, {LINES[lines]}, {EDGES[edge]}"
+    return [
+        [f"{what}: swaps, merges, losses", f"{swaps}, {merges}, {losses}", "0 swaps"],
+        ["the same: largest error of a coordinate", f"{1e3 * worst:.2f} mm", ""],
+    ]
 
 
-def speed() -> None:
+def look_time(sensor: CameraSensor, state: Any, looks: int) -> float:
+    """Median s of a look on one core."""
+    took = []
+    for _ in range(looks):
+        began = time.thread_time()
+        sensor.look(state)
+        took.append(time.thread_time() - began)
+    return float(np.median(took))
+
+
+def speed() -> list[Row]:
     """Eleven parts, found, measured and tracked on one core, images included."""
     parts = (
         [shipped_part("aluminium_block")] * 4 + [shipped_part("steel_block")] * 4 + [Part.disc(0.020, friction=0.5)] * 3
     )
     x = np.linspace(0.06, 0.77, 6)
     pose = np.array([[x[p % 6] + 0.02 * (p // 6), 0.055 + 0.1 * (p // 6), 0.3 * p] for p in range(11)])
-    for lines in ("half", "all"):
-        for edge in ("grey", "threshold"):
+    rows = []
+    for lines in LINES:
+        for edge in EDGES:
             sensor = CameraSensor(Surface(), parts, 1, 1, lines=lines, edge=edge)
             state = state_of(pose, None)
             sensor.reset(np.array([0]), state, np.array([[0.1, 0.2]]))
             assert sensor.due.seen.all()
-            took = []
-            for _ in range(200):
-                began = time.thread_time()
-                sensor.look(state)
-                took.append(time.thread_time() - began)
-            print(f"eleven parts, {lines} lines, {edge} edges: {1e3 * float(np.median(took)):.2f} ms a look (target 4)")
+            what = f"eleven parts, image included, one core: a look, {LINES[lines]}, {EDGES[edge]}"
+            rows.append([what, f"{1e3 * look_time(sensor, state, 200):.2f} ms", "4 ms"])
+    return rows
 
 
-def statistical() -> None:
+def statistical(worlds: int = 4096) -> list[Row]:
     """Cost of the statistical sensor."""
-    worlds, block = 4096, shipped_part("aluminium_block")
+    block = shipped_part("aluminium_block")
     sensor = CameraSensor(Surface(), [block], worlds, 1, statistical=True)
     state = new_state(worlds, 1)
     random = np.random.default_rng(1)
     state.pose[:] = random.uniform([0.05, 0.05, -3.0], [0.75, 0.15, 3.0], (worlds, 1, 3))
     state.fallen[:] = False
     sensor.reset(np.arange(worlds), state, random.random((worlds, 2)))
-    took = []
-    for _ in range(100):
-        began = time.thread_time()
-        sensor.look(state)
-        took.append(time.thread_time() - began)
-    print(f"statistical sensor: {1e6 * float(np.median(took)) / worlds:.3f} us a world and part (target 0.5)")
+    took = 1e6 * look_time(sensor, state, 100) / worlds
+    return [[f'`"statistical": True`, {worlds} worlds, one core: a world and part', f"{took:.2f} us", "0.5 us"]]
+
+
+def main() -> None:
+    """Measure all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    argument(parser)
+    keep = parser.parse_args().keep
+    followed = [*identities("half", "grey"), *identities("all", "threshold")]
+    rows = [*quantisation(), *calibration(), *accuracy(), *followed, *speed(), *statistical()]
+    show("camera", ("camera", "measured", "target"), rows, keep)
 
 
 if __name__ == "__main__":
-    quantisation()
-    calibration()
-    accuracy()
-    identities("half", "grey")
-    identities("all", "threshold")
-    speed()
-    statistical()
+    main()

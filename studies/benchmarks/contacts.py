@@ -9,17 +9,21 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import time
+from collections.abc import Iterable
 
 import numpy as np
 
 from studies.accuracy.hard_cases.crowds import heavy_on_light
+from studies.kept import argument, show
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial
 from vibgym.scene.parts import shipped_part
 
 RADIUS, SPEED, WORLDS = 0.02, 0.6, 64
+OFFSETS = (0.0, 0.5, 0.9, 0.99)
 STILL = Surface(horizontal_amplitude=0.0)
 
 
@@ -69,27 +73,48 @@ def driven_together(steps: int) -> tuple[np.ndarray, float]:
     return simulator.pose[..., :2], 1e6 * (time.perf_counter() - began) / (12 * WORLDS)
 
 
-def main() -> None:
-    """Print the four parts."""
-    print("Oblique blow of two discs at 0.6 m/s, seen 0.4 s after the start: errors of velocity and position")
+def joined(values: Iterable[float]) -> str:
+    """In two digits."""
+    return ", ".join(f"{value:.2g}" for value in values)
+
+
+def closed_forms(keep: bool) -> None:
+    """Blows, the cradle, and the thousandfold mass."""
+    lines = []
     for restitution in (1.0, 0.3):
-        for offset in (0.0, 0.5, 0.9, 0.99):
-            velocity, position = oblique(offset, restitution)
-            print(f"  restitution {restitution:g}, offset {offset:4.2f}: {velocity:.1e} m/s, {1e3 * position:.4f} mm")
-    print("Newton's cradle, five discs in a row: velocities after the blow over the first one's speed")
+        what = f"oblique blow of two discs, restitution {restitution:g}, at {joined(OFFSETS)} of the sum of radii"
+        wrong = 1e3 * np.array([oblique(offset, restitution) for offset in OFFSETS])
+        for name, errors, unit in zip(("velocity", "position 0.3 s later"), wrong.T, ("mm/s", "mm"), strict=True):
+            lines.append([f"{what}: error of the {name}", f"{joined(errors)} {unit}", ""])
     for gap in (0.0, 1e-6, 1e-4):
-        print(f"  {1e3 * gap:g} mm apart: {np.abs(cradle(gap).round(9)).tolist()}")
-    print("Two blocks driven together, 0.48 s: distance from 640 steps a period")
-    driven_together(10)
+        *others, last = np.abs(cradle(gap))
+        what = f"Newton's cradle, five discs {1e3 * gap:g} mm apart: share of the velocity with the last, at most with others"
+        lines.append([what, f"{last:.6f}, {max(others):.6f}", "1, 0"])
+    deepest = heavy_on_light(1000.0).measured
+    lines.append(["thousandfold mass behind a light part at a wall: overlap", f"{1e3 * deepest:.3f} mm", "0.3 mm"])
+    show("contacts", ("contacts", "measured", "target"), lines, keep)
+
+
+def shorter_steps(keep: bool) -> None:
+    """Two blocks driven together."""
+    driven_together(10)  # compiles
     finest, _ = driven_together(640)
+    lines = []
     for steps in (5, 10, 20, 40, 80, 160):
         position, cost = driven_together(steps)
         error = 1e3 * np.hypot(*np.moveaxis(position - finest, -1, 0))
-        print(
-            f"  {steps:4d} steps: median {np.median(error):.3f} mm, 95 % {np.percentile(error, 95):.3f} mm, "
-            f"{cost:.0f} us a world and period"
-        )
-    print(f"A thousandfold mass behind a light part at a wall: {1e3 * heavy_on_light(1000.0).measured:.3f} mm overlap")
+        lines.append([str(steps), f"{np.median(error):.3f} mm", f"{np.percentile(error, 95):.3f} mm", f"{cost:.0f} us"])
+    heads = ("steps of the coupling in a period", "distance from 640 steps: median", "95 %", "a world and period")
+    show("contacts-steps", heads, lines, keep)
+
+
+def main() -> None:
+    """Measure all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    argument(parser)
+    keep = parser.parse_args().keep
+    closed_forms(keep)
+    shorter_steps(keep)
 
 
 if __name__ == "__main__":

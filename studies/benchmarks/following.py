@@ -15,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import vibgym
+from agents.evaluation.tables import quantity
+from studies.kept import argument, show
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Episodes, worlds_of
 from vibgym.policies.task_info import TaskInfo
@@ -63,33 +65,49 @@ def follow(policy: Any, paths: list[dict[str, Any]], worlds: int, **environment:
     return Followed(np.array(errors), np.array(gaps))
 
 
-def line(name: str, found: Followed, tolerance: tuple[float, float]) -> str:
-    """A row of what is printed."""
+HEADS = (
+    "hardware",
+    "paths",
+    "rms: median (largest)",
+    "largest error",
+    "largest heading error",
+    "smallest distance",
+    "within tolerances",
+)
+
+
+def line(found: Followed, tolerance: tuple[float, float]) -> list[str]:
+    """What the table tells of the episodes."""
     errors = found.errors
     away, turned = np.hypot(errors[..., 0], errors[..., 1]), np.abs(errors[..., 2])
     rms = np.sqrt(np.nanmean(away**2, axis=0)).max(axis=-1)
     kept = (np.nanmax(away, axis=(0, 2)) <= tolerance[0]) & (np.nanmax(turned, axis=(0, 2)) <= tolerance[1])
-    apart = f"{1e3 * np.nanmin(found.gap):.1f}" if errors.shape[2] > 1 else ""
-    return (
-        f"{name:34} {1e3 * np.median(rms):9.3f} {1e3 * rms.max():9.3f} {1e3 * np.nanmax(away):9.2f}"
-        f" {np.degrees(np.nanmax(turned)):9.2f} {apart:>9} {100 * kept.mean():8.1f} %"
-    )
+    return [
+        f"{1e3 * np.median(rms):.3f} ({1e3 * rms.max():.3f}) mm",
+        quantity(np.nanmax(away), 1e3, 2, "mm"),
+        quantity(np.degrees(np.nanmax(turned)), 1.0, 2, "deg"),
+        quantity(np.nanmin(found.gap) if errors.shape[2] > 1 else np.nan, 1e3, 1, "mm"),
+        quantity(kept.mean(), 100.0, 1, "%"),
+    ]
 
 
 def main() -> None:
+    """Play, print, keep."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=20)
     parser.add_argument("--policy", default="pose", help="a name, or JSON")
     parser.add_argument("--hardware", nargs="*", default=list(HARDWARE), choices=list(HARDWARE))
     parser.add_argument("--paths", nargs="*", default=list(PATHS), choices=list(PATHS))
+    argument(parser)
     arguments = parser.parse_args()
     policy = json.loads(arguments.policy) if arguments.policy.startswith("{") else arguments.policy
     tolerance = vibgym.tasks.Follow.position_tolerance, vibgym.tasks.Follow.heading_tolerance
-    print(f"{'':34} {'rms, mm':>9} {'worst':>9} {'largest':>9} {'deg':>9} {'apart':>9} {'kept':>10}")
+    lines = []
     for hardware in arguments.hardware:
         for name in arguments.paths:
             found = follow(policy, PATHS[name], arguments.worlds, **HARDWARE[hardware])
-            print(line(f"{hardware}: {name}", found, tolerance), flush=True)
+            lines.append([hardware, name, *line(found, tolerance)])
+    show("following", HEADS, lines, arguments.keep)
 
 
 if __name__ == "__main__":

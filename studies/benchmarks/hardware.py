@@ -1,33 +1,41 @@
 """What the real machine costs a step: ``python -m studies.benchmarks.hardware``.
 
 Steps of batches with ideal hardware, with prototype actuators and the pose sensor, and with each estimator on top, measured in
-turn; ratios are to ideal hardware, medians over the rounds. The model estimator may cost one more simulation, which is at most
-one more step.
+turn; ratios are to ideal hardware, medians over the rounds, with the time of a world and step. The model estimator may cost
+one more simulation, which is at most one more step.
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import time
 
 import gymnasium as gym
 
 import vibgym  # noqa: F401 - registers the environments
+from studies.kept import argument, show
 
-ROUNDS, STEPS = 15, 20
+STEPS, WARM = 20, 2
 SCENES = (("Rotate", "element", 1024), ("Rotate", "patch", 1024), ("Sort", "patch", 128))
 MACHINES = {
     "ideal": {},
     "prototype actuators": {"actuators": "prototype"},
     "prototype actuators, pose sensor": {"actuators": "prototype", "sensor": "pose"},
-    "  and Kalman estimator": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "kalman"}},
-    "  and model estimator": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
+    "and Kalman estimator": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "kalman"}},
+    "and model estimator": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
     "ideal actuators, statistical camera": {"sensor": {"kind": "camera", "statistical": True}},
 }
+TARGETS = {
+    "prototype actuators, pose sensor": "1.33 x",
+    "and model estimator": "one more simulation",
+    "ideal actuators, statistical camera": "1.10 x",
+}
+"""Of Rotate."""
 
 
-def measure(task: str, action: str, worlds: int) -> None:
-    """Print the ratios of one scene."""
+def measure(task: str, action: str, worlds: int, rounds: int) -> dict[str, str]:
+    """Ratio, and us a world and step, of each machine in one scene."""
     envs = {
         name: gym.make_vec(f"vibgym/{task}-v0", num_envs=worlds, action=action, **settings)
         for name, settings in MACHINES.items()
@@ -38,23 +46,30 @@ def measure(task: str, action: str, worlds: int) -> None:
     space.seed(0)
     actions = [space.sample() for _ in range(4)]
     took: dict[str, list[float]] = {name: [] for name in envs}
-    for _ in range(ROUNDS):
+    for _ in range(WARM + rounds):
         for name, env in envs.items():
             began = time.perf_counter()
             for k in range(STEPS):
                 env.step(actions[k % 4])
             took[name].append(time.perf_counter() - began)
-    print(f"{task}, {action}, {worlds} worlds")
+    found = {}
     for name, times in took.items():
-        ratios = [each / ideal for each, ideal in zip(times[2:], took["ideal"][2:], strict=True)]
-        one = 1e6 * statistics.median(times[2:]) / STEPS / worlds
-        print(f"  {name:<38} {one:8.2f} us a world and step   {statistics.median(ratios):5.2f} x ideal")
+        ratios = [each / ideal for each, ideal in zip(times[WARM:], took["ideal"][WARM:], strict=True)]
+        one = 1e6 * statistics.median(times[WARM:]) / STEPS / worlds
+        found[name] = f"{statistics.median(ratios):.2f} x ({one:.2f} us)"
+    return found
 
 
 def main() -> None:
     """Measure every scene."""
-    for scene in SCENES:
-        measure(*scene)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=13, help=f"that count, after {WARM} that do not")
+    argument(parser)
+    asked = parser.parse_args()
+    found = [measure(*scene, asked.rounds) for scene in SCENES]
+    scenes = [f"{task}, `{action}`, {worlds} worlds" for task, action, worlds in SCENES]
+    lines = [[name, *(each[name] for each in found), TARGETS.get(name, "")] for name in MACHINES]
+    show("hardware-cost", ("a step", *scenes, "target for Rotate"), lines, asked.keep)
 
 
 if __name__ == "__main__":

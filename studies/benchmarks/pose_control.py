@@ -17,6 +17,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.evaluation.tables import quantity
+from studies.kept import argument, show
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.measures import least_times
 from vibgym.policies.registry import make_policy
@@ -113,28 +115,43 @@ def reached(within: np.ndarray, hold: int) -> np.ndarray:
     return steps
 
 
-def figures(values: np.ndarray, factor: float = 1.0) -> str:
+def figures(values: np.ndarray, factor: float, digits: int) -> str:
     """Median [95 %] largest, of those that are numbers."""
     known = factor * values[np.isfinite(values)]
     if not len(known):
-        return "     - [     -]      -"
-    return f"{np.median(known):6.3f} [{np.quantile(known, 0.95):6.3f}] {known.max():6.3f}"
+        return "–"
+    median, most, largest = np.quantile(known, (0.5, 0.95, 1.0))
+    return f"{median:.{digits}f} [{most:.{digits}f}] {largest:.{digits}f}"
 
 
-def row(held: Held) -> str:
+HEADS = (
+    "prototype hardware",
+    "part",
+    "position, mm: median [95 %] largest",
+    "heading, deg",
+    "overshoot, % of the way",
+    "time, s",
+    "above the bound, s",
+    "reached",
+    "elements on",
+)
+
+
+def row(held: Held) -> list[str]:
     """What came of a case."""
-    missed = int(np.isnan(held.time).sum())
-    return "   ".join([
-        f"{figures(held.distance, 1e3)} mm",
-        f"{figures(held.turn, 180.0 / math.pi)} deg",
-        f"overshoot {figures(held.overshoot, 100.0)} %",
-        f"time {np.nanmedian(held.time):.2f} s, above bound {figures(held.above)} s, never {missed}",
-        f"on {100.0 * held.on.mean():.1f} %",
-    ])  # fmt: skip
+    return [
+        figures(held.distance, 1e3, 3),
+        figures(held.turn, 180.0 / math.pi, 3),
+        figures(held.overshoot, 100.0, 2),
+        figures(held.time, 1.0, 2),
+        figures(held.above, 1.0, 2),
+        f"{np.isfinite(held.time).sum()} of {len(held.time)}",
+        quantity(held.on.mean(), 100.0, 1, "%"),
+    ]
 
 
 def main() -> None:
-    """Play and print."""
+    """Play, print, keep."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--goals", type=int, default=200, help="of each case and part")
     parser.add_argument("--seed", type=int, default=9_000_000)
@@ -142,15 +159,18 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--policy", type=json.loads, default={"kind": "local_field", "law": "pose"}, help="JSON")
     parser.add_argument("--images", action="store_true", help="take cameras' images instead of their statistics")
+    argument(parser)
     asked = parser.parse_args()
     TASKS.register("Stay", Stay)
+    lines = []
     for case in asked.cases:
         settings = CASES[case]
         if settings["sensor"]["kind"] == "camera" and not asked.images:
             settings = {**settings, "sensor": {**settings["sensor"], "statistical": True}}
         for part in asked.parts:
             held = hold(asked.policy, part, asked.goals, asked.seed, **settings)
-            print(f"{case:<27}{part:<16}{row(held)}", flush=True)
+            lines.append([case, part.replace("_", " "), *row(held)])
+    show("pose-control", HEADS, lines, asked.keep)
 
 
 if __name__ == "__main__":

@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import torch
 
+from agents.evaluation.tables import quantity
 from agents.training.imitation import Imitation, ImitationSettings, experts
 from agents.training.ppo.algorithm import PPO
 from agents.training.ppo.hyperparameters import PPOSettings
 from agents.training.train_settings import TrainSettings
+from studies.kept import argument, show
 from vibgym.policies.rollout import rollout
 
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -60,23 +62,31 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
     )
 
 
+HEADS = ("samples", "the same after", "error of actions", "success", "of each seed", "time to goal")
+
+
 def main() -> None:
-    """Learn and print."""
+    """Learn, print, keep."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--worlds", type=int, nargs="+", default=[16, 64], help="of the lessons")
     parser.add_argument("--steps", type=int, default=60, help="of each")
     parser.add_argument("--seeds", type=int, default=3)
+    argument(parser)
     asked = parser.parse_args()
+    lines = []
     for worlds in asked.worlds:
         for name, variant in VARIANTS.items():
             found = np.array([learn(variant, worlds, asked.steps, seed) for seed in range(asked.seeds)])
             error, success, time = found.mean(axis=0)
-            each = ", ".join(f"{100 * value:.0f}" for value in found[:, 1])
-            print(
-                f"{worlds * asked.steps:6d} samples   {name:<15} error {error:.3f}   success {100 * success:5.1f} % "
-                f"({each})   time {time:.2f} s",
-                flush=True,
-            )
+            lines.append([
+                str(worlds * asked.steps),
+                name,
+                f"{error:.3f}",
+                quantity(success, 100.0, 1, "%"),
+                ", ".join(f"{100 * value:.0f}" for value in found[:, 1]) + " %",
+                quantity(time, 1.0, 2, "s"),
+            ])  # fmt: skip
+    show("symmetry", HEADS, lines, asked.keep)
 
 
 if __name__ == "__main__":

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-
-from agents.evaluation.tables import markdown, number, quantity
-from studies.manual.figures_file import RESULTS, rows, table
+from agents.evaluation.tables import markdown
+from studies.manual import open_tasks
+from studies.manual.figures_file import table
 from studies.manual.published import BOUND, ERRORS, ONE, SEVERAL, TIME, TOGETHER, report
 from studies.manual.trained import HEADS, lines_of
 
 PATHS = ("path_error_median_m", "heading_error_median_rad")
-OPEN_HEADS = ("hardware", "policy", "score", "success", "time to goal", "good a minute", "collisions", "episodes")
 
 
 def baselines(name: str) -> str:
@@ -37,31 +35,9 @@ def _reported(name: str) -> list[str]:
 
 def _scored(name: str) -> list[str]:
     """Of ``results/open``: one table for both machines."""
-    scored = [row for row in rows(RESULTS / "open" / "scores.csv") if row["task"] == name and row["served"] == "True"]
-    if not scored:
-        return []
-    about = json.loads((RESULTS / "open" / "results.json").read_text(encoding="utf-8"))
-    lines = [
-        [
-            row["hardware"],
-            row["policy"],
-            number(float(row["score"]), 3),
-            quantity(_value(row, "success_rate"), 100.0, 1, "%"),
-            quantity(_value(row, "time_to_goal_median_s"), 1.0, 2, "s"),
-            number(_value(row, "good_per_minute"), 1),
-            number(_value(row, "collisions_mean"), 2),
-            row["episodes"],
-        ]
-        for row in scored
-    ]
-    day = about["time"][:10]
-    return [
-        f"One of the [open tasks](../open-tasks.md) (`python -m agents score`, {day}):\n\n{markdown(OPEN_HEADS, lines)}"
-    ]
-
-
-def _value(row: dict[str, str], column: str) -> float:
-    return float(row[column]) if row[column] else float("nan")
+    table = open_tasks.of(name)
+    head = f"One of the [open tasks](../open-tasks.md) (`python -m agents score`, {open_tasks.found()}):"
+    return [f"{head}\n\n{table}"] if table else []
 
 
 def _trained(name: str) -> list[str]:

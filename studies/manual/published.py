@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import functools
-import json
 from collections.abc import Callable
 
 from agents.evaluation.tables import markdown
-from studies.manual import above_the_plane
-from studies.manual.figures_file import RESULTS, Published, rows, table, with_time
+from studies.manual import above_the_plane, open_tasks
+from studies.manual.figures_file import RESULTS, Published, table, with_time
 from studies.manual.trained import trained
 
 TIME, BOUND = "time_to_goal_median_s", "time_over_bound_median"
@@ -106,28 +105,6 @@ def overview() -> str:
     return markdown(heads, lines)
 
 
-def open_tasks() -> str:
-    """The score of each policy on the open tasks, on both machines, with intervals of the whole."""
-    scores = rows(RESULTS / "open" / "scores.csv")
-    tasks = list(dict.fromkeys(row["task"] for row in scores))
-    of_task = {(row["hardware"], row["policy"], row["task"]): row for row in scores}
-    lines = []
-    for row in rows(RESULTS / "open" / "suite.csv"):
-        served = [of_task.get((row["hardware"], row["policy"], task)) for task in tasks]
-        lines.append([row["hardware"], row["policy"], _score(row), *(_score(each) if each else "–" for each in served)])
-    about = json.loads((RESULTS / "open" / "results.json").read_text(encoding="utf-8"))
-    found = f"Found on {about['time'][:10]} at commit {about['commit'][:7]}; the score is that of all tasks, with its interval."
-    return f"{found}\n\n{markdown(('hardware', 'policy', 'score', *tasks), lines)}"
-
-
-def _score(row: dict[str, str]) -> str:
-    if row.get("served", "True") != "True" or not row["score"]:
-        return "–"
-    text = f"{float(row['score']):.3f}"
-    known = row["score_low"] and "task" not in row
-    return f"{text} ({float(row['score_low']):.3f} to {float(row['score_high']):.3f})" if known else text
-
-
 TABLES: dict[str, Callable[[], str]] = {
     "provenance": provenance,
     "overview": overview,
@@ -137,8 +114,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "rigid": rigid,
     "follow": follow,
     "effects": effects,
-    "open": open_tasks,
     "trained": trained,
     **above_the_plane.TABLES,
+    **open_tasks.TABLES,
 }
 """By the name of the file in ``docs/generated``."""

@@ -12,7 +12,7 @@ from docutils import nodes
 from docutils.core import publish_doctree
 from PIL import Image
 
-from studies.manual import environments, films, published, readme, rest, thesis, trained
+from studies.manual import environments, films, open_tasks, published, readme, rest, thesis, trained
 from studies.manual.__main__ import main
 from studies.manual.figures_file import RESULTS, ROOT
 from studies.thesis.figure import Comparison, Figure, Picture, Table
@@ -53,9 +53,15 @@ def test_every_table_is_one_and_says_when_it_was_found():
 
 
 def test_what_was_not_tried_is_a_dash():
-    rows = {tuple(cells[:2]): cells for cells in cells_of(published.open_tasks())}
+    rows = {tuple(cells[:2]): cells for cells in cells_of(open_tasks.suite())}
     assert rows["prototype", "mpc"][3:] == ["–"] * 8
     assert rows["ideal", "classical"][3] != "–"
+
+
+def test_tasks_without_success_tell_of_good_parts():
+    feed, swap = open_tasks.of("Feed"), open_tasks.of("Swap")
+    assert "success" not in feed and "good a minute" in feed
+    assert "success" in swap and "good a minute" not in swap and "| task |" not in swap
 
 
 def test_agents_have_a_line_each_and_parts_that_flow_no_success():

@@ -1,0 +1,173 @@
+"""Tasks in other sizes and patterns than those that are registered: ``python -m studies.benchmarks.variants [--episodes 100]``.
+
+Pack with other gaps, starts and headings, Feed with more and fewer parts, and what planning by simulation (``mpc``) does. Seeds
+from 300000, which nobody has tuned on.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents.evaluation.tables import number, quantity
+from studies.kept import argument, show
+from vibgym.policies import rollout
+from vibgym.policies.measures import Measured, Measures
+
+FIRST_SEED = 300_000
+GAPS_MM = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 37.0)
+PACKERS: dict[str, Any] = {
+    "two phases": "two_phases",
+    "planner": {"kind": "planner", "law": "pose"},
+    "independent": {"kind": "local_field", "law": "pose"},
+}
+PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
+KINDS = ["aluminium_block"] * 6 + ["steel_block"] * 6
+
+
+class Case(NamedTuple):
+    """A policy on a variant of a task."""
+
+    name: str
+    policy: Any
+    task: str
+    environment: dict[str, Any]
+    share: float = 1.0  # of the episodes that are asked for
+
+
+PACKS = (
+    Case('`action="wrench"`', {"kind": "two_phases", "action": "wrench"}, "Pack", {}),
+    Case('`start="crowded"`', "two_phases", "Pack", {"start": "crowded"}),
+    Case('`start="pattern"`: unpacked and packed elsewhere', "two_phases", "Pack", {"start": "pattern"}),
+    Case(
+        "`heading_deg: 90`: four parts fill the width", "two_phases", "Pack", {"task_settings": {"heading_deg": 90.0}}
+    ),
+    Case("two kinds of six, each with its own columns", "two_phases", "Pack", {"parts": KINDS}),
+    Case("`free: false`: every part has its own goal", "two_phases", "Pack", {"task_settings": {"free": False}}),
+)
+FEEDS = (
+    *(
+        Case(str(n), "lanes", "Feed", {"parts": ["steel_block", "aluminium_block"] * (n // 2)})
+        for n in (4, 6, 8, 12, 18)
+    ),
+    Case("18 in heaps (`FeedHeaps-v0`)", "lanes", "FeedHeaps", {}),
+    Case("18 in heaps, prototype", "lanes", "FeedHeaps", PROTOTYPE),
+)
+
+
+def planned(base: str | None = None, samples: int = 32, horizon: int = 12) -> dict[str, Any]:
+    """The policy that plans by simulation."""
+    return {"kind": "mpc", "samples": samples, "horizon": horizon, "base": base}
+
+
+PLANS = (
+    Case("Align, alone", planned(), "Align", {}, 0.5),
+    Case("Align, on `pose`", planned("pose"), "Align", {}, 0.2),
+    Case("Pack (12 parts), alone, 16 x 10 x 2", planned(None, 16, 10), "Pack", {}, 0.02),
+    Case("Pack, on `two_phases`, 16 x 10 x 2", planned("two_phases", 16, 10), "Pack", {}, 0.04),
+    Case("Swap (16 parts), alone, 16 x 10 x 2", planned(None, 16, 10), "Swap", {}, 0.02),
+    Case("Swap, on `lanes`, 16 x 10 x 2", planned("lanes", 16, 10), "Swap", {}, 0.02),
+)
+
+
+def played(case: Case, episodes: int) -> Measured:
+    """Its episodes."""
+    seeds = range(FIRST_SEED, FIRST_SEED + max(1, round(case.share * episodes)))
+    return rollout(case.policy, f"vibgym/{case.task}-v0", seeds=seeds, keep=Measures, **case.environment)
+
+
+def median(values: np.ndarray) -> float:
+    """Of those that are numbers; nan if there is none."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def ends(found: Measured) -> list[str]:
+    """Success, time, bound, collisions, episodes."""
+    return [
+        quantity(found.success.mean(), 100.0, 1, "%"),
+        quantity(median(found.time_to_goal), 1.0, 2, "s"),
+        quantity(median(found.time_over_bound), 1.0, 2, ""),
+        number(float(found.collisions.mean()), 2),
+        str(len(found.success)),
+    ]
+
+
+END_HEADS = ("success", "time to goal", "over bound", "collisions", "episodes")
+
+
+def gaps(episodes: int, keep: bool) -> None:
+    """Pack by its gap: success and time of three policies."""
+    lines = []
+    for gap in GAPS_MM:
+        settings = {"gap_mm": gap, **({"rows": 2} if gap > 36.0 else {})}
+        cells = []
+        for policy in PACKERS.values():
+            found = played(Case("", policy, "Pack", {"task_settings": settings}, 0.5), episodes)
+            time = quantity(median(found.time_to_goal), 1.0, 2, "s")
+            cells.append(f"{quantity(found.success.mean(), 100.0, 0, '%')} ({time})")
+        lines.append([f"{gap:g}" + (" (two rows)" if "rows" in settings else ""), *cells])
+    show("variants-gaps", ("Pack: gap, mm", *PACKERS), lines, keep)
+
+
+def pack(episodes: int, keep: bool) -> None:
+    """Pack's other variants."""
+    lines = [[case.name, *ends(played(case, episodes))] for case in PACKS]
+    show("variants-pack", ("two phases, gap 2 mm", *END_HEADS), lines, keep)
+
+
+def feed(episodes: int, keep: bool) -> None:
+    """Feed by the number of parts."""
+    lines = []
+    for case in FEEDS:
+        found = played(case._replace(share=0.5), episodes)
+        good, faulty = (
+            found.fact("good_per_minute"),
+            sum(found.fact(f"{kind}_per_minute") for kind in ("tilted", "close", "wrong", "lost")),
+        )
+        lines.append([
+            case.name,
+            f"{good.mean():.1f} ({good.min():.1f} to {good.max():.1f})",
+            f"{np.mean(faulty):.1f}",
+            f"{found.fact('transit').mean():.2f} s",
+            f"{found.fact('on_table').mean():.1f}",
+            quantity(median(found.rate_over_bound), 100.0, 0, "%"),
+            str(len(good)),
+        ])  # fmt: skip
+    heads = (
+        "parts",
+        "good a minute: mean (least to most)",
+        "faulty",
+        "transit",
+        "on the table",
+        "of the bound",
+        "episodes",
+    )
+    show("variants-feed", heads, lines, keep)
+
+
+def plans(episodes: int, keep: bool) -> None:
+    """Planning by simulation, some episodes."""
+    lines = [[case.name, *ends(played(case, episodes))] for case in PLANS]
+    show("variants-mpc", ("ideal hardware", *END_HEADS), lines, keep)
+
+
+TABLES: dict[str, Callable[[int, bool], None]] = {"gaps": gaps, "pack": pack, "feed": feed, "mpc": plans}
+
+
+def main() -> None:
+    """Play, print, keep."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--episodes", type=int, default=100, help="of most variants; of slow ones a share of it")
+    parser.add_argument("--only", nargs="+", default=list(TABLES), choices=list(TABLES))
+    argument(parser)
+    asked = parser.parse_args()
+    for name in asked.only:
+        TABLES[name](asked.episodes, asked.keep)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,44 @@
+"""Tables that benchmarks keep for the pages: what is printed is what is kept, whole and with where it comes from."""
+
+import re
+
+import pytest
+
+from studies import kept
+from studies.manual.build import tables
+from studies.manual.figures_file import ROOT
+
+
+def test_what_is_shown_is_kept_and_becomes_a_page(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(kept, "DIRECTORY", tmp_path / "tables")
+    kept.show("mine", ("a", "b"), [("1", "2 µm")])
+    assert not (tmp_path / "tables").exists()
+    kept.show("mine", ("a", "b"), [("1", "2 µm")], keep=True)
+    printed = capsys.readouterr().out
+    assert printed.count("| 1 | 2 µm |") == 2
+    (table,) = kept.tables().values()
+    assert printed.startswith(table.markdown().split("\n\n")[0])
+    assert re.search(r"\n\n`python -m .+`, \d{4}-\d\d-\d\d.*, .+ cores\.$", table.markdown())
+    page = tables(tmp_path)[tmp_path / "generated" / "tables" / "mine.md"]
+    assert page == table.markdown() + "\n"
+
+
+def test_a_row_of_another_length_is_refused_and_the_table_stays(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(kept, "DIRECTORY", tmp_path)
+    kept.show("mine", ("a", "b"), [("1", "2")], keep=True)
+    before = (tmp_path / "mine.json").read_text()
+    capsys.readouterr()
+    with pytest.raises(ValueError, match=r"mine: got the row \['1'\], a row has 2 cells: a, b"):
+        kept.show("mine", ("a", "b"), [("1",)], keep=True)
+    assert (tmp_path / "mine.json").read_text() == before and not capsys.readouterr().out
+
+
+def test_every_kept_table_is_on_a_page_and_its_command_exists():
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md"))
+    asked = re.findall(r"\{include\} generated/tables/(\S+)\.md", pages)
+    found = kept.tables()
+    assert set(asked) == set(found) and len(asked) == len(set(asked))
+    for table in found.values():
+        module = re.match(r"python -m ([\w.]+)", table.command)[1].replace(".", "/")
+        assert (ROOT / f"{module}.py").exists() or (ROOT / module / "__main__.py").exists()
+        assert "nan" not in table.markdown()
