@@ -10,7 +10,7 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,7 +43,13 @@ def argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(OPTION, action="store_true", help="the tables, in results/tables, for the pages")
 
 
-def show(name: str, heads: Sequence[str], rows: Iterable[Sequence[str]], keep: bool = False) -> None:
+def show(
+    name: str,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    keep: bool = False,
+    about: Mapping[str, Any] | None = None,
+) -> None:
     """Print a table in Markdown, and keep it.
 
     Args:
@@ -51,6 +57,8 @@ def show(name: str, heads: Sequence[str], rows: Iterable[Sequence[str]], keep: b
         heads: of the columns.
         rows: cells as they are to be read, as many in each as there are heads.
         keep: whether to.
+        about: where the figures come from, if it is another run: what :func:`agents.provenance.provenance` has said there, and
+            the ``command``.
 
     Raises:
         ValueError: a row has more or fewer cells; nothing is printed or kept.
@@ -61,9 +69,9 @@ def show(name: str, heads: Sequence[str], rows: Iterable[Sequence[str]], keep: b
             raise ValueError(f"{name}: got the row {line}, a row has {len(heads)} cells: {', '.join(heads)}")
     print(markdown(heads, lines), end="\n\n", flush=True)
     if keep:
-        about: dict[str, Any] = provenance()
+        about = {"command": _command(), **provenance()} if about is None else about
         processor = f"{about['machine']['processor']}, {about['machine']['cores']} cores"
-        table = Kept(list(heads), lines, _command(), about["time"], about["commit"], processor)
+        table = Kept(list(heads), lines, about["command"], about["time"], about["commit"], processor)
         output_directory(DIRECTORY, OPTION)
         write_atomically(DIRECTORY / f"{name}.json", json.dumps(table._asdict(), indent=1, ensure_ascii=False) + "\n")
 

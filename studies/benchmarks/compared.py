@@ -1,0 +1,75 @@
+"""Learned against classical, as ``make compare`` has found it: ``python -m studies.benchmarks.compared [--run DIR]``.
+
+Reads the run's ``compare.json``, plays nothing: of every policy its success and interquartile mean of the time to the goal, and
+what it takes longer than the best classical one on the same seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from agents.evaluation.tables import quantity, signed
+from studies.kept import argument, show
+
+HEADS = (
+    "task",
+    "hardware",
+    "policy",
+    "success",
+    "of",
+    "time to goal: interquartile mean [95 %]",
+    "less the best law's, paired",
+    "collisions",
+)
+
+
+def value(number: float | None) -> float:
+    """NaN for what does not apply."""
+    return math.nan if number is None else number
+
+
+def difference(found: Mapping[str, Any] | None) -> str:
+    """Of the interquartile means, with its interval."""
+    if found is None or found["iqm"]["value"] is None or found["iqm"]["interval"] is None:
+        return "–"
+    low, high = (signed(found["iqm"]["interval"][end], 3) for end in ("low", "high"))
+    return f"{signed(found['iqm']['value'], 3)} s [{low}, {high}]"
+
+
+def line(row: Mapping[str, Any], apart: Mapping[str, Any] | None) -> list[str]:
+    """A policy on a task and machine."""
+    time = quantity(value(row["time_iqm_s"]), 1.0, 3, "s")
+    if row["time_iqm_low_s"] is not None:
+        time += f" [{row['time_iqm_low_s']:.3f}, {row['time_iqm_high_s']:.3f}]"
+    return [
+        row["task"],
+        row["hardware"],
+        row["policy"],
+        quantity(row["success_rate"], 100.0, 1, "%"),
+        f"{row['runs']} x {row['episodes']}" if row["runs"] > 1 else str(row["episodes"]),
+        time,
+        difference(apart),
+        quantity(value(row["collisions_mean"]), 1.0, 2, ""),
+    ]
+
+
+def main() -> None:
+    """Read, print, keep."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--run", type=Path, default=Path("runs/agents-compared"), help="of make compare")
+    argument(parser)
+    asked = parser.parse_args()
+    found = json.loads((asked.run / "compare.json").read_text(encoding="utf-8"))
+    apart = {(each["task"], each["hardware"], each["first"]): each for each in found["differences"]}
+    rows = [row for row in found["results"] if row["training_seed"] is None and "ladder" not in row["policy"]]
+    lines = [line(row, apart.get((row["task"], row["hardware"], row["policy"]))) for row in rows]
+    show("compared", HEADS, lines, asked.keep, {**found, "command": "make compare"})
+
+
+if __name__ == "__main__":
+    main()
