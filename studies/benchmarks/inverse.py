@@ -112,7 +112,9 @@ def together(all_errors: list[Errors]) -> Errors:
 def line(name: str, found: Errors) -> list[str]:
     """Median, 95 % and worst of each."""
     columns = [100.0 * found.absolute, 100.0 * found.size, found.direction]
-    numbers = [", ".join(f"{np.percentile(each, q):.2f}" for q in (50, 95, 100)) for each in columns]
+    numbers = [
+        ", ".join(f"{np.percentile(each, q):.2f}" for q in (50, 95, 100)) if len(each) else "–" for each in columns
+    ]
     return [name, str(len(found.absolute)), *numbers]
 
 
