@@ -4,7 +4,6 @@ import sys
 from pathlib import Path
 
 DOCS = Path(__file__).parent
-MAYBE = ("rivals", "datasheet")
 sys.path.insert(0, str(DOCS.parent))
 
 import vibgym  # noqa: E402
@@ -44,13 +43,6 @@ def generate(app):
     write(DOCS)
 
 
-def leave_out(app, page, source):
-    """Pages that some versions have not are left out of the order."""
-    if page == "index":
-        missing = {f"{name}\n" for name in MAYBE if not (DOCS / f"{name}.md").exists()}
-        source[0] = "".join(line for line in source[0].splitlines(keepends=True) if line not in missing)
-
-
 FOR_EVERYBODY = {
     ' role="heading"><': ' role="heading" aria-level="2"><',
     '<div class="highlight"><pre>': '<div class="highlight"><pre tabindex="0">',
@@ -74,6 +66,5 @@ def setup(app):
     from studies.manual import rest
 
     app.connect("builder-inited", generate)
-    app.connect("source-read", leave_out)
     app.connect("build-finished", complete)
     app.connect("autodoc-process-docstring", rest.process, priority=400)  # before Napoleon

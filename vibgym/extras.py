@@ -28,6 +28,19 @@ def require(extra: str, *packages: str) -> None:
             raise MissingExtra(f"{package} is not installed: pip install 'vibgym[{extra}]'", name=package)
 
 
+def missing(what: str, error: ModuleNotFoundError, extra: str) -> ModuleNotFoundError:
+    """The error to raise instead of ``error``: what does not work without which package, and the command that installs it.
+
+    Args:
+        what: needs it.
+        error: of the import.
+        extra: of vibgym, that brings the package.
+    """
+    package = (error.name or "").partition(".")[0]
+    text = f"{what} needs {package}, which is not installed: pip install 'vibgym[{extra}]'"
+    return ModuleNotFoundError(text, name=package)
+
+
 def _found(package: str) -> bool:
     try:
         return importlib.util.find_spec(package) is not None

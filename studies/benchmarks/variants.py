@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.evaluation.statistics import quartiles
 from agents.evaluation.tables import number, quantity
+from studies.benchmarks.following import HARDWARE
 from studies.kept import argument, show
 from vibgym.policies import rollout
 from vibgym.policies.measures import Measured, Measures
@@ -24,7 +26,6 @@ PACKERS: dict[str, Any] = {
     "planner": {"kind": "planner", "law": "pose"},
     "independent": {"kind": "local_field", "law": "pose"},
 }
-PROTOTYPE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
 KINDS = ["aluminium_block"] * 6 + ["steel_block"] * 6
 
 
@@ -54,7 +55,7 @@ FEEDS = (
         for n in (4, 6, 8, 12, 18)
     ),
     Case("18 in heaps (`FeedHeaps-v0`)", "lanes", "FeedHeaps", {}),
-    Case("18 in heaps, prototype", "lanes", "FeedHeaps", PROTOTYPE),
+    Case("18 in heaps, prototype", "lanes", "FeedHeaps", HARDWARE["prototype"]),
 )
 
 
@@ -79,18 +80,12 @@ def played(case: Case, episodes: int) -> Measured:
     return rollout(case.policy, f"vibgym/{case.task}-v0", seeds=seeds, keep=Measures, **case.environment)
 
 
-def median(values: np.ndarray) -> float:
-    """Of those that are numbers; nan if there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if len(known) else float("nan")
-
-
 def ends(found: Measured) -> list[str]:
     """Success, time, bound, collisions, episodes."""
     return [
         quantity(found.success.mean(), 100.0, 1, "%"),
-        quantity(median(found.time_to_goal), 1.0, 2, "s"),
-        quantity(median(found.time_over_bound), 1.0, 2, ""),
+        quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s"),
+        quantity(quartiles(found.time_over_bound).median, 1.0, 2, ""),
         number(float(found.collisions.mean()), 2),
         str(len(found.success)),
     ]
@@ -107,7 +102,7 @@ def gaps(episodes: int, keep: bool) -> None:
         cells = []
         for policy in PACKERS.values():
             found = played(Case("", policy, "Pack", {"task_settings": settings}, 0.5), episodes)
-            time = quantity(median(found.time_to_goal), 1.0, 2, "s")
+            time = quantity(quartiles(found.time_to_goal).median, 1.0, 2, "s")
             cells.append(f"{quantity(found.success.mean(), 100.0, 0, '%')} ({time})")
         lines.append([f"{gap:g}" + (" (two rows)" if "rows" in settings else ""), *cells])
     show("variants-gaps", ("Pack: gap, mm", *PACKERS), lines, keep)
@@ -134,7 +129,7 @@ def feed(episodes: int, keep: bool) -> None:
             f"{np.mean(faulty):.1f}",
             f"{found.fact('transit').mean():.2f} s",
             f"{found.fact('on_table').mean():.1f}",
-            quantity(median(found.rate_over_bound), 100.0, 0, "%"),
+            quantity(quartiles(found.rate_over_bound).median, 100.0, 0, "%"),
             str(len(good)),
         ])  # fmt: skip
     heads = (

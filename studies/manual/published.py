@@ -6,7 +6,7 @@ import functools
 from collections.abc import Callable
 
 from agents.evaluation.tables import markdown
-from studies.manual import above_the_plane, open_tasks
+from studies.manual import above_the_plane, open_tasks, rivals
 from studies.manual.figures_file import RESULTS, Published, table, with_time
 from studies.manual.trained import trained
 
@@ -117,5 +117,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "trained": trained,
     **above_the_plane.TABLES,
     **open_tasks.TABLES,
+    **rivals.TABLES,
 }
 """By the name of the file in ``docs/generated``."""

@@ -2,7 +2,6 @@
 
 - ``figures`` plays the tasks, and writes ``results/rivals.csv``; with ``--task`` those lines alone.
 - ``push`` writes ``results/rivals-push.csv``: how hard each machine can push several parts at once.
-- ``page`` writes both tables into ``docs/rivals.md``.
 - ``film`` writes ``docs/squeeze-line.gif``: a squeeze line that moves.
 """
 
@@ -32,7 +31,7 @@ def _tasks(parser: argparse.ArgumentParser) -> None:
 def figures(arguments: argparse.Namespace) -> None:
     """Play, and write the table."""
     from studies.rivals.figures import EPISODES, rows
-    from studies.rivals.page import FIGURES, merged, read, written
+    from studies.rivals.tables import FIGURES, merged, read, written
     from vibgym import checks
 
     for each in arguments.task or ():
@@ -40,22 +39,15 @@ def figures(arguments: argparse.Namespace) -> None:
     path = (arguments.output or Path()) / FIGURES
     chosen = {task: EPISODES[task] for task in EPISODES if task in (arguments.task or EPISODES)}
     found = rows(chosen, told=(lambda _: None) if arguments.quiet else lambda text: print(text, flush=True))
-    print(f"table: {written(path, merged(read(path) if path.exists() else [], found))}")
+    print(f"table: {written(path, merged(read(path), found))}")
 
 
 def push(arguments: argparse.Namespace) -> None:
     """Solve the linear programmes, and write the table."""
-    from studies.rivals.page import PUSH, written
     from studies.rivals.reach import rows
+    from studies.rivals.tables import PUSH, written
 
     print(f"table: {written((arguments.output or Path()) / PUSH, rows())}")
-
-
-def page(arguments: argparse.Namespace) -> None:
-    """Write the tables into the page."""
-    from studies.rivals.page import write
-
-    print(f"page: {write(arguments.output or Path())}")
 
 
 def film(arguments: argparse.Namespace) -> None:
@@ -70,14 +62,12 @@ ROOT = "directory of results/ and docs/, instead of the present one"
 COMMANDS = {
     "figures": Command(_tasks, figures, ROOT),
     "push": Command(_nothing, push, ROOT),
-    "page": Command(_nothing, page, ROOT),
     "film": Command(_nothing, film, ROOT),
 }
 
 ROOMS = {
     "figures": Room("studies.rivals.__main__", "play the tasks: results/rivals.csv"),
     "push": Room("studies.rivals.__main__", "how hard each machine can push several parts: results/rivals-push.csv"),
-    "page": Room("studies.rivals.__main__", "write the tables into docs/rivals.md"),
     "film": Room("studies.rivals.__main__", "a squeeze line that moves: docs/squeeze-line.gif"),
 }
 

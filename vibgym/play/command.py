@@ -11,7 +11,7 @@ import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibgym import checks, imports
+from vibgym import checks, extras, imports
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp
@@ -88,9 +88,7 @@ def _check_extra() -> None:
         try:
             __import__(name)
         except ModuleNotFoundError as error:
-            missing = (error.name or name).partition(".")[0]
-            text = f"play needs {missing}, which is not installed: pip install 'vibgym[play]'"
-            raise ModuleNotFoundError(text, name=missing) from None
+            raise extras.missing("play", error, "play") from None
 
 
 def _listening(host: str, port: int) -> socket.socket:

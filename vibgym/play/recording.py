@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 import vibgym
-from vibgym import checks
+from vibgym import checks, extras
 from vibgym.envs.viewer import Viewer
 from vibgym.play.world import World
 
@@ -103,9 +103,7 @@ class Recorder:
             import minari
             from minari.data_collector import EpisodeBuffer
         except ModuleNotFoundError as error:
-            missing = (error.name or "").partition(".")[0]
-            text = f"an episode needs {missing}, which is not installed: pip install 'vibgym[data]'"
-            raise ModuleNotFoundError(text, name=missing) from None
+            raise extras.missing("an episode", error, "data") from None
         made = [each for each in self.segments if each.actions]
         if not made:
             raise checks.refuse("record", "no step", "a recording with a step at least")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from vibgym import checks
+from vibgym import checks, extras
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
 from vibgym.policies.classical.crossing import CrossingPolicy
@@ -281,8 +281,6 @@ def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Po
     except TypeError as error:
         raise checks.refuse(f"policy {kind!r}", arguments, f"its own arguments ({error})") from error
     except ModuleNotFoundError as error:
-        missing = (error.name or "").partition(".")[0]
-        if missing not in EXTRA:
+        if (error.name or "").partition(".")[0] not in EXTRA:
             raise
-        text = f"policy {kind!r} needs {missing}, which is not installed: pip install 'vibgym[policies]'"
-        raise ModuleNotFoundError(text, name=missing) from None
+        raise extras.missing(f"policy {kind!r}", error, "policies") from None

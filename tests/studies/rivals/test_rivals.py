@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.rivals import page
+from studies.manual import rivals as shown
+from studies.rivals import tables
 from studies.rivals.__main__ import main
 from studies.rivals.by_turns import ByTurnsPolicy
 from studies.rivals.contenders import OWN_SPEED, policy_of, scene_of, strength_of
@@ -159,11 +160,18 @@ def test_the_plate_sorts():
 
 
 def test_the_page_shows_the_tables():
-    assert page.made(ROOT) == (ROOT / page.PAGE).read_text(encoding="utf-8")
+    page = (ROOT / "docs/rivals.md").read_text(encoding="utf-8")
+    for name, make in shown.TABLES.items():
+        assert f"```{{include}} generated/{name}.md\n" in page
+        assert all(
+            title in make() for title in ("segmented surface", "rigid plate, as fast", "conveyor cells, one way")
+        )
+    first = tables.read(ROOT / tables.FIGURES)[1]
+    assert f"{float(first['time_median']):.2f} s, x {float(first['time_ratio']):.2f}" in shown.TABLES["rivals"]()
 
 
 def test_the_block_on_the_page_takes_the_part_along():
-    (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / page.PAGE).read_text(encoding="utf-8"), re.M | re.S)
+    (block,) = re.findall(r"^```python\n(.*?)^```", (ROOT / "docs/rivals.md").read_text(encoding="utf-8"), re.M | re.S)
     names = {}
     exec(block, names)
     assert names["simulator"].state.pose[0, 0, 0] == pytest.approx(0.1 + 0.1 * 100 * SURFACE.period, abs=0.015)
@@ -187,16 +195,9 @@ def test_the_plate_serves_by_turns_where_there_are_zones():
 
 def test_new_lines_replace_those_of_their_task():
     old = [{"task": "Sort", "machine": "plate"}, {"task": "Align", "machine": "plate"}]
-    found = page.merged(old, [{"task": "Sort", "machine": "conveyor"}])
+    found = tables.merged(old, [{"task": "Sort", "machine": "conveyor"}])
     assert found == [{"task": "Align", "machine": "plate"}, {"task": "Sort", "machine": "conveyor"}]
 
 
-def test_bad_input_is_refused_in_one_line(capsys, tmp_path):
+def test_bad_input_is_refused_in_one_line(capsys):
     assert "--task" in refusal(capsys, main, "figures", "--task", "Juggle")
-    assert "docs/rivals.md" in refusal(capsys, main, "page", "--output", tmp_path)
-    (tmp_path / "docs").mkdir()
-    (tmp_path / "docs/rivals.md").write_text("no markers")
-    assert "rivals.csv" in refusal(capsys, main, "page", "--output", tmp_path)
-    for each in (page.FIGURES, page.PUSH):
-        page.written(tmp_path / each, page.read(ROOT / each))
-    assert "markers" in refusal(capsys, main, "page", "--output", tmp_path)
