@@ -34,9 +34,7 @@ class Limits:
     most_friction: float  # of parts that slide all the time
     smallest: float  # scale at which this part could still be turned wherever it lies; nan if it cannot itself
     circle: float  # m, radius on which the part circles at rest
-    tipping: (
-        float | None
-    )  # share of the way to the edge that friction takes, at rest; None where the height is not known
+    tipping: float | None  # share of the way to the edge that friction takes, at rest; None: height not known
     bound: TimeBound  # of a pose
 
 
