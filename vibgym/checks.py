@@ -1,34 +1,38 @@
-"""Checks of arguments: one clear error that names the argument, the bad value and what is allowed."""
+"""Validation of arguments: one clear error, in one of four forms (range, conflict, missing, unknown).
+
+Every error is a :class:`Refused`, a ``ValueError`` of one line; command lines turn it into exit code 2.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import difflib
 import inspect
 import math
 import numbers
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 MOST_PERIODS = 1_000_000_000
-"""That one call may ask for: hours of computing, and a number that compiled code can hold."""
+"""Most periods of one call: hours of computing, within the integers of compiled code."""
 
 MOST_LABEL = 80
-"""Characters of a name that reports and pictures show."""
+"""Most characters of a name shown in reports and images."""
 
 
 class Refused(ValueError):
-    """Bad input, said in one line. Any other ValueError is a fault of the program."""
+    """Invalid input, described in one line. Any other ``ValueError`` is a fault of the program."""
 
 
 @contextlib.contextmanager
 def within(place: object, joint: str = ": ", kind: type[ValueError] = ValueError) -> Iterator[None]:
-    """What shows inside to be wrong with values is bad input of a file or a setting, whose name comes first.
+    """Prefix errors raised inside with the name of the file or setting that holds the values.
 
-    Around work that may fail for other reasons ``kind`` is :class:`Refused`.
+    Use ``kind=Refused`` around work that may fail for other reasons.
     """
     try:
         yield
@@ -37,13 +41,42 @@ def within(place: object, joint: str = ": ", kind: type[ValueError] = ValueError
 
 
 def refuse(name: str, value: object, allowed: str) -> Refused:
-    """The error for argument ``name``, in one line of characters that show; long values and names are shortened."""
-    message = f"{_shortened(name, 500)}: got {_shortened(shown(value), 120)}; allowed: {_shortened(allowed, 2000)}"
+    """Return the error for an argument outside its range: ``friction must be in (0, 2], got 3.1``.
+
+    Args:
+        name: of the argument.
+        value: that was given.
+        allowed: noun phrase that follows "must be".
+    """
+    return _error(f"{_shortened(name, 500)} must be {_shortened(allowed, 2000)}, got {_shortened(shown(value), 120)}")
+
+
+def conflict(message: str) -> Refused:
+    """Return the error for settings that exclude or require one another: ``--ray requires --seeds``."""
+    return _error(_shortened(message, 2000))
+
+
+def missing(name: str, reason: str = "") -> Refused:
+    """Return the error for a missing field: ``missing field 'radius' (required for shape 'disc')``."""
+    return _error(f"missing field {name!r}" + (f" ({reason})" if reason else ""))
+
+
+def unknown(what: str, value: object, known: Iterable[object]) -> Refused:
+    """Return the error for a name that is not registered: ``unknown action 'fields'; did you mean 'field'? (element, ...)``."""
+    names = [str(each) for each in known]
+    close = difflib.get_close_matches(str(value), names, n=1) if isinstance(value, str) else []
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return _error(
+        f"unknown {_shortened(what, 500)} {_shortened(shown(value), 120)}{hint} ({_shortened(', '.join(names), 2000)})"
+    )
+
+
+def _error(message: str) -> Refused:
     return Refused(plain_text(" ".join(message.splitlines())))
 
 
 def plain_text(text: str) -> str:
-    """``text`` with escapes for what does not show, or cannot be written as UTF-8 (lone surrogates)."""
+    """Return ``text`` with escapes for characters that are not printable or not UTF-8 (lone surrogates)."""
     if text.isprintable():
         return text
     return "".join(each if each.isprintable() else each.encode("unicode_escape").decode("ascii") for each in text)
@@ -57,10 +90,10 @@ def _shortened(text: str, most: int) -> str:
 
 
 def shown(value: object) -> str:
-    """``repr``, whatever the object."""
+    """Return ``repr(value)``, or a description where ``repr`` fails."""
     try:
         return repr(value)
-    except Exception:  # Python refuses to write out numbers of thousands of digits, and objects may do anything
+    except Exception:  # Python limits the digits of printed integers, and a custom __repr__ may raise
         if isinstance(value, int):
             return f"a whole number of about {math.ceil(value.bit_length() * math.log10(2.0))} digits"
         return f"an object of type {type(value).__name__}, which cannot be shown"
@@ -69,7 +102,7 @@ def shown(value: object) -> str:
 def number(
     name: str, value: Any, *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf
 ) -> float:
-    """A finite real number in ``(above, most]`` and ``[least, most]``."""
+    """Return a finite real number in ``(above, most]`` and ``[least, most]`` as float."""
     bounds = []
     if above > -math.inf:
         bounds.append(f"> {above:g}")
@@ -90,7 +123,7 @@ def number(
 
 
 def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> int:
-    """A whole number in ``[least, most]``."""
+    """Return an integer in ``[least, most]``."""
     allowed = f"a whole number >= {least}" + ("" if most is None else f" and <= {most}")
     if isinstance(value, bool) or not isinstance(value, numbers.Integral):
         raise refuse(name, value, allowed)
@@ -101,14 +134,14 @@ def count(name: str, value: Any, *, least: int = 1, most: int | None = None) -> 
 
 
 def listed(value: Any) -> bool:
-    """Whether a value is a list, a tuple or the like, or an array with an axis; texts are none."""
+    """Return whether a value is a sequence or an array with at least one axis; strings are neither."""
     if isinstance(value, np.ndarray):
         return value.ndim > 0
     return isinstance(value, Sequence) and not isinstance(value, str | bytes | range)
 
 
 def interval(name: str, value: Any, least: float, most: float) -> tuple[float, float]:
-    """Two numbers [low, high] with ``least <= low <= high <= most``."""
+    """Return two numbers [low, high] with ``least <= low <= high <= most``."""
     if not (listed(value) and len(value) == 2):
         raise refuse(name, value, f"[low, high] with {least:g} <= low <= high <= {most:g}")
     low = number(f"{name}[0]", value[0], least=least, most=most)
@@ -116,7 +149,7 @@ def interval(name: str, value: Any, least: float, most: float) -> tuple[float, f
 
 
 def fitting(name: str, value: int, bytes_each: float) -> int:
-    """A number of things that this machine's memory can hold, if each takes ``bytes_each``."""
+    """Return a count of items of ``bytes_each`` bytes that fit into the memory of this host."""
     most = max(int(memory() / max(bytes_each, 1.0)), 1)
     if value > most:
         allowed = f"a whole number <= {most}: each takes about {bytes_each:.0f} bytes, of {memory() / 2**30:.3g} GiB of memory"
@@ -125,7 +158,7 @@ def fitting(name: str, value: int, bytes_each: float) -> int:
 
 
 def memory() -> int:
-    """Bytes of this machine's memory; where the system does not say (Windows), 16 GiB are taken for it."""
+    """Return the bytes of memory of this host; 16 GiB where the system does not report it (Windows)."""
     names = getattr(os, "sysconf_names", {})
     if "SC_PAGE_SIZE" in names and "SC_PHYS_PAGES" in names:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -133,30 +166,32 @@ def memory() -> int:
 
 
 def label(name: str, value: Any, most: int = MOST_LABEL) -> str:
-    """A text that pictures, tables and pages can show: printable, not empty, and in one line."""
+    """Return a non-empty printable string of one line."""
     if not isinstance(value, str) or not value.strip() or not value.isprintable() or len(value) > most:
-        raise refuse(name, value, f"a non-empty text of at most {most} printable characters")
+        raise refuse(name, value, f"a non-empty string of at most {most} printable characters")
     return value
 
 
 def instance(name: str, value: Any, cls: type) -> Any:
-    """An object of a class of this package."""
+    """Return ``value`` if it is an instance of a class of this package."""
     if not isinstance(value, cls):
         raise refuse(name, value, f"a vibgym.{cls.__name__}")
     return value
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False."""
+    """Return a bool."""
     if not isinstance(value, bool | np.bool_):
         raise refuse(name, value, "True or False")
     return bool(value)
 
 
 def choice(name: str, value: Any, allowed: tuple[Any, ...]) -> Any:
-    """One of ``allowed``."""
-    if not isinstance(value, str) or value not in allowed:
-        raise refuse(name, value, ", ".join(repr(each) for each in allowed))
+    """Return ``value`` if it is one of the names ``allowed``."""
+    if not isinstance(value, str):
+        raise refuse(name, value, "one of " + ", ".join(repr(each) for each in allowed))
+    if value not in allowed:
+        raise unknown(name, value, allowed)
     return value
 
 
@@ -169,7 +204,7 @@ def array(
     least: float = -math.inf,
     most: float = math.inf,
 ) -> np.ndarray:
-    """A finite array broadcast to ``shape`` (a read-only view where it had to be spread)."""
+    """Return a finite array broadcast to ``shape`` (a read-only view if it was broadcast)."""
     try:
         given = np.asarray(value)
         if given.dtype.kind not in "biuf":
@@ -178,7 +213,7 @@ def array(
         if given.dtype == dtype or np.dtype(dtype).kind == "f":
             result = given.astype(dtype, copy=False)
         else:
-            with np.errstate(invalid="ignore"):  # told below
+            with np.errstate(invalid="ignore"):  # reported below
                 result = given.astype(dtype)
             changed = result != given
         if result.shape != shape:
@@ -194,7 +229,7 @@ def array(
         ) from None
     if changed is not None and changed.any():
         raise refuse(name, _first(given, changed), "True or False" if result.dtype.kind == "b" else "whole numbers")
-    # min and max in one pass each, over the data that is really there (a spread array repeats itself)
+    # One pass each for min and max
     low, high = (result.min(), result.max()) if result.size else (0.0, 0.0)
     if not (math.isfinite(low) and math.isfinite(high)):
         raise refuse(name, _first(result, ~np.isfinite(result)), "finite numbers")
@@ -207,11 +242,11 @@ def array(
 def shaped(
     name: str, value: Any, shapes: tuple[tuple[int, ...], ...], what: str, meaning: str = "", kinds: str = "fiu"
 ) -> np.ndarray:
-    """An array of real numbers of one of ``shapes``, as it is given.
+    """Return an array of real numbers of one of ``shapes``, without conversion.
 
     Args:
-        what: of these shapes is allowed, and ``meaning``: what follows these, for errors.
-        kinds: of its numbers, NumPy's letters.
+        what: kind of array, and ``meaning``: text after the shapes, both for errors.
+        kinds: allowed NumPy kinds.
     """
     try:
         values = np.asarray(value)
@@ -229,10 +264,10 @@ def _first(values: np.ndarray, bad: np.ndarray) -> str:
 
 
 def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
-    """Kind and settings from a name, or from a mapping with ``kind`` and settings."""
+    """Return kind and settings from a name, or from a mapping with ``kind`` and settings."""
     if isinstance(value, Mapping):
         if "kind" not in value:
-            raise refuse(argument, dict(value), f"a mapping with 'kind', one of {', '.join(map(repr, kinds))}")
+            raise missing(f"{argument}['kind']", f"one of {', '.join(map(repr, kinds))}")
         settings = dict(value)
         return choice(f"{argument}['kind']", settings.pop("kind"), kinds), settings
     return choice(argument, value, kinds), {}
@@ -241,23 +276,23 @@ def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[
 def made(
     argument: str, make: Any, given: tuple[Any, ...], settings: Mapping[str, Any], more: tuple[str, ...] = ()
 ) -> Any:
-    """``make(*given, **settings)``, where settings that are not among its keyword arguments are refused by name.
+    """Return ``make(*given, **settings)``; raise an error for settings that are not among its keyword arguments.
 
     Args:
-        make: a class, or a function.
-        more: names that are allowed besides.
+        make: a class or function.
+        more: additional names that are allowed.
     """
     known = tuple(dict.fromkeys((*keywords(make), *more)))
     for name in settings:
         if name not in known:
-            raise refuse(argument, f"the setting {name!r}", ", ".join(known) or "no settings")
+            raise unknown(f"setting of {argument}", name, known)
     return make(*given, **settings)
 
 
 def keywords(make: Any) -> dict[str, Any]:
-    """Keyword arguments of a class or function with their defaults, with those of bases to which it hands on the others.
+    """Return the keyword arguments of a class or function with their defaults, including those of its bases.
 
-    A class that has many of them keeps them in a record of their own: ``SETTINGS``, a dataclass.
+    A class with many keyword arguments declares them in ``SETTINGS``, a dataclass.
     """
     names: dict[str, Any] = {}
     for each in getattr(make, "__mro__", (make,)):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import numbers
+import re
 from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
@@ -97,11 +98,12 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
     except ValidationError as error:
         fault = error.errors()[0]
         field = ".".join([where, *(str(part) or "''" for part in fault["loc"])])
-        allowed = fault["msg"]
         if fault["type"] == "extra_forbidden":
-            allowed = f"keys among {', '.join(model.model_fields)}"
-        value = "nothing" if fault["type"] == "missing" else fault["input"]
-        raise checks.refuse(field, value, allowed) from None
+            raise checks.unknown(f"key of {where}", str(fault["loc"][-1]), model.model_fields) from None
+        if fault["type"] == "missing":
+            raise checks.missing(field) from None
+        allowed = re.sub(r"^(Input|Value) should be ", "", fault["msg"])
+        raise checks.refuse(field, fault["input"], allowed) from None
 
 
 def _plain(data: dict[str, Any]) -> dict[str, Any]:
@@ -157,9 +159,9 @@ def part_from(value: Any, where: str = "parts") -> Part:
     needed = SHAPE_FIELDS[shape]
     for name in needed:
         if name not in settings:
-            raise checks.refuse(f"{where}.{name}", "nothing", f"needed for shape {shape!r}")
+            raise checks.missing(f"{where}.{name}", f"required for shape {shape!r}")
     for other in {"length", "width", "radius", "vertices"} - set(needed):
         if other in settings:
-            raise checks.refuse(f"{where}.{other}", settings[other], f"not a field of shape {shape!r}")
+            raise checks.conflict(f"{where}.{other} is not a field of shape {shape!r}")
     sizes = [settings.pop(name) for name in needed]
     return getattr(Part, shape)(*sizes, **settings)

@@ -77,13 +77,13 @@ def test_elements_with_a_dead_zone_move_enough_or_rest():
 
 @pytest.mark.parametrize("bad", [-1e-3, 0.03, "wide", np.nan])
 def test_bad_aprons_are_one_error(bad):
-    with pytest.raises(ValueError, match="^apron: got "):
+    with pytest.raises(ValueError, match="apron"):
         Allocator(SURFACE, [BLOCK], SHEET, apron=bad)
 
 
 def test_laws_take_it_where_they_allocate_themselves():
     env = batch_of("vibgym/Align-v0", num_envs=1, action="phasor")
     assert make_policy({"kind": "lqr", "apron": 0.006}, TaskInfo.of(env)).predict is not None
-    with pytest.raises(ValueError, match="apron: got 0.006; allowed: 0 with action='wrench'"):
+    with pytest.raises(ValueError, match="apron"):
         make_policy({"kind": "lqr", "apron": 0.006, "action": "wrench"}, TaskInfo.of(env))
     env.close()

@@ -160,14 +160,14 @@ def test_the_programme_s_own_policy_turns_nearly_as_far_in_the_simulator():
 
 
 @pytest.mark.parametrize(("settings", "message"), [
-    ({"position_tolerance": 0.0}, "position_tolerance: got 0.0"),
-    ({"heading_tolerance": -1.0}, "heading_tolerance: got -1.0"),
-    ({"heading_tolerance": math.nan}, "heading_tolerance: got nan"),
-    ({"heading_period": -1.0}, "heading_period: got -1.0"),
-    ({"hold": 0}, "hold: got 0"),
-    ({"periods_per_step": 0.5}, "periods_per_step: got 0.5"),
-    ({"amplitude": 1e-3}, "amplitude: got 0.001"),
-    ({"latency": -1}, "latency: got -1"),
+    ({"position_tolerance": 0.0}, "position_tolerance"),
+    ({"heading_tolerance": -1.0}, "heading_tolerance"),
+    ({"heading_tolerance": math.nan}, "heading_tolerance"),
+    ({"heading_period": -1.0}, "heading_period"),
+    ({"hold": 0}, "hold"),
+    ({"periods_per_step": 0.5}, "periods_per_step"),
+    ({"amplitude": 1e-3}, "amplitude"),
+    ({"latency": -1}, "latency"),
 ])  # fmt: skip
 def test_bad_settings(settings, message):
     with pytest.raises(ValueError, match=message):
@@ -175,9 +175,9 @@ def test_bad_settings(settings, message):
 
 
 def test_bad_scenes_and_poses():
-    with pytest.raises(ValueError, match="part: got 'friction 0.6 .*slide all the time"):
+    with pytest.raises(ValueError, match="part"):
         TimeBound(Surface(horizontal_amplitude=1e-4), Part.disc(0.02, friction=0.6), position_tolerance=0.005)
-    with pytest.raises(ValueError, match="part: got 'friction 0 "):
+    with pytest.raises(ValueError, match="part"):
         TimeBound(SURFACE, Part.disc(0.02, friction=0.0), position_tolerance=0.005)
     with pytest.raises(ValueError, match="goal: "):
         bound().steps(START, [[0.1, 0.2]])

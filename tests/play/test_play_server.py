@@ -145,9 +145,7 @@ def test_a_page_that_is_opened_twice_has_one_socket(served):
     second.socket.close()
 
 
-@pytest.mark.parametrize(
-    ("query", "said"), [({"id": "Nothing"}, "id: got 'Nothing'"), ({"start": "altered"}, "start: got")]
-)
+@pytest.mark.parametrize(("query", "said"), [({"id": "Nothing"}, "id"), ({"start": "altered"}, "start")])
 def test_bad_urls_are_one_clear_line(served, query, said):
     page = Page(served[0], **query)
     assert said in page.first["text"]

@@ -158,11 +158,11 @@ def test_a_switch_that_does_not_fit_changes_nothing():
 @pytest.mark.parametrize(
     ("bad", "names"),
     [
-        ({"id": "Alin"}, "id: got 'Alin'"),
+        ({"id": "Alin"}, "id"),
         ({"id": "CartPole-v1"}, "id"),
-        ({"id": "Align", "policy": "magic"}, "policy: got 'magic'"),
-        ({"id": "Align", "hardware": "gold"}, "hardware: got 'gold'"),
-        ({"id": "Align", "model": "exact"}, "model: got 'exact'"),
+        ({"id": "Align", "policy": "magic"}, "policy"),
+        ({"id": "Align", "hardware": "gold"}, "hardware"),
+        ({"id": "Align", "model": "exact"}, "model"),
         ({"id": "Align", "rate": 1e9}, "rate"),
         ({"id": "Align", "tilt": 0.0}, "tilt"),
     ],

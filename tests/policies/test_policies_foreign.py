@@ -42,7 +42,7 @@ def test_the_action_space_tells_the_action(shape, action):
 
 @pytest.mark.parametrize("shape", [(512,), (8, 32, 2)])
 def test_a_model_whose_actions_could_mean_two_things_must_be_told_which(shape):
-    with pytest.raises(ValueError, match=r"^policy: got 'Model.*'action': 'element' or 'action': 'phasor'") as error:
+    with pytest.raises(ValueError, match=r"policy") as error:
         make_policy(Model(shape), info_of())
     assert "\n" not in str(error.value)
     for action in ("element", "phasor"):

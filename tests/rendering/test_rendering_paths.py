@@ -43,5 +43,5 @@ def test_lines_of_absent_parts_and_off_the_picture_are_left_out(painter):
     assert np.isnan(view.paths[0]).all() and (view.paths[1] == PATHS[1]).all()
     away = [np.full((5, 2), np.nan), PATHS[1] + 1e9]
     assert (painter.paint(dataclasses.replace(EMPTY, pose=LOST, paths=away)) == plain).all()
-    with pytest.raises(ValueError, match="^paths: got '1 paths'; allowed: none, or one for each of 2 parts"):
+    with pytest.raises(ValueError, match="paths"):
         painter.paint(dataclasses.replace(EMPTY, pose=LOST, paths=PATHS[:1]))

@@ -54,7 +54,7 @@ BAD_NUMBERS = [math.nan, math.inf, -math.inf, -1.0, "1", None, True, [1.0], np.o
     + [("max_amplitude", v) for v in [3.98e-4, 1.0, *(v for v in BAD_NUMBERS if v is not None)]],
 )
 def test_bad_values_are_refused_by_name(argument, value):
-    with pytest.raises(ValueError, match=f"^{argument}: got [^;]*; allowed: "):
+    with pytest.raises(ValueError, match=f"{argument}"):
         Surface(**{argument: value})
 
 

@@ -167,13 +167,11 @@ def test_a_heading_of_ones_own_is_kept_along_the_path():
     assert there.goal[0, 0, :2] == pytest.approx([0.1, 0.08])
     assert route.sample(there.paths[0, 0], np.array([0.5]))[0, 2] == pose[0, 0, 2]
     assert start.goal[0, 0, 2] != pose[0, 0, 2]  # nothing else has changed
-    with pytest.raises(
-        ValueError, match=r"^options\['pose'\]: got .*; allowed: centres within 5 mm of .*\[0.1, 0.08\]"
-    ):
+    with pytest.raises(ValueError, match=r"options\['pose'\]"):
         task.put_down(start, start.pose + [0.006, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("paths", ["circle", 3, b"x", np.zeros(())])
 def test_bad_paths(paths):
-    with pytest.raises(ValueError, match="^paths: got .*; allowed: a list with a mapping for each part"):
+    with pytest.raises(ValueError, match="paths"):
         Follow(SURFACE, [BLOCK], paths=paths)

@@ -128,7 +128,7 @@ def test_a_goal_observation_keeps_its_reward(names):
     quiet, plain = (VibgymEnv(name, action="field", observation="goal") for name in ("Quiet", "Align"))
     assert_same(quiet.reset(seed=0), plain.reset(seed=0))
     assert_same(quiet.step(np.ones(6)), plain.step(np.ones(6)))
-    with pytest.raises(ValueError, match=r"^task_settings\['weights'\]: got .* none with observation='goal'"):
+    with pytest.raises(ValueError, match=r"task_settings\['weights'\]"):
         VibgymEnv("Align", observation="goal", task_settings={"weights": {"time": 0.1}})
 
 
@@ -143,9 +143,9 @@ def test_what_a_step_shows_cannot_be_changed(names):
 
 
 @pytest.mark.parametrize("weights, message", [
-    ({"speed": 1.0}, r"\['speed'\]: got 1.0; allowed: weights of .*distance, approach"),
-    ({"time": float("nan")}, r"\['time'\]: got nan; allowed: a finite number"),
-    ({"time": "much"}, r"\['time'\]: got 'much'"), ({3: 1.0}, r"\[3\]: got 1.0; allowed: weights of"),
+    ({"speed": 1.0}, r"\['speed'\]"),
+    ({"time": float("nan")}, r"\['time'\]"),
+    ({"time": "much"}, r"\['time'\]"), ({3: 1.0}, r"\[3\]"),
     ([0.1], "a mapping"), (None, "a mapping"),
 ])  # fmt: skip
 @pytest.mark.parametrize("task", ["Align", "Quiet"])
@@ -161,15 +161,15 @@ def returning(values):
 
 @pytest.mark.parametrize("terms, reward, message", [
     ({"a": 1.0}, lambda step: {"b": step.gap}, "no attribute 'gap'"),
-    ({"a": 1.0}, lambda step: {"b": step.now.gap}, "^terms of the reward of Mine: got 'b'; allowed: .*: a$"),
-    ({"a": 1.0}, lambda step: {"a": step.now.gap[:, 0]}, r"^reward of Mine, term 'a': got 'array of shape \(1,\).*\(1, 1\)"),
-    ({"a": 1.0}, lambda step: {"a": [[1.0], [1.0, 2.0]]}, r"^reward of Mine, term 'a': got .*\(worlds, parts\)"),
-    ({"a": 1.0}, lambda step: {"a": np.array([["one"]])}, r"^reward of Mine, term 'a': got .*an array of numbers"),
-    ({"a": 1.0}, lambda step: step.now.gap, "^reward of Mine: got .*; allowed: a mapping"),
-    ({"a": ("gap", 1.0)}, None, r"^Mine.TERMS\['a'\]\[0\]: got 'gap'; allowed: 'distance', .*'faulty'$"),
-    ({"a": ("gap", 1.0)}, lambda step: {}, r"^Mine.TERMS\['a'\]\[0\]: got 'gap'; allowed: 'distance'"),
-    ({"a": 1.0}, None, r"^Mine.TERMS\['a'\]: got 1.0; allowed: \(quantity, weight\) .*clearance.*or a reward"),
-    ({"a": float("inf")}, lambda step: {}, r"^Mine.TERMS\['a'\]: got inf; allowed: a finite number"),
+    ({"a": 1.0}, lambda step: {"b": step.now.gap}, "terms of the reward of Mine"),
+    ({"a": 1.0}, lambda step: {"a": step.now.gap[:, 0]}, r"reward of Mine, term 'a'"),
+    ({"a": 1.0}, lambda step: {"a": [[1.0], [1.0, 2.0]]}, r"reward of Mine, term 'a'"),
+    ({"a": 1.0}, lambda step: {"a": np.array([["one"]])}, r"reward of Mine, term 'a'"),
+    ({"a": 1.0}, lambda step: step.now.gap, "reward of Mine"),
+    ({"a": ("gap", 1.0)}, None, r"Mine.TERMS\['a'\]\[0\]"),
+    ({"a": ("gap", 1.0)}, lambda step: {}, r"Mine.TERMS\['a'\]\[0\]"),
+    ({"a": 1.0}, None, r"Mine.TERMS\['a'\]"),
+    ({"a": float("inf")}, lambda step: {}, r"Mine.TERMS\['a'\]"),
 ])  # fmt: skip
 def test_bad_rewards_are_refused_before_anything_is_played(names, terms, reward, message):
     own = {} if reward is None else {"reward": returning(reward)}
@@ -179,12 +179,12 @@ def test_bad_rewards_are_refused_before_anything_is_played(names, terms, reward,
 
 
 @pytest.mark.parametrize("later, message", [
-    (lambda step: {"a": np.full((1, 1), np.nan)}, "^reward of Mine, term 'a', part 0 of world 0: got nan; allowed: a finite"),
-    (lambda step: {"a": np.full((1, 1), 1e308)}, "^reward of Mine, term 'a', part 0 of world 0: got 1e[+]308; allowed: a"),
-    (lambda step: {"a": np.full((1, 1), -np.inf)}, "^reward of Mine, term 'a', part 0 of world 0: got -inf; allowed: a finite"),
-    (lambda step: {"a": np.zeros(1)}, r"^reward of Mine, term 'a': got 'array of shape \(1,\)"),
-    (lambda step: {"a": step.now.gap, "b": step.now.gap}, r"^reward of Mine: got \['a', 'b'\]; allowed: .* first step: a"),
-    (lambda step: {}, r"^reward of Mine: got \[\]; allowed: .* first step: a"),
+    (lambda step: {"a": np.full((1, 1), np.nan)}, "reward of Mine, term 'a', part 0 of world 0"),
+    (lambda step: {"a": np.full((1, 1), 1e308)}, "reward of Mine, term 'a', part 0 of world 0"),
+    (lambda step: {"a": np.full((1, 1), -np.inf)}, "reward of Mine, term 'a', part 0 of world 0"),
+    (lambda step: {"a": np.zeros(1)}, r"reward of Mine, term 'a'"),
+    (lambda step: {"a": step.now.gap, "b": step.now.gap}, r"reward of Mine"),
+    (lambda step: {}, r"reward of Mine"),
 ])  # fmt: skip
 def test_bad_rewards_are_refused_by_the_step(names, later, message):
     def reward(self, step):
@@ -203,7 +203,7 @@ def test_weights_of_a_term_that_only_the_settings_name(names):
     env.reset(seed=0)
     _, reward, *_, info = env.step(np.zeros(6))
     assert reward == pytest.approx(-10.0 * info["position_error"]) and list(info["reward_terms"]) == ["near"]
-    with pytest.raises(ValueError, match=r"\['time'\]: got 0.1; allowed: weights of .* Mine returns: near"):
+    with pytest.raises(ValueError, match=r"\['time'\]"):
         VibgymEnv("Mine", task_settings={"weights": {"near": 10.0, "time": 0.1}})
 
 

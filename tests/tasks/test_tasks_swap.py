@@ -71,12 +71,12 @@ def test_states_go_on_with_the_goals_that_have_been_exchanged():
 
 
 @pytest.mark.parametrize("settings, words", [
-    ({"parts": ["steel_block"] * 4}, "^parts: got '1 kinds: steel_block'; allowed: parts of two kinds"),
-    ({"task_settings": {"columns": 17}}, r"^task_settings\['columns'\]: got 17; allowed: .*16"),
-    ({"task_settings": {"columns": 4}}, "^parts: got '8 parts"),
-    ({"task_settings": {"apart": -1.0}}, r"^task_settings\['apart'\]: got -1.0"),
-    ({"task_settings": {"apart": 0.01, "apart_mm": 10}}, r"^task_settings\['apart_mm'\]: got 10; allowed: nothing beside"),
-    ({"task_settings": {"free": 1}}, r"^task_settings\['free'\]: got 1"),
+    ({"parts": ["steel_block"] * 4}, "parts"),
+    ({"task_settings": {"columns": 17}}, r"task_settings\['columns'\]"),
+    ({"task_settings": {"columns": 4}}, "parts"),
+    ({"task_settings": {"apart": -1.0}}, r"task_settings\['apart'\]"),
+    ({"task_settings": {"apart": 0.01, "apart_mm": 10}}, r"task_settings\['apart_mm'\]"),
+    ({"task_settings": {"free": 1}}, r"task_settings\['free'\]"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(settings, words):
     with pytest.raises(ValueError, match=words):

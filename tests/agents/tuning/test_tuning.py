@@ -126,7 +126,7 @@ def test_what_is_proposed_depends_on_nothing_but_what_was_found(tmp_path):
 def test_a_file_without_a_space_is_refused(tmp_path):
     path = tmp_path / "plain.yaml"
     path.write_text(yaml.safe_dump({key: value for key, value in SETTINGS.items() if key != "tuning"}))
-    with pytest.raises(ValueError, match="plain.yaml: tuning: got None; allowed: a mapping with 'space'"):
+    with pytest.raises(ValueError, match="plain.yaml: tuning"):
         Tuning(path)
 
 

@@ -65,5 +65,5 @@ def test_parts_pass_one_another(task, most, hardware):
 
 
 def test_bad_settings_are_refused():
-    with pytest.raises(ValueError, match="^ahead: got 0; allowed: "):
+    with pytest.raises(ValueError, match="ahead"):
         CrossingPolicy(TaskInfo.of(batch("Swap", 1)), ahead=0)

@@ -71,10 +71,10 @@ def test_good_parts_a_minute(task, settings, least):
 
 @pytest.mark.parametrize("task", ["Sort", "Follow"])
 def test_tasks_without_gates_or_goals_that_stay_are_refused(task):
-    with pytest.raises(ValueError, match=f"^policy 'lanes': got 'the task {task}'; allowed: tasks whose parts"):
+    with pytest.raises(ValueError, match="policy 'lanes'"):
         make_policy("lanes", batch(task, 1))
 
 
 def test_bad_settings_are_refused(info):
-    with pytest.raises(ValueError, match="^near: got -1.0; allowed: "):
+    with pytest.raises(ValueError, match="near"):
         FeedingPolicy(info, near=-1.0)

@@ -109,10 +109,10 @@ def test_actions_do_not_depend_on_the_worlds_beside():
 
 @pytest.mark.parametrize("task", ["Align", "Swap", "Feed"])
 def test_other_tasks_are_refused(task):
-    with pytest.raises(ValueError, match=f"policy 'push': got 'the task {task}'"):
+    with pytest.raises(ValueError, match="policy 'push'"):
         make_policy("push", TaskInfo.of(single(task)))
 
 
 def test_bad_settings_are_refused():
-    with pytest.raises(ValueError, match="speed: got -1"):
+    with pytest.raises(ValueError, match="speed"):
         rule(speed=-1.0)

@@ -94,7 +94,7 @@ def test_the_base_remembers_what_was_done():
         assert (after.acceleration[:, 0] != before.acceleration[:, 0]).any()
         memory = told
     assert policy.acted(memory, said, said) == memory
-    with pytest.raises(ValueError, match="action: got 'phasor'"):
+    with pytest.raises(ValueError, match="action"):
         other = make_policy("pose", info_of("Align"))
         other.acted(other.begin(1), said, said)
 
@@ -144,8 +144,8 @@ def test_bad_input():
     info = info_of("Align", action="wrench")
     pose = make_policy(POSE, info)
     for base, scale, message in (
-        (make_policy("pose", info), 0.5, "base.action: got 'phasor'"),
-        (replace_observation(pose), 0.5, "base.observation: got 'image'"),
+        (make_policy("pose", info), 0.5, "base.action"),
+        (replace_observation(pose), 0.5, "base.observation"),
         (pose, 0.0, "scale"),
         (pose, float("nan"), "scale"),
     ):
@@ -158,7 +158,7 @@ def test_bad_input():
     with pytest.raises(ValueError, match="env.action"):
         env = batch("Align", 2, action="field", observation="parts_and_state", autoreset_mode=AutoresetMode.SAME_STEP)
         ResidualEnv(env, pose)
-    with pytest.raises(ValueError, match="state: got 'int'"):
+    with pytest.raises(ValueError, match="state"):
         ResidualPolicy(info, pose, None).predict({"mask": np.zeros((1, 1)), "parts": None, "state": None}, 3)
     with pytest.raises(ValueError, match="policy.path"):
         make_policy({"kind": "residual", "base": "pose", "path": 3}, info)
@@ -208,5 +208,5 @@ def test_a_policy_by_itself_is_no_correction(tmp_path):
     info = info_of("Align", action="wrench")
     written(tmp_path / "plain.json", info, info.parts_layout)
     make_policy(str(tmp_path / "plain.json"), info)
-    with pytest.raises(ValueError, match=r"plain.json: residual: got None"):
+    with pytest.raises(ValueError, match=r"plain.json: residual"):
         make_policy({"kind": "residual", "base": "pose", "path": str(tmp_path / "plain.json")}, info)

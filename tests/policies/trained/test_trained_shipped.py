@@ -99,7 +99,7 @@ def test_a_shipped_policy_succeeds_as_often_as_the_table_says(name):
 @pytest.mark.parametrize("name", ALL)
 def test_a_shipped_policy_refuses_another_task(name):
     other = next(task for task in ("Rotate", "Sort") if task not in record(name)["tasks"])
-    with pytest.raises(ValueError, match=rf"{name}\.json: tasks: got .*allowed: a list with '{other}'"):
+    with pytest.raises(ValueError, match=rf"{name}\.json: tasks"):
         shipped(name, info_of(other))
 
 

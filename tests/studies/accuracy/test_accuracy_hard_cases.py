@@ -158,7 +158,7 @@ def test_refused_steps_are_not_errors(monkeypatch):
     class Refuses(endurance.Simulator):
         def __init__(self, *args, **knobs):
             if knobs["steps"] < 4:
-                raise ValueError(f"steps: got {knobs['steps']}; allowed: 4 and more")
+                raise ValueError("steps")
             super().__init__(*args, **knobs)
 
     monkeypatch.setattr(endurance, "Simulator", Refuses)

@@ -142,7 +142,7 @@ def made_up(method, change, worlds=4, **more):
 
 
 def refuse(scene):
-    raise ValueError("scene: got it; allowed: another\none")
+    raise ValueError("scene")
 
 
 def test_worlds_that_a_model_does_not_vouch_for_are_counted():
@@ -216,14 +216,14 @@ def test_model_error_and_step_error_bound_the_whole(result):
 def test_failures_are_named_and_off_the_front(result):
     assert row(result, "falling").failures == {"fell, though it does not": 1}
     assert row(result, "losing").failures == {"gave up": 2} and row(result, "losing").weak == math.inf
-    assert row(result, "refusing").refused == "scene: got it; allowed: another one"
+    assert row(result, "refusing").refused == "scene"
     for weak in (False, True):
         names = {each.candidate.method for each in comparisons.front(result, weak)}
         assert not names & {"falling", "losing", "refusing"}
     told = page.troubles(result)
     assert ("made up", "falling", "every setting, 1 of 4 worlds", "failed: fell, though it does not") in told
     assert ("made up", "losing", "every setting, 2 of 4 worlds", "failed: gave up") in told
-    assert ("made up", "refusing", "every setting", "refused: scene: got it; allowed: another one") in told
+    assert ("made up", "refusing", "every setting", "refused: scene") in told
     assert "refusing" in [method for method, _ in page.absent(result)]
 
 
@@ -271,4 +271,4 @@ def test_promises_kept_and_broken_are_told_apart(monkeypatch):
         1.5e-4 * 2.7e-3
     )
     assert kept.held is (kept.measured is not None and kept.measured <= 1e-6) and kept.measured < 1e-3
-    assert refused.refused.startswith("tolerance: got 1e-07") and refused.held is None
+    assert refused.refused.startswith("tolerance") and refused.held is None

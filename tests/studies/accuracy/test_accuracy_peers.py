@@ -53,7 +53,7 @@ def test_scipy_at_the_border_and_off_it():
 
 
 def test_scipy_refuses_what_it_does_not_know():
-    with pytest.raises(ValueError, match="^method: got 'RK23'"):
+    with pytest.raises(ValueError, match="method"):
         scipy_peers.integrate(Surface(), BLOCK, *scene(1), 1, method="RK23")
 
 
@@ -146,9 +146,9 @@ def test_mujoco_on_a_still_table_slides_to_a_stop():
 def test_mujoco_builds_the_elements_within_reach():
     built = mujoco_scene.build(Surface(), BLOCK, [0.4, 0.1, 0.0], reach=0.01)
     assert set(built.row) == set(range(2, 6)) and len(built.row) == built.model.nbody - 3
-    with pytest.raises(ValueError, match="^part: got"):
+    with pytest.raises(ValueError, match="part"):
         mujoco_scene.build(Surface(), L_SHAPE, [0.4, 0.1, 0.0], reach=0.01)
-    with pytest.raises(ValueError, match="^timestep: got"):
+    with pytest.raises(ValueError, match="timestep"):
         mujoco_scene.simulate(Surface(), BLOCK, *scene(1), 1, timestep=3e-4)
 
 

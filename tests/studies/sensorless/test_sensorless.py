@@ -143,14 +143,14 @@ def test_the_command_writes_schedules_and_a_page(tmp_path):
 
 
 @pytest.mark.parametrize("text, message", [
-    ("parts: [cube]", "parts: got "),
-    ("friction: [1.1, 0.9]", r"friction\[1\]: got 0.9"),
-    ("goal: [0.4, 0.1]", "goal: got "),
-    ("goal: [-0.4, 0.1, 0.0]", "goal: x: got -0.4"),
-    ("goal: [0.9, 0.1, 0.0]", "goal: x: got 0.9"),
-    ("seeds: [1, 1]", "seeds: got "),
-    ("hardware: [dream]", "hardware.0: got 'dream'"),
-    ("speed: 3", "speed: got 3; allowed: keys among"),
+    ("parts: [cube]", "parts"),
+    ("friction: [1.1, 0.9]", r"friction\[1\]"),
+    ("goal: [0.4, 0.1]", "goal"),
+    ("goal: [-0.4, 0.1, 0.0]", "goal: x"),
+    ("goal: [0.9, 0.1, 0.0]", "goal: x"),
+    ("seeds: [1, 1]", "seeds"),
+    ("hardware: [dream]", "hardware.0"),
+    ("speed: 3", "speed"),
 ])  # fmt: skip
 def test_bad_configurations_are_refused_before_anything_is_written(tmp_path, capsys, text, message):
     config = tmp_path / "bad.yaml"

@@ -150,19 +150,19 @@ def test_the_cylinders_that_the_figures_ask_for():
 
 
 def test_bad_input():
-    with pytest.raises(ValueError, match="radius: got 0"):
+    with pytest.raises(ValueError, match="radius"):
         Cylinder(0.0, 0.01)
-    with pytest.raises(ValueError, match="centre_height: got -1"):
+    with pytest.raises(ValueError, match="centre_height"):
         Cylinder(0.02, -1.0)
-    with pytest.raises(ValueError, match="friction: got nan"):
+    with pytest.raises(ValueError, match="friction"):
         Cylinder(0.02, 0.01, math.nan)
-    with pytest.raises(ValueError, match="tilt: got 0"):
+    with pytest.raises(ValueError, match="tilt"):
         FLAT.released(0.0)
-    with pytest.raises(ValueError, match="tilt: got 0.6.*; allowed: one at which precession"):
+    with pytest.raises(ValueError, match="tilt"):
         TALL.precession(0.6)
-    with pytest.raises(ValueError, match="radius: got 0.5; allowed: one for which some height"):
+    with pytest.raises(ValueError, match="radius"):
         height_of_constant_tilt(0.5, 0.1, -4.7, -15.7)
-    with pytest.raises(ValueError, match="state: got .*; allowed: one in which the rim slides"):
+    with pytest.raises(ValueError, match="state"):
         follow(replace(FLAT, friction=0.6).rim(), FLAT.released(0.1), 0.1)
-    with pytest.raises(ValueError, match="state: got .*; allowed: one from which the axis does not come upright"):
+    with pytest.raises(ValueError, match="state"):
         follow(FLAT.rim(), FLAT.released(0.1), 0.2)  # falls flat

@@ -63,7 +63,7 @@ def test_other_shapes_have_no_stable_heading():
 
 
 def test_unknown_hardware_is_refused():
-    with pytest.raises(ValueError, match="hardware: got 'real'; allowed: 'ideal', 'prototype'"):
+    with pytest.raises(ValueError, match="hardware"):
         squeezed(shipped_part("steel_block"), "real")
 
 
