@@ -15,14 +15,23 @@ from typing import Any, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError
 
-from vibgym import checks, strict_yaml
+from vibgym import checks
 from vibgym.files import reason
 from vibgym.scene.parts import SHIPPED, Part, shipped_part
 from vibgym.scene.surface import Surface
 
 UNITS = {"_mm": 1e-3, "_deg": math.pi / 180.0, "_g": 1e-3}
 """Suffixes of keys and the factors to SI."""
+
+
+MOST_BYTES = 1_000_000
+"""Largest settings file."""
+
+MOST_VALUES = 110_000
+"""Most values of a settings file, keys included: all seeds of the longest evaluation fit."""
 
 
 class Settings(BaseModel):
@@ -115,26 +124,44 @@ def _plain(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def load_yaml(path: str | Path) -> dict[str, Any]:
-    """Read a YAML mapping.
-
-    Beyond YAML's own rules every key stands once, nothing contains itself, texts hold no control characters, and there are
-    bounds: a file of :data:`vibgym.strict_yaml.MOST_BYTES`, :data:`~vibgym.strict_yaml.DEEPEST` levels of nesting, and
-    :data:`~vibgym.strict_yaml.MOST_NODES` values once every alias is written out.
+    """Read a YAML 1.2 mapping. Duplicate keys, several documents and tags for Python objects are errors.
 
     Raises:
-        ValueError: the file cannot be read, breaks a rule (names file and line), or is not a mapping.
+        ValueError: the file cannot be read, is larger than 1 MB, is not valid YAML (names file and line), is not a mapping, or
+            holds more than :data:`MOST_VALUES` values once every alias is expanded.
     """
     path = Path(path)
     try:
-        # One byte more than allowed tells that there is too much, be the file as large as it may, or endless.
         with path.open("rb") as file:
-            content = file.read(strict_yaml.MOST_BYTES + 1)
+            content = file.read(MOST_BYTES + 1)  # the file may be a device without an end
     except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise checks.refuse("config", str(path), f"a readable file ({reason(error)})") from None
-    data = strict_yaml.load(content, str(path))
+    if len(content) > MOST_BYTES:
+        raise checks.refuse(str(path), f"more than {MOST_BYTES} bytes", f"a file of at most {MOST_BYTES} bytes")
+    try:
+        data = YAML(typ="safe", pure=True).load(content.decode("utf-8"))
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        where = path if mark is None else f"{path}, line {mark.line + 1}"
+        raise checks.refuse(str(where), error.problem, "valid YAML") from None
+    except Exception as error:  # constructors of dates and numbers, UTF-8, and the recursion limit
+        raise checks.refuse(str(path), str(error), "valid YAML") from None
     if not isinstance(data, dict):
         raise checks.refuse(str(path), type(data).__name__, "a mapping of settings")
+    _check_size(path, data)
     return data
+
+
+def _check_size(path: Path, data: dict[str, Any]) -> None:
+    """Limit the values with every alias expanded: nested aliases grow exponentially, and an alias of itself never ends."""
+    count, pending = 0, [data]
+    while pending:
+        value: Any = pending.pop()
+        inner = [*value, *value.values()] if isinstance(value, dict) else value if isinstance(value, list) else []
+        count += len(inner)
+        if count > MOST_VALUES:
+            raise checks.refuse(str(path), f"more than {MOST_VALUES} values", f"a file of at most {MOST_VALUES} values")
+        pending.extend(inner)
 
 
 def surface_from(value: Any) -> Surface:
