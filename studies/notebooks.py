@@ -16,13 +16,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from vibgym import interrupts
-
-interrupts.start_command()
-
-from agents import command_line  # noqa: E402 - imports take a while in which Ctrl-C is in hand already
-from agents.command_line import Command  # noqa: E402
-from vibgym import checks, files  # noqa: E402
+from agents import command_line
+from agents.command_line import Command
+from vibgym import checks, files
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "notebooks"
@@ -143,4 +139,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    interrupts.leave(main())
+    sys.exit(main())

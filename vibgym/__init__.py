@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from vibgym import _renamed, interrupts
+from vibgym import _renamed, registration
 
 if TYPE_CHECKING:
     from vibgym.policies import make_policy
@@ -30,9 +30,7 @@ _PLACES = {
 """Where names are that are imported when first asked for."""
 
 _renamed.install()
-
-if not interrupts.started():  # a command line takes Ctrl-C in hand first, and registers then
-    importlib.import_module("vibgym.registration").register_environments()
+registration.register_environments()
 
 
 def __getattr__(name: str) -> Any:

@@ -11,11 +11,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibgym import interrupts
-
-interrupts.start_command()
-
-from vibgym.play import command  # noqa: E402 - imports take a while in which Ctrl-C is in hand already
+from vibgym.play import command
 
 
 def parser() -> argparse.ArgumentParser:
@@ -37,9 +33,11 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
-    if arguments.command == "play":
-        return interrupts.run(lambda: played(arguments))
-    return interrupts.run(lambda: compiled(arguments.ship))
+    try:
+        return played(arguments) if arguments.command == "play" else compiled(arguments.ship)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr, flush=True)
+        return 130
 
 
 def played(arguments: argparse.Namespace) -> int:
@@ -71,4 +69,4 @@ def compiled(ship: Path | None = None) -> int:
 
 
 if __name__ == "__main__":
-    interrupts.leave(main())
+    sys.exit(main())

@@ -15,8 +15,6 @@ from typing import Any, Literal, TypeVar, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
-from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError
 
 from vibgym import checks
 from vibgym.files import reason
@@ -130,6 +128,9 @@ def load_yaml(path: str | Path) -> dict[str, Any]:
         ValueError: the file cannot be read, is larger than 1 MB, is not valid YAML (names file and line), is not a mapping, or
             holds more than :data:`MOST_VALUES` values once every alias is expanded.
     """
+    from ruamel.yaml import YAML  # importing it takes as long as the rest of this module
+    from ruamel.yaml.error import MarkedYAMLError
+
     path = Path(path)
     try:
         with path.open("rb") as file:

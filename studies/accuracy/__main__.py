@@ -6,13 +6,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from vibgym import interrupts
-
-interrupts.start_command()
-
-from agents import command_line  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
-from agents.command_line import Command  # noqa: E402
-from vibgym import checks  # noqa: E402
+from agents import command_line
+from agents.command_line import Command
+from vibgym import checks
 
 
 def progress(text: str) -> None:
@@ -57,4 +53,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    interrupts.leave(main())
+    sys.exit(main())

@@ -9,15 +9,11 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibgym import interrupts
-
-interrupts.start_command()
-
-from agents import command_line  # noqa: E402 - imports take a while in which Ctrl-C is in hand already
-from agents.command_line import Command  # noqa: E402
-from studies.release import built, tried  # noqa: E402
-from studies.release.checked import ROOT, Failed, Row, table  # noqa: E402
-from vibgym import checks, files  # noqa: E402
+from agents import command_line
+from agents.command_line import Command
+from studies.release import built, tried
+from studies.release.checked import ROOT, Failed, Row, table
+from vibgym import checks, files
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -92,4 +88,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    interrupts.leave(main())
+    sys.exit(main())

@@ -8,15 +8,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibgym import interrupts
-
-interrupts.start_command()
-
-from agents import command_line  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
-from agents.command_line import Command, Room  # noqa: E402
+from agents import command_line
+from agents.command_line import Command, Entry
 
 
 def _nothing(parser: argparse.ArgumentParser) -> None:
@@ -65,19 +62,19 @@ COMMANDS = {
     "film": Command(_nothing, film, ROOT),
 }
 
-ROOMS = {
-    "figures": Room("studies.rivals.__main__", "play the tasks: results/rivals.csv"),
-    "push": Room("studies.rivals.__main__", "how hard each machine can push several parts: results/rivals-push.csv"),
-    "film": Room("studies.rivals.__main__", "a squeeze line that moves: docs/squeeze-line.gif"),
+ENTRIES = {
+    "figures": Entry("studies.rivals.__main__", "play the tasks: results/rivals.csv"),
+    "push": Entry("studies.rivals.__main__", "how hard each machine can push several parts: results/rivals-push.csv"),
+    "film": Entry("studies.rivals.__main__", "a squeeze line that moves: docs/squeeze-line.gif"),
 }
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     return command_line.run_one_of(
-        "python -m studies.rivals", "Compare the segmented surface with Table 1.1's other machines.", ROOMS, argv
+        "python -m studies.rivals", "Compare the segmented surface with Table 1.1's other machines.", ENTRIES, argv
     )
 
 
 if __name__ == "__main__":
-    interrupts.leave(main())
+    sys.exit(main())

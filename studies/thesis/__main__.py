@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from vibgym import interrupts
-
-interrupts.start_command()
-
-from agents import command_line  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
-from agents.command_line import Command  # noqa: E402
+from agents import command_line
+from agents.command_line import Command
 
 
 def thesis_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,4 +32,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    interrupts.leave(main())
+    sys.exit(main())

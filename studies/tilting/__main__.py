@@ -5,11 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from vibgym import interrupts
-
-interrupts.start_command()
-
-from studies.tilting import (  # noqa: E402 - imports take seconds in which Ctrl-C is in hand already
+from agents import command_line
+from studies.tilting import (
     cost,
     endurance,
     energy,
@@ -21,7 +18,7 @@ from studies.tilting import (  # noqa: E402 - imports take seconds in which Ctrl
     means,
     transport,
 )
-from vibgym import checks  # noqa: E402
+from vibgym import checks
 
 STUDIES = {
     "kick": kick.main,
@@ -49,8 +46,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         STUDIES[words[0]]()
         return 0
 
-    return interrupts.run(work)
+    return command_line.guarded("python -m studies.tilting", work)
 
 
 if __name__ == "__main__":
-    interrupts.leave(main())
+    sys.exit(main())

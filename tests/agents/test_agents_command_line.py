@@ -22,7 +22,7 @@ def faulty():
 
 def test_bad_input_is_one_line(capsys):
     assert program(refused) == 2
-    assert capsys.readouterr().err == "seed"
+    assert capsys.readouterr().err == "seed must be a whole number >= 0, got -1\n"
 
 
 def test_a_fault_keeps_its_traceback():
