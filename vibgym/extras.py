@@ -1,4 +1,4 @@
-"""Says in one line which extra is missing, where a traceback would say which package."""
+"""Errors for missing optional dependencies, which name the extra to install."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import importlib.util
 
 
 class MissingExtra(ImportError):
-    """A package that an extra brings is not installed. Notebooks show the line, and nothing else."""
+    """A package of an extra is not installed. Notebooks show one line without a traceback."""
 
     def _render_traceback_(self) -> list[str]:
-        """What IPython prints for it."""
+        """Return the lines that IPython prints."""
         return [str(self)]
 
 
 def require(extra: str, *packages: str) -> None:
-    """Go on only where what an extra brings is installed; nothing is imported.
+    """Check that packages of an extra are installed, without importing them.
 
     Args:
         extra: of vibgym, such as ``"learn"``.
-        *packages: those of its packages that are needed, by the names that they are imported by.
+        *packages: required packages, by import name.
 
     Raises:
-        MissingExtra: one of them is not installed; the message names it and the command that installs the extra.
+        MissingExtra: a package is not installed; names it and the installation command.
     """
     for package in packages:
         if not _found(package):
@@ -29,12 +29,12 @@ def require(extra: str, *packages: str) -> None:
 
 
 def missing(what: str, error: ModuleNotFoundError, extra: str) -> ModuleNotFoundError:
-    """The error to raise instead of ``error``: what does not work without which package, and the command that installs it.
+    """Return an error that names a missing package and the command that installs it.
 
     Args:
-        what: needs it.
+        what: feature that needs the package.
         error: of the import.
-        extra: of vibgym, that brings the package.
+        extra: of vibgym that provides the package.
     """
     package = (error.name or "").partition(".")[0]
     text = f"{what} needs {package}, which is not installed: pip install 'vibgym[{extra}]'"
@@ -44,5 +44,5 @@ def missing(what: str, error: ModuleNotFoundError, extra: str) -> ModuleNotFound
 def _found(package: str) -> bool:
     try:
         return importlib.util.find_spec(package) is not None
-    except ModuleNotFoundError:  # of what the package lies in
+    except ModuleNotFoundError:  # the parent package is missing
         return False

@@ -1,4 +1,4 @@
-"""Writing files so that a killed program or a full disk leaves either the old ones or the new ones, whole."""
+"""Atomic file writes: after a crash or with a full disk, files hold either the old or the new content."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ from vibgym import checks
 HOST = hashlib.sha256(socket.gethostname().encode()).hexdigest()[:8]
 
 TEMPORARY = re.compile(r"\.vibgym-([0-9a-f]{8})-([0-9]{1,10})-[0-9a-f]{16}\.tmp")
-"""Names of our temporary files: host, process, and a random number."""
+"""Names of temporary files: host, process and a random number."""
 
 LONGEST_NAME = 128
-"""Of what is written into an output directory, generously: TensorBoard names its files by time, host and process."""
+"""Longest file name written to an output directory; TensorBoard uses time, host and process."""
 
 DAY = 86_400.0
 
-_in_work: set[str] = set()
-"""Temporary files that this process is writing."""
+_open_files: set[str] = set()
+"""Temporary files of this process."""
 
 
 class WriteError(OSError):
-    """Files could not be written; those that stood there before are whole, and no new one stands beside them."""
+    """Files could not be written; existing files are unchanged."""
 
 
 def output_directory(path: Path, field: str = "output") -> Path:
-    """Make sure that files can be written into ``path``, and remove what killed runs have left there.
+    """Create a writable directory and remove the temporary files of killed runs.
 
     Args:
-        path: the directory, created with its parents if needed.
-        field: name of the setting, for the error.
+        path: directory; created with its parents.
+        field: name of the setting, for errors.
 
     Raises:
-        ValueError: it cannot be created or written to.
+        ValueError: the directory cannot be created or written to.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -54,16 +54,16 @@ def output_directory(path: Path, field: str = "output") -> Path:
         _write_temporary(path, b"").unlink()
         with contextlib.suppress(FileNotFoundError):
             os.lstat(path / ("x" * LONGEST_NAME))
-    except (OSError, ValueError) as error:  # ValueError: names that no file system takes, such as one with a NUL
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
         raise checks.refuse(field, str(path), f"a directory that can be written to ({reason(error)})") from None
     return path
 
 
 def output_files(paths: Iterable[Path], field: str) -> None:
-    """Make sure that files of these names can be written or replaced; creates their directories.
+    """Check that files can be written or replaced; create their directories.
 
     Raises:
-        ValueError: a directory cannot be written to, a name is none, or something that is no file stands in its place.
+        ValueError: a directory cannot be written to, or a path is not that of a file.
     """
     for path in paths:
         try:
@@ -71,26 +71,26 @@ def output_files(paths: Iterable[Path], field: str) -> None:
         except (FileNotFoundError, NotADirectoryError):
             regular = True
         except (OSError, ValueError) as error:
-            raise checks.refuse(field, str(path), f"the path of a file that can be written ({reason(error)})") from None
+            raise checks.refuse(field, str(path), f"the path of a writable file ({reason(error)})") from None
         if not regular:
-            raise checks.refuse(field, str(path), "the path of a file (what stands there is none)")
+            raise checks.refuse(field, str(path), "the path of a file, not of a directory or device")
         output_directory(path.parent, field)
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Replace the file ``path`` by ``content``; :func:`write_together` of one file."""
+    """Replace one file, see :func:`write_together`."""
     write_together({path: content})
 
 
 def write_together(contents: Mapping[Path, str | bytes]) -> None:
-    """Replace files by new contents (text as UTF-8), all of them or none.
+    """Replace the content of several files (text as UTF-8), all or none.
 
-    Every content goes to a temporary file beside its place and is flushed to the disk before the first one takes its name.
-    Where one cannot, those that have get their old contents back. So only a process that is killed between two renames leaves a
-    mixture, each file of it whole.
+    Each content is written to a temporary file in the same directory and flushed to the disk before the first rename. If a
+    rename fails, the files renamed before get their old content back. Only a process killed between two renames leaves old and
+    new files together.
 
     Raises:
-        WriteError: a file could not be written; all are as they were.
+        WriteError: a file could not be written; all files are unchanged.
     """
     fresh: dict[Path, Path] = {}
     old: dict[Path, Path | None] = {}
@@ -108,18 +108,18 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
             before = old.pop(each)
             each.unlink() if before is None else os.replace(before, each)
         if isinstance(error, OSError):
-            raise WriteError(f"{path}: could not be written ({reason(error)}); all is as it was") from error
+            raise WriteError(f"{path}: could not be written ({reason(error)}); existing files are unchanged") from error
         raise
     finally:
         for each in (*fresh.values(), *old.values()):
             if each is not None:
                 each.unlink(missing_ok=True)
-                _in_work.discard(each.name)
+                _open_files.discard(each.name)
 
 
 def _temporary(directory: Path) -> Path:
     path = directory / f".vibgym-{HOST}-{os.getpid()}-{secrets.token_hex(8)}.tmp"
-    _in_work.add(path.name)
+    _open_files.add(path.name)
     return path
 
 
@@ -132,45 +132,42 @@ def _write_temporary(directory: Path, data: bytes) -> Path:
             os.fsync(file.fileno())
     except BaseException:
         path.unlink(missing_ok=True)
-        _in_work.discard(path.name)
+        _open_files.discard(path.name)
         raise
     return path
 
 
 def _copy(path: Path) -> Path | None:
-    """A copy of a file, or None if there is none to be copied."""
+    """Copy a file; return the path of the copy, or None if the file does not exist."""
     copy = _temporary(path.parent)
     try:
         shutil.copy2(path, copy, follow_symlinks=False)
     except FileNotFoundError:
-        _in_work.discard(copy.name)
+        _open_files.discard(copy.name)
         return None
     except BaseException:
         copy.unlink(missing_ok=True)
-        _in_work.discard(copy.name)
+        _open_files.discard(copy.name)
         raise
     return copy
 
 
 def sweep(directory: Path) -> None:
-    """Remove the temporary files of processes that are gone.
-
-    Another host's processes cannot be asked: their files go when they are a day old.
-    """
+    """Remove temporary files of processes that no longer run; of other hosts, those older than a day."""
     for entry in list(os.scandir(directory)):
         match = TEMPORARY.fullmatch(entry.name)
         if match is None:
             continue
-        with contextlib.suppress(OSError):  # another run may sweep too
+        with contextlib.suppress(OSError):  # another run may remove them at the same time
             aged = time.time() - entry.stat(follow_symlinks=False).st_mtime > DAY
-            if aged or (match[1] == HOST and not _is_at_work(int(match[2]), entry.name)):
+            if aged or (match[1] == HOST and not _is_running(int(match[2]), entry.name)):
                 os.unlink(entry.path)
 
 
-def _is_at_work(process: int, name: str) -> bool:
-    if process == os.getpid():  # or had the same number: in a container the first process always has
-        return name in _in_work
-    if os.name != "posix":  # signal 0 is no question elsewhere
+def _is_running(process: int, name: str) -> bool:
+    if process == os.getpid():  # or an earlier one with the same number, as in containers
+        return name in _open_files
+    if os.name != "posix":  # elsewhere signal 0 ends the process
         return True
     try:
         os.kill(process, 0)
@@ -182,18 +179,17 @@ def _is_at_work(process: int, name: str) -> bool:
 
 
 def reason(error: Exception) -> str:
-    """Why the system refused, without the path."""
+    """Return the reason for an operating system error, without the path."""
     return getattr(error, "strerror", None) or str(error)
 
 
 def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """CSV with a header; what does not apply, None or a number that is not finite, is empty.
+    """Return rows as CSV with a header; None and numbers that are not finite become empty cells.
 
-    Spreadsheets take text that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula: it gets an
-    apostrophe in front. Numbers stay as they are.
+    Text that a spreadsheet would read as a formula (``=``, ``+``, ``-``, ``@``, tab, carriage return) gets an apostrophe.
     """
     lines: list[str] = []
-    # A writer quotes the characters of its line's end, and a lone carriage return must be.
+    # With this line end the writer also quotes lone carriage returns.
     sink: Any = SimpleNamespace(write=lines.append)
     writer = csv.writer(sink, lineterminator="\r\n")
     writer.writerow(rows[0])

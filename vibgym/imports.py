@@ -1,4 +1,4 @@
-"""A user's own modules, whose tasks, rewards, laws, sensors and algorithms take part in a command."""
+"""User modules that register tasks, rewards, controllers, sensors or algorithms for a command (``--import``)."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ _imported: list[str] = []
 
 
 def take_part(modules: Sequence[str], argument: str = "--import") -> None:
-    """Import modules or packages, those in the current directory too; importing them is what registers things.
+    """Import modules or packages, also from the current directory.
 
     Raises:
-        ValueError: there is no such module, or importing it fails, as where it registers a name that is taken; names the module
-            and the error.
+        ValueError: a module does not exist or its import fails; names the module and the error.
     """
     if modules and os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
@@ -33,5 +32,5 @@ def take_part(modules: Sequence[str], argument: str = "--import") -> None:
 
 
 def taking_part() -> tuple[str, ...]:
-    """What :func:`take_part` has imported, for processes that are started."""
+    """Return the modules imported by :func:`take_part`, for worker processes."""
     return tuple(_imported)
