@@ -14,13 +14,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from studies.thesis.state_feedback import Estimate, Observer, StateFeedback
 from vibgym import Part, Simulator, Surface
 from vibgym.actuators import PrototypeActuators
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.drive import polar_drive
-from vibgym.policies.classical.observer import Estimate, Observer
 from vibgym.policies.classical.pid import Pid, PidMemory
-from vibgym.policies.classical.state_space import StateFeedback
 
 START = (0.1, 0.104)
 """m, where parts are put down: with a step of 0.3 m there is room for an overshoot of twice that."""

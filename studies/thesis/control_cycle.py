@@ -10,13 +10,12 @@ import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
 from studies.thesis.figure import Comparison, Figure, Picture, Table
+from studies.thesis.state_feedback import Estimate, Observer, StateFeedback
 from vibgym import Surface
 from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.records import new_state
-from vibgym.policies.classical.observer import Estimate, Observer
-from vibgym.policies.classical.state_space import StateFeedback
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing.camera import CameraSensor
 from vibgym.sensing.camera.look import measure_object

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
 from studies.thesis.closed_loop import PidController, RealPlant, ReducedPlant, Response, step_response
 from studies.thesis.figure import Comparison, Figure, Picture, of_number, of_range
+from studies.thesis.state_feedback import Observer
 from vibgym import Surface
-from vibgym.policies.classical.observer import Observer
 from vibgym.scene.parts import shipped_part
 
 STEP, SECONDS = 0.3, 10.0  # m, s

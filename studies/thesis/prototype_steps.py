@@ -16,10 +16,10 @@ from studies.thesis.closed_loop import (
     step_response,
 )
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number, of_range
+from studies.thesis.state_feedback import Observer
 from studies.thesis.velocity import DEAD_ZONE
 from vibgym import Surface
 from vibgym.physics.core.hardware import FORMS
-from vibgym.policies.classical.observer import Observer
 from vibgym.scene.parts import shipped_part
 
 STEP, SECONDS, LAST = 0.2, 20.0, 10.0  # m, s, s

@@ -8,8 +8,8 @@ from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, 
 from studies.thesis.closed_loop import RealPlant, ReducedPlant, Response, StateController, step_response
 from studies.thesis.figure import Comparison, Figure, Picture, of_number
 from studies.thesis.pid_step import FINE, LIMIT, SECONDS, STEP
+from studies.thesis.state_feedback import Observer
 from vibgym import Surface
-from vibgym.policies.classical.observer import Observer
 from vibgym.scene.parts import shipped_part
 
 

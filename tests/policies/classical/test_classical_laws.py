@@ -13,7 +13,7 @@ from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.registry import make_policy
 
 HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}
-NAMED = ("pose", "lqr", "pid", "state_space")
+NAMED = ("pose", "lqr", "pid")
 
 
 @pytest.mark.parametrize("name", NAMED)
@@ -31,8 +31,8 @@ def test_planners_ask_laws_for_the_velocities_that_they_set():
     """A place ``lead v`` ahead of a part that moves with v is as good as nothing to do."""
     for name in LAWS:
         policy = make_policy({"kind": "local_field", "law": name}, info_of("Transport"))
-        if name in ("pid", "state_space"):
-            continue  # those see positions only, and need steps to know a velocity
+        if name in ("pid"):
+            continue  # it sees positions only, and needs steps to know a velocity
         rest = Measured.of(np.zeros((1, policy.info.layout.size)), policy.info)
         velocity = np.array([[[0.05, -0.02]]])
         moving = dataclasses.replace(rest, velocity=velocity, present=np.ones((1, 1), dtype=bool))

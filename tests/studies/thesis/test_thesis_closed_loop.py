@@ -10,9 +10,9 @@ from studies.thesis.pid_step import ACCELERATION, STEP
 from studies.thesis.pid_step import responses as pid_responses
 from studies.thesis.prototype_steps import LAST, responses
 from studies.thesis.prototype_steps import STEP as SMALL_STEP
+from studies.thesis.state_feedback import Observer
 from studies.thesis.state_space_step import responses as state_responses
 from vibgym import Surface
-from vibgym.policies.classical.observer import Observer
 from vibgym.scene.parts import shipped_part
 
 T = Surface().period

@@ -10,17 +10,62 @@ The gains on [p, v] make the sum over periods of ``q_p p^2 + q_v v^2 + s u^2`` l
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from vibgym.policies.classical.design import sampled, sampled_riccati
+from vibgym import checks
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
 WEIGHTS = (30000.0, 1.0)
 """1/s^4 and 1/s^2, of position and velocity squared beside accelerations squared."""
+
+
+def weights(name: str, values: Any, count: int) -> np.ndarray:
+    """Weights (count,) of a quadratic cost.
+
+    Raises:
+        ValueError: another number of them, or one that is not positive.
+    """
+    if not checks.listed(values) or len(values) != count:
+        raise checks.refuse(name, values, f"{count} weights > 0")
+    return np.array([checks.number(f"{name}[{k}]", each, above=0.0) for k, each in enumerate(values)])
+
+
+def discretize(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """F and G of ``x_k+1 = F x_k + G u_k`` for ``x' = A x + B u`` with u held for ``period`` s (eqs. 5.69 to 5.72).
+
+    Eq. 5.72 needs the inverse of A, which an integrator does not have; the exponential of both together does not.
+    """
+    from scipy import linalg  # of the extra "policies"
+
+    order, inputs = b.shape
+    both = np.zeros((order + inputs, order + inputs))
+    both[:order, :order], both[:order, order:] = a, b
+    result = linalg.expm(period * both)
+    return result[:order, :order], result[:order, order:]
+
+
+def discrete_lqr(
+    f: np.ndarray, g: np.ndarray, state: Sequence[float], control: float, name: str = "state_weights"
+) -> np.ndarray:
+    """Gains (n,) of the feedback ``u_k = -gains x_k`` that makes the sum of ``x' Q x + S u^2`` least.
+
+    Args:
+        f, g: (n, n) and (n, 1) of ``x_k+1 = F x_k + G u_k``, see :func:`discretize`.
+        name: of the argument ``state``, for errors.
+
+    Raises:
+        ValueError: weights that are not positive.
+    """
+    from scipy import linalg  # of the extra "policies"
+
+    q, s = np.diag(weights(name, state, len(f))), checks.number("control_weight", control, above=0.0)
+    p = linalg.solve_discrete_are(f, g, q, np.array([[s]]))
+    return np.linalg.solve(s + g.T @ p @ g, g.T @ p @ f)[0]
 
 
 class LqrLaw(Law):
@@ -54,9 +99,9 @@ class LqrLaw(Law):
             if same < part:
                 self.gains[part] = self.gains[same]
                 continue
-            plant = sampled(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
-            self.gains[part, 0] = sampled_riccati(*plant, state_weights, control_weight, "state_weights")
-            self.gains[part, 1] = sampled_riccati(*plant, heading_weights, control_weight, "heading_weights")
+            plant = discretize(np.array([[0.0, 1.0], [0.0, -drag]]), np.array([[0.0], [1.0]]), info.step_time)
+            self.gains[part, 0] = discrete_lqr(*plant, state_weights, control_weight, "state_weights")
+            self.gains[part, 1] = discrete_lqr(*plant, heading_weights, control_weight, "heading_weights")
         # Net of friction, as laws count: what brakes by itself is not to be made up for.
         self._rate = self.gains[:, :, 1] + self.drag[:, None]
         self.lead = float((self._rate[:, 0] / self.gains[:, 0, 0]).max())

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.policies.classical.design import polynomial
 from vibgym.policies.classical.law import Law
 from vibgym.policies.classical.measured import Measured, wrap
 from vibgym.policies.task_info import TaskInfo
@@ -25,6 +24,10 @@ POLES = (-2.0, -2.0, -2.0)
 
 ROUNDING = 1e-6
 """m/s^2 or rad/s^2 that the inverse of the frictional process may be off without being at its limit."""
+
+
+CONJUGATE = 1e-9
+"""Largest imaginary part, over the coefficient, that rounding may leave of a polynomial with real coefficients."""
 
 
 class Gains(NamedTuple):
@@ -42,6 +45,31 @@ class PidMemory(NamedTuple):
     error: np.ndarray  # the last one
     late: np.ndarray  # what the last errors asked for, given out one period later
     asked: np.ndarray  # what was given out last
+
+
+def polynomial(name: str, poles: Any, count: int) -> np.ndarray:
+    """Coefficients (count + 1,) of the monic polynomial with these roots, highest power first.
+
+    Args:
+        name: of the argument, for errors.
+        poles: ``count`` poles of a continuous system, rad/s: real numbers, complex ones, or pairs [real, imaginary].
+        count: number of poles.
+
+    Raises:
+        ValueError: another number of poles, a real part that is not negative, or complex poles without their conjugates.
+    """
+    allowed = f"{count} poles with negative real parts, complex ones in conjugate pairs"
+    try:
+        given = [complex(*each) if checks.listed(each) else complex(each) for each in poles]
+    except (TypeError, ValueError, OverflowError):
+        raise checks.refuse(name, poles, allowed) from None
+    roots = np.array(given, dtype=np.complex128)
+    if len(roots) != count or not np.isfinite(roots).all() or not (roots.real < 0.0).all():
+        raise checks.refuse(name, poles, allowed)
+    coefficients = np.atleast_1d(np.poly(roots))
+    if np.abs(coefficients.imag).max() > CONJUGATE * np.abs(coefficients).max():
+        raise checks.refuse(name, poles, allowed)
+    return coefficients.real
 
 
 def gains_for(poles: Any = POLES) -> Gains:
