@@ -40,11 +40,8 @@ struck.reset(seed=0)
 for _ in range(5):
     struck.step(struck.action_space.sample())
 assert struck.unwrapped.core.simulator.tipping_margin.shape == (1, 6)
-from vibgym.allocation import Inverse
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
-asked = np.tile([0.4, 0.1, 0.0], (3, 1)), np.zeros((3, 3)), np.tile([1.0, 0.5, 3.0], (3, 1))
-Inverse(vibgym.Surface(), part, corrections=2).phasors(*asked)
 friction = FrictionalInverse(vibgym.Surface(), [part, part], ahead=0.02)
 friction.acceleration(np.zeros((3, 2, 3)), friction.push(np.zeros((3, 2, 3)), np.ones((3, 2, 3))).push)
 bound = TimeBound(vibgym.Surface(), part, position_tolerance=2e-3, heading_tolerance=0.05)

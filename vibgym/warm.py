@@ -11,7 +11,6 @@ import gymnasium
 import numpy as np
 
 from vibgym import Part, Simulator, Surface, make_policy
-from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
 from vibgym.envs.actions import all_finite
@@ -73,14 +72,8 @@ def above_the_plane() -> None:
 
 
 def allocation() -> None:
-    """Phasors for a wrench, and back."""
-    surface, part = Surface(), BLOCKS[0]
-    pose, velocity = [0.4, 0.1, 0.0], [0.1, 0.0, 0.0]
-    found = phasors_for(surface, part, pose, velocity, [0.1, 0.0, 0.0])
-    mean_acceleration(surface, part, pose, velocity, found.amplitude, found.phase)
-    mean_state(surface, part, pose, velocity, found.amplitude, found.phase)
-    Inverse(surface, part, corrections=1).phasors(pose, velocity, [0.1, 0.0, 0.0])
-    friction, one = FrictionalInverse(surface, part), np.zeros((1, 1, 3))
+    """Pushes for an acceleration, and back."""
+    friction, one = FrictionalInverse(Surface(), BLOCKS[0]), np.zeros((1, 1, 3))
     friction.push(one, one)
     friction.acceleration(one, one)
 

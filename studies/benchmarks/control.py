@@ -8,7 +8,7 @@ on the machine disturbs little, of all steps together and of the median step; an
 time a world of 256, and time on the clock for one, median and 95 %.
 
 It may be four simulated steps for 256 worlds, and 1 ms for one world. Below stands what the allocator takes, by the size of
-what parts want, and what the averaged inverse takes.
+what parts want.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ import gymnasium as gym
 import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
-from studies.benchmarks.inverse import METHODS, SURFACE, cases, parts
-from vibgym import Simulator
-from vibgym.allocation import Allocator, Inverse
+from vibgym import Simulator, Surface
+from vibgym.allocation import Allocator
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.parts import Part
 
+SURFACE = Surface()
 WORLDS, MOST_RATIO, MOST_ALONE = 256, 4.0, 1e-3
 HARDWARE: dict[str, dict[str, Any]] = {
     "ideal": {},
@@ -133,20 +133,19 @@ def in_turn(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
 
 
 def allocation() -> None:
-    """Print what pushes take beside a simulated period, by the size of the wish, and what the averaged inverse takes."""
-    block, generator = parts(0.58)["aluminium"], np.random.default_rng(0)
+    """Print what pushes take compared with a simulated period, by their size."""
+    block, generator = Part.rectangle(0.050, 0.035, friction=0.58), np.random.default_rng(0)
     sheet = TaskInfo.of(gym.make("vibgym/Align-v0", **HARDWARE["prototype"])).hardware
-    asked = cases(block, WORLDS, 5)
+    border = np.array([0.1, 0.06, -np.pi])
+    poses = generator.uniform(border, [SURFACE.width, SURFACE.depth, 0.0] - border, (WORLDS, 3))
+    velocities = generator.uniform(-1.0, 1.0, (WORLDS, 3)) * [0.2, 0.2, 6.0]
     for worlds in (WORLDS, 1):
-        first = [each[:worlds] for each in asked]
+        pose = poses[:worlds, None]
         simulator = Simulator(SURFACE, block, worlds=worlds)
-        simulator.reset(first[0][:, None], first[1][:, None])
+        simulator.reset(pose, velocities[:worlds, None])
         still = np.zeros((worlds, SURFACE.rows, SURFACE.columns))
         calls: dict[str, Callable[[], object]] = {"a simulated period": lambda: simulator.advance(still, still)}  # noqa: B023
-        for name, settings in METHODS.items():
-            inverse = Inverse(SURFACE, block, **settings)  # type: ignore[arg-type]
-            calls[f"averaged inverse, {name}"] = lambda inverse=inverse, first=first: inverse.phasors(*first)
-        calls.update(wishes(block, sheet, first[0][:, None], generator))
+        calls.update(wishes(block, sheet, pose, generator))
         print(f"\n{worlds} worlds, one part, us a world")
         for name, took in in_turn(calls).items():
             print(f"  {name:<44}{1e6 * took / worlds:10.2f}")

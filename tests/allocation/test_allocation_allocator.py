@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.allocation.averaged_model import mean_acceleration
 from tests.allocation.test_allocation_cut import cut
 from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE, info_of
-from vibgym import Part, Simulator, allocation
+from vibgym import Part, Simulator
 from vibgym.actuators import DataSheet
 from vibgym.allocation.allocator import INVERSES, MARGIN, Allocator
 from vibgym.allocation.frictional import FrictionalInverse
@@ -243,7 +244,7 @@ def accelerations(parts, pose, push):
     for k, part in enumerate(parts):
         amplitude = SURFACE.max_amplitude * np.hypot(push[..., 0], push[..., 1])
         phase = np.arctan2(-push[..., 0], -push[..., 1])
-        found = allocation.mean_acceleration(SURFACE, part, pose[:, k], np.zeros(3), amplitude, phase, order=1)
+        found = mean_acceleration(SURFACE, part, pose[:, k], np.zeros(3), amplitude, phase, order=1)
         scale = 0.5 * part.friction * SURFACE.full_scale
         result.append(found / scale * np.array([1, 1, math.sqrt(part.gyration)]))
     return np.stack(result, axis=1)

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.allocation.averaged_model import mean_acceleration, mean_state
 from tests.policies.helpers import ALUMINIUM, DISC, STEEL, SURFACE
 from vibgym import Part, Simulator, Surface
-from vibgym.allocation import mean_acceleration, mean_state, phasors_for
 from vibgym.allocation.frictional import FrictionalInverse, coefficients, rim_of
 from vibgym.bounds.tables import sample
 from vibgym.physics.core.drive import polar_drive
@@ -66,21 +66,6 @@ def test_a_part_gets_what_it_wants_or_the_limit(speed, heading, ax, ay, friction
     asked, got = (wanted - idle)[0, 0, :2], (found.acceleration - idle)[0, 0, :2]
     assert abs(asked[0] * got[1] - asked[1] * got[0]) < 1e-7 * (1.0 + asked @ asked)
     assert -1e-9 <= asked @ got <= asked @ asked + 1e-7
-
-
-def test_the_general_inverse_finds_the_same():
-    velocity, wanted = draws(200, 0.3, seed=1)
-    found = FrictionalInverse(ONE, ALUMINIUM).push(velocity[:, None], wanted[:, None])
-    other = phasors_for(ONE, ALUMINIUM, [4.0, 4.0, 0.3], velocity, wanted)
-    amplitude, phase = (each[:, 0, 0] for each in motion(found.push[:, 0]))
-    good = other.reachable
-    assert 20 < good.sum() < 180
-    c = [
-        each * np.exp(1j * turn)
-        for each, turn in ((amplitude, phase), (other.amplitude[:, 0, 0], other.phase[:, 0, 0]))
-    ]
-    assert np.abs(c[0] - c[1])[good].max() < 1e-5 * SURFACE.max_amplitude
-    assert np.abs(c[0] - c[1])[~good].max() < 5e-3 * SURFACE.max_amplitude  # it may stop a little short of the limit
 
 
 @pytest.mark.parametrize("friction", [0.3, 0.58])

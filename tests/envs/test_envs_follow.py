@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same, batch, single
-from vibgym.allocation import phasors_for
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.paths import route
@@ -41,23 +40,20 @@ def test_what_is_not_asked_for_stays_zero():
 
 def followed(worlds, seed=0, **settings):
     """What a plain controller does with the observation alone: to be at the next goal, with its velocity, a period from now."""
-    env = batch("Follow", worlds, action="phasor", autoreset_mode="Disabled", **settings)
+    env = batch("Follow", worlds, action="wrench", autoreset_mode="Disabled", **settings)
     info = TaskInfo.of(env)
-    surface, period = info.surface, info.step_time
+    scale, period = env.core.action.scale, info.step_time
     seen, _ = env.reset(seed=seed)
     last = np.zeros((worlds, len(info.parts), 3))
     alive, ends, gap = np.ones(worlds, dtype=bool), {}, np.inf
     for _ in range(400):
-        m, action = Measured.of(seen, info), 0.0
-        pose = np.concatenate([m.centre, m.heading[..., None]], axis=-1)
+        m = Measured.of(seen, info)
         now = np.concatenate([m.velocity, m.spin[..., None]], axis=-1) + 0.5 * period * last
         left = np.concatenate([m.way, m.turn[..., None]], axis=-1) + m.goal_ahead[..., 0, :] - period * now
         wanted = 0.5 * left / period**2 + 0.6 * (m.goal_ahead[..., 1, :] / (2 * period) - now) / period
-        for k, part in enumerate(info.parts):
-            found = phasors_for(surface, part, pose[:, k], now[:, k], wanted[:, k])
-            phasors = found.amplitude[..., None] * np.stack([np.cos(found.phase), np.sin(found.phase)], axis=-1)
-            action, last[:, k] = action + phasors / surface.max_amplitude, found.achieved
-        seen, _, terminated, truncated, said = env.step(action.astype(np.float32))
+        action = np.clip(wanted / scale, -1.0, 1.0)
+        last = scale * action
+        seen, _, terminated, truncated, said = env.step(action.reshape(worlds, -1).astype(np.float32))
         gap = min(gap, said["clearance"][alive].min())
         for world in np.flatnonzero(alive & terminated):
             ends[world] = {name: said[name][world] for name in ("is_success", "path_error", "largest_path_error")}

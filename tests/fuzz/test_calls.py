@@ -18,7 +18,6 @@ from tests.envs.helpers import assert_same
 from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
 from vibgym import Part, Simulator, Surface, checks, config, fields
 from vibgym.actuators import actuators_from
-from vibgym.allocation import Inverse, mean_acceleration, mean_state, phasors_for
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.bounds import TimeBound
 
@@ -75,9 +74,7 @@ def meant(value):
 
 SURFACE, PART = Surface(4, 6), Part.rectangle(0.03, 0.02, friction=0.5)
 DISC = {"shape": "disc", "radius": 0.01, "friction": 0.5}
-INVERSE = Inverse(SURFACE, PART, corrections=1)
 BOUND_OF_TIME = TimeBound(SURFACE, PART, position_tolerance=2e-3)
-BOX = {"pose": [0.08, 0.05, 0.0], "velocity": 0.0}
 
 
 def sensed(kind, **settings):
@@ -183,14 +180,6 @@ CALLS = {
     ),
     "surface_from": (config.surface_from, dict(value="prototype")),
     "part_from": (config.part_from, dict(value=DISC)),
-    "phasors_for": (phasors_for, dict(surface=SURFACE, part=PART, **BOX, wrench=0.1, order=1)),
-    "mean_acceleration": (mean_acceleration, dict(surface=SURFACE, part=PART, **BOX, amplitude=0.0, phase=0.0, order=2)),
-    "mean_state": (mean_state, dict(surface=SURFACE, part=PART, **BOX, amplitude=0.0, phase=0.0)),
-    "inverse": (
-        lambda **settings: Inverse(**settings).phasors([0.08, 0.05, 0.0], 0.0, 0.1),
-        dict(surface=SURFACE, part=PART, order=1, over="period", corrections=1, threads=1),
-    ),
-    "inverse of states": (INVERSE.phasors, dict(**BOX, wrench=0.1)),
     "frictional inverse": (FrictionalInverse, dict(surface=SURFACE, parts=[PART], limit=1e-4, ahead=0.02)),
     "time bound": (
         lambda **settings: TimeBound(SURFACE, PART, **settings),

@@ -274,7 +274,7 @@ class FrictionalInverse:
     elements' push at rest (phasor ``(C, S) = -full_scale (y, x)``), the third the moment of the elements' pushes about the
     centre of mass over the radius of gyration. No lead angle is to be taken off afterwards: the second order has done that.
 
-    What is beyond the limit is cut down as in :func:`vibgym.allocation.phasors_for`: the change against elements at rest keeps
+    Beyond the limit the push is scaled down: the change against elements at rest keeps
     its direction and is scaled until the push is as long as the limit. The push that turns is limited by itself.
 
     Args:

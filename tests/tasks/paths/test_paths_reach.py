@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import ellipe, ellipk
 
+from tests.allocation.averaged_model import mean_acceleration
 from vibgym import Part, Surface
-from vibgym.allocation import mean_acceleration
 from vibgym.tasks.paths import Reach
 from vibgym.tasks.paths.reach import EFFORT, means
 

@@ -1,1 +1,1 @@
-"""Friction averaged over the period: averages, their map and inverse, integrator."""
+"""Friction averaged over the period: averages and integrator."""

@@ -26,8 +26,8 @@ EFFORT = 0.9
 """Largest effort of a path: the rest is left for corrections."""
 
 SWIRL = 0.4
-"""Share of mu A m k / 2, the torque under a swirl, that is counted on: elements have but one phase each. The averaged inverse
-(``vibgym.allocation``) finds 0.42 to 0.85 of it under the aluminium block, 0.38 to 0.85 under a disc of 40 mm, in 400 poses."""
+"""Share of mu A m k / 2, the torque under a swirl, that is counted on: elements have but one phase each. An optimum over
+all phasors reaches 0.42 to 0.85 of it under the aluminium block, 0.38 to 0.85 under a disc of 40 mm, in 400 poses."""
 
 SHARE = {"kept": 1.0 / 2.0, "along": 1.0 / 3.0}
 """Speed of paths over the part's top speed where none is given, by heading: turning takes its share of the amplitude."""

@@ -1,0 +1,67 @@
+"""Mean accelerations and mean states by the averaged model, as a reference for the closed forms of `vibgym.allocation`."""
+
+import math
+
+import numpy as np
+
+from vibgym._numba.jit import borrowing
+from vibgym.physics.averaged.contact import AveragedScheme, look_under, new_workspace, steady_part
+from vibgym.physics.averaged.contact import mean_acceleration as acceleration_at
+from vibgym.physics.core.drive import polar_drive
+from vibgym.physics.planar.phasors import forget_phasors
+from vibgym.simulation.averages_tables import averages
+
+
+@borrowing
+def mean_accelerations(drive, table, body, scheme, pose, velocity, work, result):
+    for world in range(pose.shape[0]):
+        forget_phasors(work.phasors, 0)
+        vx, vy, spin = velocity[world, 0], velocity[world, 1], velocity[world, 2]
+        n = look_under(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
+        ax, ay, aw = math.nan, math.nan, math.nan
+        if n > 0:
+            ax, ay, aw = acceleration_at(table, body, scheme, n, vx, vy, spin, work)
+        result[world, 0], result[world, 1], result[world, 2] = ax, ay, aw
+
+
+@borrowing
+def mean_states(drive, table, body, scheme, pose, velocity, work, mean_pose, mean_velocity):
+    size = body.friction * table.period / (2.0 * math.pi)
+    reach = size * table.period / (2.0 * math.pi)
+    for world in range(pose.shape[0]):
+        forget_phasors(work.phasors, 0)
+        spin = velocity[world, 2]
+        look_under(table, body, drive, world, pose[world, 0], pose[world, 1], pose[world, 2], spin, work)
+        vx, vy = steady_part(table, body, scheme, velocity[world, 0], velocity[world, 1], work)
+        mean_velocity[world, 0], mean_velocity[world, 1] = vx, vy
+        mean_velocity[world, 2] = spin - size * work.shift[2]
+        for k in range(3):
+            mean_pose[world, k] = pose[world, k] - reach * work.shift[3 + k]
+
+
+def _evaluate(kernel, order, surface, part, pose, velocity, amplitude, phase, results):
+    pose, velocity = (np.atleast_2d(np.asarray(each, dtype=float)) for each in (pose, velocity))
+    worlds = max(len(pose), len(velocity))
+    pose, velocity = (np.ascontiguousarray(np.broadcast_to(each, (worlds, 3))) for each in (pose, velocity))
+    full = (worlds, surface.rows, surface.columns)
+    drive = polar_drive(
+        np.ascontiguousarray(np.broadcast_to(amplitude, full), dtype=float),
+        np.ascontiguousarray(np.broadcast_to(phase, full), dtype=float),
+        surface.angular_frequency,
+    )
+    table, body = surface.table(), part.body()
+    found = [np.empty((worlds, 3)) for _ in range(results)]
+    scheme = AveragedScheme(order, 1, 1, averages())
+    kernel(drive, table, body, scheme, pose, velocity, new_workspace(table, body), *found)
+    assert np.isfinite(found).all()
+    return found
+
+
+def mean_acceleration(surface, part, pose, velocity, amplitude, phase, *, order=2):
+    """Mean acceleration (worlds, 3) at a mean pose and velocity, m/s^2 and rad/s^2."""
+    return _evaluate(mean_accelerations, order, surface, part, pose, velocity, amplitude, phase, 1)[0]
+
+
+def mean_state(surface, part, pose, velocity, amplitude, phase):
+    """Mean pose and velocity (worlds, 3) of the state at the start of a period."""
+    return _evaluate(mean_states, 1, surface, part, pose, velocity, amplitude, phase, 2)
