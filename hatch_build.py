@@ -1,6 +1,6 @@
 """How wheels are built: by hatchling, with the kernels' bitcode for the Python and the versions that build it.
 
-``vibgym/_numba/shipped.py`` says what that is, and docs/numba.md how to put several versions into one wheel. It is made by
+``vibgym/kernels/shipped.py`` says what that is, and docs/numba.md how to put several versions into one wheel. It is made by
 ``python -m vibgym warm --ship`` in the environment of the build, which takes a minute or two where nothing is compiled yet. So
 that environment holds what the package runs on, in the versions of constraints.txt; an editable installation, which holds no
 bitcode, asks for nothing but hatchling.
@@ -71,7 +71,7 @@ class Kernels(BuildHookInterface):
         self._folder = Path(tempfile.mkdtemp(prefix="vibgym-kernels-"))
         for python in os.environ.get("VIBGYM_SHIP_PYTHONS", sys.executable).split(os.pathsep):
             self._collect(python, self._folder)
-        build_data["force_include"][str(self._folder)] = "vibgym/_numba/shipped"
+        build_data["force_include"][str(self._folder)] = "vibgym/kernels/shipped"
 
     def _collect(self, python: str, folder: Path) -> None:
         environment = {name: value for name, value in os.environ.items() if name not in UNSET}

@@ -13,7 +13,7 @@ import pytest
 
 import vibgym
 from studies.release import built
-from vibgym._numba.vector import WIDTH
+from vibgym.kernels.vector import WIDTH
 
 ROOT = Path(__file__).parents[1]
 

@@ -51,7 +51,7 @@ def played(arguments: argparse.Namespace) -> int:
 
 def compiled(ship: Path | None = None) -> int:
     """Compile all kernels, and write to a folder what wheels hold of them; returns the exit code."""
-    from vibgym._numba.jit import cache_folder
+    from vibgym.kernels.jit import cache_folder
 
     folder = cache_folder()
     if folder is None:
@@ -60,7 +60,7 @@ def compiled(ship: Path | None = None) -> int:
     from vibgym.warm import warm
 
     if ship is not None:
-        from vibgym._numba.jit import collect
+        from vibgym.kernels.jit import collect
 
         collect(ship)
     took = warm(print)

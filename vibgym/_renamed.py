@@ -10,7 +10,10 @@ import warnings
 from collections.abc import Sequence
 from types import ModuleType
 
-RENAMED: dict[str, str] = {}
+RENAMED: dict[str, str] = {
+    "vibgym._numba": "vibgym.kernels",
+    "vibgym.physics.collision": "vibgym.physics.contacts",
+}
 """Old module name -> new module name."""
 
 

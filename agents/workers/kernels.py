@@ -8,8 +8,8 @@ import numba
 from filelock import FileLock
 
 import vibgym
-from vibgym._numba.jit import cache_folder
 from vibgym.files import write_atomically
+from vibgym.kernels.jit import cache_folder
 from vibgym.warm import warm
 
 STAMP = f"vibgym {vibgym.__version__}, numba {numba.__version__}"

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import exact
-from vibgym._numba.vector import LANES, load, store
+from vibgym.kernels.jit import exact
+from vibgym.kernels.vector import LANES, load, store
 from vibgym.physics.planar.pressure_moments import MOMENT_ROWS
 from vibgym.physics.planar.wrench import expanded_wrench
 

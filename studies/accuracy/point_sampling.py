@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 
 _TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import uniform
-from vibgym.physics.collision.hulls import all_gaps, place_hulls, wall_gap
+from vibgym.physics.contacts.hulls import all_gaps, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import shipped_part
 

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from vibgym._numba.foreign import call_foreign, foreign
-from vibgym._numba.jit import borrowing, jit
-from vibgym._numba.reference import Layout, Pinned
+from vibgym.kernels.foreign import call_foreign, foreign
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.reference import Layout, Pinned
 
 METHODS = {
     "check": ("core.action.check", "core._accept"),
@@ -35,7 +35,7 @@ METHODS = {
 }
 """Of a vector environment; where there are several, one of them is there."""
 
-PLANAR, COLLISION = "vibgym.physics.planar", "vibgym.physics.collision"
+PLANAR, COLLISION = "vibgym.physics.planar", "vibgym.physics.contacts"
 
 KERNELS = {
     "friction": (

@@ -23,8 +23,8 @@ from studies.rivals.fitting import served
 from studies.rivals.machines import MACHINES
 from studies.rivals.policies import OUTPUTS, first_strokes
 from vibgym import checks
-from vibgym._numba.jit import borrowing
 from vibgym.allocation.cut import cut_parts, new_pieces
+from vibgym.kernels.jit import borrowing
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.task_info import TaskInfo

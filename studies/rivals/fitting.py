@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, inlined
 from vibgym.allocation.cut import cut_parts
+from vibgym.kernels.jit import borrowing, inlined
 
 SWEEPS = 60
 """Over all cells under parts, most."""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 from vibgym.sensing.camera.edges import Grey, share_moments, shares
 from vibgym.sensing.camera.image import BOTH, Exposure, hide, normal_quantiles
 from vibgym.sensing.camera.objects import Found, Interest, find_objects, new_found

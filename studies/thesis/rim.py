@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 
 TILT, AZIMUTH, SPIN, LEANING, NODDING, V_X, V_Y, X, Y, WORK = range(10)
 """What the state holds: nu, alpha, n, a, b, velocity and place of the centre of mass, work of all but gravity (unit mass)."""

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.averaged.contact import AveragedScheme, look_under, new_workspace, steady_part
 from vibgym.physics.averaged.contact import mean_acceleration as acceleration_at
 from vibgym.physics.core.drive import polar_drive

@@ -7,7 +7,7 @@ import pytest
 
 from tests.envs.helpers import WALLS, batch, put, single, sorted_pose, still
 from vibgym.envs import VibgymEnv, VibgymVectorEnv
-from vibgym.physics.collision.hulls import all_gaps
+from vibgym.physics.contacts.hulls import all_gaps
 
 NAMES = {"Sort": 750, "SortTwelve": 1500, "SortThreeKinds": 750, "SortCrowded": 750, "Singulate": 500}
 

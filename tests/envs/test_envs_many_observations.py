@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import WALLS, batch, pixel, put, single, sorted_pose, still, told
-from vibgym.physics.collision.hulls import all_gaps
+from vibgym.physics.contacts.hulls import all_gaps
 
 SIZE, WIDTH, HEIGHT, SPEED = 0.026, 0.832, 0.208, 2.7e-3 * 2 * math.pi * 25.0
 DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "disc"}

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym._numba.jit import jit
-from vibgym._numba.reference import reference
-from vibgym.physics.collision import approach
-from vibgym.physics.collision.coupling import Encounter, FixedEncounter, new_contacts
-from vibgym.physics.collision.hulls import wall_gap
+from vibgym.kernels.jit import jit
+from vibgym.kernels.reference import reference
+from vibgym.physics.contacts import approach
+from vibgym.physics.contacts.coupling import Encounter, FixedEncounter, new_contacts
+from vibgym.physics.contacts.hulls import wall_gap
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.records import new_state
 from vibgym.physics.planar.workspace import FixedScene, Scene, new_workspace

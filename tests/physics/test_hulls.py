@@ -11,7 +11,7 @@ from shapely.geometry import MultiPoint, Point, Polygon
 from shapely.ops import unary_union
 
 from vibgym import Part
-from vibgym.physics.collision.hulls import BOTTOM, LEFT, RIGHT, TOP, place_hulls, wall_gap
+from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, TOP, place_hulls, wall_gap
 from vibgym.scene.hulls import convex_pieces, gaps_between, hulls_of
 
 ROUNDING = 1e-12

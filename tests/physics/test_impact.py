@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from vibgym.physics.collision.impact import Mobility, both, impact_impulse, mobility_of
+from vibgym.physics.contacts.impact import Mobility, both, impact_impulse, mobility_of
 
 
 def number(low, high):

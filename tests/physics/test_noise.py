@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 from vibgym.physics.core import noise
 
 # Known answers of Philox4x32-10 from the authors' library (Random123, file kat_vectors): counter, key, result.

@@ -8,9 +8,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vibgym import Part, Surface
-from vibgym._numba.jit import exact, jit
-from vibgym._numba.reference import Pinned, reference
-from vibgym._numba.vector import LANES, load, store
+from vibgym.kernels.jit import exact, jit
+from vibgym.kernels.reference import Pinned, reference
+from vibgym.kernels.vector import LANES, load, store
 from vibgym.physics.core.drive import polar_drive
 from vibgym.physics.core.records import STATE, new_state, state_at
 from vibgym.physics.planar.cut import cells_across, new_cut, points_at

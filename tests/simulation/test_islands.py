@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from tests.simulation.helpers import kinetic_energy, random_fields, same, snapshot
 from vibgym import Part, Simulator, Surface
-from vibgym._numba.jit import jit
-from vibgym._numba.reference import reference
-from vibgym.physics.collision.broad_phase import near_pairs, new_circles, pair_capacity
+from vibgym.kernels.jit import jit
+from vibgym.kernels.reference import reference
+from vibgym.physics.contacts.broad_phase import near_pairs, new_circles, pair_capacity
 from vibgym.scene.hulls import WALLS, gaps_between
 
 SURFACE = Surface(24, 40)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.tasks.helpers import Judge
 from vibgym import Part, Surface
-from vibgym.physics.collision.hulls import all_gaps
+from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.tasks import Align, Follow, Singulate, Sort, Start
 
 STEEL = Part.rectangle(0.050, 0.040, friction=0.64, name="steel")

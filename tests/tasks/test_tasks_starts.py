@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from vibgym import Part, Surface
-from vibgym.physics.collision.hulls import all_gaps
+from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.tasks import ArrangedTask, Singulate, Sort
 from vibgym.tasks.lattice import lattice
 from vibgym.tasks.starts import TRIES

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.reference import Pinned
 from vibgym.actuators.commands import Commands
 from vibgym.actuators.data_sheet import DataSheet
 from vibgym.actuators.stage import ActuatorStage
+from vibgym.kernels.reference import Pinned
 from vibgym.physics.core.drive import Drive, cartesian_drive, follow_phasors
 from vibgym.physics.core.hardware import (
     DEAD_ZONE,

@@ -18,12 +18,12 @@ from functools import partial
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
 from vibgym.actuators import DataSheet
 from vibgym.allocation.apron import spread_fields
 from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
 from vibgym.allocation.effect import effects, reaches
 from vibgym.allocation.projections import SPREAD, Limits, Problem, Scratch, allocate, new_scratch, start_table
+from vibgym.kernels.jit import borrowing
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
 from vibgym.allocation.cut import cut_parts
+from vibgym.kernels.jit import borrowing
 
 
 @borrowing

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import Part, Surface
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 
 
 class Outlines(NamedTuple):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from vibgym._numba.jit import borrowing
 from vibgym.allocation.cut import cut_parts
+from vibgym.kernels.jit import borrowing
 
 
 @borrowing

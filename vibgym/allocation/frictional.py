@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.averaged.averages import direction, interpolate, new_scratch
 from vibgym.scene.parts import Part
 from vibgym.scene.sliding import reached

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, inlined
 from vibgym.allocation.cut import Outlines, cut_parts
+from vibgym.kernels.jit import borrowing, inlined
 
 DAMPING = 0.003
 """Share of the mean square by which conflicting wishes are softened."""

@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
 from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import (
     FIELD_STRENGTHS,
     NOWHERE,

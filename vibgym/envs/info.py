@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, Pinned, bound
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout, Pinned, bound
 from vibgym.tasks.episode import (
     DOWN,
     ENDED,

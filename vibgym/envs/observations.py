@@ -9,11 +9,11 @@ import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym._numba.reference import bound
 from vibgym.envs.base import Observation, RowObservation, Writer
 from vibgym.envs.images import CameraObservation, ImageObservation
 from vibgym.envs.layout import Layout, RowLayout
 from vibgym.envs.writing import pinned_scene, write_goals, write_mask, write_rows
+from vibgym.kernels.reference import bound
 from vibgym.registry import Registry
 from vibgym.sensing import Measurement, Sensor
 from vibgym.tasks import PoseTask, Task

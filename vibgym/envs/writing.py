@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout as Memory
-from vibgym._numba.reference import Pinned
 from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature
 from vibgym.envs.layout import Layout
-from vibgym.physics.collision.hulls import Hulls, part_contact, part_gap, place_hulls
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout as Memory
+from vibgym.kernels.reference import Pinned
+from vibgym.physics.contacts.hulls import Hulls, part_contact, part_gap, place_hulls
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task

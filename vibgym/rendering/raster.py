@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 
 GRID_EVEN, GRID_ODD, MARK = 64, 128, 255
 """Values of channel 2: elements with even and odd row + column, heading mark."""

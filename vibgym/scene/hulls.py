@@ -8,12 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.collision.hulls import Hulls, all_gaps
+from vibgym.physics.contacts.hulls import Hulls, all_gaps
 from vibgym.scene.outlines import is_convex
 from vibgym.scene.parts import Part
 
 WALLS = ("left", "right", "bottom", "top")
-"""Borders that may have a wall, in the kernels' order (:mod:`vibgym.physics.collision.hulls`)."""
+"""Borders that may have a wall, in the kernels' order (:mod:`vibgym.physics.contacts.hulls`)."""
 
 
 @functools.lru_cache(maxsize=1024)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.collision.hulls import Hulls, all_gaps, place_hulls, wall_gap
+from vibgym.physics.contacts.hulls import Hulls, all_gaps, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

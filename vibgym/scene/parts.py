@@ -54,7 +54,7 @@ class Part:
         symmetry: turns by ``2 pi / symmetry`` map the part onto itself; 0 for a disc, whose heading shows nowhere.
         height: m.  mass: kg (of steel, if not given; sliding does not depend on it).
         restitution, contact_friction: of contacts with other parts and walls; the energetic coefficient of restitution
-            (:mod:`vibgym.physics.collision.impact`).
+            (:mod:`vibgym.physics.contacts.impact`).
         centre_height: of the centre of mass above the bottom, m (half the height, if not given).
         coupling: share of the elements' vertical motion that reaches the part, 0 to 1: a soft foot takes the rest. With 0 it
             presses evenly, whatever the elements do: friction brakes it, and nothing but other parts can move it.

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.averaged.averages import friction_rate
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

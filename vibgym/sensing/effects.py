@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
 from vibgym.config import to_si
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from, normals, uniforms
 from vibgym.registry import Registry
 from vibgym.sensing.measurement import Reading

@@ -2,7 +2,7 @@
 
 A space serves one island of parts at a time. Bodies and shapes are made once, of all parts and walls; the kernel puts those of
 an island in, steps the space by the addresses of the library's own functions, and takes them out again
-(:mod:`vibgym.physics.collision.coupling`), so that every island finds it empty. The order in which the library goes through
+(:mod:`vibgym.physics.contacts.coupling`), so that every island finds it empty. The order in which the library goes through
 shapes is that of the numbers that they are given, from 0 on: it keeps them in hash tables with more places than shapes. Tables
 grow and never shrink, and each step goes through all of them: so there are several spaces, for islands of different sizes.
 """
@@ -18,9 +18,9 @@ import pymunk
 from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
-from vibgym._numba.foreign import foreign
-from vibgym.physics.collision.impact_sequence import ImpactProperties
-from vibgym.physics.collision.solver import Solver
+from vibgym.kernels.foreign import foreign
+from vibgym.physics.contacts.impact_sequence import ImpactProperties
+from vibgym.physics.contacts.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
 from vibgym.scene.outlines import narrowest_width
 from vibgym.scene.parts import Part, kinds_of
@@ -52,7 +52,7 @@ MATERIALS = 31
 class ContactSpace:
     """pymunk spaces for the parts of a world and the walls.
 
-    Contacts in them do not rebound: :mod:`vibgym.physics.collision.impact_sequence` does that. Friction of a contact between
+    Contacts in them do not rebound: :mod:`vibgym.physics.contacts.impact_sequence` does that. Friction of a contact between
     two parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
 
     Args:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.reference import Pinned
-from vibgym._numba.vector import LANES
+from vibgym.kernels.reference import Pinned
+from vibgym.kernels.vector import LANES
 from vibgym.physics.averaged import contact, integrator
 from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.core.drive import Drive

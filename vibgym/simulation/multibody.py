@@ -1,4 +1,4 @@
-"""The planar model of several parts in a world, or walls: by the ways of :mod:`vibgym.physics.collision.multibody`."""
+"""The planar model of several parts in a world, or walls: by the ways of :mod:`vibgym.physics.contacts.multibody`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from functools import partial
 
 import numpy as np
 
-from vibgym._numba.reference import Pinned
-from vibgym._numba.vector import LANES
-from vibgym.physics.collision.broad_phase import CONTACT, FREE, NEAR
-from vibgym.physics.collision.coupling import FIXED_ENCOUNTER, Coupling, FixedEncounter, new_contacts
-from vibgym.physics.collision.multibody import (
+from vibgym.kernels.reference import Pinned
+from vibgym.kernels.vector import LANES
+from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR
+from vibgym.physics.contacts.coupling import FIXED_ENCOUNTER, Coupling, FixedEncounter, new_contacts
+from vibgym.physics.contacts.multibody import (
     CALLS,
     COUNTS,
     PROSPECT,

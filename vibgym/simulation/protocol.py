@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from vibgym._numba.reference import Pinned
-from vibgym.physics.collision.hulls import Hulls
+from vibgym.kernels.reference import Pinned
+from vibgym.physics.contacts.hulls import Hulls
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part

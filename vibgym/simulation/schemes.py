@@ -117,7 +117,7 @@ def check_contact_steps(argument: str, surface: Surface, friction: float, inclin
     """Refuse friction (and an incline, m/s^2) that contacts would need too many steps of a period for;
     ``bend``: see ``PlanarSchemes``.
 
-    The kernels find the number of steps for each island (:func:`vibgym.physics.collision.islands.run_island`).
+    The kernels find the number of steps for each island (:func:`vibgym.physics.contacts.islands.run_island`).
     """
     needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
     if not needed <= MOST_STEPS:

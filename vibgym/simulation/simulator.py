@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.reference import Pinned
+from vibgym.kernels.reference import Pinned
 from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
 from vibgym.scene import overlaps

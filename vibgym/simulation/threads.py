@@ -15,7 +15,7 @@ from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
 
 from vibgym import checks
-from vibgym._numba.vector import LANES
+from vibgym.kernels.vector import LANES
 
 SMALLEST_BLOCK = 16
 """Worlds below which a second thread costs more than it saves."""

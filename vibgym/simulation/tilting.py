@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.reference import Pinned
-from vibgym._numba.vector import LANES
+from vibgym.kernels.reference import Pinned
+from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from vibgym.physics.collision.multibody import Prospect
+from vibgym.physics.contacts.multibody import Prospect
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.tilting.records import TiltScheme
 from vibgym.physics.tilting.rows import keep_toppled, rock_rows

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.reference import Pinned
-from vibgym._numba.vector import LANES
+from vibgym.kernels.reference import Pinned
+from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State
 from vibgym.physics.planar.tipping import tipping_shares

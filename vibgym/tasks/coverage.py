@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
-from vibgym._numba.reference import reference
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.reference import reference
 
 
 @borrowing

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout
-from vibgym.physics.collision.hulls import Hulls, part_gap, place_hulls
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout
+from vibgym.physics.contacts.hulls import Hulls, part_gap, place_hulls
 from vibgym.physics.core.records import state_at
 
 DISTANCE_SCALE = 0.1  # m of progress that earn the term's full reward

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import bound
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.tasks.scoring import Scoring, Stage
 

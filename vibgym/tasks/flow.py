@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, Pinned, bound
-from vibgym.physics.collision.hulls import place_hulls
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout, Pinned, bound
+from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.records import STATE, State, state_at
 from vibgym.tasks.episode import (
     BARRED,

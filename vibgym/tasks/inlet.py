@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
-from vibgym.physics.collision.hulls import place_hulls
+from vibgym.kernels.jit import borrowing
+from vibgym.physics.contacts.hulls import place_hulls
 from vibgym.physics.core.noise import uniforms
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

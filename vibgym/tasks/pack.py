@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import bound
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

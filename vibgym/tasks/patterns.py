@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, Pinned, bound
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout, Pinned, bound
 from vibgym.physics.core.records import State
 from vibgym.tasks.episode import AWAY, BARRED, MOTION, PREVIEW, TURNED, Episode, Relations, Rules, Start
 from vibgym.tasks.paths import route

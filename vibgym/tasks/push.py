@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.reference import bound
+from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vibgym._numba.reference import Pinned, bound
+from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.records import STATE, State
 from vibgym.tasks.episode import (
     JUDGED,

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import jit
-from vibgym.physics.collision.hulls import hull_gap, part_gap, place_hulls, wall_gap
+from vibgym.kernels.jit import jit
+from vibgym.physics.contacts.hulls import hull_gap, part_gap, place_hulls, wall_gap
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface

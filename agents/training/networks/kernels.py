@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 
 ZERO, ONE, TWO, QUARTER = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.25)
 

@@ -10,7 +10,7 @@ import numpy as np
 from studies.accuracy.hard_cases.case import HardCase, Outcome, at_most
 from studies.accuracy.hard_cases.motion import one_element, random_drive, sound
 from vibgym.fields import radial, uniform
-from vibgym.physics.collision.hulls import all_gaps, place_hulls, wall_gap
+from vibgym.physics.contacts.hulls import all_gaps, place_hulls, wall_gap
 from vibgym.scene.hulls import WALLS
 from vibgym.scene.parts import Part, shipped_part
 from vibgym.scene.surface import Surface

@@ -10,7 +10,7 @@ from pathlib import Path
 from agents.workers import cluster
 
 SMALL = """
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 
 
 @jit

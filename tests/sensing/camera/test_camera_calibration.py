@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.sensing.camera.helpers import SURFACE, setup
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing.camera.calibration import Grid, assign_marks, at_height, grid_of, locate, template_for
 from vibgym.sensing.camera.optics import projected

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 from vibgym.sensing.camera.coverage import add_polygon
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skimage.measure import label, regionprops
 
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 from vibgym.sensing.camera.objects import (
     Interest,
     area_of_interest,

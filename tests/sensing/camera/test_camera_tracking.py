@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 from studies.benchmarks.camera import wandering
 from tests.sensing.camera.helpers import QUIET, SURFACE, camera, state_of
 from vibgym import Part
-from vibgym._numba.jit import jit
+from vibgym.kernels.jit import jit
 from vibgym.scene.parts import shipped_part
 from vibgym.sensing.camera.shapes import heading_order, outline_moment, room_inside, size_moment, traits_of
 from vibgym.sensing.camera.tracking import assign

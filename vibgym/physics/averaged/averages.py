@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 
 POLYNOMIAL_END = 0.8
 """Square of slip up to which the first-order coefficients are polynomials; above, they come from the table."""

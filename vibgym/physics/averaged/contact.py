@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.averaged.averages import (
     Averages,
     Scratch,

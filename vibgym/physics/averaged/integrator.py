@@ -19,8 +19,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import reference
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import reference
 from vibgym.physics.averaged.averages import friction_rate, slip_margin, wobble
 from vibgym.physics.averaged.contact import (
     AveragedScheme,

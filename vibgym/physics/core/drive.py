@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, is_given
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout, is_given
 from vibgym.physics.core.hardware import NO_HARDWARE, hardware_at, realise
 
 FIELD_STRENGTHS = 6

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, Pinned
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.noise import normals, uniforms
 
 FORMS = ("hard", "soft", "cubic")

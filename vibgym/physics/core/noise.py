@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 
 WORD = 0xFFFFFFFF
 _FIRST, _SECOND = 0xD2511F53, 0xCD9E8D57  # multipliers

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout
 
 
 class Table(NamedTuple):

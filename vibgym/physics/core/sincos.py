@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import exact_inlined
-from vibgym._numba.vector import floor, maximum, minimum, select
+from vibgym.kernels.jit import exact_inlined
+from vibgym.kernels.vector import floor, maximum, minimum, select
 
 _PER_QUARTER = 2.0 / math.pi
 

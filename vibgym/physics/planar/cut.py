@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.records import Body, Table, grip_of
 from vibgym.physics.planar.outline import (
     MOMENTS,

@@ -12,9 +12,9 @@ import math
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import reference
-from vibgym._numba.vector import LANES
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import reference
+from vibgym.kernels.vector import LANES
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import state_at
 from vibgym.physics.planar.stepper import apply_friction, copy_lane, cut_stale, enter_part, finite_lane

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import exact, exact_inlined
-from vibgym._numba.vector import (
+from vibgym.kernels.jit import exact, exact_inlined
+from vibgym.kernels.vector import (
     LANES,
     WIDTH,
     copysign,

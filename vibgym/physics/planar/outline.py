@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 
 MOMENTS = 9
 """Columns of the cell table: area, x, y, xx, xy, yy of the partial strips, then the height moments 1, y, yy."""

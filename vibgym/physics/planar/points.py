@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.records import Motion, body_incline, is_finite, most_friction
 from vibgym.physics.planar.cut import points_at, spin_split
 from vibgym.physics.planar.static import holds, slip_step

@@ -8,15 +8,15 @@ at a cost that does not depend on the number of elements underneath. With ``z = 
 
 and ``M_ba`` is its conjugate. Pressure is ``g - C cos wt + S sin wt`` on each piece, so every moment comes three times: for
 ``g``, C and S; times the element's factor on friction, where elements differ in that. Worlds stand side by side in the
-innermost index of flat arrays (lanes, :mod:`vibgym._numba.vector`).
+innermost index of flat arrays (lanes, :mod:`vibgym.kernels.vector`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from vibgym._numba.jit import exact, exact_inlined
-from vibgym._numba.vector import (
+from vibgym.kernels.jit import exact, exact_inlined
+from vibgym.kernels.vector import (
     LANES,
     WIDTH,
     bits,

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing, exact
-from vibgym._numba.vector import LANES, load, maximum, minimum, spread, store
+from vibgym.kernels.jit import borrowing, exact
+from vibgym.kernels.vector import LANES, load, maximum, minimum, spread, store
 from vibgym.physics.core.records import body_incline, most_friction
 from vibgym.physics.planar.wrench import expanded_wrench
 

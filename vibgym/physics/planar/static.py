@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 
 GAMMA = 1.0 - math.sqrt(0.5)
 """Of SDIRK2: stiffly accurate, so its last stage is its result, and sticking is exact."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing, exact
-from vibgym._numba.vector import (
+from vibgym.kernels.jit import borrowing, exact
+from vibgym.kernels.vector import (
     LANES,
     WIDTH,
     bits,

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import reference
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import reference
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import body_in, grip_of, state_at
 from vibgym.physics.planar.cut import points_at

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.reference import Layout
-from vibgym._numba.vector import LANES, WIDTH
+from vibgym.kernels.reference import Layout
+from vibgym.kernels.vector import LANES, WIDTH
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Bodies, Body, Scheme, State, Table, body_of
 from vibgym.physics.planar.cut import Cut, cells_across, finest_split, new_cut
@@ -37,7 +37,7 @@ class Step(NamedTuple):
 class Workspace(NamedTuple):
     """Parts that friction moves together: each has a slot, ``LANES`` slots are a group, and a slot's place in it is its lane.
 
-    Arrays of a group are flat, with the lane as their inner index (:mod:`vibgym._numba.vector`).
+    Arrays of a group are flat, with the lane as their inner index (:mod:`vibgym.kernels.vector`).
     """
 
     world: np.ndarray  # (slots,)
@@ -79,7 +79,7 @@ class Workspace(NamedTuple):
 
 
 class FixedScene(NamedTuple):
-    """What stays the same from call to call, pinned in memory (:mod:`vibgym._numba.reference`)."""
+    """What stays the same from call to call, pinned in memory (:mod:`vibgym.kernels.reference`)."""
 
     table: Table
     bodies: Bodies

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, exact_inlined
-from vibgym._numba.vector import LANES, load, root
+from vibgym.kernels.jit import borrowing, exact_inlined
+from vibgym.kernels.vector import LANES, load, root
 
 _TINY = 1e-30  # (m/s)^2; keeps 0/0 out of a point at rest relative to the table, where friction has no direction
 

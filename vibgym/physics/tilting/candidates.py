@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.records import body_of
 from vibgym.physics.tilting.ground import LEVEL, grip_at, ground, ground_on_line, write_plates
 from vibgym.physics.tilting.impulses import IMPACT

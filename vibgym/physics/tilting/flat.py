@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.records import grip_of
 from vibgym.physics.tilting.ground import plate
 from vibgym.physics.tilting.impulses import ENOUGH, MOST_SWEEPS, rubbed

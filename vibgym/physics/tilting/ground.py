@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import all_told_alike
 from vibgym.physics.core.records import grip_of
 from vibgym.physics.planar.phasors import forget_phasors, phasor_under

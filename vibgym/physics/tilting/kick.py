@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.noise import normals, uniforms
 
 SPIN, SPEED = 0.57, 0.0057

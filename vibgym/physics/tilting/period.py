@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.records import best_grip, friction_in, incline_size
 from vibgym.physics.tilting.attitude import (
     enter_attitude,

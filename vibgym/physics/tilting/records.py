@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.reference import Layout
+from vibgym.kernels.reference import Layout
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Bodies, State, Table
 from vibgym.physics.planar.phasors import Phasors, new_phasors

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import reference
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import reference
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import state_at
 from vibgym.physics.tilting.period import lies_level, rest, rock_period

@@ -22,9 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
 from vibgym.allocation.cut import Outlines, cut_parts, new_pieces, outlines_of
 from vibgym.allocation.projections import SPREAD
+from vibgym.kernels.jit import borrowing
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, jit
 
 INSTANTS, INTERVAL = 25, 0.08
 """Number of a prediction's instants, and the time between them, s."""

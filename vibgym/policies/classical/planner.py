@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.collision.hulls import all_gaps
+from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.policies.classical import steering
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall

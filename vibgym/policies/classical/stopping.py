@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.kernels.jit import borrowing
 from vibgym.policies.task_info import TaskInfo
 
 NODES = 512

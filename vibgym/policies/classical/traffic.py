@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
-from vibgym.physics.collision.hulls import hull_gap, place_hulls
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.physics.contacts.hulls import hull_gap, place_hulls
 
 DIRECTIONS = 20
 SPEEDS = (1.0, 0.6, 0.25)

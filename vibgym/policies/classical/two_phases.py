@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing, jit
-from vibgym.physics.collision.hulls import part_gap, place_hulls
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.physics.contacts.hulls import part_gap, place_hulls
 from vibgym.policies.classical import planner
 from vibgym.policies.classical.drawn_apart import drawn_apart
 from vibgym.policies.classical.measured import Measured, recall

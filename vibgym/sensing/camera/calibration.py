@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, jit
 from vibgym.sensing.camera.edges import Grey, share_moments, shares
 from vibgym.sensing.camera.objects import Found, Interest, clear, find, new_found
 

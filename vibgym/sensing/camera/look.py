@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, jit
 from vibgym.sensing.camera.calibration import Grid, at_height, locate
 from vibgym.sensing.camera.edges import Grey, complex_moment, share_moments, shares
 from vibgym.sensing.camera.image import Canvas, Exposure, Shapes, draw, wipe

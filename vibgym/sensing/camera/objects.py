@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, jit
 
 
 class Interest(NamedTuple):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, jit
 
 PIXELS = (752, 570)
 """Columns and lines of the prototype's camera (thesis section 5.1)."""

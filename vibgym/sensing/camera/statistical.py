@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, jit
 from vibgym.physics.core.noise import philox
 from vibgym.sensing.camera.fitting import ErrorModel
 from vibgym.sensing.camera.image import Shapes

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 
 FAR = 1e9
 """Cost of pairs that cannot be."""

@@ -25,8 +25,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
-from vibgym._numba.reference import Layout, Pinned
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout, Pinned
 from vibgym.physics.core.drive import Drive
 from vibgym.scene.sliding import drag_of, motion
 from vibgym.sensing.base import Sensor

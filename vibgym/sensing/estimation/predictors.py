@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vibgym import checks
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import State, new_state
 from vibgym.scene.sliding import drag_of, motion

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym._numba.jit import borrowing
+from vibgym.kernels.jit import borrowing
 
 HEADER = ("length", "speed", "acceleration", "window", "heading", "along")
 """- length: m, of the whole path; speed: m/s; acceleration: m/s^2; window: m

@@ -1,0 +1,204 @@
+"""Compiled kernels: compiled anew when what they depend on has changed, kept where that is possible, announced once."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import vibgym
+from vibgym.kernels import cache, compiler
+from vibgym.kernels.sources import sources
+
+ROOT = Path(vibgym.__file__).parent
+
+PROBE = """
+import sys; sys.path.insert(0, {folder!r})
+import numpy as np, vibgym
+assert vibgym.__file__.startswith({folder!r})
+from vibgym.physics.core.drive import all_phasors, field_drive
+from vibgym.physics.contacts.hulls import wall_gap
+phasors = np.zeros((1, 2, 2, 2))
+{between}
+all_phasors(field_drive(np.ones((1, 6), np.float32), np.zeros((1, 1, 2)), 0.026, 0.05, 10.0), phasors)
+all_phasors(field_drive(np.ones((1, 6), np.float32), np.zeros((1, 1, 2)), 0.026, 0.05, 10.0), phasors)
+print(float(phasors.sum()))
+"""
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A copy of the package and a function that runs the probe on it: its number, and the lines on stderr."""
+    package = tmp_path / "vibgym"
+    shutil.copytree(ROOT, package, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def once(between="", **more):
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONDONTWRITEBYTECODE": "1", **more}
+        code = PROBE.format(folder=str(tmp_path), between=between)
+        done = subprocess.run(
+            [sys.executable, "-c", code], text=True, env=environment, cwd=tmp_path, capture_output=True, check=True
+        )
+        return float(done.stdout), done.stderr.splitlines()
+
+    return package, once
+
+
+def test_an_edit_in_a_called_kernel_is_noticed(run):
+    package, once = run
+    first, _ = once()
+    cached = {path.name for path in (package.parent / "cache").rglob("*.nbc")}
+    assert len(cached) == 1 and once() == (first, [])
+    assert {path.name for path in (package.parent / "cache").rglob("*.nbc")} == cached
+    file = package / "physics" / "core" / "drive.py"
+    text = file.read_text()
+    result = "return first * scale, second * scale"
+    assert text.count(result) == 1
+    file.write_text(text.replace(result, "return 2.0 * first * scale, second * scale"))
+    assert abs(once()[0] - first) > 1e-6
+
+
+def test_a_kernel_is_not_kept_that_may_be_older_than_its_file(run):
+    """A file is edited after the process has imported it, and before it compiles: the next one must not get the old kernel."""
+    package, once = run
+    file = package / "physics" / "core" / "drive.py"
+    edit = f"""
+import pathlib; file = pathlib.Path({str(file)!r})
+file.write_text(file.read_text().replace("return first * scale, second", "return 2.0 * first * scale, second"))"""
+    first, _ = once(between=edit)
+    assert not list((package.parent / "cache").rglob("*.nbc"))
+    assert abs(once()[0] - first) > 1e-6
+
+
+def test_sources_are_what_a_file_imports(run):
+    """Constants are compiled into kernels as well, so all imports count, of other folders and at second hand; no other file."""
+    package, _ = run
+
+    def all_stamps():
+        sources.cache_clear()
+        return [sources(str(path), ".".join(path.relative_to(package.parent).with_suffix("").parts)) for path in files]
+
+    files = [package / "tasks" / "zones.py", package / "physics" / "planar" / "friction.py"]
+    first = all_stamps()
+    assert first == all_stamps() and first[0] != first[1]
+
+    def edit(*where):
+        path = package.joinpath(*where)
+        path.write_text(path.read_text() + "\n# edited\n")
+        before, now = list(stamps), all_stamps()
+        stamps[:] = now
+        return [one != other for one, other in zip(before, now, strict=True)]
+
+    stamps = first
+    assert edit("physics", "planar", "outline.py")[1]
+    assert edit("physics", "planar", "friction.py")[1]
+    assert edit("rendering", "canvas.py") == [False, False]
+    assert not edit("tasks", "zones.py")[1]
+
+
+def test_kernels_of_another_package_depend_on_both(tmp_path):
+    (tmp_path / "mine").mkdir()
+    texts = {"__init__": "", "a": "from mine.b import X\nfrom vibgym.physics.core.drive import FIELD\n", "b": "X = 1\n"}
+    for name, text in texts.items():
+        (tmp_path / "mine" / f"{name}.py").write_text(text)
+    first = sources(str(tmp_path / "mine" / "a.py"), "mine.a")
+    (tmp_path / "mine" / "b.py").write_text("X = 2\n")
+    sources.cache_clear()
+    assert sources(str(tmp_path / "mine" / "a.py"), "mine.a") != first
+
+
+def test_compiling_is_announced_once(run):
+    package, once = run
+    _, lines = once()
+    assert len(lines) == 1
+    assert "compiling kernels" in lines[0] and str(package.parent / "cache") in lines[0]
+    assert once()[1] == []
+    for kernel in (package.parent / "cache").rglob("*.nbi"):
+        kernel.unlink()
+    assert once()[1] == []  # another kind of scene, which needs other kernels
+
+
+def test_without_a_cache(run):
+    package, once = run
+    for _ in range(2):
+        (line,) = once(VIBGYM_CACHE="0")[1]
+        assert "compiling kernels" in line and "not kept" in line
+    assert not (package.parent / "cache").exists()
+
+
+@pytest.mark.parametrize("kind, damage", [
+    ("*.nbc", lambda content: content[: len(content) // 2]), ("*.nbc", lambda content: b""),
+    ("*.nbc", lambda content: content[:-40] + bytes(40)), ("*.nbi", lambda content: content[: len(content) // 2]),
+    ("*.nbi", lambda content: b"\x80garbage"), ("*.nb[ci]", lambda content: content[:60]),
+], ids=["half", "empty", "other bytes", "half index", "garbage index", "both"])  # fmt: skip
+def test_a_damaged_cache_is_rebuilt_with_one_warning(tmp_path, monkeypatch, caplog, kind, damage):
+    monkeypatch.setattr(compiler.config, "CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "mine.py").write_text(
+        "from vibgym.kernels.jit import jit\n\n\n@jit\ndef twice(x):\n    return 2.0 * x\n"
+    )
+
+    def once():
+        """As in a process of its own: the number, and what was said."""
+        caplog.clear()
+        monkeypatch.setattr(cache, "_damaged", set())
+        spec = importlib.util.spec_from_file_location("mine", tmp_path / "mine.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        result = module.twice(3.0)
+        return result, sum(module.twice.stats.cache_hits.values()), [record.getMessage() for record in caplog.records]
+
+    assert once()[:2] == (6.0, 0) and once() == (6.0, 1, [])
+    for path in (tmp_path / "cache").rglob(kind):
+        path.write_bytes(damage(path.read_bytes()))
+    *again, lines = once()
+    assert again == [6.0, 0]
+    (line,) = (each for each in lines if "compiling" not in each)
+    assert "damaged" in line and str(tmp_path / "cache") in line
+    assert once() == (6.0, 1, [])
+
+
+def test_where_no_folder_can_be_written(run):
+    """No crash, as numba has it ("no locator available"), but one line that says what to do."""
+    package, once = run
+    for folder in (package, *(path for path in package.rglob("*") if path.is_dir())):
+        (folder / "__pycache__").write_text("a file where a folder should be")
+    nowhere = str(package.parent / "file")
+    Path(nowhere).write_text("")
+    first, lines = once(NUMBA_CACHE_DIR=f"{nowhere}/cache", XDG_CACHE_HOME=nowhere, HOME=nowhere)
+    assert [("cannot be kept" in line, "compiling kernels" in line) for line in lines] == [(True, False), (False, True)]
+    assert "NUMBA_CACHE_DIR" in lines[0] and "not kept" in lines[1]
+    assert first == once()[0]
+
+
+TOGETHER = """
+import itertools, sys, threading, time
+sys.path.insert(0, {folder!r})
+from vibgym.kernels import shipped
+from mine import double
+digest, turn = shipped.state_of, itertools.count(1)
+shipped.state_of = lambda *arguments: (time.sleep(0.3 * next(turn)), digest(*arguments))[1]
+threads = [threading.Thread(target=double, args=(1.0,)) for _ in range(int(sys.argv[1]))]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(sum(double.stats.cache_hits.values()), sum(double.stats.cache_misses.values()))
+"""
+
+
+def test_threads_that_need_a_kernel_at_once_all_find_it(tmp_path):
+    """The second thread must not read the cache while the first has yet to say which version it wants."""
+    (tmp_path / "mine.py").write_text(
+        "from vibgym.kernels.jit import jit\n\n\n@jit\ndef double(x):\n    return 2.0 * x\n"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(ROOT.parent)}
+
+    def run_threads(number):
+        command = [sys.executable, "-c", TOGETHER.format(folder=str(tmp_path)), str(number)]
+        return subprocess.run(command, text=True, env=environment, capture_output=True, check=True).stdout.split()
+
+    assert run_threads(1) == ["0", "1"]
+    hits, misses = run_threads(4)
+    assert misses == "0" and int(hits) > 0

@@ -1,0 +1,242 @@
+"""Which parts can come to touch: pairs that are near before a period, and paths that have come near after it.
+
+Before a period nothing is known but speeds: friction accelerates a part by at most ``2 mu g`` (and an inclined table by as much
+as it is inclined), which bounds how far it gets.
+Parts whose circumscribed circles stay apart under that bound are not near; such pairs are found by cells of a grid, in time
+that grows with the number of parts. After a period the paths are known, and the outlines' distances along them say whether
+anything came to touch.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.kernels.jit import borrowing
+from vibgym.physics.contacts.hulls import BOTTOM, LEFT, RIGHT, part_gap, place_hulls, wall_gap
+from vibgym.physics.core.records import friction_in, incline_size
+
+IN_TOUCH = 2e-4
+"""m; what begins a period nearer than this is taken to touch in it, and no path without contacts is tried."""
+
+FREE, NEAR, CONTACT = 0, 1, 2
+"""What a world's period is: nothing is near enough to touch; something is, and what was near stays apart; with contacts."""
+
+
+class Circles(NamedTuple):
+    """What the search for near pairs looks at: one circle for every part that takes part, and the cells of their centres."""
+
+    part: np.ndarray  # (parts,) whose circle it is
+    x: np.ndarray  # (parts,) m
+    y: np.ndarray
+    reach: np.ndarray  # (parts,) m, radius
+    column: np.ndarray  # (parts,) of the cell
+    row: np.ndarray
+    following: np.ndarray  # (parts,) the next circle in the same bucket, -1: none
+    first: np.ndarray  # (buckets,) the first one; their number is a power of two
+
+
+def new_circles(parts: int) -> Circles:
+    """Working arrays for up to so many parts."""
+
+    def numbers() -> np.ndarray:
+        return np.zeros(parts, np.int64)
+
+    buckets = 1 << max(2 * parts - 1, 1).bit_length()
+    return Circles(
+        part=numbers(),
+        x=np.zeros(parts),
+        y=np.zeros(parts),
+        reach=np.zeros(parts),
+        column=numbers(),
+        row=numbers(),
+        following=numbers(),
+        first=np.zeros(buckets, np.int64),
+    )
+
+
+@borrowing
+def travel_bound(table, friction, incline, vx, vy):
+    """Largest distance, m, that a part can cover in a period while nothing but the table (incline in m/s^2) moves it."""
+    # Not less for parts at the table's speed: what spins on an uneven pressure may become faster than the table.
+    pull = friction * table.gravity + 0.5 * incline
+    return (math.sqrt(vx * vx + vy * vy) + pull * table.period) * table.period
+
+
+@borrowing
+def wall_distance(table, wall, x, y):
+    """Distance of a point from the wall along a border, m."""
+    if wall == LEFT:
+        return x
+    if wall == RIGHT:
+        return table.columns * table.element_size - x
+    if wall == BOTTOM:
+        return y
+    return table.rows * table.element_size - y
+
+
+@borrowing
+def bucket_of(circles, column, row):
+    """Where circles of a cell are kept; other cells may share it."""
+    return (column * 73856093 ^ row * 19349663) & (circles.first.shape[0] - 1)
+
+
+@borrowing
+def enter_cells(circles, count, size):
+    """Put the first ``count`` circles into cells of ``size`` m."""
+    for bucket in range(circles.first.shape[0]):
+        circles.first[bucket] = -1
+    for k in range(count):
+        circles.column[k] = int(math.floor(circles.x[k] / size))
+        circles.row[k] = int(math.floor(circles.y[k] / size))
+        bucket = bucket_of(circles, circles.column[k], circles.row[k])
+        circles.following[k] = circles.first[bucket]
+        circles.first[bucket] = k
+
+
+@borrowing
+def is_near(circles, k, other):
+    """Whether two circles overlap, of which the second is not the larger: so each pair is found once, by its larger one."""
+    mine, theirs = circles.reach[k], circles.reach[other]
+    if not (theirs < mine or (theirs == mine and other > k)):
+        return False
+    dx, dy = circles.x[other] - circles.x[k], circles.y[other] - circles.y[k]
+    return dx * dx + dy * dy <= (mine + theirs) * (mine + theirs)
+
+
+@borrowing
+def near_pairs(table, walls, circles, count, pairs):
+    """Find the pairs of circles that overlap, and the circles that reach over a border with a wall.
+
+    A circle looks for those that are not larger, which lie within twice its own radius: cells are as large as circles are on
+    average, so a small circle looks at a few cells whatever the largest does.
+
+    Args:
+        walls: set of walls, a bit each.
+        circles: of which the first ``count`` are there.
+        pairs: (:func:`pair_capacity`, 2) overwritten, in no particular order: places of both circles, or place and
+            ``-1 - wall``.
+
+    Returns:
+        Number of pairs.
+    """
+    n, total = 0, 0.0
+    for k in range(count):
+        total += circles.reach[k]
+    size = 2.0 * total / max(float(count), 1.0)
+    celled = count > 9 and 0.0 < size < math.inf  # a circle's cells are nine or more
+    if celled:
+        enter_cells(circles, count, size)
+    for k in range(count):
+        x, y, reach = circles.x[k], circles.y[k], circles.reach[k]
+        across = 4.0 * reach / size + 2.0 if celled else math.inf
+        if across * across < 2.0 * count + 9.0:
+            for row in range(int(math.floor((y - 2.0 * reach) / size)), int(math.floor((y + 2.0 * reach) / size)) + 1):
+                for column in range(
+                    int(math.floor((x - 2.0 * reach) / size)), int(math.floor((x + 2.0 * reach) / size)) + 1
+                ):
+                    other = circles.first[bucket_of(circles, column, row)]
+                    while other >= 0:
+                        if circles.column[other] == column and circles.row[other] == row and is_near(circles, k, other):
+                            pairs[n, 0], pairs[n, 1] = k, other
+                            n += 1
+                        other = circles.following[other]
+        else:
+            for other in range(count):
+                if is_near(circles, k, other):
+                    pairs[n, 0], pairs[n, 1] = k, other
+                    n += 1
+        if walls != 0:
+            for wall in range(4):
+                if (walls >> wall) & 1 and wall_distance(table, wall, x, y) <= reach:
+                    pairs[n, 0], pairs[n, 1] = k, -1 - wall
+                    n += 1
+    return n
+
+
+@borrowing
+def pair_gap(table, hulls, placed, i, j):
+    """Gap between two placed parts, or a part and a wall (``j = -1 - wall``), m."""
+    if j >= 0:
+        return part_gap(hulls, placed, i, j)
+    return wall_gap(hulls, placed, i, -1 - j, table.columns * table.element_size, table.rows * table.element_size)
+
+
+@borrowing
+def circle_gap(table, hulls, i, at, j, there):
+    """Gap between the circumscribed circles of two parts, or of a part and a wall, at poses ``at`` and ``there``, m: never more
+    than that between the parts. Of a wall ``there`` is not looked at."""
+    if j < 0:
+        return wall_distance(table, -1 - j, at[0], at[1]) - hulls.radius[i]
+    dx, dy = there[0] - at[0], there[1] - at[1]
+    return math.sqrt(dx * dx + dy * dy) - hulls.radius[i] - hulls.radius[j]
+
+
+@borrowing
+def curvature_bound(table, bodies, hulls, state, world, part, step):
+    """How far a point of a part can be from the straight line between two poses ``step`` s apart, m."""
+    friction, radius = friction_in(bodies, state, world, part), hulls.radius[part]
+    gyration, bend = bodies.gyration[bodies.kind[part]], incline_size(state, world) * step * step / 8.0
+    return 2.0 * friction * table.gravity * (1.0 + radius * radius / gyration) * step * step / 8.0 + bend
+
+
+class Paths(NamedTuple):
+    """Where the parts of a world went in a period."""
+
+    pose: np.ndarray  # (parts, most steps + 1, 3) at the ends of a part's steps
+    steps: np.ndarray  # (parts,) of the part's path
+    driven: np.ndarray  # (parts,) bool: with contacts
+    travel: (
+        np.ndarray
+    )  # (parts, most steps) m, farthest that a point of a driven part gets in a step from where it began it
+
+
+@borrowing
+def move_in(hulls, paths, part, first, last):
+    """What a part does from step ``first`` to ``last`` of its path: x, y (m) in a straight line, and m that any of its points
+    may be off it."""
+    if paths.driven[part]:
+        off = 0.0
+        for step in range(first, last):
+            off += paths.travel[part, step]
+        return 0.0, 0.0, off
+    at, then = paths.pose[part, first], paths.pose[part, last]
+    return then[0] - at[0], then[1] - at[1], hulls.radius[part] * abs(then[2] - at[2])
+
+
+@borrowing
+def paths_cross(table, bodies, hulls, state, world, paths, i, j, placed):
+    """Whether two parts, or a part and a wall (``j = -1 - wall``), may have touched on their ways.
+
+    Where one of them has gone with contacts, its way is only known by how far it got in each step.
+    """
+    mine = paths.steps[i]
+    common = mine if j < 0 else math.gcd(mine, paths.steps[j])
+    step = table.period / common
+    slack = 0.0 if paths.driven[i] else curvature_bound(table, bodies, hulls, state, world, i, step)
+    if j >= 0 and not paths.driven[j]:
+        slack += curvature_bound(table, bodies, hulls, state, world, j, step)
+    stride = mine // common
+    other, theirs = (i, stride) if j < 0 else (j, paths.steps[j] // common)
+    for k in range(common):
+        dx, dy, off = move_in(hulls, paths, i, k * stride, (k + 1) * stride)
+        if j >= 0:
+            ox, oy, more = move_in(hulls, paths, j, k * theirs, (k + 1) * theirs)
+            dx, dy, off = dx - ox, dy - oy, off + more
+        apart = math.sqrt(dx * dx + dy * dy) + off + slack
+        at, there = paths.pose[i, k * stride], paths.pose[other, k * theirs]
+        if circle_gap(table, hulls, i, at, j, there) > apart:
+            continue
+        place_hulls(hulls, i, at[0], at[1], at[2], placed)
+        if j >= 0:
+            place_hulls(hulls, j, there[0], there[1], there[2], placed)
+        if not pair_gap(table, hulls, placed, i, j) > apart:
+            return True
+    return False
+
+
+def pair_capacity(parts: int) -> int:
+    """Pairs that a world of so many parts can have: every part with every other and with every wall."""
+    return parts * (parts - 1) // 2 + 4 * parts

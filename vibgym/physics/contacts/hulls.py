@@ -1,0 +1,195 @@
+"""How far parts are apart: signed distance between outlines, and how it changes while they move.
+
+A part is one convex hull or several (non-convex outlines); a hull is the corners of a convex polygon, counter-clockwise, and a
+rounding: a disc is one corner with a large one. For convex hulls the distance is the largest gap along any direction, and
+that direction is normal to an edge or leads from corner to corner; where hulls overlap the largest gap is negative,
+and its magnitude is how far they have to be moved apart.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.reference import reference
+
+LEFT, RIGHT, BOTTOM, TOP = 0, 1, 2, 3
+"""Walls along the borders: bits of a set of walls, and sides of :func:`wall_gap`."""
+
+CORNERS, A_FACE, B_FACE = 0, 1, 2
+"""What two hulls face each other with, see :func:`hull_contact`."""
+
+
+class Hulls(NamedTuple):
+    """The convex hulls of all parts of a world, in their own frames."""
+
+    corner: np.ndarray  # (all corners, 4): x, y (m) and the outward normal of the edge to the next corner of its hull
+    first: np.ndarray  # (hulls + 1,) of each hull's corners
+    rounding: np.ndarray  # (hulls,) m
+    owner: np.ndarray  # (parts + 1,) first hull of each part
+    radius: np.ndarray  # (parts,) m, of the circle about the centre of mass that holds the part
+
+
+@borrowing
+def place_hulls(hulls, part, x, y, heading, placed):
+    """Write corners and normals of a part at a pose, in the world frame, into ``placed`` (all corners, 4)."""
+    cosine, sine = math.cos(heading), math.sin(heading)
+    corner = hulls.corner
+    for k in range(hulls.first[hulls.owner[part]], hulls.first[hulls.owner[part + 1]]):
+        cx, cy, nx, ny = corner[k, 0], corner[k, 1], corner[k, 2], corner[k, 3]
+        placed[k, 0] = x + cosine * cx - sine * cy
+        placed[k, 1] = y + sine * cx + cosine * cy
+        placed[k, 2] = cosine * nx - sine * ny
+        placed[k, 3] = sine * nx + cosine * ny
+
+
+@borrowing
+def hull_contact(hulls, placed, a, b):
+    """Gap between two placed hulls (negative: overlap), m, the unit vector from ``a`` to ``b`` along it, and its owner.
+
+    The owner is ``A_FACE`` or ``B_FACE`` if an edge of ``a`` or ``b`` is normal to the vector, and ``CORNERS`` otherwise.
+    """
+    a0, a1, b0, b1 = hulls.first[a], hulls.first[a + 1], hulls.first[b], hulls.first[b + 1]
+    best, nx, ny, owner = -math.inf, 1.0, 0.0, CORNERS
+    if a1 - a0 > 1:
+        for i in range(a0, a1):
+            ex, ey = placed[i, 2], placed[i, 3]
+            reach = math.inf
+            for j in range(b0, b1):
+                reach = min(reach, ex * (placed[j, 0] - placed[i, 0]) + ey * (placed[j, 1] - placed[i, 1]))
+                if reach <= best:
+                    break
+            if reach > best:
+                best, nx, ny, owner = reach, ex, ey, A_FACE
+    if b1 - b0 > 1:
+        for j in range(b0, b1):
+            ex, ey = placed[j, 2], placed[j, 3]
+            reach = math.inf
+            for i in range(a0, a1):
+                reach = min(reach, ex * (placed[i, 0] - placed[j, 0]) + ey * (placed[i, 1] - placed[j, 1]))
+                if reach <= best:
+                    break
+            if reach > best:
+                best, nx, ny, owner = reach, -ex, -ey, B_FACE
+    if best > 0.0 or a1 - a0 == 1 or b1 - b0 == 1:  # corner to corner, where no edge faces the other hull
+        nearest, cx, cy = math.inf, 1.0, 0.0
+        for i in range(a0, a1):
+            for j in range(b0, b1):
+                dx, dy = placed[j, 0] - placed[i, 0], placed[j, 1] - placed[i, 1]
+                square = dx * dx + dy * dy
+                if square < nearest:
+                    nearest, cx, cy = square, dx, dy
+        length = math.sqrt(nearest)
+        if length > 0.0:
+            cx, cy = cx / length, cy / length
+            along = gap_along(hulls, placed, a, b, cx, cy)
+            if along > best:
+                best, nx, ny, owner = along, cx, cy, CORNERS
+        elif a1 - a0 == 1 and b1 - b0 == 1:
+            best = 0.0
+    return best - hulls.rounding[a] - hulls.rounding[b], nx, ny, owner
+
+
+@borrowing
+def hull_gap(hulls, placed, a, b):
+    """Gap between two placed hulls (negative: overlap), m, and the unit vector from ``a`` to ``b`` along which it is."""
+    gap, nx, ny, _ = hull_contact(hulls, placed, a, b)
+    return gap, nx, ny
+
+
+@borrowing
+def gap_along(hulls, placed, a, b, nx, ny):
+    """Gap between the corners of two placed hulls along a unit vector from ``a`` to ``b``, without rounding."""
+    low, high = math.inf, -math.inf
+    for j in range(hulls.first[b], hulls.first[b + 1]):
+        low = min(low, nx * placed[j, 0] + ny * placed[j, 1])
+    for i in range(hulls.first[a], hulls.first[a + 1]):
+        high = max(high, nx * placed[i, 0] + ny * placed[i, 1])
+    return low - high
+
+
+@borrowing
+def part_gap(hulls, placed, i, j):
+    """Smallest gap between the placed hulls of two parts, m; negative: overlap."""
+    gap, _, _ = part_contact(hulls, placed, i, j)
+    return gap
+
+
+@borrowing
+def part_contact(hulls, placed, i, j):
+    """Smallest gap between the placed hulls of two parts (negative: overlap), m, and the unit vector along it from i."""
+    smallest, nx, ny = math.inf, 1.0, 0.0
+    for a in range(hulls.owner[i], hulls.owner[i + 1]):
+        for b in range(hulls.owner[j], hulls.owner[j + 1]):
+            gap, x, y = hull_gap(hulls, placed, a, b)
+            if gap < smallest:
+                smallest, nx, ny = gap, x, y
+    return smallest, nx, ny
+
+
+@borrowing
+def farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h):
+    """How far hull ``a`` reaches along ``(nx, ny)`` after moving for ``h`` in a straight line, rounding included.
+
+    Args:
+        x, y: m, the point about which ``spin`` (rad/s) turns.  vx, vy: its velocity, m/s.  h: s.
+    """
+    drift = (nx * vx + ny * vy) * h
+    most = -math.inf
+    for k in range(hulls.first[a], hulls.first[a + 1]):
+        rx, ry = placed[k, 0] - x, placed[k, 1] - y
+        most = max(most, nx * placed[k, 0] + ny * placed[k, 1] + h * spin * (ny * rx - nx * ry))
+    return most + drift + hulls.rounding[a]
+
+
+@borrowing
+def wall_direction(table, wall):
+    """Unit vector towards the wall along a border, and where the wall is along it, m."""
+    if wall == LEFT:
+        return -1.0, 0.0, 0.0
+    if wall == RIGHT:
+        return 1.0, 0.0, table.columns * table.element_size
+    if wall == BOTTOM:
+        return 0.0, -1.0, 0.0
+    return 0.0, 1.0, table.rows * table.element_size
+
+
+@borrowing
+def wall_gap(hulls, placed, part, wall, width, height):
+    """Gap between a placed part and the wall along a border, m; negative: overlap."""
+    smallest = math.inf
+    for a in range(hulls.owner[part], hulls.owner[part + 1]):
+        for k in range(hulls.first[a], hulls.first[a + 1]):
+            if wall == LEFT:
+                gap = placed[k, 0]
+            elif wall == RIGHT:
+                gap = width - placed[k, 0]
+            elif wall == BOTTOM:
+                gap = placed[k, 1]
+            else:
+                gap = height - placed[k, 1]
+            smallest = min(smallest, gap - hulls.rounding[a])
+    return smallest
+
+
+@jit
+def all_gaps(hulls, pose, gaps):
+    """Gaps between all parts of every world.
+
+    Args:
+        pose: (worlds, parts, 3) m, m, rad.
+        gaps: (worlds, parts, parts) m, overwritten; infinite on the diagonal.
+    """
+    hulls, parts = reference(hulls), pose.shape[1]
+    placed = np.empty_like(hulls.corner)
+    for world in range(pose.shape[0]):
+        for i in range(parts):
+            place_hulls(hulls, i, pose[world, i, 0], pose[world, i, 1], pose[world, i, 2], placed)
+            gaps[world, i, i] = math.inf
+        for i in range(parts):
+            for j in range(i):
+                gap = part_gap(hulls, placed, i, j)
+                gaps[world, i, j], gaps[world, j, i] = gap, gap
