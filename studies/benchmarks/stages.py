@@ -30,7 +30,7 @@ METHODS = {
     "simulation, around its kernels": ("core.simulator.run", "core.simulator.go_on"),
     "score": ("core.scoring.score",),
     "observe": ("core.observe",),
-    "info": ("_info", "core.information.batch"),
+    "info": ("_info", "core.information.read"),
     "resets": ("_begin", "_begin_anew"),
 }
 """Of a vector environment; where there are several, one of them is there."""
@@ -53,7 +53,7 @@ ROOTS = {
     "simulation, between these": (f"{PLANAR}.friction.slide_rows",),
     "score": ("vibgym.tasks.episode.score_worlds", "vibgym.tasks.episode.relate_worlds"),
     "observe": ("vibgym.envs.writing.write_rows",),
-    "info": ("vibgym.envs.info.tell_worlds",),
+    "info": ("vibgym.envs.info.report_worlds",),
 }
 """That Python calls: handed records as they are, which kernels hand on by reference."""
 

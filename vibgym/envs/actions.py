@@ -53,7 +53,7 @@ def all_finite(values):
 
 
 @borrowing
-def take_in(values, kept):
+def copy_finite(values, kept):
     """Copy ``values`` (worlds, size) into ``kept`` if all are finite; returns whether they are."""
     if not all_finite(values):
         return False
@@ -64,46 +64,21 @@ def take_in(values, kept):
 
 
 WORTH_SHARING = 2**20
-"""Bytes of a batch of actions above which several threads look whether they are finite."""
+"""Bytes of a batch of actions above which several threads check it: most of that is waiting for memory."""
 
 
-class Intake:
-    """Takes actions in before a step: nothing changes under one with numbers that are not finite.
+def all_finite_in_blocks(values: np.ndarray, blocks: Blocks) -> bool:
+    """Return whether all of ``values`` (worlds, size) are finite; large batches are checked on all threads."""
+    if values.nbytes < WORTH_SHARING:
+        return all_finite(values)
+    finite = [False] * len(blocks.edges)
 
-    Few worlds' actions are copied to the same place in memory as ever, so that drives need not be pinned anew; of many worlds
-    a copy would cost more. Most of looking at a large batch is waiting for memory: then all threads do.
+    def check(k: int) -> None:
+        start, stop = blocks.edges[k]
+        finite[k] = all_finite(values[start:stop])
 
-    Args:
-        worlds, size: of a batch.
-        blocks: of the worlds.
-
-    Attributes:
-        take: ``take(values)`` of float32 (worlds, size) returns what counts until the next step; None: not all are finite.
-    """
-
-    def __init__(self, worlds: int, size: int, blocks: Blocks) -> None:
-        self._blocks = blocks
-        self._kept = np.zeros((worlds if len(blocks.edges) == 1 else 0, size), dtype=np.float32)
-        self.take = self._copied
-        if len(blocks.edges) > 1:
-            self.take = self._looked_at if 4 * worlds * size < WORTH_SHARING else self._looked_at_together
-
-    def _copied(self, values: np.ndarray) -> np.ndarray | None:
-        return self._kept if take_in(values, self._kept) else None
-
-    def _looked_at(self, values: np.ndarray) -> np.ndarray | None:
-        return values if all_finite(values) else None
-
-    def _looked_at_together(self, values: np.ndarray) -> np.ndarray | None:
-        edges = self._blocks.edges
-        sound = [False] * len(edges)
-
-        def look(k: int) -> None:
-            start, stop = edges[k]
-            sound[k] = all_finite(values[start:stop])
-
-        self._blocks.run(look)
-        return values if all(sound) else None
+    blocks.run(check)
+    return all(finite)
 
 
 class Action(Live, ABC):
@@ -172,9 +147,9 @@ class Action(Live, ABC):
             lead = () if worlds is None else (worlds,)
             self._size = self.size
             shapes = self._shapes[worlds] = ((*lead, self._size), (*lead, *self.shape))
+        if type(action) is np.ndarray and action.dtype is FLOAT32 and action.shape in shapes and action.flags.carray:
+            return action.reshape(-1, self._size)  # the usual case, without further checks
         values = checks.shaped("action", action, shapes, "real numbers")
-        if values.dtype is FLOAT32 and values.flags.carray:  # as most give it
-            return values if values.ndim == 2 and worlds is not None else values.reshape(-1, self._size)
         if values.dtype != np.float32:
             if not np.isfinite(values).all():
                 raise self.not_finite(action)

@@ -1,6 +1,6 @@
-"""The batched core under the single and the vector environment: worlds of one task, stepped together.
+"""The batched core of the single and the vector environment: worlds of one task, stepped together.
 
-One step goes in one direction:
+Data flow of a step (the stages are listed in :meth:`Core.step`):
 
     action -> command -> actuators -> drive -> simulation -> true state -> task: reward, info
                                                                \\-> sensor -> measurement -> observation
@@ -9,24 +9,25 @@ One step goes in one direction:
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import groupby
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
-from vibgym.envs.actions import ACTIONS, Intake
-from vibgym.envs.base import Observation
+from vibgym.envs.actions import ACTIONS, all_finite_in_blocks, copy_finite
+from vibgym.envs.base import Observation, RowObservation, Writer
 from vibgym.envs.disturbances import Disturbances
-from vibgym.envs.info import Information
+from vibgym.envs.info import BatchInformation, WorldInformation
 from vibgym.envs.limits import longest_paths, step_limit
 from vibgym.envs.observations import OBSERVATIONS
 from vibgym.envs.options import Options
 from vibgym.envs.randomization import Randomization
 from vibgym.envs.reset_options import StartOverride
-from vibgym.envs.stages import Stages
 from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
 from vibgym.sensing import TOLD, sensing_from
@@ -37,6 +38,7 @@ from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
 from vibgym.tasks.reward import OwnReward
+from vibgym.tasks.scoring import Stage as Kernel
 
 NONE = np.zeros(0, dtype=np.int64)
 
@@ -50,20 +52,39 @@ MOST_PERIODS = 1_000_000
 """In a step: eleven hours in the world."""
 
 
+class Stage(NamedTuple):
+    """A stage of a step."""
+
+    run: Callable[..., None]  # without arguments, or with the number of a block of worlds
+    by_block: bool  # whether it runs block by block, on the thread that has advanced the block
+    needed: bool = True  # with these settings
+
+
+class Block(NamedTuple):
+    """A block of worlds, and kernels with scratch memory of its own: several blocks run at the same time."""
+
+    worlds: np.ndarray  # (n,) index
+    score: list[Kernel]
+    relate: Callable[[np.ndarray, np.ndarray, np.ndarray], None]
+    write: list[Writer]  # one per array of a batch of observations
+
+
 class Core:
     """Task, action, actuators, simulator, sensor and observation of ``worlds`` worlds.
 
     Args:
-        options: what the environment is made of.
+        options: settings of the environment.
         worlds: number of worlds.
-        information: what makes ``info``.
+        information: class that makes ``info``.
 
     Attributes:
-        options: what it was made of, as given.
-        episode: progress of every world, by the true state.  relations: how parts stand by the true state.
-        facts, details: what ``info`` says, and groups of what it says besides, live arrays (worlds, ...).
-        information: makes ``info`` of what :attr:`stages` have told.
-        stages: what follows the simulation, with what the last step has come to.
+        options: as given.
+        episode: progress of every world, by the true state.  relations: errors and gaps of the parts by the true state.
+        details: nested groups of ``info``, live arrays (worlds, ...).
+        information: makes ``info``.
+        report: fields of ``info`` of the last step; batches only.
+        observations: batch of observations of the last step.
+        stages: of a step, in order.
         term_names, terms: names of the reward terms, and their values (worlds, terms).
         part_terms: their values for each part alone, (worlds, parts, terms).
         step_limit: steps after which episodes are truncated; None: not here.  longest: s that paths of an episode may last.
@@ -75,7 +96,12 @@ class Core:
     STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
     """Keys of a snapshot."""
 
-    def __init__(self, options: Options, worlds: int, information: type[Information] = Information) -> None:
+    def __init__(
+        self,
+        options: Options,
+        worlds: int,
+        information: type[BatchInformation] | type[WorldInformation] = BatchInformation,
+    ) -> None:
         cls = TASKS.choose("task", options.task)
         self.options = options
         self.surface = surface_from(options.surface)
@@ -112,8 +138,7 @@ class Core:
         self.task.features = (*self.task.features, *(name for each in self.sensing.tell for name in TOLD[each]))
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
-        self._aim = _at_all if self.task.driven.all() else self._at_driven
-        self._renew = self._renew_parts if self.task.flows else _nothing
+        self._all_driven = bool(self.task.driven.all())
         self._commanded = self.action.resolve_limits(self.actuators.data_sheet, worlds)
         command = self._resting_command()
         self.actuators.prepare(command)
@@ -135,7 +160,10 @@ class Core:
         self._own_reward: OwnReward | None = None
         self._choose_reward(weights)
         self._information = information
-        self._intake = Intake(worlds, self.action.size, self.simulator.blocks)
+        # Actions of few worlds are copied to the same memory at every step, so that drives need not be pinned anew. For many
+        # worlds a copy would cost more.
+        few = len(self.simulator.blocks.edges) == 1
+        self._kept_action = np.zeros((worlds, self.action.size), dtype=np.float32) if few else None
         self._bind()
         self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
@@ -161,33 +189,55 @@ class Core:
             self._own_reward = own = OwnReward(self.task, self.scoring, state, self.periods, self._all_phasors, weights)
             self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
 
+    BOUND = ("information", "report", "observations", "stages", "_arrays", "_blocks", "_now", "_after_advance")
+    """Attributes that are bound to the core's own arrays."""
+
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy has of its own; the rest is made anew."""
-        return {name: value for name, value in vars(self).items() if name not in ("information", "stages")}
+        return {name: value for name, value in vars(self).items() if name not in self.BOUND}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """A copy, pickled or not: what ``info`` shows are views, which have to be of the copy's own arrays."""
         vars(self).update(state)
         self._bind()
 
     def _bind(self) -> None:
-        """Make what works on the core's own arrays."""
-        state, episode = self.simulator.state, self.episode
+        """Create everything that holds addresses or views of the core's own arrays."""
+        state, sensing, scoring, observation = self.simulator.state, self.sensing, self.scoring, self.observation
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
-        groups = {"drawn": drawn, "measured": self.sensing.facts(), "commanded": self._commanded}
+        groups = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
         self.details = {name: each for name, each in groups.items() if each}
-        self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
-        rewards, part_facts = (self.term_names, self.terms, self.part_terms), self.scoring.part_facts()
-        part_facts = {**part_facts, **self.simulator.part_facts()}
+        part_extra = {**scoring.part_facts(), **self.simulator.part_facts()}
         if self.disturbances is not None:
-            part_facts["struck"] = self.disturbances.struck
-        self.information = self._information(episode, state.diverged, *rewards, self.facts, self.details, part_facts)
-        self._strike = _nothing if self.disturbances is None else self._disturb
-        score = None if self._own_reward is None else self._own_reward.score
-        self.stages = Stages(
-            self.simulator.blocks, self.scoring, self.sensing, self._measured, self.observation, self.information,
-            self._reward_goals if self.observation.goal_reward else score,
+            part_extra["struck"] = self.disturbances.struck
+        self.information: Any = self._information(
+            self.task.FACTS, scoring.facts(), self.episode, state.diverged, self.term_names, self.terms, self.part_terms,
+            self.details, part_extra,
         )  # fmt: skip
+        self.report: Any = None
+        self.observations: Any = None
+        self._arrays: list[np.ndarray] = []
+        self._measurement = sensing.measurement  # its arrays are live
+        # A subclass of an observation that kernels write may override observe().
+        by_rows = isinstance(observation, RowObservation) and type(observation).observe is RowObservation.observe
+        self._rows: RowObservation | None = observation if by_rows else None  # type: ignore[assignment]
+        everyone = np.arange(self.worlds)
+        self._now = self._new_block(everyone)  # outside of steps
+        self._blocks = [self._new_block(everyone[start:stop]) for start, stop in self.simulator.blocks.edges]
+        self.stages = self._list_stages()
+        # Block stages are run by the thread that has just advanced the block; others for all worlds.
+        groups_of = [
+            (by_block, [stage.run for stage in group])
+            for by_block, group in groupby(self.stages, lambda each: each.by_block)
+        ]
+        (_, first), (_, self._after_advance), *rest = groups_of
+        self._pipeline: list[Callable[[], None]] = first
+        for by_block, group in rest:
+            self._pipeline += [partial(self._run_by_block, group)] if by_block else group
+
+    def _new_block(self, worlds: np.ndarray) -> Block:
+        """Return a block of worlds with scratch memory of its own."""
+        rows = self._rows
+        write = [] if rows is None else rows.writers(self._measurement, self._measured, self.episode)
+        return Block(worlds, self.scoring.stages(), self.scoring.relating(self._measured), write)
 
     @property
     def draws(self) -> int:
@@ -222,7 +272,7 @@ class Core:
         self.sensing.reset(worlds, self.simulator.state, uniform[:, driven:sensed])
         if self.disturbances is not None:
             self.disturbances.reset(worlds, uniform[:, struck:])
-        self.stages.relate(worlds)
+        self.relate(worlds)
 
     def put(self, worlds: np.ndarray, start: Start, velocity: Any, mean_velocity: Any = 0.0) -> None:
         """Put parts down in ``worlds`` (index array), at rest or in motion, and begin to score them there.
@@ -267,57 +317,167 @@ class Core:
     def step(self, action: np.ndarray, given: Any = None) -> None:
         """Advance every world by one step under an action, score it, measure and observe.
 
+        The stages are those of :meth:`_list_stages`.
+
         Args:
             action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
-            given: the action as it was given, for errors.
+            given: the action before conversion, for errors.
 
         Raises:
             ValueError: a number that is not finite; nothing has changed.
         """
-        values = self._intake.take(action)
-        if values is None:
-            raise self.action.not_finite(action if given is None else given)
-        command = self.action.command(values, self._aim(self.sensing.measurement))
-        self.sensing.predict(command)
-        if self._own_reward is not None:
-            self._own_reward.begin_step()
-        self.stages.open()
-        self._strike()
-        run, elapsed, instant, state = self.simulator.go_on, 0, self.sensing.instant, self.simulator.state
-        for drive, periods in self.actuators.apply(command):
-            self.drive = drive
-            then = self.stages.by_blocks if elapsed + periods == self.periods else ()
-            if elapsed < instant < elapsed + periods:  # the sensor looks within this stretch
-                run(drive, instant - elapsed)
-                self.sensing.look(state)
-                run(drive, elapsed + periods - instant, then)
-            else:
-                run(drive, periods, then)
-                if elapsed + periods == instant:
-                    self.sensing.look(state)
-            elapsed += periods
-        self.sensing.correct()
-        self._renew()
-        for stage in self.stages.afterwards:
-            stage()
+        self._action, self._given = action, given
+        for run in self._pipeline:
+            run()
+
+    def _list_stages(self) -> tuple[Stage, ...]:
+        """List the stages of a step in order; stages that these settings do not need are left out."""
+        exact, rows, own_reward = self.sensing.exact, self._rows is not None, self._own_reward is not None
+        goal_reward, flows = self.observation.goal_reward, self.task.flows
+        stages = (
+            Stage(self._decode, by_block=False),
+            Stage(self._predict, by_block=False, needed=not exact),
+            Stage(self._remember, by_block=False, needed=own_reward),
+            Stage(self._disturb, by_block=False, needed=self.disturbances is not None),
+            Stage(self._actuate_and_advance, by_block=False),
+            Stage(self._score, by_block=True),
+            Stage(self._reward_by_task, by_block=False, needed=own_reward),
+            Stage(self._reward_goals, by_block=False, needed=goal_reward),
+            Stage(self._correct, by_block=False, needed=not exact),
+            Stage(self._renew_measurement, by_block=False, needed=not exact and flows),
+            Stage(self._relate, by_block=True, needed=not exact),
+            Stage(self._write_rows, by_block=True, needed=rows),
+            Stage(self._write_report, by_block=True, needed=isinstance(self.information, BatchInformation)),
+            Stage(self._observe, by_block=False, needed=not rows),
+            Stage(self._forget_departed, by_block=False, needed=flows),
+        )
+        return tuple(stage for stage in stages if stage.needed)
+
+    def _run_by_block(self, stages: Sequence[Callable[[int], None]]) -> None:
+        """Run block stages on all threads."""
+
+        def work(k: int) -> None:
+            for run in stages:
+                run(k)
+
+        self.simulator.blocks.run(work)
+
+    def _decode(self) -> None:
+        """Compute the command from the action, and begin a new batch of results."""
+        values = self._action
+        if self._kept_action is not None:
+            finite, values = copy_finite(values, self._kept_action), self._kept_action
+        else:
+            finite = all_finite_in_blocks(values, self.simulator.blocks)
+        if not finite:
+            raise self.action.not_finite(self._action if self._given is None else self._given)
+        self._command = self.action.command(values, self._measurement if self._all_driven else self._driven_alone())
+        self._allocate()
+
+    def _predict(self) -> None:
+        """Predict the state under the command."""
+        self.sensing.predict(self._command)
+
+    def _remember(self) -> None:
+        """Keep the state before the step, for a reward of the task's own."""
+        self._own_reward.begin_step()  # type: ignore[union-attr]
 
     def _disturb(self) -> None:
-        """Strike those parts whose time has come."""
-        assert self.disturbances is not None
-        self.disturbances.strike(self.episode.present)
+        """Disturb parts at random times."""
+        self.disturbances.strike(self.episode.present)  # type: ignore[union-attr]
 
-    def _renew_parts(self) -> None:
-        """Let nothing of a part that has left be remembered of the next one in its slot."""
+    def _actuate_and_advance(self) -> None:
+        """Advance all worlds under the drives of the command; the sensor samples the state at its instant."""
+        advance, sensing, elapsed = self.simulator.go_on, self.sensing, 0
+        instant = None if sensing.exact else sensing.instant
+        for drive, periods in self.actuators.apply(self._command):
+            self.drive = drive
+            end = elapsed + periods
+            if instant is not None and elapsed < instant < end:
+                advance(drive, instant - elapsed)
+                sensing.look(self.simulator.state)
+                elapsed = instant
+            advance(drive, end - elapsed, self._after_advance if end == self.periods else ())
+            if end == instant:
+                sensing.look(self.simulator.state)
+            elapsed = end
+
+    def _score(self, k: int) -> None:
+        """Score the step by the true state."""
+        block = self._blocks[k]
+        for score in block.score:
+            score(block.worlds)
+
+    def _reward_by_task(self) -> None:
+        """Replace the reward by that of the task's own method."""
+        self._own_reward.score()  # type: ignore[union-attr]
+
+    def _correct(self) -> None:
+        """Correct the measurement by the reading that is due."""
+        self.sensing.correct()
+
+    def _renew_measurement(self) -> None:
+        """Start the estimates of parts afresh that have arrived or left."""
+        if self.scoring.changed.any():
+            self.sensing.renew(self.scoring.changed, self.simulator.state)
+
+    def _relate(self, k: int) -> None:
+        """Compute errors and gaps by the measured poses."""
+        block, measured = self._blocks[k], self._measurement
+        block.relate(block.worlds, measured.pose, measured.gone)
+
+    def _write_rows(self, k: int) -> None:
+        """Write the observations of a block."""
+        block = self._blocks[k]
+        for write, array in zip(block.write, self._arrays):
+            write(block.worlds, array)
+
+    def _write_report(self, k: int) -> None:
+        """Write the fields of ``info`` of a block."""
+        self.information.write(self._blocks[k].worlds, *self.report)
+
+    def _observe(self) -> None:
+        """Compute an observation that is implemented in Python."""
+        self.observations = self.observation.observe(self.sensing.measurement, self._measured, self.episode)
+
+    def _forget_departed(self) -> None:
+        """Clear what actions and model remember of parts that have arrived or left."""
         changed = self.scoring.changed
         if changed.any():
             for remembered in self.action.live().values():
                 if remembered.shape[:2] == changed.shape:
                     remembered[changed] = 0
-            self.sensing.renew(changed, self.simulator.state)
             self.simulator.renew(changed)
 
-    def _at_driven(self, measurement: Measurement) -> Measurement:
-        """What actions aim by where they do not speak for all parts: for the others nothing is commanded."""
+    def _allocate(self) -> None:
+        """Begin a batch of observations and reports: arrays that were handed out are not written again."""
+        if self._rows is not None:
+            self._arrays, self.observations = self._rows.fresh(self.worlds)
+        if isinstance(self.information, BatchInformation):
+            self.report = self.information.allocate()
+
+    def relate(self, worlds: np.ndarray) -> None:
+        """Update the relations by the measured poses in ``worlds`` (index array)."""
+        if not self.sensing.exact:
+            self._now.relate(worlds, self.sensing.measurement.pose, self.sensing.measurement.gone)
+
+    def refresh(self, worlds: np.ndarray) -> None:
+        """Observe and report ``worlds`` (index array) again in the present batch: their episodes have just begun."""
+        if isinstance(self.information, BatchInformation):
+            self.information.write(worlds, *self.report)
+        for write, array in zip(self._now.write, self._arrays):
+            write(worlds, array)
+        if self._rows is None:
+            self._observe()
+
+    def refresh_all(self) -> None:
+        """Observe and report all worlds, in a new batch."""
+        self._allocate()
+        self.refresh(self._now.worlds)
+
+    def _driven_alone(self) -> Measurement:
+        """Return the measurement for actions, in which parts that are not driven count as gone."""
+        measurement = self._measurement
         return measurement._replace(gone=measurement.gone | ~self.task.driven)
 
     def _reward_goals(self) -> None:
@@ -409,7 +569,7 @@ class Core:
         if began:
             if self.sensing.exact:
                 self.sensing.reset(NONE, self.simulator.state, np.zeros((0, self.sensing.draws)))
-            self.stages.relate(np.arange(self.worlds))
+            self.relate(self._now.worlds)
         self.drive, self.began = None, began
 
     def _progress(self) -> dict[str, np.ndarray]:
@@ -422,15 +582,6 @@ class Core:
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
-
-
-def _nothing() -> None:
-    """What there is to do where parts stay, and where nothing strikes them."""
-
-
-def _at_all(measurement: Measurement) -> Measurement:
-    """What actions aim by where they speak for all parts."""
-    return measurement
 
 
 def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:

@@ -1,11 +1,11 @@
-"""What ``info`` says: a kernel collects it world by world in a few arrays of a step's own, whose rows are handed out.
+"""``info`` of a step: fields of the episodes by name and column, reward terms, and arrays of single parts.
 
-So nothing has to be copied key by key, and what was handed out is never written again.
+A batch copies all fields into a few arrays per step, in a kernel, and hands out their rows: they are never written again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from typing import Any, NamedTuple
 
@@ -26,9 +26,34 @@ from vibgym.tasks.episode import (
     Episode,
 )
 
+NUMBERS = {
+    "reward": REWARD, "position_error": POSITION_ERROR, "heading_error": HEADING_ERROR, "clearance": SMALLEST_GAP,
+}  # fmt: skip
+COUNTS = {"parts_done": PARTS_DONE, "touching": IN_TOUCH}
+FLAGS = {"ended": ENDED, "fallen": DOWN, "is_success": SUCCEEDED}
+"""Fields of ``info`` and their columns in ``number``, ``count`` and ``flag`` of :class:`vibgym.tasks.episode.Episode`."""
 
-class Live(NamedTuple):
-    """Arrays of the state and of the scoring that ``info`` tells of, pinned in memory."""
+COLUMNS = (NUMBERS, COUNTS, {**FLAGS, "diverged": -1})
+ROWS = {name: (group, row) for group, names in enumerate(COLUMNS) for row, name in enumerate(names)}
+"""Where each field is in a :class:`Report`: index of the array, and row in it."""
+
+NUMBER, COUNT, FLAG = (tuple(each.values()) for each in (NUMBERS, COUNTS, FLAGS))
+TERMS, DIVERGED = len(NUMBERS), len(FLAGS)
+PART_FLAGS = ("done", "fallen", "present")
+
+
+class Report(NamedTuple):
+    """Fields of one step, a row per field."""
+
+    number: np.ndarray  # (NUMBERS and reward terms, worlds) float64
+    count: np.ndarray  # (COUNTS, worlds) int64
+    flag: np.ndarray  # (FLAGS and diverged, worlds) bool
+    part_number: np.ndarray  # (reward and reward terms, worlds, parts) float64
+    part_flag: np.ndarray  # (PART_FLAGS, worlds, parts) bool
+
+
+class Source(NamedTuple):
+    """Live arrays that a report is copied from, pinned in memory."""
 
     number: np.ndarray  # of the episodes, and so on: see vibgym.tasks.episode.Episode
     count: np.ndarray
@@ -38,46 +63,29 @@ class Live(NamedTuple):
     part_fallen: np.ndarray
     present: np.ndarray
     part_reward: np.ndarray
-    terms: np.ndarray  # (worlds, terms) of the reward, whoever makes them
+    terms: np.ndarray  # (worlds, terms) of the reward
     part_terms: np.ndarray  # (worlds, parts, terms)
 
 
-LIVE: Layout[Live] = Layout("LIVE", __name__)
-live_at = LIVE.at
-
-NUMBERS = (REWARD, POSITION_ERROR, HEADING_ERROR, SMALLEST_GAP)
-COUNTS = (PARTS_DONE, IN_TOUCH)
-FLAGS = (ENDED, DOWN, SUCCEEDED)
-TERMS, DIVERGED = len(NUMBERS), len(FLAGS)
-
-PART_FLAGS = ("done", "fallen", "present")
-
-
-class Told(NamedTuple):
-    """What one step has come to, a row for each thing that is told."""
-
-    number: np.ndarray  # (NUMBERS and reward terms, worlds) float64
-    count: np.ndarray  # (COUNTS, worlds) int64
-    flag: np.ndarray  # (FLAGS and diverged, worlds) bool
-    part_number: np.ndarray  # (reward and reward terms, worlds, parts) float64
-    part_flag: np.ndarray  # (PART_FLAGS, worlds, parts) bool
+SOURCE: Layout[Source] = Layout("SOURCE", __name__)
+source_at = SOURCE.at
 
 
 @borrowing
-def tell_worlds(live, worlds, number, count, flag, part_number, part_flag):
-    """Write what there is to tell of some worlds.
+def report_worlds(source, worlds, number, count, flag, part_number, part_flag):
+    """Copy the fields of some worlds into a report.
 
     Args:
-        live: address of a pinned :class:`Live`.
+        source: address of a pinned :class:`Source`.
         worlds: (n,) index.
-        number, count, flag, part_number, part_flag: see :class:`Told`.
+        number, count, flag, part_number, part_flag: see :class:`Report`.
     """
-    all_of = live_at(live)
+    all_of = source_at(source)
     terms, part_terms = all_of.terms, all_of.part_terms
-    # Row by row: all rows at a time would be as many places in memory, often a power of two apart.
+    # Row by row: writing all rows of a world at a time would touch places a power of two apart, which share cache lines.
     for row in range(TERMS):
         for k in range(worlds.shape[0]):
-            number[row, worlds[k]] = all_of.number[worlds[k], NUMBERS[row]]
+            number[row, worlds[k]] = all_of.number[worlds[k], NUMBER[row]]
     for term in range(terms.shape[1]):
         for k in range(worlds.shape[0]):
             number[TERMS + term, worlds[k]] = terms[worlds[k], term]
@@ -96,54 +104,93 @@ def tell_worlds(live, worlds, number, count, flag, part_number, part_flag):
 
 
 class Information:
-    """Makes ``info``, of single environments and of batches.
+    """Base of what makes ``info`` dictionaries.
 
     Args:
-        episode: progress of every world.  diverged: (worlds,).
+        fields: names among :data:`ROWS`, in order.
+        extra: further fields, live arrays (worlds,).
+        episode: progress of every world.
+        diverged: (worlds,) bool, live.
         names: of the reward terms.
-        terms, part_terms: their values (worlds, terms), of each part alone (worlds, parts, terms).
-        facts: what is told besides, (worlds,): live arrays.
-        more: groups of what else is told, live arrays (worlds, ...); a group may hold groups. It stands before the parts.
-        part_facts: what is told of each part besides, (worlds, parts): live arrays.
-
-    Attributes:
-        write: ``write(worlds, *told)`` writes what there is to tell of some worlds; of others it may at the same time.
+        terms, part_terms: their values (worlds, terms) and (worlds, parts, terms), live.
+        groups: nested fields, live arrays (worlds, ...); a group may hold groups.
+        part_extra: further fields of single parts, live arrays (worlds, parts).
     """
 
     def __init__(
         self,
+        fields: Sequence[str],
+        extra: Mapping[str, np.ndarray],
         episode: Episode,
         diverged: np.ndarray,
         names: Sequence[str],
         terms: np.ndarray,
         part_terms: np.ndarray,
-        facts: Mapping[str, np.ndarray],
-        more: Mapping[str, Any],
-        part_facts: Mapping[str, np.ndarray],
+        groups: Mapping[str, Any],
+        part_extra: Mapping[str, np.ndarray],
     ) -> None:
-        part = (episode.done, episode.part_fallen, episode.present, episode.part_reward)
-        live = Live(episode.number, episode.count, episode.flag, diverged, *part, terms, part_terms)
-        self._names, self._more, self._part_facts = tuple(names), more, part_facts
-        self.write = bound(tell_worlds, Pinned(LIVE, live))
-        self._shape = episode.done.shape
-        columns = [episode.number[:, k] for k in NUMBERS], [episode.count[:, k] for k in COUNTS]
-        flags = [*(episode.flag[:, k] for k in FLAGS), diverged]
-        # Where the rows of Told stand that tell of such an array.
-        rows = {_place(each): (group, k) for group, of in enumerate((*columns, flags)) for k, each in enumerate(of)}
-        self._facts = {name: rows.get(_place(values)) for name, values in facts.items()}
-        self._own = {name: values for name, values in facts.items() if self._facts[name] is None}
-        first = (0, len(NUMBERS), len(NUMBERS) + len(COUNTS))  # of each group, in the list of one world
-        order = [first[where[0]] + where[1] for where in self._facts.values() if where is not None]
-        self._known = tuple(name for name, where in self._facts.items() if where is not None)
-        self._pick = _picker(order)
-        worlds = self._shape[0]
-        self._masks = len(facts) + 2 * (len(self._names) + 1) + len(PART_FLAGS) + len(part_facts) + 2 + _size(more)
-        self._everyone = np.ones((self._masks, worlds), dtype=bool)
+        self.fields, self.extra, self.names = tuple(fields), dict(extra), tuple(names)
+        self.groups, self.part_extra = groups, part_extra
+        self.episode, self.diverged, self.terms, self.part_terms = episode, diverged, terms, part_terms
 
-    def fresh(self) -> Told:
-        """With nothing in it yet."""
-        worlds, terms = self._shape[0], len(self._names)
-        return Told(
+
+class WorldInformation(Information):
+    """Makes the ``info`` of a single environment: numbers, and copies of arrays."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        starts = np.cumsum([0, self.episode.number.shape[1], self.episode.count.shape[1], self.episode.flag.shape[1]])
+        columns = {name: int(start) + column for start, names in zip(starts, COLUMNS) for name, column in names.items()}
+        columns["diverged"] = int(starts[-1])
+        self._pick = itemgetter(*(columns[name] for name in self.fields), columns["ended"])  # at least two: a tuple
+
+    def read(self) -> tuple[float, bool, dict[str, Any]]:
+        """Return reward, whether the episode has ended, and ``info``."""
+        episode, names = self.episode, self.names
+        number = episode.number[0].tolist()
+        values = number + episode.count[0].tolist() + episode.flag[0].tolist() + self.diverged.tolist()
+        *known, ended = self._pick(values)
+        info: dict[str, Any] = dict(zip(self.fields, known))
+        for name, live in self.extra.items():
+            info[name] = live[0].item()
+        info["reward_terms"] = dict(zip(names, self.terms[0].tolist()))
+        if self.groups:
+            info |= _first(self.groups)
+        parts: dict[str, Any] = {
+            "done": episode.done[0].copy(),
+            "fallen": episode.part_fallen[0].copy(),
+            "present": episode.present[0].copy(),
+            "reward": episode.part_reward[0].copy(),
+        }
+        if self.part_extra:
+            parts |= _first(self.part_extra)
+        parts["reward_terms"] = dict(zip(names, self.part_terms[0].T.copy()))
+        info["parts"] = parts
+        return number[REWARD], ended, info
+
+
+class BatchInformation(Information):
+    """Makes the ``info`` of a batch, with Gymnasium's ``_key`` masks.
+
+    Attributes:
+        write: ``write(worlds, *report)`` copies the fields of some worlds; of disjoint worlds several at a time.
+    """
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        episode = self.episode
+        parts = (episode.done, episode.part_fallen, episode.present, episode.part_reward)
+        source = Source(episode.number, episode.count, episode.flag, self.diverged, *parts, self.terms, self.part_terms)
+        self.write = bound(report_worlds, Pinned(SOURCE, source))
+        self._shape = episode.done.shape
+        fields = len(self.fields) + len(self.extra) + 2 * (len(self.names) + 1)
+        self._masks = fields + len(PART_FLAGS) + len(self.part_extra) + 2 + _size(self.groups)
+        self._all_worlds = np.ones((self._masks, self._shape[0]), dtype=bool)
+
+    def allocate(self) -> Report:
+        """Return an uninitialised report."""
+        worlds, terms = self._shape[0], len(self.names)
+        return Report(
             np.empty((TERMS + terms, worlds)),
             np.empty((len(COUNTS), worlds), dtype=np.int64),
             np.empty((DIVERGED + 1, worlds), dtype=bool),
@@ -151,125 +198,77 @@ class Information:
             np.empty((len(PART_FLAGS), *self._shape), dtype=bool),
         )
 
-    def batch(self, told: Told, mask: np.ndarray | None = None) -> dict[str, Any]:
-        """Of all worlds, with Gymnasium's ``_key`` masks.
+    def read(self, report: Report, mask: np.ndarray | None = None) -> dict[str, Any]:
+        """Return ``info`` of all worlds.
 
         Args:
-            told: of a step, which this becomes part of.
-            mask: (worlds,) bool, of which worlds there is something to tell: zeros for the others; None: of all.
+            report: of a step; its arrays become part of the result.
+            mask: (worlds,) bool, worlds to include: zeros for the others; None: all.
         """
         if mask is None:
-            masks = iter(self._everyone.copy())
+            masks = iter(self._all_worlds.copy())
         else:
             masks = iter(np.tile(mask, (self._masks, 1)))
-            told = _masked(told, mask)
-        rows, info = [list(each) for each in told[:3]], {}
-        for name, where in self._facts.items():
-            info[name] = _shown(self._own[name], mask) if where is None else rows[where[0]][where[1]]
+            report = _masked(report, mask)
+        rows = [list(each) for each in report[:3]]
+        info: dict[str, Any] = {}
+        for name in self.fields:
+            group, row = ROWS[name]
+            info[name] = rows[group][row]
             info[f"_{name}"] = next(masks)
-        info["reward_terms"] = _with_masks(self._names, rows[0][TERMS:], masks)
+        _add(info, self.extra, mask, masks)
+        info["reward_terms"] = _with_masks(self.names, rows[0][TERMS:], masks)
         info["_reward_terms"] = next(masks)
-        _add(info, self._more, mask, masks)
-        reward, *terms = told.part_number
-        parts = _with_masks((*PART_FLAGS, "reward"), [*told.part_flag, reward], masks)
-        _add(parts, self._part_facts, mask, masks)
-        parts["reward_terms"] = _with_masks(self._names, terms, masks)
+        _add(info, self.groups, mask, masks)
+        reward, *terms = report.part_number
+        parts = _with_masks((*PART_FLAGS, "reward"), [*report.part_flag, reward], masks)
+        _add(parts, self.part_extra, mask, masks)
+        parts["reward_terms"] = _with_masks(self.names, terms, masks)
         parts["_reward_terms"] = next(masks)
         info["parts"], info["_parts"] = parts, next(masks)
         return info
 
 
-class OneWorld(Information):
-    """Of a single environment. Its arrays stay the same: what it hands out are plain numbers, and copies."""
-
-    def __init__(self, *what: Any) -> None:
-        super().__init__(*what)
-        terms = len(self._names)
-        self._number, self._count = np.zeros(TERMS + terms), np.zeros(len(COUNTS), dtype=np.int64)
-        self._flag = np.zeros(DIVERGED + 1, dtype=bool)
-        self._part_number = np.zeros((1 + terms, self._shape[1]))
-        self._part_flag = np.zeros((len(PART_FLAGS), self._shape[1]), dtype=bool)
-        rows = (each[:, None] for each in (self._number, self._count, self._flag))
-        self._told = Told._make([*rows, self._part_number[:, None], self._part_flag[:, None]])
-
-    def fresh(self) -> Told:
-        """The same ever after."""
-        return self._told
-
-    def one(self) -> tuple[float, bool, dict[str, Any]]:
-        """Reward, whether the episode has ended, and info: numbers, and arrays as batches of single environments stack them."""
-        number, flag, names = self._number.tolist(), self._flag.tolist(), self._names
-        terms = number[TERMS:]
-        info = dict(zip(self._known, self._pick(number[:TERMS] + self._count.tolist() + flag)))
-        if self._own:
-            info = {name: info[name] if name in info else self._own[name][0].item() for name in self._facts}
-        info["reward_terms"] = dict(zip(names, terms))
-        if self._more:
-            info |= _first(self._more)
-        done, fallen, present = self._part_flag.copy()
-        rows = iter(self._part_number.copy())
-        parts = {"done": done, "fallen": fallen, "present": present, "reward": next(rows), **_first(self._part_facts)}
-        parts["reward_terms"] = dict(zip(names, rows))
-        info["parts"] = parts
-        return number[0], flag[0], info
-
-
 _ZERO = {np.dtype(kind): np.zeros((), dtype=kind) for kind in (np.float64, np.int64, np.bool_)}
 
 
-def _place(values: np.ndarray) -> tuple[Any, ...]:
-    """What tells an array of the state from others."""
-    return values.__array_interface__["data"][0], values.dtype.str, values.shape, values.strides
-
-
-def _picker(order: Sequence[int]) -> Callable[[list[Any]], Sequence[Any]]:
-    """What picks the entries of a list in this order."""
-    return itemgetter(*order) if len(order) > 1 else lambda known: [known[k] for k in order]
-
-
 def _size(group: Mapping[str, Any]) -> int:
-    """How many names there are in a group, with those of its groups."""
+    """Return the number of names in a group, those of nested groups included."""
     return sum(1 + (_size(each) if isinstance(each, dict) else 0) for each in group.values())
 
 
 def _with_masks(names: Sequence[str], values: Sequence[np.ndarray], masks: Iterator[np.ndarray]) -> dict[str, Any]:
-    """Values by name, each with its mask."""
+    """Return values by name, each with its mask."""
     shown: dict[str, Any] = {}
     for name, each in zip(names, values, strict=True):
         shown[name], shown[f"_{name}"] = each, next(masks)
     return shown
 
 
-def _masked(told: Told, mask: np.ndarray) -> Told:
-    """A copy with zeros outside the mask (worlds,)."""
-    of_worlds = [np.where(mask, each, _ZERO[each.dtype]) for each in told[:3]]
-    of_parts = [np.where(mask[:, None], each, _ZERO[each.dtype]) for each in told[3:]]
-    return Told._make([*of_worlds, *of_parts])
-
-
-def _shown(values: np.ndarray, mask: np.ndarray | None) -> np.ndarray:
-    """A copy of a live array, with zeros outside the mask."""
-    shown = values.copy()
-    if mask is not None:
-        shown[~mask] = 0
-    return shown
+def _masked(report: Report, mask: np.ndarray) -> Report:
+    """Return a copy with zeros outside the mask (worlds,)."""
+    of_worlds = [np.where(mask, each, _ZERO[each.dtype]) for each in report[:3]]
+    of_parts = [np.where(mask[:, None], each, _ZERO[each.dtype]) for each in report[3:]]
+    return Report._make([*of_worlds, *of_parts])
 
 
 def _add(info: dict[str, Any], group: Mapping[str, Any], mask: np.ndarray | None, masks: Iterator[np.ndarray]) -> None:
-    """Put copies of live arrays into ``info``, each with its mask."""
+    """Add copies of live arrays (worlds, ...) to ``info``, each with its mask; zeros outside ``mask``."""
     for name, values in group.items():
         if isinstance(values, dict):
             info[name] = {}
             _add(info[name], values, mask, masks)
         else:
-            info[name] = _shown(values, mask)
+            info[name] = values.copy()
+            if mask is not None:
+                info[name][~mask] = 0
         info[f"_{name}"] = next(masks)
 
 
-def _first(details: Mapping[str, Any]) -> dict[str, Any]:
-    """Details of the first world: numbers, and arrays as batches of single environments stack them."""
+def _first(group: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the first world's entries of live arrays (worlds, ...): numbers, and copies of arrays."""
     first: dict[str, Any] = {}
-    for name, values in details.items():
+    for name, values in group.items():
         if isinstance(values, dict):
             first[name] = _first(values)
         else:

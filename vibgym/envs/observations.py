@@ -25,11 +25,6 @@ def written(task: Task, layout: Layout, measurement: Measurement, relations: Rel
     return bound(write_rows, pinned_scene(task, layout, relations, episode), *measurement)
 
 
-def rows_of(layout: Layout, worlds: int) -> np.ndarray:
-    """An array for it, with nothing in it yet."""
-    return np.empty((worlds, layout.slots, layout.block), dtype=np.float32)
-
-
 class StateObservation(RowObservation):
     """One flat float32 box in [-1, 1]: a block of numbers for each slot, part p in slot p; see the layout."""
 
@@ -38,7 +33,7 @@ class StateObservation(RowObservation):
         return spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
 
     def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
-        rows = rows_of(self.layout, worlds)
+        rows = np.empty((worlds, self.layout.slots, self.layout.block), dtype=np.float32)
         return [rows], rows.reshape(worlds, -1)
 
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
@@ -67,7 +62,8 @@ class PartsObservation(RowObservation):
         )
 
     def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
-        rows, mask = rows_of(self.row_layout, worlds), np.empty((worlds, self.task.slots), dtype=np.int8)
+        rows = np.empty((worlds, self.task.slots, self.row_layout.block), dtype=np.float32)
+        mask = np.empty((worlds, self.task.slots), dtype=np.int8)
         return [rows, mask], {"parts": rows, "mask": mask}
 
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:

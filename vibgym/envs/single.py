@@ -13,7 +13,7 @@ from gymnasium.utils import seeding
 from vibgym import checks
 from vibgym.envs import features, generators
 from vibgym.envs.core import Core
-from vibgym.envs.info import OneWorld
+from vibgym.envs.info import WorldInformation
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.sensing import TOLD
@@ -221,7 +221,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         known = Options.from_mapping("keyword arguments", {"task": task, **options}, ("render_mode",))
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
-        self.core = Core(known, 1, OneWorld)
+        self.core = Core(known, 1, WorldInformation)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
@@ -259,8 +259,8 @@ class VibgymEnv(SharedInterface, gym.Env):
         if self._viewer is not None:
             self._viewer.begin(0)
             self._draw()
-        self.core.stages.show_all()
-        return self._own(self.core.stages.seen), self._told()[2]
+        self.core.refresh_all()
+        return self._own(self.core.observations), self.core.information.read()[2]
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -273,8 +273,10 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._viewer.follow(0)
             self._draw()
         truncated = core.step_limit is not None and self._steps >= core.step_limit
-        reward, ended, info = self._told()
-        return self._own(core.stages.seen), reward, ended, truncated, info
+        batch = core.observations
+        observation = batch[0] if isinstance(batch, np.ndarray) else self._own(batch)
+        reward, ended, info = core.information.read()
+        return observation, reward, ended, truncated, info
 
     @property
     def compute_reward(self) -> Any:
@@ -335,7 +337,3 @@ class VibgymEnv(SharedInterface, gym.Env):
         if isinstance(seen, dict):
             return {key: value[0] for key, value in seen.items()}
         return seen[0]
-
-    def _told(self) -> tuple[float, bool, dict[str, Any]]:
-        """Reward, whether the episode has ended, and info."""
-        return self.core.information.one()  # type: ignore[attr-defined]

@@ -113,8 +113,8 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             self._np_random, self._np_random_seed = seeding.np_random(int(seed))
         self.closed = False
         self._begin(mask, override)
-        self.core.stages.show_all()
-        return self.core.stages.seen, self.core.information.batch(self.core.stages.told, None if mask.all() else mask)
+        self.core.refresh_all()
+        return self.core.observations, self.core.information.read(self.core.report, None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
@@ -135,7 +135,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
                 self._viewer.follow(world)
         if waiting.any():  # NEXT_STEP: the step after the end is the reset
             self._begin_anew(waiting)
-        terminated, reward = core.stages.told.flag[0].copy(), core.stages.told.number[0].copy()
+        terminated, reward = core.report.flag[0].copy(), core.report.number[0].copy()
         truncated = np.zeros(self.num_envs, dtype=bool)
         if self.max_episode_steps is not None:
             truncated = self._steps >= self.max_episode_steps
@@ -143,15 +143,15 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP and finished.any():
             final = {
-                "final_obs": self._objects(core.stages.seen, finished),
+                "final_obs": self._objects(core.observations, finished),
                 "_final_obs": finished.copy(),
-                "final_info": core.information.batch(core.stages.told, finished),
+                "final_info": core.information.read(core.report, finished),
                 "_final_info": finished.copy(),
             }
             self._begin_anew(finished)
             finished = np.zeros(self.num_envs, dtype=bool)
         self._finished[:] = finished
-        return core.stages.seen, reward, terminated, truncated, {**final, **core.information.batch(core.stages.told)}
+        return core.observations, reward, terminated, truncated, {**final, **core.information.read(core.report)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """One picture a world for ``"rgb_array"``."""
@@ -258,7 +258,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
 
     def _begin_anew(self, mask: np.ndarray) -> None:
         """Begin episodes in the worlds whose last ones have ended, and show where they begin."""
-        self.core.stages.show(self._begin(mask))
+        self.core.refresh(self._begin(mask))
 
     def _seeds(self, seed: Any) -> Sequence[int | None]:
         if seed is None:

@@ -183,7 +183,7 @@ class World:
         core = self.core
         state = core.simulator.state
         self._relate(ONLY, state.pose, state.fallen)
-        core.stages.relate(ONLY)
+        core.relate(ONLY)
 
     def aim(self, part: int, pose: np.ndarray) -> None:
         """Ask for another goal pose (3,) of a part.
@@ -262,4 +262,4 @@ def _carry_over(old: Any, new: Any) -> None:
         state["simulator"]["fallen"] = before["simulator"]["fallen"]
     new.set_state(state)
     new.core.sensing.renew(np.ones((1, len(new.parts)), dtype=bool), new.core.simulator.state)
-    new.core.stages.relate(ONLY)
+    new.core.relate(ONLY)

@@ -142,7 +142,6 @@ class Simulator(AboveThePlane):
             warn_of_slender(self.parts, self.model)
         threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self.blocks = workers.Blocks(self.worlds, threads)
-        self._nothing = [_nothing] * len(self.blocks.edges)
         self._model = FIXED[self.model](setup, self.choice.knobs)
         self._setup = setup
         self._tipping: TippingMargin | None = None  # made when it is first asked for
@@ -278,32 +277,32 @@ class Simulator(AboveThePlane):
 
     def run(self, drive: Drive, periods: int = 1) -> None:
         """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
-        self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS), self._nothing)
+        self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS))
 
-    def go_on(self, drive: Drive, periods: int, then: Sequence[Callable[[], None]] = ()) -> None:
-        """:meth:`run`, and what is to be done with each of :attr:`blocks` as soon as its worlds have been advanced.
+    def go_on(self, drive: Drive, periods: int, stages: Sequence[Callable[[int], None]] = ()) -> None:
+        """:meth:`run`, and then some stages for each of :attr:`blocks` as soon as its worlds have been advanced.
 
         Args:
-            then: for each block, called in the thread that has advanced it, several at a time; empty: nothing.
+            stages: called with a block's number on the thread that has advanced it, several blocks at a time.
         """
         if self._drive is None:
             self._drive = Pinned(DRIVE, drive)
         elif drive is not self._drive.record:
             self._drive.put(drive)
-        advance, held, state, edges, after = (
-            self._model.advance,
-            self._drive,
-            self._pinned,
-            self.blocks.edges,
-            then or self._nothing,
-        )
+        advance, held, state, edges = self._model.advance, self._drive, self._pinned, self.blocks.edges
+        if len(edges) == 1:
+            advance(0, self.worlds, held, state, periods)
+            for stage in stages:
+                stage(0)
+        else:
 
-        def work(k: int) -> None:
-            start, stop = edges[k]
-            advance(start, stop, held, state, periods)
-            after[k]()
+            def work(k: int) -> None:
+                start, stop = edges[k]
+                advance(start, stop, held, state, periods)
+                for stage in stages:
+                    stage(k)
 
-        self.blocks.run(work)
+            self.blocks.run(work)
         self._periods += periods
         self._counted += periods
 
@@ -443,10 +442,6 @@ class Simulator(AboveThePlane):
         put_back(self._state._asdict(), values)
         put_back(own, more)
         self._periods = periods
-
-
-def _nothing() -> None:
-    """What follows where nothing does."""
 
 
 def _limit(surface: Surface) -> float:

@@ -122,14 +122,13 @@ class Blocks:
         # Whole bundles: a block that ends within one would leave lanes empty.
         edges = [min(-(-worlds * k // count // LANES) * LANES, worlds) for k in range(count + 1)]
         self.edges = list(zip(edges, edges[1:]))
-        self.run = self._alone if self._threads == 1 else self._together
 
-    def _alone(self, work: Callable[[int], None]) -> None:
+    def run(self, work: Callable[[int], None]) -> None:
         """Call ``work(k)`` for every block, by its number."""
-        work(0)
-
-    def _together(self, work: Callable[[int], None]) -> None:
         global _crew
+        if self._threads == 1:
+            work(0)
+            return
         blocks = iter(range(len(self.edges)))
 
         def run() -> None:

@@ -70,7 +70,7 @@ class Task(ABC):
     FACTS: ClassVar[tuple[str, ...]] = (
         "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged",
     )  # fmt: skip
-    """What ``info`` says besides ``reward_terms``, among the names in :meth:`facts`: all of them, unless a task says which."""
+    """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
 
     FEATURES: ClassVar[tuple[str, ...]]
     """Of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""
@@ -230,20 +230,6 @@ class Task(ABC):
             if not isinstance(term, str) or not (term in self.weights or self.has_own_reward):
                 raise checks.refuse(f"{name}[{checks.shown(term)}]", weights[term], f"weights of the terms {known}")
         self.weights |= {term: checks.number(f"{name}[{term!r}]", weight) for term, weight in weights.items()}
-
-    def facts(self, diverged: np.ndarray, episode: Episode) -> dict[str, np.ndarray]:
-        """What ``info`` says besides ``reward_terms``, each (worlds,); live arrays of the true state."""
-        known = {
-            "is_success": episode.success,
-            "position_error": episode.position_error,
-            "heading_error": episode.heading_error,
-            "clearance": episode.clearance,
-            "touching": episode.touching,
-            "parts_done": episode.parts_done,
-            "fallen": episode.fallen,
-            "diverged": diverged,
-        }
-        return {name: known[name] for name in self.FACTS}
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         """One line for a picture of a world."""

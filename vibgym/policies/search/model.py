@@ -44,7 +44,7 @@ class Model:
     @property
     def observation(self) -> Any:
         """State observations (worlds, size) after the last step."""
-        return self.core.stages.seen
+        return self.core.observations
 
     def begin(self, seen: Measured, drift: np.ndarray) -> None:
         """Go on from a measured state, that of each world.
