@@ -103,7 +103,7 @@ BAD = [
     ("Align", {"randomize": {"mass": [1, 101]}}, r"randomize\['mass'\]\[1\]"),
     ("Align", {"randomize": {"mass": "12"}}, r"randomize\['mass'\]"),
     ("Align", {"randomize": {"mass": [1, True]}}, r"randomize\['mass'\]\[1\]"),
-    ("Align", {"randomize": {"mass": [1, 2, 3]}}, r"randomize\['mass'\]: "),
+    ("Align", {"randomize": {"mass": [1, 2, 3]}}, r"randomize\['mass'\]"),
     ("Align", {"randomize": {"mass": [1, math.nan]}}, r"randomize\['mass'\]\[1\]"),
     ("Align", {"randomize": {"patches": 0.7}}, r"randomize\['patches'\]"),
     ("Align", {"randomize": {"patches": [1, 6]}, "model": "averaged"}, r"randomize\['patches'\]"),

@@ -27,7 +27,7 @@ def test_states_of_other_environments_are_refused_and_nothing_changes(settings, 
 def test_states_of_another_number_of_worlds_are_refused():
     env, other = batch("Align", 2), batch("Align", 3)
     env.reset(seed=1), other.reset(seed=1)
-    with pytest.raises(ValueError, match=r"state\['steps'\]: .*\(3,\)"):
+    with pytest.raises(ValueError, match=r"state\['steps'\]"):
         env.set_state(other.get_state())
     one = single("Align").unwrapped
     one.reset(seed=1)

@@ -121,7 +121,7 @@ class Core:
         if model == "auto":
             knobs.setdefault("periods_per_call", self.periods)
         if options.walls is not None and not cls.HAS_WALLS:
-            raise checks.refuse("walls", options.walls, f"nothing for {options.task}, which has none")
+            raise checks.conflict(f"walls cannot be set for task {options.task!r}")
         walls = () if options.walls is None else options.walls
         self.simulator = Simulator(self.surface, self.parts, worlds=worlds, model=model, walls=walls, **knobs)
         if "patches" in self.randomization.ranges:
@@ -133,8 +133,7 @@ class Core:
             plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
         )  # fmt: skip
         if self.task.flows and not self.sensing.sensor.renews:
-            allowed = f"'ideal', 'pose', or another that {self.task.name}, whose parts come and go, can do with"
-            raise checks.refuse("sensor", options.sensor, allowed)
+            raise checks.conflict(f"sensor {options.sensor!r} does not support task {self.task.name!r}: parts arrive and leave")
         self.task.features = (*self.task.features, *(name for each in self.sensing.tell for name in TOLD[each]))
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
@@ -180,8 +179,7 @@ class Core:
         self.terms, self.part_terms = self.episode.terms, self.episode.part_terms
         if self.observation.goal_reward:
             if weights:
-                allowed = "none with observation='goal', whose reward is compute_reward's"
-                raise checks.refuse("task_settings['weights']", dict(weights), allowed)
+                raise checks.conflict("task_settings['weights'] cannot be set with observation='goal': see compute_reward")
             self.term_names = ("goal",)
             self.terms, self.part_terms = np.zeros((worlds, 1)), np.zeros((worlds, parts, 1))
         elif self.task.has_own_reward:
@@ -606,10 +604,10 @@ def _task_settings(
         name: value for name, value in {**settings, "randomize": randomize or None}.items() if value is not None
     }
     known = checks.keywords(cls)
-    for name, value in settings.items():
+    for name in settings:
         if name not in known:
             own = ", ".join(each for each in known if each in NAMED)
-            raise checks.refuse(name, value, f"nothing for {options.task}, which has {own or 'no settings'}")
+            raise checks.conflict(f"{name} cannot be set for task {options.task!r} (its settings: {own or 'none'})")
     more = {} if options.task_settings is None else options.task_settings
     known = tuple(dict.fromkeys((*known, "weights")))
     if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
