@@ -133,7 +133,9 @@ class Core:
             plant=nominal(self.actuators), latency=self.actuators.latency, walls=walls,
         )  # fmt: skip
         if self.task.flows and not self.sensing.sensor.renews:
-            raise checks.conflict(f"sensor {options.sensor!r} does not support task {self.task.name!r}: parts arrive and leave")
+            raise checks.conflict(
+                f"sensor {options.sensor!r} does not support task {self.task.name!r}: parts arrive and leave"
+            )
         self.task.features = (*self.task.features, *(name for each in self.sensing.tell for name in TOLD[each]))
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
@@ -179,7 +181,9 @@ class Core:
         self.terms, self.part_terms = self.episode.terms, self.episode.part_terms
         if self.observation.goal_reward:
             if weights:
-                raise checks.conflict("task_settings['weights'] cannot be set with observation='goal': see compute_reward")
+                raise checks.conflict(
+                    "task_settings['weights'] cannot be set with observation='goal': see compute_reward"
+                )
             self.term_names = ("goal",)
             self.terms, self.part_terms = np.zeros((worlds, 1)), np.zeros((worlds, parts, 1))
         elif self.task.has_own_reward:
