@@ -20,9 +20,9 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 
 import vibgym
 from vibgym import checks
-from vibgym._numba.jit import cache_folder
 from vibgym.files import reason, write_atomically
 from vibgym.imports import take_part, taking_part
+from vibgym.kernels.jit import cache_folder
 from vibgym.simulation.threads import MOST, available_threads
 from vibgym.warm import warm
 
