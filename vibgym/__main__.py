@@ -1,32 +1,66 @@
-"""Command line: ``python -m vibgym warm`` compiles all kernels, so that no first step has to wait for them;
-``python -m vibgym play`` serves a page to play on.
+"""Command line: ``python -m vibgym COMMAND``. Plug-ins add commands by entry points in group ``vibgym.commands``.
 
-Exit codes: 0 done, 2 bad input, 130 interrupted, 1 anything else (such as no folder that compiled kernels can be kept in).
+Exit codes: 0 done, 2 invalid input, 130 interrupted, 1 anything else (such as no folder for compiled kernels).
 """
 
 from __future__ import annotations
 
 import argparse
+import inspect
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from vibgym.play import command
+from vibgym import checks
+from vibgym.registry import Registry
+
+Command = Callable[[argparse.Namespace], int]
+"""Function of a command; returns the exit code."""
+
+
+def warm(parser: argparse.ArgumentParser) -> Command:
+    """Compile all kernels and store them in the cache, for container images and clusters."""
+    parser.add_argument(
+        "--ship", type=Path, metavar="FOLDER", help="write the compiled kernels of a wheel there (docs/numba.md)"
+    )
+    return compile_all
+
+
+def compile_all(arguments: argparse.Namespace) -> int:
+    """Run ``warm``."""
+    from vibgym.kernels.jit import cache_folder, collect
+
+    folder = cache_folder()
+    if folder is None:
+        print("compiled kernels are not stored: VIBGYM_CACHE is 0, or no folder is writable", file=sys.stderr)
+        return 1
+    from vibgym.warm import warm
+
+    if arguments.ship is not None:
+        collect(arguments.ship)
+    took = warm(print)
+    print(f"all kernels compiled in {took:.1f} s, kept in {folder}")
+    return 0
+
+
+COMMANDS: Registry[Callable[[argparse.ArgumentParser], Command]] = Registry(
+    "command", {"warm": warm}, "vibgym.commands"
+)
+"""Commands by name: functions that add arguments to a parser and return the function to run. Their docstring is the help."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line's grammar."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(prog="python -m vibgym", description="Vibrating surfaces for learning.")
     commands = result.add_subparsers(dest="command", required=True)
-    warm = commands.add_parser("warm", help="compile all kernels and keep them, for images of machines and clusters")
-    warm.add_argument(
-        "--ship",
-        type=Path,
-        metavar="FOLDER",
-        help="write there what a wheel holds of them, as its build does (docs/numba.md)",
-    )
-    play = commands.add_parser("play", help="serve a page to play with a world by hand (extra 'play')")
-    command.arguments(play)
+    for name in COMMANDS:
+        try:
+            add = COMMANDS[name]
+        except checks.Refused as error:  # a plug-in that cannot be imported; the other commands still work
+            print(error, file=sys.stderr)
+            continue
+        each = commands.add_parser(name, help=(inspect.getdoc(add) or "").partition("\n")[0])
+        each.set_defaults(run=add(each))
     return result
 
 
@@ -34,38 +68,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     arguments = parser().parse_args(argv)
     try:
-        return played(arguments) if arguments.command == "play" else compiled(arguments.ship)
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr, flush=True)
-        return 130
-
-
-def played(arguments: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C; returns the exit code, 2 for bad input."""
-    try:
-        return command.run(arguments)
+        return arguments.run(arguments)
     except (ValueError, ModuleNotFoundError) as error:
         print(" ".join(str(error).split()), file=sys.stderr)
         return 2
-
-
-def compiled(ship: Path | None = None) -> int:
-    """Compile all kernels, and write to a folder what wheels hold of them; returns the exit code."""
-    from vibgym.kernels.jit import cache_folder
-
-    folder = cache_folder()
-    if folder is None:
-        print("compiled kernels are not kept: VIBGYM_CACHE is 0, or no folder can be written", file=sys.stderr)
-        return 1
-    from vibgym.warm import warm
-
-    if ship is not None:
-        from vibgym.kernels.jit import collect
-
-        collect(ship)
-    took = warm(print)
-    print(f"all kernels compiled in {took:.1f} s, kept in {folder}")
-    return 0
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr, flush=True)
+        return 130
 
 
 if __name__ == "__main__":

@@ -13,6 +13,10 @@ from types import ModuleType
 RENAMED: dict[str, str] = {
     "vibgym._numba": "vibgym.kernels",
     "vibgym.physics.collision": "vibgym.physics.contacts",
+    "vibgym.physics.tilting": "vibgym.plugins.tilting",
+    "vibgym.play": "vibgym.plugins.play",
+    "vibgym.rendering.page": "vibgym.plugins.play.drawing",
+    "vibgym.sensing.camera": "vibgym.plugins.camera",
 }
 """Old module name -> new module name."""
 

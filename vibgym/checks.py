@@ -12,7 +12,7 @@ import inspect
 import math
 import numbers
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -186,7 +186,7 @@ def flag(name: str, value: Any) -> bool:
     return bool(value)
 
 
-def choice(name: str, value: Any, allowed: tuple[Any, ...]) -> Any:
+def choice(name: str, value: Any, allowed: Collection[Any]) -> Any:
     """Return ``value`` if it is one of the names ``allowed``."""
     if not isinstance(value, str):
         raise refuse(name, value, "one of " + ", ".join(repr(each) for each in allowed))
@@ -263,7 +263,7 @@ def _first(values: np.ndarray, bad: np.ndarray) -> str:
     return f"{float(values[index])!r} at {list(index)}"
 
 
-def named(argument: str, value: Any, kinds: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
+def named(argument: str, value: Any, kinds: Collection[str]) -> tuple[str, dict[str, Any]]:
     """Return kind and settings from a name, or from a mapping with ``kind`` and settings."""
     if isinstance(value, Mapping):
         if "kind" not in value:

@@ -1,36 +1,54 @@
-"""Names that settings may use, and what stands behind them: the package's own, and a user's beside them."""
+"""Registries: names used in settings, and the classes or functions they refer to."""
 
 from __future__ import annotations
 
+import functools
+import tomllib
+import warnings
 from collections.abc import Container, Iterator, Mapping
-from typing import Generic, TypeVar
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from vibgym import checks
 
 Item = TypeVar("Item")
 
+PROJECT = Path(__file__).parents[1] / "pyproject.toml"
+"""Of a checkout; an installed package has none."""
+
+REINSTALL = (
+    "the installed metadata of vibgym differ from this checkout, so plug-ins are read from its pyproject.toml: "
+    "run pip install -e . again"
+)
+
 
 class Registry(Mapping[str, Item], Generic[Item]):
-    """A mapping from names to classes, to which more may be added and nothing is replaced.
+    """A mapping from names to classes or functions. Names can be added, not replaced.
+
+    Plug-ins of installed packages are found by their entry points, when a name is looked up that is not registered, and
+    imported when that name is used.
 
     Args:
-        what: the names are of, such as ``"task"``; for errors.
-        items: to begin with.
+        what: the names denote, such as ``"task"``; for error messages.
+        items: built-in ones.
+        group: of the entry points that add to it, such as ``"vibgym.models"``; None: there are no plug-ins.
 
     Attributes:
-        taken: further names that may not be registered, because they mean something else where these are used.
+        taken: further names that cannot be registered, because they have another meaning in settings.
     """
 
-    def __init__(self, what: str, items: Mapping[str, Item]) -> None:
+    def __init__(self, what: str, items: Mapping[str, Item], group: str | None = None) -> None:
         self.what = what
+        self.group = group
         self._items = dict(items)
         self.taken: Container[str] = ()
 
     def register(self, name: str, item: Item) -> None:
-        """Add ``item`` under a name of its own.
+        """Add ``item`` under a new name.
 
         Raises:
-            ValueError: the name is not a word, or there already.
+            ValueError: ``name`` is not a word or is taken, or ``item`` cannot be called.
         """
         if not isinstance(name, str) or not name.replace("-", "_").isidentifier():
             raise checks.refuse(f"{self.what} name", name, "a word of letters, digits, '_' and '-'")
@@ -41,18 +59,55 @@ class Registry(Mapping[str, Item], Generic[Item]):
         self._items[name] = item
 
     def choose(self, argument: str, name: object) -> Item:
-        """What stands behind ``name``, given as ``argument``.
+        """Return the item ``name``, given as ``argument``.
 
         Raises:
-            ValueError: there is no such name.
+            ValueError: unknown name, or a plug-in that cannot be imported.
         """
-        return self[checks.choice(argument, name, tuple(self))]
+        return self[checks.choice(argument, name, self)]
 
     def __getitem__(self, name: str) -> Item:
+        if name not in self._items:
+            self._items[name] = _loaded(self.what, self._plugins()[name])
         return self._items[name]
 
+    def __contains__(self, name: object) -> bool:
+        return name in self._items or any(name == each for each in self)
+
     def __iter__(self) -> Iterator[str]:
-        return iter(self._items)
+        return iter(dict.fromkeys((*self._items, *self._plugins())))
 
     def __len__(self) -> int:
-        return len(self._items)
+        return len(dict.fromkeys((*self._items, *self._plugins())))
+
+    def _plugins(self) -> Mapping[str, metadata.EntryPoint]:
+        return {} if self.group is None else _entry_points(self.group)
+
+
+@functools.cache
+def _entry_points(group: str) -> dict[str, metadata.EntryPoint]:
+    """Return the entry points of a group in all installed packages, by name."""
+    found = {point.name: point for point in metadata.entry_points(group=group)}
+    missing = {name: point for name, point in _declared(group).items() if found.get(name) != point}
+    if missing:
+        warnings.warn(REINSTALL, UserWarning, stacklevel=2)
+    return found | missing
+
+
+def _declared(group: str) -> dict[str, metadata.EntryPoint]:
+    """Return the entry points in the checkout's ``pyproject.toml``: installed metadata can be older than the checkout."""
+    try:
+        project: dict[str, Any] = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+    except (OSError, KeyError, ValueError):
+        return {}
+    if project.get("name") != "vibgym":
+        return {}
+    points: Mapping[str, str] = project.get("entry-points", {}).get(group, {})
+    return {name: metadata.EntryPoint(name, value, group) for name, value in points.items()}
+
+
+def _loaded(what: str, point: metadata.EntryPoint) -> Any:
+    try:
+        return point.load()
+    except (ImportError, AttributeError) as error:
+        raise checks.Refused(f"cannot load {what} {point.name!r} from {point.value!r}: {error}") from error

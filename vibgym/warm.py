@@ -16,6 +16,7 @@ from vibgym.bounds import TimeBound
 from vibgym.envs.actions import all_finite
 from vibgym.physics.core.drive import all_phasors, polar_drive
 from vibgym.policies import TaskInfo, rollout
+from vibgym.registry import Registry
 
 BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6)]
 
@@ -35,8 +36,6 @@ MACHINES: dict[str, dict[str, Any]] = {
     "prototype actuators, pose sensor": {"actuators": "prototype", "sensor": "pose"},
     "model estimator": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
     "Kalman estimator": {"sensor": {"kind": "pose", "estimator": "kalman"}},
-    "camera": {"sensor": "camera", "observation": "camera"},
-    "statistical camera": {"sensor": {"kind": "camera", "statistical": True}},
 }
 
 
@@ -61,14 +60,10 @@ def contacts() -> None:
     made.advance(0.0, 0.0)
 
 
-def above_the_plane() -> None:
-    """A period in which parts tilt, alone and several of them, and one in which they are struck."""
-    for parts in (BLOCKS[:1], BLOCKS):
-        made = Simulator(Surface(), parts, model="tilting")
-        made.tip(0, 0.02)
-        made.advance(0.0, 0.0)
-    made.tipping_margin.sum()
+def disturbances() -> None:
+    """Compile impulse disturbances and the tipping margin."""
     machine(randomize={"disturbance": {"rate": 1.0, "tilt": 0.02}})
+    Simulator(Surface(), BLOCKS[0]).tipping_margin.sum()
 
 
 def allocation() -> None:
@@ -114,12 +109,16 @@ def phasors() -> None:
     all_phasors(polar_drive(still, still, 1.0), np.zeros((1, 1, 1, 2)), 0)
 
 
+PLUGINS: Registry[Callable[[], None]] = Registry("warm", {"disturbances": disturbances}, "vibgym.warm")
+"""Further functions that compile kernels, by name: those of plug-ins."""
+
+
 def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
     """What there is to compile, by name."""
     yield "planar model", lambda: simulator(parts=BLOCKS[0])
     yield "averaged model", lambda: simulator(parts=BLOCKS[0], model="averaged")
     yield "contacts", contacts
-    yield "tilting model", above_the_plane
+    yield from PLUGINS.items()
     yield "allocation", allocation
     yield "bounds", bounds
     yield "wrench action", lambda: machine(action="wrench")

@@ -1,4 +1,4 @@
-/* Films of a page: film.py says how one is packed; table.js and side.js of vibgym.rendering.page, which stand above, draw it. */
+/* Films of a page: film.py says how one is packed; table.js and side.js of vibgym.plugins.play.drawing, which stand above, draw it. */
 const MARGIN = 20, BELOW = 16, SIDE = 110; // pixels of the still picture
 const REST = 48, PHASES = 32, LEVELS = 7, LAST_STAYS = 1500, JUMP = 6; // JUMP: elements that no part passes between two frames
 const LENGTH = 1e-4, HEIGHT = 1e-5, ANGLE = Math.PI / 1800;

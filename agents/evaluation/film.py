@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from agents.evaluation.log import Film
+from vibgym.plugins.play.drawing import drawn_scene, scripts
 from vibgym.rendering import Scenery
-from vibgym.rendering.page import drawn_scene, scripts
 
 MOST_FRAMES = 250
 """Of a film; of longer ones every second step is kept, or fewer."""

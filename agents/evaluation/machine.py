@@ -14,14 +14,14 @@ from vibgym.actuators import ACTUATORS
 from vibgym.actuators.ideal import IdealActuators
 from vibgym.actuators.prototype import PrototypeActuators
 from vibgym.config import to_si
+from vibgym.plugins.camera import CameraSensor, Settings
+from vibgym.plugins.tilting.model import RAMP, RESTITUTION
 from vibgym.scene import Surface
 from vibgym.sensing import EFFECTS, SENSORS
-from vibgym.sensing.camera import CameraSensor, Settings
 from vibgym.sensing.effects import deviations
 from vibgym.sensing.ideal import IdealSensor
 from vibgym.sensing.pose import PoseSensor
 from vibgym.simulation.simulator import MODELS
-from vibgym.simulation.tilting import RAMP, RESTITUTION
 
 IDEAL = (
     "Every element does exactly what it is told, at once.",

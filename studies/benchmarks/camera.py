@@ -18,9 +18,9 @@ from studies.kept import argument, show
 from studies.thesis.quantisation import centre_errors, chain_errors
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
+from vibgym.plugins.camera import CameraSensor, Settings, Setup
+from vibgym.plugins.camera.fitting import fit_errors
 from vibgym.scene.parts import shipped_part
-from vibgym.sensing.camera import CameraSensor, Settings, Setup
-from vibgym.sensing.camera.fitting import fit_errors
 
 SPACING = 0.0368
 """m, the least distance between parts that the spacing rule allows."""

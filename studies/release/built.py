@@ -76,7 +76,7 @@ def look_into_wheel(wheel: Path, version: str, tell: Tell) -> None:
         metadata = packed.read(f"vibgym-{version}.dist-info/METADATA")
     same("wheel's folders", {name.partition("/")[0] for name in names}, ["vibgym", f"vibgym-{version}.dist-info"])
     require("vibgym/py.typed" in names, "wheel", "no vibgym/py.typed")
-    for what, folder in {"policies": "vibgym/policies/trained/shipped", "page": "vibgym/play/page"}.items():
+    for what, folder in {"policies": "vibgym/policies/trained/shipped", "page": "vibgym/plugins/play/page"}.items():
         expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / folder).rglob("*.*")}
         if not expected:
             tell(Row("wheel", what, "not in the checkout"))

@@ -13,11 +13,11 @@ from agents.evaluation.figures import FAILURE, MUTED, SUCCESS, new_figure, png
 from studies.thesis.figure import Comparison, Figure, Picture
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
+from vibgym.plugins.camera import CameraSensor
+from vibgym.plugins.camera.look import M00, XX, XY, YY, X, measure_object
+from vibgym.plugins.camera.objects import boundary, find_objects, new_found
+from vibgym.plugins.camera.optics import projected
 from vibgym.scene.parts import shipped_part
-from vibgym.sensing.camera import CameraSensor
-from vibgym.sensing.camera.look import M00, XX, XY, YY, X, measure_object
-from vibgym.sensing.camera.objects import boundary, find_objects, new_found
-from vibgym.sensing.camera.optics import projected
 
 
 class Scene:

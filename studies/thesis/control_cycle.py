@@ -16,10 +16,10 @@ from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.records import new_state
+from vibgym.plugins.camera import CameraSensor
+from vibgym.plugins.camera.look import measure_object
+from vibgym.plugins.camera.objects import find_objects, new_found
 from vibgym.scene.parts import shipped_part
-from vibgym.sensing.camera import CameraSensor
-from vibgym.sensing.camera.look import measure_object
-from vibgym.sensing.camera.objects import find_objects, new_found
 
 OBJECTS = (1, 2, 4, 6, 8)
 REPEATS = 200

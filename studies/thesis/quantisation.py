@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from vibgym.kernels.jit import jit
-from vibgym.sensing.camera.edges import Grey, share_moments, shares
-from vibgym.sensing.camera.image import BOTH, Exposure, hide, normal_quantiles
-from vibgym.sensing.camera.objects import Found, Interest, find_objects, new_found
+from vibgym.plugins.camera.edges import Grey, share_moments, shares
+from vibgym.plugins.camera.image import BOTH, Exposure, hide, normal_quantiles
+from vibgym.plugins.camera.objects import Found, Interest, find_objects, new_found
 
 CORNERS = 256
 """Of the polygon of equal area that is drawn for a disc."""

@@ -33,9 +33,9 @@ class Balance(NamedTuple):
 def balance(name: str, share: float, tilt: float, restitution: float, periods: int, seed: int = 0) -> Balance:
     """Of a part tipped by ``tilt`` (rad) on random fields of a share of the largest; plain Python only."""
     from vibgym import Part, Simulator, Surface
-    from vibgym.physics.tilting import period as kernels
-    from vibgym.physics.tilting.ground import ground
-    from vibgym.physics.tilting.records import CX, CY, CZ, LX, LY, LZ, PN, PX, PY, RX, RY, VX, VY, VZ, WX, WY, WZ
+    from vibgym.plugins.tilting import period as kernels
+    from vibgym.plugins.tilting.ground import ground
+    from vibgym.plugins.tilting.records import CX, CY, CZ, LX, LY, LZ, PN, PX, PY, RX, RY, VX, VY, VZ, WX, WY, WZ
     from vibgym.scene.parts import shipped_part
 
     take_step, resolve = kernels.take_step, kernels.resolve_contacts

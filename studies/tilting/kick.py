@@ -4,7 +4,7 @@ Parts are let go from tilts on level ground. A kick of spin and velocity at once
 deviations of
 heading and place a second later, and no more spin than they have after two periods, when all have landed: what unit kicks do is
 measured with the planar model, and the deviations follow; what the spin leaves of the heading's is a turn at once. They are
-printed per root of a degree, as :mod:`vibgym.physics.tilting.kick` has them.
+printed per root of a degree, as :mod:`vibgym.physics.planar.kick` has them.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def test_with_tilting_a_struck_part_tilts_and_lands():
 
 def test_with_planar_models_a_struck_part_gets_a_kick():
     """Normal, with deviations per root of a degree that a command measures; nothing else moves."""
-    from vibgym.physics.tilting.kick import SPEED, SPIN
+    from vibgym.physics.planar.kick import SPEED, SPIN
 
     env = VibgymVectorEnv(
         "Align", num_envs=4000, action="wrench", randomize={"disturbance": {"rate": 50.0, "tilt_deg": 2}}

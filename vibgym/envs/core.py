@@ -32,8 +32,7 @@ from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.scene.parts import Part
 from vibgym.sensing import TOLD, sensing_from
 from vibgym.sensing.measurement import Measurement, new_measurement
-from vibgym.simulation.conditions import Conditions
-from vibgym.simulation.simulator import MODELS, Simulator
+from vibgym.simulation import MODELS, Conditions, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
@@ -207,7 +206,9 @@ class Core:
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
         groups = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
         self.details = {name: each for name, each in groups.items() if each}
-        part_extra = {**scoring.part_facts(), **self.simulator.part_facts()}
+        self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
+        rewards, part_facts = (self.term_names, self.terms, self.part_terms), self.scoring.part_facts()
+        part_facts = {**part_facts, **self.simulator.part_info()}
         if self.disturbances is not None:
             part_extra["struck"] = self.disturbances.struck
         self.information: Any = self._information(

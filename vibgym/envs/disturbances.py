@@ -1,7 +1,7 @@
 """``randomize={"disturbance": ...}``: parts are struck at random while an episode runs.
 
 With ``model="tilting"`` a struck part is let go from a tilt; with the others it gets a kick that has the statistics of what
-that leads to (:mod:`vibgym.physics.tilting.kick`). ``info`` says which parts were struck in a step, and by what tilt.
+that leads to (:mod:`vibgym.physics.planar.kick`). ``info`` says which parts were struck in a step, and by what tilt.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from vibgym import checks
 from vibgym.config import to_si
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
-from vibgym.physics.tilting.kick import begin_waiting, strike_parts
+from vibgym.physics.planar.kick import begin_waiting, strike_parts
 from vibgym.scene.parts import Part
 from vibgym.simulation.simulator import Simulator
 from vibgym.snapshots import Live
@@ -81,7 +81,6 @@ class Disturbances(Live):
         self._wait = np.zeros(shape)
         self.struck = np.zeros(shape)
         self._lean, self._kick = np.zeros((*shape, 2)), np.zeros((*shape, 3))
-        self._act = self._tip if simulator.model == "tilting" else self._push
 
     def live(self) -> dict[str, np.ndarray]:
         """See :class:`vibgym.snapshots.Live`."""
@@ -101,11 +100,5 @@ class Disturbances(Live):
             self._key, setting.rate, setting.low, setting.high, self._span, away, self._wait, self._count, self._lean,
             self._kick,
         ):  # fmt: skip
-            self._act()
+            self._simulator.disturb(self._lean, self._kick)
         np.hypot(self._lean[..., 0], self._lean[..., 1], out=self.struck)
-
-    def _tip(self) -> None:
-        self._simulator.tip(slice(None), self._lean, which=self._lean.any(axis=2))
-
-    def _push(self) -> None:
-        self._simulator.state.velocity[...] += self._kick

@@ -1,4 +1,4 @@
-"""Observations that are pictures: one drawn of what is measured, and what a camera has seen."""
+"""Image observation, drawn from the measurement."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from vibgym import checks
 from vibgym.envs.base import Observation
 from vibgym.rendering.raster import Marks, rasterise
-from vibgym.sensing import Measurement, Sensor
-from vibgym.sensing.camera import CameraSensor
+from vibgym.sensing import Measurement
 from vibgym.tasks import Task
 from vibgym.tasks.episode import Episode, Relations
 
@@ -64,23 +62,3 @@ class ImageObservation(Observation):
             surface.rows, surface.columns, surface.element_size, PIXELS, image,
         )  # fmt: skip
         return image
-
-
-class CameraObservation(Observation):
-    """uint8 image (lines, columns): what the camera saw at the look that is due, with all its noise and distortion."""
-
-    beside = False
-
-    def watch(self, sensor: Sensor) -> None:
-        if not isinstance(sensor, CameraSensor):
-            allowed = "'camera' only with sensor='camera', or a mapping of that kind"
-            raise checks.refuse("observation", "camera", allowed)
-        self._camera = sensor
-        sensor.keep_pictures()
-
-    @property
-    def space(self) -> spaces.Space:
-        return spaces.Box(0, 255, self._camera.setup.shape, np.uint8)
-
-    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        return self._camera.image()

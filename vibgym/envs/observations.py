@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.envs.base import Observation, RowObservation, Writer
-from vibgym.envs.images import CameraObservation, ImageObservation
+from vibgym.envs.images import ImageObservation
 from vibgym.envs.layout import Layout, RowLayout
 from vibgym.envs.writing import pinned_scene, write_goals, write_mask, write_rows
 from vibgym.kernels.reference import bound
@@ -140,7 +140,7 @@ OBSERVATIONS: Registry[type[Observation]] = Registry(
         "parts_and_state": PartsAndState,
         "goal": GoalObservation,
         "image": ImageObservation,
-        "camera": CameraObservation,
     },
+    "vibgym.observations",
 )
-"""Observations by name; ``OBSERVATIONS.register(name, cls)`` adds one of your own."""
+"""Observations by name; ``OBSERVATIONS.register(name, cls)`` or an entry point in group ``vibgym.observations`` adds one."""

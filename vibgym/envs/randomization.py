@@ -18,7 +18,7 @@ from vibgym.config import to_si
 from vibgym.envs.disturbances import Setting, setting_from
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.simulation.conditions import LEAST_FACTOR, MOST_FACTOR
+from vibgym.simulation.model import LEAST_FACTOR, MOST_FACTOR
 
 STEEPEST = 0.2
 """rad, of a table's incline: the load, which is left as it is, would be 2 % smaller."""

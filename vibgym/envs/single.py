@@ -88,7 +88,7 @@ class VibgymEnv(SharedInterface, gym.Env):
     heading counts, the heading in rad; the reward is then :meth:`compute_reward`. ``"image"``: uint8
     (6 rows, 6 columns, 3), see :class:`vibgym.envs.observations.ImageObservation`. Only tasks with a goal pose have ``"goal"``.
     ``"camera"``: uint8 (lines, columns), what the camera sees; only with ``sensor="camera"``, see
-    :class:`vibgym.sensing.camera.CameraSensor`. :meth:`observed` gives another one of the same instant.
+    :class:`vibgym.plugins.camera.CameraSensor`. :meth:`observed` gives another one of the same instant.
 
     ## Rewards
     The sum of ``info["reward_terms"]``, each bounded:
@@ -178,7 +178,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         actuators: ``"ideal"``, ``"prototype"`` (:class:`vibgym.actuators.PrototypeActuators`: a dead zone, latency, no two
             elements alike), a registered name, or a mapping with ``kind`` and its settings.
         sensor: ``"ideal"``, ``"pose"`` (:class:`vibgym.sensing.PoseSensor`: poses with noise), ``"camera"``
-            (:class:`vibgym.sensing.camera.CameraSensor`: measured in images, or off as if they were with
+            (:class:`vibgym.plugins.camera.CameraSensor`: measured in images, or off as if they were with
             ``"statistical": True``, which costs little), a registered name, or a mapping with ``kind``, its settings,
             ``estimator`` (``"none"``; ``"kalman"``; ``"model"``: what is measured is the state at which the next command
             begins to act, by the simulator under the commands given) and ``tell`` (see above). ``info["measured"]`` then holds

@@ -33,7 +33,7 @@ def scenery_of(env: SharedInterface) -> Scenery:
 
 def has_side(env: SharedInterface) -> bool:
     """Whether there is anything to see from the side: parts may tilt."""
-    return env.core.simulator.model == "tilting"
+    return not env.core.simulator.flat
 
 
 def side_of(env: SharedInterface, world: int) -> Side | None:

@@ -11,7 +11,6 @@ from vibgym.registry import Registry
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
-from vibgym.sensing.camera import CameraSensor
 from vibgym.sensing.effects import EFFECTS, Effect
 from vibgym.sensing.estimation import ESTIMATORS, Plant, estimator_from
 from vibgym.sensing.ideal import IdealSensor
@@ -19,8 +18,8 @@ from vibgym.sensing.measurement import Measurement, Reading
 from vibgym.sensing.pose import PoseSensor
 from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 
-SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor, "camera": CameraSensor})
-"""Sensors by name; ``SENSORS.register(name, cls)`` adds one of your own."""
+SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor}, "vibgym.sensors")
+"""Sensors by name; ``SENSORS.register(name, cls)`` or an entry point in group ``vibgym.sensors`` adds one."""
 
 TOLD = {"age": ("age",), "sigma": ("sigma",), "contacts": ("contact_normal", "contact_impulse")}
 """What an observation may tell of the measurement besides, by name, and its features."""
@@ -47,7 +46,7 @@ def sensing_from(
     Raises:
         ValueError: an unknown kind or setting, or a bad value.
     """
-    kind, settings = checks.named("sensor", value, tuple(SENSORS))
+    kind, settings = checks.named("sensor", value, SENSORS)
     settings = to_si(settings, "sensor")
     chosen = settings.pop("estimator", "none")
     reported = _reported(settings.pop("tell", ()))
@@ -65,7 +64,7 @@ def sensor_from(
     value: Any, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, more: tuple[str, ...] = ()
 ) -> Sensor:
     """A sensor by itself from its name, or a mapping with ``kind``, its settings and effects; ``more``: known besides."""
-    kind, settings = checks.named("sensor", value, tuple(SENSORS))
+    kind, settings = checks.named("sensor", value, SENSORS)
     cls = SENSORS[kind]
     effects = tuple(EFFECTS) if "effects" in checks.keywords(cls) else ()
     return checks.made("sensor", cls, (surface, parts, worlds, periods), to_si(settings, "sensor"), (*effects, *more))

@@ -1,8 +1,9 @@
-"""The models: what :class:`vibgym.Simulator` advances worlds with, one protocol for all of them."""
+"""The registry of models; the planar model of one part, the averaged model, and ``"auto"``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,103 +17,141 @@ from vibgym.physics.averaged.contact import AveragedScheme
 from vibgym.physics.core.drive import Drive
 from vibgym.physics.core.records import Scheme, State
 from vibgym.physics.planar.friction import slide_rows
+from vibgym.physics.planar.tipping import tipping_shares
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
-from vibgym.scene.parts import bodies_of, kinds_of
-from vibgym.simulation.conditions import Conditions
-from vibgym.simulation.protocol import NO_PATHS, InPlane, Model, NoContacts, Setup
-from vibgym.simulation.schemes import averaged_scheme, check_knobs, check_sliding, planar_scheme, planar_schemes
+from vibgym.registry import Registry
+from vibgym.scene.outlines import convex_hull
+from vibgym.scene.parts import Part, bodies_of, kinds_of
+from vibgym.simulation.choice import DEFAULT_TOLERANCE, choose, choose_for
+from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
+from vibgym.simulation.schemes import averaged_scheme, check_sliding, planar_scheme, planar_schemes
 from vibgym.simulation.threads import Pool
 
 
-class Planar(InPlane, NoContacts):
-    """The planar model of one part a world."""
+class Planar(Model):
+    """The planar model of one part in each world."""
 
     def __init__(self, setup: Setup, scheme: Scheme) -> None:
-        self._setups = Pool(partial(_planar_setup, setup, scheme))
+        super().__init__(setup)
+        self._setups = Pool(partial(planar_scene, setup, scheme))
         self._rows = np.arange(setup.worlds)
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
-        """See :class:`Model`. The compiled code is that of worlds with several parts, to the last bit."""
-        rows = self._rows  # its own: another thread may change the attribute, to shorter ones as well
-        if stop > len(rows):  # of somebody who takes a model alone, for as many worlds as there are
+        rows = self._rows  # a local: another thread may replace the attribute by a shorter array
+        if stop > len(rows):  # the model is used without a simulator, for more worlds
             rows = self._rows = np.arange(stop)
         setup = self._setups.take()
         slide_rows(rows[start:stop], setup.address, drive.address, state.address, periods, NO_PATHS, 0)
         self._setups.give(setup)
 
-    def check_conditions(self, conditions: Conditions, where: str) -> None:
-        """It covers all."""
 
-
-def _planar_setup(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
-    """What one thread needs."""
-    table, bodies = setup.surface.table(), bodies_of(setup.parts, setup.surface.element_size)
+def planar_scene(setup: Setup, scheme: Scheme) -> Pinned[FixedScene]:
+    """Return the constants and working arrays of one thread."""
+    table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
     return Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, new_workspace(table, bodies, scheme, LANES)))
 
 
-class Averaged(InPlane, NoContacts):
-    """The averaged model, of one part a world."""
+class Averaged(Model):
+    """The averaged model of one part in each world."""
 
     def __init__(self, setup: Setup, scheme: AveragedScheme) -> None:
-        self._setup = setup
+        super().__init__(setup)
         self._table, self._body, self._scheme = setup.surface.table(), setup.parts[0].body(), scheme
         self._workspaces = Pool(partial(contact.new_workspace, self._table, self._body))
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
-        """See :class:`Model`."""
         workspace = self._workspaces.take()
         scene = integrator.AveragedScene(self._table, self._body, self._scheme, drive.record, state.record, workspace)
         integrator.advance_worlds(start, stop, scene, periods)
         self._workspaces.give(workspace)
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
-        """Refuse those under which the part may stick."""
-        part = self._setup.parts[0]
+        """Refuse conditions under which the part may stick."""
+        part, surface = self.setup.parts[0], self.setup.surface
         factors = conditions.strongest[:, 0]
-        if not len(factors):
-            return
-        worst = int(np.argmax(factors * part.static_friction * 2.0 * self._setup.surface.gravity + conditions.slope))
-        factor, slope = float(factors[worst]), float(conditions.slope[worst])
-        got = f"a factor {factor:g} on friction {part.static_friction:g} and an incline of {slope:.3g} m/s^2"
-        name = conditions.stronger if factor > 1.0 else "incline"
-        check_sliding(self._setup.surface, factor * part.static_friction, slope, where.format(name), got)
+        if len(factors):
+            worst = int(np.argmax(factors * part.static_friction * 2.0 * surface.gravity + conditions.slope))
+            factor, slope = float(factors[worst]), float(conditions.slope[worst])
+            got = f"a factor {factor:g} on friction {part.static_friction:g} and an incline of {slope:.3g} m/s^2"
+            name = conditions.stronger if factor > 1.0 else "incline"
+            check_sliding(surface, factor * part.static_friction, slope, where.format(name), got)
+        super().check_conditions(conditions, where)
 
 
-def planar(setup: Setup, knobs: Mapping[str, Any]) -> Model:
-    """The planar model, for one part or for several."""
+def planar(
+    setup: Setup,
+    *,
+    steps: int | str = "auto",
+    substeps: int | str = "auto",
+    pieces: int | str = "auto",
+    contact_steps: int | str = "auto",
+    contact_overlap: float | str = "auto",
+) -> Model:
+    """Return the planar model, see :class:`vibgym.Simulator` for its settings.
+
+    Raises:
+        ValueError: an invalid setting, or a scene that the model does not cover.
+    """
+    resolution = {"steps": steps, "substeps": substeps, "pieces": pieces}
+    contacts = {"contact_steps": contact_steps, "contact_overlap": contact_overlap}
     if not setup.multibody:
-        check_knobs("planar", planar_scheme, knobs)
-        return Planar(setup, planar_scheme(setup.surface, setup.parts[0], **knobs))
-    from vibgym.simulation.multibody import Multibody  # pymunk is loaded where there are contacts
+        for name, value in contacts.items():
+            if value != "auto":
+                raise checks.conflict(f"{name} requires several parts or walls")
+        return Planar(setup, planar_scheme(setup.surface, setup.parts[0], **resolution))
+    from vibgym.simulation.multibody import Multibody  # imports pymunk
 
-    check_knobs("planar", planar_schemes, knobs)
-    return Multibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls, **knobs))
+    kinds, _ = kinds_of(setup.parts)
+    return Multibody(setup, planar_schemes(setup.surface, kinds, setup.walls, **resolution, **contacts))
 
 
-def averaged(setup: Setup, knobs: Mapping[str, Any]) -> Model:
-    """The averaged model."""
+def averaged(setup: Setup, *, order: int = 2, stride: int = 1, steps: int | str = "auto") -> Model:
+    """Return the averaged model, see :class:`vibgym.Simulator` for its settings.
+
+    Raises:
+        ValueError: an invalid setting, or a scene that the model does not cover.
+    """
     if setup.multibody:
-        raise checks.refuse("model", "averaged", "'planar' with several parts or walls: contacts are resolved in time")
-    check_knobs("averaged", averaged_scheme, knobs)
-    return Averaged(setup, averaged_scheme(setup.surface, setup.parts[0], **knobs))
+        raise checks.conflict("model='averaged' requires one part and no walls: use 'planar', which resolves contacts")
+    scheme = averaged_scheme(setup.surface, setup.parts[0], order=order, stride=stride, steps=steps)
+    return Averaged(setup, scheme)
 
 
-def tilting(setup: Setup, knobs: Mapping[str, Any]) -> Model:
-    """The model above the plane, for one part or for several."""
-    from vibgym.simulation.tilting import Tilting, scheme_of  # its kernels are loaded where they are needed
+def auto(setup: Setup, *, tolerance: Any = DEFAULT_TOLERANCE, periods_per_call: Any = 1) -> Model:
+    """Return the cheapest model that keeps a tolerance, see :mod:`vibgym.simulation.choice`.
 
-    check_knobs("tilting", scheme_of, knobs)
-    scheme = scheme_of(setup.surface, **knobs)
-    if not setup.multibody:
-        return Tilting(setup, planar_scheme(setup.surface, setup.parts[0]), scheme)
-    from vibgym.simulation.tilting_multibody import TiltingMultibody
+    Raises:
+        ValueError: no model keeps the tolerance.
+    """
+    kinds, _ = kinds_of(setup.parts)
+    if setup.multibody:
+        choice = choose_for(setup.surface, kinds, ("planar",), tolerance=tolerance, periods_per_call=periods_per_call)
+    else:
+        choice = choose(setup.surface, kinds[0], tolerance=tolerance, periods_per_call=periods_per_call)
+    model = MODELS[choice.model](replace(setup, model=choice.model), **choice.knobs)
+    model.choice = choice
+    return model
 
-    return TiltingMultibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls), scheme)
+
+MODELS: Registry[Callable[..., Model]] = Registry(
+    "model", {"planar": planar, "averaged": averaged, "auto": auto}, "vibgym.models"
+)
+"""Models by name, called with a :class:`Setup` and their settings; ``MODELS.register(name, cls)`` adds one."""
 
 
-MODELS: Mapping[str, Callable[[Setup, Mapping[str, Any]], Model]] = {
-    "planar": planar,
-    "averaged": averaged,
-    "tilting": tilting,
-}
-"""By name. Each raises ValueError for a knob that the model does not have, a bad value, or a scene that it does not cover."""
+class TippingMargin:
+    """Function that computes :attr:`vibgym.Simulator.tipping_margin`."""
+
+    def __init__(self, setup: Setup) -> None:
+        kinds, self._kind = kinds_of(setup.parts, Part.same_as)
+        hulls = [convex_hull(kind.outline) for kind in kinds]
+        self._height = np.array([kind.centre_height for kind in kinds])
+        self._hull, self._first = np.concatenate(hulls), np.cumsum([0, *(len(hull) for hull in hulls)])
+        self._scene = planar_scene(setup, planar_scheme(setup.surface, setup.parts[0]))
+
+    def __call__(self, drive: Pinned[Drive], state: Pinned[State]) -> np.ndarray:
+        """Return (worlds, parts) one minus the worst share; minus infinity for parts that have fallen."""
+        shares = np.empty(state.record.fallen.shape)
+        hull, first, kind = self._hull, self._first, self._kind
+        tipping_shares(self._scene.address, drive.address, state.address, self._height, hull, first, kind, shares)
+        return 1.0 - shares

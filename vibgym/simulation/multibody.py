@@ -25,16 +25,15 @@ from vibgym.physics.core.records import State
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
 from vibgym.scene.parts import Part, bodies_of, kinds_of
-from vibgym.simulation.conditions import Conditions
 from vibgym.simulation.contact_space import ContactSpace, check_masses, impact_properties_of, slop_of
-from vibgym.simulation.protocol import NO_PATHS, InPlane, Setup
+from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
 from vibgym.simulation.schemes import PlanarSchemes, check_contact_steps
 from vibgym.simulation.threads import Pool
 
 STATISTICS = {"free": FREE, "near": NEAR, "contact": CONTACT, "contact_steps": CALLS}
 
 
-class Multibody(InPlane):
+class Multibody(Model):
     """Advances worlds with several parts or walls.
 
     Attributes:
@@ -42,14 +41,13 @@ class Multibody(InPlane):
     """
 
     def __init__(self, setup: Setup, schemes: PlanarSchemes) -> None:
-        self._setup, self._bend = setup, min(schemes.bend)
+        super().__init__(setup)
+        self._bend = min(schemes.bend)
         self._buffers = Pool(partial(ContactBuffers, setup, schemes))
         self.counts = np.zeros((setup.worlds, COUNTS), dtype=np.int64)
         self._smallest_gap = np.zeros(setup.worlds)  # in the place of a block's first world
 
     def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
-        """Advance worlds ``start`` to ``stop`` by whole periods under a held drive, changing ``state`` in place."""
-
         def work(buffers: ContactBuffers) -> None:
             prospect = buffers.prospect(stop - start)
             together, seen, at = buffers.together.address, prospect.address, state.address
@@ -88,10 +86,14 @@ class Multibody(InPlane):
         """After a period of a block's worlds: contacts have been resolved."""
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
+        self.check_contacts(conditions, where)
+        super().check_conditions(conditions, where)
+
+    def check_contacts(self, conditions: Conditions, where: str) -> None:
         """Refuse masses that are too different, and friction that contacts cannot follow."""
         if not len(conditions.incline):
             return
-        parts, surface = self._setup.parts, self._setup.surface
+        parts, surface = self.setup.parts, self.setup.surface
         masses = conditions.mass * [part.mass for part in parts]
         check_masses(where.format("mass"), parts, masses[np.argmax(masses.max(axis=1) / masses.min(axis=1))])
         friction = (conditions.strongest * [part.friction for part in parts]).max(axis=1)
@@ -100,16 +102,13 @@ class Multibody(InPlane):
         check_contact_steps(where.format(conditions.stronger), surface, own, incline, self._bend)
 
     def reset(self) -> None:
-        """Begin counting anew."""
         self.counts[:] = 0
         self._smallest_gap[:] = 0.0
 
     def deepest_overlap(self) -> float:
-        """See :attr:`vibgym.Simulator.deepest_overlap`."""
         return -float(self._smallest_gap.min())
 
     def statistics(self, periods: int) -> dict[str, int]:
-        """See :attr:`vibgym.Simulator.statistics`."""
         return {name: int(self.counts[:, column].sum()) for name, column in STATISTICS.items()}
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -149,12 +148,3 @@ def check_sliding(
             f"scenes that always slide, a_h w^2 > static_friction (g + a_v w^2) + incline; here {horizontal:.4g} <= "
             f"{needed:.4g} m/s^2: use model='planar', or lower max_amplitude",
         )
-
-
-def check_knobs(model: str, make: Callable[..., Any], knobs: Mapping[str, Any]) -> None:
-    """Refuse knobs that are not keyword arguments of ``make``."""
-    parameters = inspect.signature(make).parameters.items()
-    known = [name for name, each in parameters if each.kind is each.KEYWORD_ONLY]
-    for name, value in knobs.items():
-        if name not in known:
-            raise checks.refuse(name, value, f"the knobs of model={model!r}: {', '.join(known)}")

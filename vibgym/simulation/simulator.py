@@ -14,18 +14,14 @@ from vibgym.physics.core.drive import DRIVE, Drive, polar_drive
 from vibgym.physics.core.records import CONDITIONS, STATE, State, new_state
 from vibgym.scene import overlaps
 from vibgym.scene.hulls import WALLS, hulls_of
-from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.outlines import rotation
+from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation import threads as workers
-from vibgym.simulation.above_the_plane import AboveThePlane
-from vibgym.simulation.choice import Choice, choose, choose_for
-from vibgym.simulation.conditions import Conditions, conditions_of, worlds_from
-from vibgym.simulation.models import MODELS as FIXED
-from vibgym.simulation.protocol import Setup
-from vibgym.simulation.tipping import TippingMargin, check_tipping, warn_of_slender
+from vibgym.simulation.choice import Choice
+from vibgym.simulation.model import Conditions, Model, Setup, conditions_of, worlds_from
+from vibgym.simulation.models import MODELS, TippingMargin
 from vibgym.snapshots import check_keys, copied, put_back, restored
-
-MODELS = (*FIXED, "auto")
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 80, 112, 32
 """Of a world's state, and of its drive: two arrays, and two that a caller's amplitudes and phases become."""
@@ -34,7 +30,7 @@ MOST_TIME = 10**15
 """Periods since a reset that a snapshot may tell of."""
 
 
-class Simulator(AboveThePlane):
+class Simulator:
     """Worlds of one surface and its parts.
 
     Args:
@@ -44,8 +40,9 @@ class Simulator(AboveThePlane):
         worlds: number of independent worlds. Results never depend on it, nor on order or threads.
         model: ``"planar"``: flat contact with static and sliding friction, resolved in time. ``"averaged"``: the same, averaged
             over the period, for parts that always slide; faster where drives are held for several periods, and less exact.
-            ``"tilting"``: rigid bodies that tilt and rock where plates stand at different heights (see :meth:`tip`).
-            ``"auto"``: the cheapest of the first two that keeps a tolerance; :attr:`choice` says what that is and why.
+            ``"auto"``: the cheapest of these two that keeps a tolerance; :attr:`choice` reports it, with the reason.
+            Further names are those of plug-ins, such as ``"tilting"`` (:func:`vibgym.plugins.tilting.tilting`): rigid bodies
+            that tilt and rock on plates of different heights.
         threads: None uses all processors of this process.
         knobs: of the model.
 
@@ -69,12 +66,6 @@ class Simulator(AboveThePlane):
                 - order: 1 or 2 (default), in ``mu g / (a_h w^2)``.
                 - stride: periods that one span of steps covers, 1 by default; the last span of a call may be shorter.
                 - steps: in each span; the contact area is cut once in each and once a call; second order. ``"auto"``: 1.
-
-            tilting (convex parts):
-                - restitution: of a part's bottom on plates, 0 to 1; 0.2 by default.
-                - ramp_mm: mm on either side of a border between plates over which their heights are blended; 3 by default.
-                - steps: a period, 200 by default. Parts that lie flat on plates that move alike are the planar model's, to
-                  the last bit; all others are rigid bodies, and cost 50 to 300 times as much.
 
             auto:
                 - tolerance: m, default 1e-4: how far a part's outline may stray from the converged model's in 25 periods, in
@@ -121,30 +112,15 @@ class Simulator(AboveThePlane):
         self.walls = tuple(walls)
         needed = BYTES_OF_WORLD + BYTES_OF_PART * len(parts) + BYTES_OF_ELEMENT * surface.rows * surface.columns
         self.worlds = checks.fitting("worlds", checks.count("worlds", worlds), needed)
-        checks.choice("model", model, MODELS)
         self.hulls = hulls_of(self.parts)
-        setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds)
-        kinds, _ = kinds_of(self.parts)
-        if model == "auto":
-            for name, value in knobs.items():
-                if name not in ("tolerance", "periods_per_call"):
-                    raise checks.refuse(name, value, "the knobs of model='auto': tolerance, periods_per_call")
-            self.choice = (
-                choose_for(surface, kinds, ("planar",), **knobs)
-                if setup.multibody
-                else choose(surface, kinds[0], **knobs)
-            )
-        else:
-            self.choice = Choice(model, dict(knobs), None, None, None, None, "as asked for")
+        self._setup = Setup(surface, self.parts, self.walls, self.hulls, self.worlds, model)
+        self._model = _model_from(self._setup, model, knobs)
+        self.choice = self._model.choice or Choice(model, dict(knobs), None, None, None, None, "as asked for")
         self.model = self.choice.model
-        if self.model != "tilting":
-            check_tipping(self.parts, np.ones((1, len(self.parts))), "parts", self.model)
-            warn_of_slender(self.parts, self.model)
+        self._model.check_parts()
         threads = workers.available_threads() if threads is None else checks.count("threads", threads, most=4096)
         self.blocks = workers.Blocks(self.worlds, threads)
-        self._model = FIXED[self.model](setup, self.choice.knobs)
-        self._setup = setup
-        self._tipping: TippingMargin | None = None  # made when it is first asked for
+        self._tipping: TippingMargin | None = None  # built on first use
         self._state = new_state(self.worlds, len(self.parts))
         self._state.pose[...] = overlaps.apart(surface, self.parts)
         self._pinned = Pinned(STATE, self._state)
@@ -188,10 +164,19 @@ class Simulator(AboveThePlane):
             getattr(state, name)[worlds] = usual
         self._model.begin(worlds)
 
-    def part_facts(self) -> dict[str, np.ndarray]:
-        """Live arrays (worlds, parts) of what the model knows of parts besides where they are."""
-        live = self._model.live()
-        return {"toppled": live["toppled"]} if live else {}
+    @property
+    def flat(self) -> bool:
+        """Whether the model keeps all parts flat."""
+        return self._model.flat
+
+    @property
+    def quantities(self) -> dict[str, np.ndarray]:
+        """Arrays (worlds, ...) by name, of a model that has quantities besides those of this class; copies."""
+        return copied(self._model.quantities())
+
+    def part_info(self) -> dict[str, np.ndarray]:
+        """Return live arrays (worlds, parts) of the model that environments report in ``info["parts"]``, by name."""
+        return self._model.part_info()
 
     def renew(self, changed: np.ndarray) -> None:
         """Let the model forget what it knows of some parts, (worlds, parts) bool: others have taken their places."""
@@ -252,8 +237,6 @@ class Simulator(AboveThePlane):
         """
         found = conditions_of(now, given, (self.surface.rows, self.surface.columns), self.surface.gravity, where)
         self._model.check_conditions(found, where)
-        if self.model != "tilting":
-            check_tipping(self.parts, found.strongest, where.format(found.stronger), self.model)
         return found
 
     def advance(self, amplitude: Any, phase: Any, periods: int = 1) -> None:
@@ -371,6 +354,74 @@ class Simulator(AboveThePlane):
         return np.broadcast_to(self._state.patches, (self.worlds, self.surface.rows, self.surface.columns)).copy()
 
     @property
+    def lean(self) -> np.ndarray:
+        """(worlds, parts, 2) rad, rotation vector, about the world's x and y, applied to a part after its heading; a copy.
+
+        Zeros in models that keep parts flat.
+        """
+        return self._model.lean()
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """(worlds, parts) rad, angle between a part's axis and the vertical; 0 in models that keep parts flat."""
+        lean = self.lean
+        return np.hypot(lean[..., 0], lean[..., 1])
+
+    @property
+    def time_tilted(self) -> np.ndarray:
+        """(worlds, parts) s from the last tip of a part until its tilt was last above 0.05 deg; 0 in flat models."""
+        return self._model.time_tilted()
+
+    @property
+    def toppled(self) -> np.ndarray:
+        """(worlds, parts) whether a part has tipped beyond its edge, and fallen; never in models that keep parts flat."""
+        return self._model.toppled()
+
+    def bottoms(self, world: int) -> list[np.ndarray]:
+        """Return the corners of the bottom of each part of a world, (n, 3) m; z = 0 is the middle of the plates' stroke.
+
+        Of parts that lie flat, z is 0.
+        """
+        rise, lean = self._model.height()[world], self._model.lean()[world]
+        found = []
+        for k, part in enumerate(self.parts):
+            x, y, heading = self._state.pose[world, k]
+            corners = np.column_stack([part.outline, np.full(len(part.outline), -part.centre_height)])
+            turned = corners @ (rotation(lean[k, 0], lean[k, 1], 0.0) @ rotation(0.0, 0.0, heading)).T
+            found.append(turned + [x, y, rise[k] + part.centre_height])
+        return found
+
+    def tip(self, worlds: Any, lean: Any, *, rocking: Any = 0.0, which: Any = True) -> None:
+        """Put parts of some worlds on an edge or a corner; only in models that let parts tilt, such as ``"tilting"``.
+
+        A tipped part keeps its position, heading and velocity in the plane. Its lowest point touches the plates as they stand
+        when the next period begins.
+
+        Args:
+            worlds: mask (worlds,), indices, or a slice; n worlds.
+            lean: rad, see :attr:`lean`, broadcastable to (n, parts, 2).
+            rocking: rad/s, angular velocity about the world's x and y, likewise.
+            which: (n, parts) or broadcastable, bool: the parts to tip; fallen parts are skipped.
+
+        Raises:
+            ValueError: the model keeps parts flat, a value is not finite, or a part would topple; nothing has changed.
+        """
+        rows = worlds_from(worlds, self.worlds)
+        shape = (len(rows), len(self.parts), 2)
+        lean, rocking = checks.array("lean", lean, shape), checks.array("rocking", rocking, shape)
+        meant = checks.array("which", which, shape[:2], dtype=np.bool_) & ~self._state.fallen[rows]
+        self._model.tip(rows, meant, self._state.pose[rows, :, 2], lean, rocking)
+
+    def disturb(self, lean: np.ndarray, kick: np.ndarray) -> None:
+        """Apply an impulse disturbance to parts: the tilt, or in models that keep parts flat the kick that has its statistics.
+
+        Args:
+            lean: (worlds, parts, 2) rad, zeros for undisturbed parts.
+            kick: (worlds, parts, 3) m/s, m/s, rad/s, likewise.
+        """
+        self._model.disturb(self._state, lean, kick)
+
+    @property
     def tipping_margin(self) -> np.ndarray:
         """(worlds, parts) one minus the worst share of the way to the edge that a part's centre of pressure makes in a period.
 
@@ -442,6 +493,16 @@ class Simulator(AboveThePlane):
         put_back(self._state._asdict(), values)
         put_back(own, more)
         self._periods = periods
+
+
+def _model_from(setup: Setup, name: str, knobs: Mapping[str, Any]) -> Model:
+    """Construct a model, whose settings are its keyword arguments."""
+    make = MODELS.choose("model", name)
+    known = checks.keywords(make)
+    for knob in knobs:
+        if knob not in known:
+            raise checks.unknown(f"setting of model={name!r}", knob, known)
+    return make(setup, **knobs)
 
 
 def _limit(surface: Surface) -> float:

@@ -15,10 +15,10 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.kernels.jit import jit
+from vibgym.physics.core.assignment import assign
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.sensing.camera.tracking import assign
 from vibgym.tasks.kinds import kinds_by_name
 
 GAP = 0.002

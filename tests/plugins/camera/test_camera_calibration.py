@@ -1,0 +1,117 @@
+"""Calibration: the way back from the image, and templates that are refused."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.plugins.camera.helpers import SURFACE, setup
+from vibgym.kernels.jit import jit
+from vibgym.plugins.camera.calibration import Grid, assign_marks, at_height, grid_of, locate, template_for
+from vibgym.plugins.camera.optics import projected
+from vibgym.scene.parts import shipped_part
+
+BLOCK = [shipped_part("steel_block")]
+
+
+@jit
+def located(grid: Grid, u: float, v: float, jacobian: np.ndarray):
+    return locate(grid, u, v, jacobian)
+
+
+def residual(**settings):
+    points = np.random.default_rng(3).uniform([0, 0], [SURFACE.width, SURFACE.depth], (3000, 2))
+    return setup(BLOCK, **settings).residual(points)
+
+
+@pytest.mark.parametrize("lines", ["all", "half"])
+@pytest.mark.parametrize("edge", ["grey", "threshold"])
+def test_the_residual_is_below_a_tenth_of_a_pixel_at_one_percent_distortion(lines, edge):
+    assert residual(distortion=0.01, lines=lines, edge=edge).max() < 0.1
+
+
+def test_more_tetragons_follow_the_lens_better():
+    """Bilinear interpolation is of second order: half the distance, a quarter of the error."""
+    coarse, fine = (
+        residual(distortion=0.05 * -1, noise=0.0, lines="all", tetragons=n).max() for n in ((8, 2), (16, 4))
+    )
+    assert coarse / fine == pytest.approx(4.0, rel=0.25)
+
+
+def test_the_thesis_sixteen_tetragons():
+    assert residual(distortion=0.01, lines="all", tetragons=(8, 2)).max() < 0.2
+
+
+def test_a_tilted_camera_off_the_middle():
+    settings = {"tilt": (0.03, -0.02), "position": (0.41, 0.09), "height": 0.9, "distortion": -0.02, "lines": "all"}
+    assert residual(**settings).max() < 0.15
+
+
+corner = st.floats(-8.0, 8.0)
+
+
+@given(st.lists(corner, min_size=8, max_size=8), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_bilinear_interpolation_is_inverted_within_its_tetragon(shifts, xi, eta):
+    """Any convex tetragon near a square of 40 px, from either side."""
+    square = np.array([[[0.0, 40.0], [40.0, 40.0]], [[0.0, 0.0], [40.0, 0.0]]])
+    places = square + np.array(shifts).reshape(2, 2, 2)
+    grid = grid_of(template_for(0.1, 0.2, (1, 1), 0.01), places)
+    weights = np.array([[(1 - eta) * (1 - xi), (1 - eta) * xi], [eta * (1 - xi), eta * xi]])
+    u, v = (weights[..., None] * places).sum(axis=(0, 1))
+    x, y = located(grid, u, v, np.empty(4))
+    assert (x, y) == pytest.approx((0.1 * xi, 0.2 * eta), abs=1e-9)
+
+
+def test_the_jacobian_is_the_derivative_of_the_way_back():
+    """Of the smooth one, of which the bilinear pieces are an approximation."""
+    known = setup(BLOCK, distortion=0.01, noise=0.0, lines="half")
+    jacobian = np.empty(4)
+    for x, y in ((0.1, 0.05), (0.75, 0.17), (0.4, 0.11)):
+        h = 1e-3
+        u, v = projected(known.optics, np.array([[x, y, 0.0]]))[0]
+        steps = projected(known.optics, np.array([[x + h, y, 0], [x - h, y, 0], [x, y + h, 0], [x, y - h, 0]]))
+        forward = np.column_stack([steps[0] - steps[1], steps[2] - steps[3]]) / (2 * h)
+        located(known.known.grid, u, v, jacobian)
+        assert jacobian.reshape(2, 2) @ forward == pytest.approx(np.eye(2), abs=2e-3)
+
+
+def test_a_missing_mark_is_named():
+    known = setup(BLOCK)
+    with pytest.raises(ValueError, match=r"template"):
+        known.calibrate(known.template_image(missing=[(2, 7)]))
+    with pytest.raises(ValueError, match="no mark at row 0 column 0, row 4 column 16'"):
+        known.calibrate(known.template_image(missing=[(0, 0), (4, 16)]))
+    with pytest.raises(ValueError, match="and 80 more places'"):
+        known.calibrate(np.full(known.shape, 200, np.uint8))
+
+
+def test_a_mark_too_many_is_named():
+    known = setup(BLOCK, lines="all")
+    image = known.template_image()
+    image[270:276, 300:306] = 40
+    with pytest.raises(ValueError, match=r"template"):
+        known.calibrate(image)
+    for bad in (image[:-1], image.astype(float) + 0.5, "picture", None):
+        with pytest.raises(ValueError, match="template"):
+            known.calibrate(bad)
+
+
+def test_marks_are_told_apart_though_the_lens_moves_them_by_most_of_their_distance():
+    expected = np.stack(np.meshgrid(np.arange(17) * 40.0, np.arange(5) * -40.0), axis=-1)
+    middle = expected.mean(axis=(0, 1))
+    seen = middle + (expected - middle) * (1.0 + 0.1 * (((expected - middle) / 330.0) ** 2).sum(axis=-1, keepdims=True))
+    assert np.abs(seen - expected).max() > 30.0
+    mixed = np.random.default_rng(1).permutation(seen.reshape(-1, 2))
+    assert (assign_marks(mixed, expected) == seen).all()
+
+
+@jit
+def lifted(x: float, y: float, z: float):
+    return at_height(x, y, 0.4, 0.1, 0.8, z)
+
+
+def test_the_place_of_a_top_is_on_the_ray_to_the_lens():
+    lens, z = np.array([0.4, 0.1, 0.8]), 0.05
+    top = np.array([0.7, 0.2, z])
+    seen = lens + (top - lens) * lens[2] / (lens[2] - z)
+    assert lifted(seen[0], seen[1], z) == pytest.approx((0.7, 0.2))

@@ -1,0 +1,118 @@
+"""Images: what pixels show, where, and with what noise."""
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.plugins.camera.helpers import QUIET, camera, setup, state_of
+from vibgym import Part
+from vibgym.plugins.camera.image import blur_weights, normal_quantiles, weights_variance
+from vibgym.plugins.camera.optics import projected
+from vibgym.scene.parts import shipped_part
+
+BLOCK = shipped_part("aluminium_block")
+POSE = [[[0.31, 0.09, 0.4]]]
+
+
+def picture(pose=POSE, parts=(BLOCK,), **settings):
+    return camera(list(parts), pose, **settings).image()[0]
+
+
+def seen_polygon(setup, part, pose, points=40):
+    """The part's top in pixels, its edges finely cut."""
+    t = np.linspace(0.0, 1.0, points, endpoint=False)[:, None]
+    sides = [a + t * (b - a) for a, b in zip(part.outline, np.roll(part.outline, -1, axis=0))]
+    outline = np.concatenate(sides)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    place = outline @ np.array([[c, s], [-s, c]]) + pose[:2]
+    return projected(setup.optics, np.column_stack([place, np.full(len(place), part.height)]))
+
+
+@pytest.mark.parametrize("lines", ["all", "half"])
+def test_a_pixel_shows_how_much_of_it_is_covered(lines):
+    """Through perspective and a barrel distortion of 5 %, against shapely's intersections with a finely cut outline."""
+    settings = QUIET | {"distortion": -0.05, "lines": lines}
+    image, known = picture([[[0.75, 0.06, 0.4]]], **settings), setup([BLOCK], **settings)
+    polygon = shapely.Polygon(seen_polygon(known, BLOCK, [0.75, 0.06, 0.4]))
+    left, top, right, bottom = (int(each) for each in polygon.bounds)
+    worst = 0.0
+    for line in range(top - 1, bottom + 2):
+        for column in range(left - 1, right + 2):
+            pixel = shapely.box(column - 0.5, line - 0.5, column + 0.5, line + 0.5)
+            expected = 200.0 - 160.0 * polygon.intersection(pixel).area
+            worst = max(worst, abs(image[line, column] - expected))
+    assert worst < 0.5 + 160 * 0.005  # rounding to whole grey levels, and pieces that are straight
+
+
+def test_empty_surface_surroundings_and_uneven_light():
+    image = picture([[[-1.0, -1.0, 0.0]]], noise=0.0, light=0.2, distortion=0.0, lines="all")
+    assert image[284, 375] == 200 and image[10, 10] == round(90 * (1 - 0.2 * _share(10, 10)))
+    assert image[250, 40] == round(200 * (1 - 0.2 * _share(40, 250)))
+
+
+def _share(column, line):
+    return ((column - 375.5) ** 2 + (line - 284.5) ** 2) / (376.0**2 + 285.0**2)
+
+
+def test_noise_has_its_deviation_and_is_independent():
+    image = picture(noise=3.0, light=0.0, lines="all").astype(float)
+    patch = image[240:330, 400:700]  # bare surface
+    assert patch.std() == pytest.approx(np.sqrt(9.0 + 1.0 / 12.0), rel=0.02)
+    patch = patch - patch.mean()
+    for shifted in (patch[1:] * patch[:-1], patch[:, 1:] * patch[:, :-1]):
+        assert abs(shifted.mean()) < 0.02 * patch.var()
+    assert normal_quantiles().std() == pytest.approx(1.0, abs=1e-3) and abs(normal_quantiles().mean()) < 1e-6
+
+
+def test_noise_is_new_at_each_look_and_in_each_world():
+    sensor = camera([BLOCK], POSE * 2, noise=2.0)
+    first = sensor.image()
+    sensor.look(state_of(POSE * 2))
+    second = sensor.image()
+    assert (first[0] != first[1]).mean() > 0.5 and (first[0] != second[0]).mean() > 0.5
+
+
+def test_blur_moves_no_light():
+    sharp, blurred = (picture(**QUIET | {"blur": blur}, lines="all").astype(float) for blur in (0.0, 1.5))
+    inside = np.s_[255:345, 200:360]  # around the part
+    assert (200 - blurred[inside]).sum() == pytest.approx((200 - sharp[inside]).sum(), rel=2e-3)
+    assert np.abs(blurred - sharp).max() > 20
+    assert blur_weights(0.0).tolist() == [1.0] and blur_weights(1.5).sum() == pytest.approx(1.0)
+    assert weights_variance(blur_weights(1.5)) == pytest.approx(1.5**2 + 1 / 12, rel=0.06)  # cut off at three sigma
+
+
+def test_half_the_lines_are_two_and_two_together():
+    full, half = (picture(**QUIET, lines=lines).astype(float) for lines in ("all", "half"))
+    assert half.shape == (285, 752)
+    middle = np.s_[105:180, 20:730]  # well within the surface
+    assert half[middle].min() == 40 and np.abs(half - 0.5 * (full[::2] + full[1::2]))[middle].max() <= 1.0
+
+
+def test_odd_lines_of_an_interlaced_image_are_from_half_a_period_before():
+    sensor = camera([BLOCK], POSE, **QUIET, lines="interlaced")
+    velocity = np.array([[[0.25, -0.1, 0.5]]])
+    sensor.look(state_of(POSE, velocity))
+    image = sensor.image()[0]
+    now = picture(**QUIET, lines="all")
+    before = picture(np.array(POSE) - 0.02 * velocity, **QUIET, lines="all")
+    assert (image[::2] == now[::2]).all() and (image[1::2] == before[1::2]).all() and (now != before).any()
+
+
+def test_parts_far_away_or_nowhere_are_not_drawn():
+    disc = Part.disc(0.02, friction=0.5)
+    pose = [[[1e9, 0.1, 0.0], [-0.3, 5.0, 1.0]]]
+    sensor = camera([disc, BLOCK], pose, **QUIET)
+    assert not sensor.due.seen.any() and (sensor.image() >= 90).all()
+    broken = state_of(pose)
+    broken.pose[0, 0] = np.nan
+    sensor.look(broken)
+    assert not sensor.due.seen.any() and np.isfinite(sensor.due.pose).all()
+
+
+def test_parts_that_differ_in_height_alone_are_seen_at_their_own():
+    low, high = (Part.rectangle(0.05, 0.03, friction=0.5, mass=0.1, height=height) for height in (0.004, 0.040))
+    at, absent = [0.15, 0.05, 0.4], [-1.0, -1.0, 0.0]
+    for part, order in ((low, (high, low)), (high, (low, high))):
+        alone = picture([[at]], (part,), **QUIET)
+        assert (picture([[absent, at]], order, **QUIET) == alone).all()
+    assert (picture([[at]], (low,), **QUIET) != picture([[at]], (high,), **QUIET)).any()

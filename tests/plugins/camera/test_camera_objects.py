@@ -1,0 +1,128 @@
+"""Objects, runs and moments against scikit-image."""
+
+import numpy as np
+import pytest
+from skimage.measure import label, regionprops
+
+from vibgym.kernels.jit import jit
+from vibgym.plugins.camera.objects import (
+    Interest,
+    area_of_interest,
+    boundary,
+    find_objects,
+    new_found,
+    run_moments,
+    shift_moments,
+)
+
+SHAPE = (90, 120)
+
+
+def whole(step=1, least=1, shape=SHAPE):
+    return Interest(np.zeros(shape[0], int), np.full(shape[0], shape[1] - 1), 100.0, step, step, least)
+
+
+def blobs(seed, share=0.5, scale=6):
+    """Random smooth dark patches."""
+    random = np.random.default_rng(seed)
+    rough = random.random((SHAPE[0] // scale + 2, SHAPE[1] // scale + 2))
+    grown = np.kron(rough, np.ones((scale, scale)))[: SHAPE[0], : SHAPE[1]]
+    dark = grown + 0.3 * random.random(SHAPE) < share
+    return np.where(dark, 30, 220).astype(np.uint8)
+
+
+def found_in(grey, interest=None, most=400):
+    found = new_found(grey.shape, most)
+    find_objects(grey, whole() if interest is None else interest, found)
+    return found
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_labels_are_those_of_scikit_image(seed):
+    grey = blobs(seed)
+    found, expected = found_in(grey), label(grey < 100, connectivity=1)
+    assert found.count[0] == expected.max() > 10
+    pairs = set(zip(found.label.ravel().tolist(), expected.ravel().tolist()))
+    assert len(pairs) == expected.max() + 1 and (0, 0) in pairs  # one to one
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_moments_are_those_of_scikit_image(seed):
+    grey = blobs(seed)
+    found = found_in(grey)
+    for region in regionprops(label(grey < 100, connectivity=1)):
+        line, column = region.coords[0]
+        number = found.label[line, column] - 1
+        m00, m10, m01, m20, m11, m02 = found.moment[number]
+        assert m00 == region.area and (m01 / m00, m10 / m00) == pytest.approx(region.centroid)
+        u, v = m10 / m00, m01 / m00
+        central = region.moments_central  # [line order, column order]
+        scale = max(central[0, 2], central[2, 0], 1.0)
+        assert m20 - u * m10 == pytest.approx(central[0, 2], abs=1e-7 * scale)
+        assert m11 - u * m01 == pytest.approx(central[1, 1], abs=1e-7 * scale)
+        assert m02 - v * m01 == pytest.approx(central[2, 0], abs=1e-7 * scale)
+        top, left, bottom, right = region.bbox
+        assert found.box[number].tolist() == [top, bottom, left, right]
+        assert found.clipped[number] == (top == 0 or left == 0 or bottom == SHAPE[0] or right == SHAPE[1])
+
+
+@jit
+def run_and_shift(line: int, start: int, length: int, column: float, down: float, moment: np.ndarray) -> None:
+    run_moments(line, start, length, moment)
+    shift_moments(moment, column, down)
+
+
+def test_moments_of_a_run_are_sums_over_its_pixels():
+    for line, start, length in ((0, 0, 1), (7, 3, 9), (5, 100, 40)):
+        for column, down in ((0, 0), (11, -4)):
+            moment, c, l = np.zeros(6), np.arange(start, start + length) + column, line + down  # noqa: E741
+            run_and_shift(line, start, length, float(column), float(down), moment)
+            expected = [length, c.sum(), l * length, (c**2).sum(), l * c.sum(), l * l * length]
+            assert moment == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_coarse_grid_finds_every_object_that_holds_its_circle():
+    random = np.random.default_rng(2)
+    lines, columns = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    for _ in range(40):
+        middle = random.uniform(10, 80, 2)
+        grey = np.where(np.hypot(lines - middle[0], columns - middle[1]) < 5.0, 20, 200).astype(np.uint8)
+        fine, coarse = found_in(grey), found_in(grey, whole(step=6))  # a square of 6 has a diagonal of 8.5
+        assert fine.count[0] == coarse.count[0] == 1 and (fine.moment[0] == coarse.moment[0]).all()
+
+
+def test_specks_are_no_objects_and_labels_are_forgotten():
+    grey = np.full(SHAPE, 200, np.uint8)
+    grey[10:14, 10:20] = grey[50, 50:53] = 30
+    found = found_in(grey, whole(least=4))
+    assert found.count[0] == 1 and (found.label > 0).sum() == 40
+    find_objects(np.full(SHAPE, 200, np.uint8), whole(), found)
+    assert found.count[0] == 0 and not found.label.any()
+
+
+def test_without_room_the_rest_is_left_out():
+    grey = blobs(1)
+    found = found_in(grey, most=3)
+    assert found.count[0] == 3
+    find_objects(np.full(SHAPE, 200, np.uint8), whole(), found)
+    assert not found.label.any()
+
+
+def test_the_area_of_interest_cuts():
+    places = np.array([[20.0, 10.0], [100.0, 12.0], [90.0, 70.0], [30.0, 65.0]])
+    first, last = area_of_interest(places, SHAPE)
+    from skimage.draw import polygon2mask
+
+    inside = (np.arange(SHAPE[1]) >= first[:, None]) & (np.arange(SHAPE[1]) <= last[:, None])
+    assert (inside != polygon2mask(SHAPE, places[:, ::-1])).sum() <= 4  # centres on the border
+    grey = np.full(SHAPE, 200, np.uint8)
+    grey[30:40, 50:60] = grey[40:50, :40] = grey[2:5, 2:5] = 20
+    found = found_in(grey, whole()._replace(first=first, last=last))
+    assert found.count[0] == 2 and sorted(found.clipped[:2].tolist()) == [False, True]
+
+
+def test_the_boundary_of_an_object():
+    grey = np.full(SHAPE, 200, np.uint8)
+    grey[10:16, 20:29] = 20
+    edge = boundary(found_in(grey), 0)
+    assert len(edge) == 2 * (6 + 9) - 4 and {tuple(each) for each in edge} >= {(10, 20), (15, 28), (12, 20)}

@@ -1,0 +1,67 @@
+"""Optics: closed forms of the pinhole, and the way back."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vibgym.plugins.camera.optics import optics_of, projected, unproject_all
+
+MIDDLE = (0.416, 0.104)
+
+
+def test_the_prototype_covers_what_the_thesis_says():
+    optics = optics_of(MIDDLE)
+    corners = np.array([[0.434, 0.329, 0.0], [-0.434, -0.329, 0.0]]) + [*MIDDLE, 0.0]
+    # From edge to edge, half a pixel beyond the centres of the outermost ones; x goes right, y up.
+    assert projected(optics, corners) == pytest.approx(np.array([[751.5, -0.5], [-0.5, 569.5]]), abs=0.05)
+
+
+def test_what_is_nearer_to_the_lens_is_seen_larger():
+    optics = optics_of(MIDDLE)
+    low, high = projected(optics, np.array([[0.8, 0.2, 0.0], [0.8, 0.2, 0.02]]))
+    centre = np.array([375.5, 284.5])
+    assert (high - centre) == pytest.approx((low - centre) * 0.772 / 0.752, rel=1e-12)
+
+
+def test_distortion_is_the_displacement_of_the_corner():
+    for share in (0.01, -0.05):
+        straight, bent = optics_of(MIDDLE), optics_of(MIDDLE, distortion=share)
+        half = 0.5 * 0.868 / 752
+        corner = np.array([[MIDDLE[0] + 752 * half, MIDDLE[1] - 570 * half, 0.0]])
+        centre = np.array([375.5, 284.5])
+        there = projected(straight, corner)[0] - centre
+        assert projected(bent, corner)[0] - centre == pytest.approx(there * (1.0 + share), rel=1e-9)
+
+
+def test_a_tilted_camera_looks_along_its_axis():
+    """The principal point shows where the axis meets the surface."""
+    for tilt, towards in (((0.1, 0.0), (0.0, 1.0)), ((0.0, 0.1), (-1.0, 0.0))):
+        optics = optics_of(MIDDLE, tilt=tilt)
+        far = 0.772 * math.tan(0.1)
+        point = np.array([[MIDDLE[0] + far * towards[0], MIDDLE[1] + far * towards[1], 0.0]])
+        assert projected(optics, point)[0] == pytest.approx([375.5, 284.5], abs=1e-9)
+
+
+def test_nothing_is_seen_behind_the_lens():
+    assert np.isnan(projected(optics_of(MIDDLE), np.array([[0.4, 0.1, 0.772], [0.4, 0.1, 2.0]]))).all()
+
+
+def test_one_line_of_half_an_image_is_two_of_the_chip():
+    full, half = optics_of(MIDDLE), optics_of(MIDDLE, pitch=2)
+    points = np.array([[0.1, 0.05, 0.0], [0.7, 0.2, 0.01]])
+    (c, l), (c2, l2) = projected(full, points).T, projected(half, points).T  # noqa: E741
+    assert (c == c2).all() and l2 == pytest.approx((l - 0.5) / 2.0)  # line 0 of the half lies between 0 and 1
+
+
+@given(
+    st.floats(0.0, 0.832), st.floats(0.0, 0.208), st.floats(0.0, 0.05), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1),
+    st.floats(-0.1, 0.1), st.sampled_from([1, 2]),
+)  # fmt: skip
+def test_the_way_back(x, y, z, about_x, about_y, distortion, pitch):
+    optics = optics_of(MIDDLE, tilt=(about_x, about_y), distortion=distortion, pitch=pitch)
+    there = np.empty((1, 2))
+    unproject_all(optics, projected(optics, np.array([[x, y, z]])), z, there)
+    assert there[0] == pytest.approx([x, y], abs=1e-9)

@@ -1,0 +1,217 @@
+"""The camera as a sensor: flags, bad input, and its statistics."""
+
+import math
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import vibgym  # noqa: F401
+from tests.plugins.camera.helpers import SURFACE, camera, setup, state_of
+from vibgym import Part
+from vibgym.plugins.camera import CameraSensor
+from vibgym.plugins.camera.fitting import fit_errors, look_alone, random_poses
+from vibgym.plugins.camera.statistical import noise_at, normal_levels
+from vibgym.scene.parts import shipped_part
+
+BLOCK, DISC = shipped_part("aluminium_block"), Part.disc(0.02, friction=0.5)
+SQUARE = Part.rectangle(0.04, 0.04, friction=0.5)
+TRIANGLE = Part.polygon([[0.03, 0.0], [-0.015, 0.026], [-0.015, -0.026]], friction=0.5)
+
+
+@pytest.mark.parametrize("lines, edge, position, heading", [
+    ("all", "grey", 2e-5, 0.1), ("half", "grey", 3e-5, 0.1), ("all", "threshold", 6e-5, 0.45),
+    ("half", "threshold", 1.2e-4, 0.8),
+])  # fmt: skip
+def test_how_well_the_aluminium_block_is_measured(lines, edge, position, heading):
+    """At default noise, blur, light and distortion, at its real height, wherever it lies wholly on the surface."""
+    known = setup([BLOCK], lines=lines, edge=edge)
+    error, seen = look_alone(known, 0, random_poses(known, 0, 300, seed=9), key=77)
+    assert seen.all()
+    assert error[:, :2].std() < position and math.degrees(error[:, 2].std()) < heading
+    assert np.abs(error[:, :2].mean(axis=0)).max() < 3e-5
+
+
+def test_a_part_that_leaves_the_image_is_lost_and_found_again():
+    x = [0.790, 0.798, 0.806, 0.815, 0.806, 0.798]
+    sensor = camera([BLOCK, DISC], [[[x[0], 0.1, 0.0], [0.2, 0.1, 0.0]]])
+    seen = []
+    for at in x[1:]:
+        sensor.look(state_of([[[at, 0.1, 0.0], [0.2, 0.1, 0.0]]]))
+        seen.append(sensor.due.seen[0].tolist())
+        assert sensor.facts()["losses"].tolist() == [int(not seen[-1][0])] and not sensor.facts()["merges"].any()
+    assert seen == [[True, True], [True, True], [False, True], [True, True], [True, True]]
+
+
+@pytest.mark.parametrize("statistical", [False, True])
+def test_two_parts_that_touch_are_merged_and_told_apart_again(statistical):
+    gaps = [0.03, 0.015, 0.0003, 0.0003, 0.02]
+    poses = [[[0.3, 0.1, 0.0], [0.35 + gap, 0.1, 0.0], [0.6, 0.1, 1.0]] for gap in gaps]
+    sensor = camera([BLOCK] * 3, [poses[0]], statistical=statistical)
+    for pose, gap in zip(poses[1:], gaps[1:]):
+        sensor.look(state_of([pose]))
+        apart = gap > 0.001
+        assert sensor.due.seen[0].tolist() == [apart, apart, True]
+        assert sensor.facts()["merges"].tolist() == [0 if apart else 2] and not sensor.facts()["losses"].any()
+        assert np.isfinite(sensor.due.pose).all() and not sensor.facts()["swaps"].any()
+
+
+def test_parts_taken_for_each_other_are_counted():
+    """Two of a kind that change places from one look to the next: no camera can tell."""
+    left, right = [0.3, 0.1, 0.0], [0.4, 0.1, 0.0]
+    sensor = camera([BLOCK, BLOCK], [[left, right]])
+    sensor.look(state_of([[right, left]]))
+    assert sensor.due.seen.all() and sensor.facts()["swaps"].tolist() == [2]
+
+
+def test_gone_parts_are_told_and_no_losses():
+    sensor = camera([BLOCK, DISC], [[[0.2, 0.1, 0.0], [0.5, 0.1, 0.0]]])
+    sensor.look(state_of([[[0.2, 0.1, 0.0], [2.0, 9.0, 0.0]]], gone=[[False, True]]))
+    assert sensor.due.gone.tolist() == [[False, True]] and sensor.due.seen.tolist() == [[True, False]]
+    assert not sensor.facts()["losses"].any()
+
+
+def test_velocities_are_differences_of_poses():
+    sensor = camera([BLOCK], [[[0.2, 0.1, 0.0]]])
+    assert not sensor.due.mean_velocity.any()
+    before = sensor.due.pose.copy()
+    sensor.look(state_of([[[0.208, 0.098, 0.04]]]))
+    assert sensor.due.mean_velocity == pytest.approx((sensor.due.pose - before) / 0.04)
+    assert sensor.due.mean_velocity[0, 0] == pytest.approx([0.2, -0.05, 1.0], abs=0.1)
+
+
+def test_the_image_is_the_one_that_is_due():
+    """With a delay of two periods, what one without saw two steps ago; each look has its own noise."""
+    late, now = (
+        gym.make("vibgym/Align-v0", action="field", sensor={"kind": "camera", "delay": delay}, observation="camera")
+        for delay in (2, 0)
+    )
+    images = [now.reset(seed=3)[0]]
+    assert (late.reset(seed=3)[0] == images[0]).all() and late.observation_space.shape == (285, 752)
+    for k in range(4):
+        images.append(now.step(np.zeros(6, np.float32))[0])
+        image, *_, info = late.step(np.zeros(6, np.float32))
+        assert (image == images[max(k - 1, 0)]).all() and late.observation_space.contains(image)
+        assert {"swaps", "merges", "losses"} <= set(info["measured"])
+
+
+def test_pictures_are_kept_for_those_who_ask():
+    sensor = CameraSensor(SURFACE, [BLOCK], 1, 1)
+    sensor.reset(np.array([0]), state_of([[[0.2, 0.1, 0.0]]]), np.array([[0.1, 0.2]]))
+    with pytest.raises(ValueError, match=r"image\(\)"):
+        sensor.image()
+    assert not any(name.startswith("picture") for name in sensor.live())
+
+
+@pytest.mark.parametrize("settings, message", [
+    ({"height": 0.5}, r"sensor"),
+    ({"tilt": [0.3, 0.0]}, "does not see the whole surface"),
+    ({"tilt": [1.0, 1.0], "height": 0.02}, "does not see the whole surface"),
+    ({"position": [0.3, 0.1]}, "does not see the whole surface"),
+    ({"threshold": 300}, r"sensor\.threshold"),
+    ({"lines": "third"}, r"sensor\.lines"),
+    ({"edge": None}, r"sensor\.edge"),
+    ({"border": 0.001}, r"sensor\.border"),
+    ({"pixels": [1, 2]}, r"sensor\.pixels"),
+    ({"tetragons": 5}, r"sensor\.tetragons"),
+    ({"mark": 0.05}, r"sensor\.(mark|border)"),
+    ({"noise": -1}, r"sensor\.noise"),
+    ({"blur": math.nan}, r"sensor\.blur"),
+    ({"statistical": 1}, r"sensor\.statistical"),
+    ({"colour": 3}, r"sensor"),
+])  # fmt: skip
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(ValueError, match=message):
+        gym.make("vibgym/Align-v0", sensor={"kind": "camera", **settings})
+
+
+def test_parts_that_cannot_be_seen_are_refused():
+    with pytest.raises(ValueError, match=r"parts"):
+        CameraSensor(SURFACE, [Part.disc(0.0005, friction=0.5)], 1, 1)
+    with pytest.raises(ValueError, match=r"parts"):
+        CameraSensor(SURFACE, [Part.disc(0.02, friction=0.5, height=0.5)], 1, 1)
+
+
+def test_only_a_camera_has_an_image():
+    with pytest.raises(ValueError, match=r"observation"):
+        gym.make("vibgym/Align-v0", observation="camera")
+
+
+# -- the statistical sensor --------------------------------------------------------------------------------------------
+
+
+def test_smooth_noise_is_normal_continuous_and_its_components_independent():
+    random = np.random.default_rng(4)
+    places, values = random.uniform(-500, 500, (20_000, 3)), np.empty((20_000, 3))
+    noise_at(places, 0, normal_levels(), values)
+    assert np.abs(values.mean(axis=0)).max() < 0.03 and values.std(axis=0) == pytest.approx(1.0, abs=0.03)
+    assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 0.03
+    assert (np.abs(values) < 1.0).mean() == pytest.approx(0.683, abs=0.015)
+    near, other = np.empty_like(values), np.empty_like(values)
+    noise_at(places + 1e-6, 0, normal_levels(), near)
+    noise_at(places, 1, normal_levels(), other)
+    assert np.abs(near - values).max() < 1e-4 and abs(np.corrcoef(values[:, 0], other[:, 0])[0, 1]) < 0.03
+
+
+@pytest.mark.parametrize("settings", [{"edge": "threshold"}, {"edge": "grey", "lines": "all"}])
+def test_the_statistical_sensor_errs_as_the_camera_does(settings):
+    """Deviations at random poses, new at each look, and of the change from one pose to another nearby."""
+    worlds, known = 300, setup([BLOCK, DISC], **settings)
+    for kind, part in enumerate((BLOCK, DISC)):
+        pose = random_poses(known, kind, worlds, seed=21)[:, None]
+        shifted = pose + [0.4e-3, 0.2e-3, 0.01]
+        spread = {}
+        for statistical in (False, True):
+            sensor = camera([part], pose, statistical=statistical, **settings)
+            errors = [sensor.due.pose - pose]
+            for at in (pose, shifted):
+                sensor.look(state_of(at))
+                assert sensor.due.seen.all()
+                errors.append(sensor.due.pose - at)
+            first, again, moved = (each[:, 0] for each in errors)
+            spread[statistical] = np.array([first.std(0), (again - first).std(0), (moved - first).std(0)])
+        columns = [0, 1, 2] if part is BLOCK else [0, 1]
+        ratio = spread[True][:, columns] / spread[False][:, columns]
+        assert (ratio[:2] > 0.75).all() and (ratio[:2] < 1.33).all(), ratio
+        assert (ratio[2] > 0.6).all() and (ratio[2] < 1.6).all(), ratio
+
+
+@pytest.mark.parametrize("part", [BLOCK, SQUARE, TRIANGLE])
+def test_both_see_what_motion_does_to_interlaced_lines(part):
+    """Centres lag by a quarter of a period, and parts seem turned by the shift and the turn between both halves."""
+    random, worlds = np.random.default_rng(3), 60
+    pose = random_poses(setup([part]), 0, worlds, seed=5)[:, None]
+    velocity = random.uniform([-0.2, -0.2, -3.0], [0.2, 0.2, 3.0], (worlds, 1, 3))
+    errors = {}
+    for statistical in (False, True):
+        sensor = camera([part], pose, statistical=statistical, lines="interlaced")
+        sensor.track.velocity[:] = velocity  # as if it had been followed for a while
+        sensor.looks[:] = 1
+        sensor.track.pose[:] = pose - 0.04 * velocity
+        sensor.look(state_of(pose, velocity))
+        assert sensor.due.seen.all()
+        errors[statistical] = (sensor.due.pose - pose)[:, 0]
+    assert errors[False][:, :2] == pytest.approx(-0.01 * velocity[:, 0, :2], abs=3e-4)
+    difference = (errors[True] - errors[False]).std(axis=0)
+    assert (difference < [6e-5, 6e-5, math.radians(0.25)]).all(), difference
+    assert errors[False][:, 2].std() > math.radians(0.9)  # a fault to speak of
+
+
+@pytest.mark.parametrize("statistical", [False, True])
+def test_its_error_freezes_at_rest(statistical):
+    """Whole pixels: the mean over many looks is as wrong as one, since what is new at each look is little."""
+    pose = random_poses(setup([BLOCK]), 0, 60, seed=2)[:, None]
+    sensor = camera([BLOCK], pose, statistical=statistical, edge="threshold", noise=0.3)
+    total = np.zeros_like(pose)
+    for _ in range(16):
+        sensor.look(state_of(pose))
+        total += sensor.due.pose - pose
+    one, mean = (sensor.due.pose - pose).std(axis=0), (total / 16).std(axis=0)
+    assert (mean > 0.8 * one).all() and one[0, 2] > math.radians(0.3)
+
+
+def test_what_estimators_are_told_of_the_error():
+    sensor = CameraSensor(SURFACE, [DISC, BLOCK, DISC], 1, 1, edge="threshold")
+    errors = fit_errors(sensor.setup)
+    assert sensor.sigma.shape == (3, 3) and (sensor.sigma[0] == sensor.sigma[2]).all() and sensor.sigma[0, 2] == 0.0
+    assert sensor.sigma[1] == pytest.approx(np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[1])

@@ -1,0 +1,124 @@
+"""Assignment, shapes, and parts that keep their names."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+
+from studies.benchmarks.camera import wandering
+from tests.plugins.camera.helpers import QUIET, SURFACE, camera, state_of
+from vibgym import Part
+from vibgym.kernels.jit import jit
+from vibgym.physics.core.assignment import assign
+from vibgym.plugins.camera.shapes import heading_order, outline_moment, room_inside, size_moment, traits_of
+from vibgym.scene.parts import shipped_part
+
+ALUMINIUM, STEEL = shipped_part("aluminium_block"), shipped_part("steel_block")
+ANGLE = Part.polygon([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.06], [0, 0.06]], friction=0.5)
+SQUARE, DISC = Part.rectangle(0.04, 0.04, friction=0.5), Part.disc(0.02, friction=0.5)
+TRIANGLE = Part.polygon([[0.0, 0.0], [0.05, 0.0], [0.025, 0.05 * math.sqrt(0.75)]], friction=0.5)
+
+
+@jit
+def assigned(cost: np.ndarray, result: np.ndarray) -> None:
+    rows, columns = cost.shape
+    assign(
+        cost, np.zeros(rows + 1), np.zeros(columns + 1), np.zeros(columns + 1, dtype=np.int64),
+        np.zeros(columns + 1, dtype=np.int64), np.zeros(columns + 1), np.zeros(columns + 1, dtype=np.bool_), result,
+    )  # fmt: skip
+
+
+@given(st.integers(1, 7), st.integers(0, 5), st.integers(0, 10**6))
+def test_assignments_cost_as_little_as_those_of_scipy(rows, more, seed):
+    random = np.random.default_rng(seed)
+    cost = random.random((rows, rows + more))
+    cost[random.random(cost.shape) < 0.3] = 1e9  # pairs that cannot be
+    cost[:, :rows] = np.where(np.eye(rows) > 0, 60.0, cost[:, :rows])
+    result = np.full(rows, -1)
+    assigned(cost, result)
+    assert len(set(result.tolist())) == rows and (result >= 0).all()
+    best = cost[linear_sum_assignment(cost)].sum()
+    assert cost[np.arange(rows), result].sum() == pytest.approx(best, rel=1e-9)
+
+
+def test_moments_of_outlines_are_sums_over_their_area():
+    n = 1200
+    x, y = np.meshgrid((np.arange(n) + 0.5) / n * 0.1 - 0.05, (np.arange(n) + 0.5) / n * 0.1 - 0.05)
+    import shapely
+
+    inside = shapely.contains_xy(shapely.Polygon(TRIANGLE.outline), x, y)
+    z = (x + 1j * y)[inside]
+    for order in (2, 3, 6):
+        expected = (z**order).sum() * (0.1 / n) ** 2
+        assert outline_moment(TRIANGLE.outline, order) == pytest.approx(
+            expected, abs=3e-3 * 0.03**order * TRIANGLE.area
+        )
+        assert size_moment(TRIANGLE.outline, order) == pytest.approx(
+            (np.abs(z) ** order).sum() * (0.1 / n) ** 2, rel=5e-3
+        )
+
+
+def test_in_which_moment_a_heading_shows():
+    parts = [ALUMINIUM, SQUARE, TRIANGLE, ANGLE, DISC]
+    assert [heading_order(part)[0] for part in parts] == [2, 4, 3, 2, 0]
+    traits = traits_of([ALUMINIUM])
+    a, b = 0.050**2, 0.035**2
+    assert traits.spread[0] == pytest.approx((a + b) / 12) and traits.elongation[0] == pytest.approx((a - b) / (a + b))
+
+
+def test_the_room_inside_a_part():
+    sharp = (2.0 - math.sqrt(2.0)) * 0.02  # in the corner of the angle, which is wider than its arms
+    for part, expected in ((ALUMINIUM, 0.0175), (DISC, 0.02), (TRIANGLE, 0.05 / math.sqrt(12.0)), (ANGLE, sharp)):
+        assert room_inside(part) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("part", [ALUMINIUM, STEEL, ANGLE, SQUARE, TRIANGLE], ids=lambda part: part.name)
+@pytest.mark.parametrize("lines", ["all", "half"])
+def test_headings_of_all_shapes_through_two_turns(part, lines):
+    """Wherever the part lies; the heading goes on beyond a full turn, as that of the simulator does."""
+    sensor = camera([part], [[[0.1, 0.06, 0.0]]], **QUIET | {"distortion": 0.01}, lines=lines)
+    worst = 0.0
+    for k in range(1, 130):
+        pose = [0.1 + 0.004 * k, 0.06 + 0.0007 * k, 0.1 * k]
+        sensor.look(state_of([[pose]]))
+        assert sensor.due.seen.all()
+        error = sensor.due.pose[0, 0] - pose
+        worst = max(worst, abs(error[2]))
+        assert np.abs(error[:2]).max() < 1e-4
+    assert worst < math.radians(0.3)
+
+
+def test_a_disc_keeps_its_heading():
+    sensor = camera([DISC], [[[0.3, 0.1, 0.7]]])
+    for k in range(5):
+        sensor.look(state_of([[[0.3 + 0.01 * k, 0.1, 0.7 + 0.1 * k]]]))
+        assert sensor.due.seen.all() and sensor.due.pose[0, 0, 2] == 0.7
+
+
+@pytest.mark.parametrize("lines, edge", [("half", "grey"), ("all", "threshold")])
+def test_no_identity_is_lost_among_parts_that_keep_the_spacing_rule(lines, edge):
+    """Six blocks, three of a kind, that cross each other's ways for 1000 frames, and stop dead and turn back."""
+    parts = [ALUMINIUM] * 3 + [STEEL] * 3
+    poses = wandering(1000, parts, 11)
+    order = np.sign(poses[:, :, None, 0] - poses[:, None, :, 0])
+    assert (np.diff(order, axis=0) != 0).sum() // 2 > 20  # they do pass each other
+    sensor = camera(parts, poses[:1], lines=lines, edge=edge)
+    for before, now in zip(poses[:-1], poses[1:]):
+        sensor.look(state_of([now], (now - before) / 0.04))
+        assert sensor.due.seen.all() and not sensor.track.count.any()
+        assert np.abs(sensor.due.pose[0] - now)[:, :2].max() < 1e-3
+
+
+def test_kinds_are_told_apart_by_shape():
+    """Two parts of different kinds change places from one look to the next: their names go with their shapes."""
+    left, right = [0.3, 0.1, 0.0], [0.312, 0.16, 0.0]
+    for kinds in ([ALUMINIUM, STEEL], [STEEL, DISC], [ALUMINIUM, SQUARE]):
+        sensor = camera(kinds, [[left, right]])
+        near = [[0.306, 0.1, 0.0], [0.306, 0.16, 0.0]]
+        sensor.look(state_of([near]))
+        assert sensor.due.seen.all() and not sensor.track.count.any()
+    traits = traits_of([ALUMINIUM, STEEL])
+    assert traits.area[1] / traits.area[0] == pytest.approx(8 / 7) and SURFACE.width > 0.8

@@ -1,0 +1,175 @@
+"""The server: worlds of their own, nothing lost, closed doors."""
+
+import http.client
+import json
+from contextlib import ExitStack
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from vibgym.plugins.play import server as module
+from vibgym.plugins.play.messages import MOST_BYTES
+
+
+class Page:
+    """A page's end of the link."""
+
+    def __init__(self, address, **query):
+        wanted = "&".join(f"{name}={value}" for name, value in query.items())
+        self.socket = ExitStack().enter_context(connect(f"ws://{address}/world?{wanted}", max_size=2**22))
+        self.n = 0
+        first = self.next()
+        self.token, self.ack = first.get("token"), first.get("ack")
+        self.first = first
+
+    def next(self, kind=None):
+        while True:
+            message = json.loads(self.socket.recv(timeout=60))
+            if kind is None or message["kind"] == kind:
+                return message
+
+    def send(self, do, **rest):
+        self.n += 1
+        self.socket.send(json.dumps({"n": self.n, "do": do, **rest}))
+
+    def after(self, n):
+        """The first frame that has seen message ``n``."""
+        while (frame := self.next("frame"))["ack"] < n:
+            pass
+        return frame
+
+
+def get(address, path, **headers):
+    connection = http.client.HTTPConnection(address, timeout=10)
+    connection.request("GET", path, headers=headers)
+    answer = connection.getresponse()
+    return answer.status, answer.read(), dict(answer.getheaders())
+
+
+def test_the_page_and_nothing_else_is_served(served):
+    address, _ = served
+    status, body, headers = get(address, "/")
+    assert status == 200 and b"<canvas" in body and "default-src 'none'" in headers["content-security-policy"]
+    for name in module.PAGE:
+        status, body, headers = get(address, f"/{name}")
+        assert status == 200 and body and headers["content-type"].startswith(module.PAGE[name][1])
+    for path in (
+        "/index.html",
+        "/../server.py",
+        "/..%2fserver.py",
+        "/main.js/",
+        "/kept/x.gif",
+        "/kept/..%2f..%2fetc%2fpasswd",
+        "/%00",
+    ):
+        assert get(address, path)[0] == 404, path
+    own = {"index.html", *(path.name for path, _ in module.PAGE.values() if path.parent == module.HERE)}
+    assert {each for each in module.HERE.iterdir()} == {module.HERE / each for each in own}
+
+
+@pytest.mark.parametrize("host", ["evil.example", "127.0.0.1.evil.example", "", "localhost.evil"])
+def test_other_hosts_are_refused(served, host):
+    assert get(served[0], "/", Host=host)[0] in (400, 403)
+
+
+def test_pages_of_other_sites_do_not_get_a_socket(served):
+    address, _ = served
+    with pytest.raises(InvalidStatus) as caught, connect(f"ws://{address}/world", origin="http://evil.example"):
+        pass
+    assert caught.value.response.status_code == 403
+    Page(address).socket.close()
+
+
+def test_everybody_has_a_world(served):
+    address, _ = served
+    one, two = Page(address), Page(address, id="Sort")
+    assert one.token != two.token
+    one.send("paint", elements=[[0, 0]], phasor=[1, 0])
+    assert one.after(1)["painted"] is True
+    assert len(two.next("scene")["outlines"]) == 6 and two.next("frame")["painted"] is False
+    one.socket.close()
+    two.socket.close()
+
+
+def test_bad_messages_end_nobodys_world(served):
+    address, _ = served
+    one, two = Page(address), Page(address)
+    for text in ("no json", "[]", json.dumps({"n": 1, "do": "pace", "speed": 1e9})):
+        one.socket.send(text)
+        assert "\n" not in one.next("refused")["text"]
+    one.socket.send(b"\xff\xfe\x00")
+    assert one.next("refused")
+    assert one.next("frame") and two.next("frame")
+    one.socket.send("x" * (MOST_BYTES + 1))
+    with pytest.raises(ConnectionClosed) as caught:
+        while True:
+            one.next()
+    assert caught.value.rcvd.code == 1009, "too big"
+    assert two.next("frame")
+    back = Page(address, token=one.token)
+    assert back.token == one.token and back.next("frame")
+    back.socket.close()
+    two.socket.close()
+
+
+def test_a_lost_connection_is_taken_up_again_and_nothing_is_lost(served):
+    address, server = served
+    page = Page(address)
+    page.send("pace", running=False)
+    page.send("aim", part=0, pose=[0.4, 0.1, 0.3])
+    page.after(2)
+    page.socket.socket.close()  # without a word
+    back = Page(address, token=page.token)
+    assert back.token == page.token and back.ack == 2
+    frame = back.next("frame")
+    assert [round(each, 3) for each in frame["goal"][0]] == [40000, 10000, 3000]
+    # What the page does not know to be done it sends again: done once.
+    back.socket.send(json.dumps({"n": 2, "do": "aim", "part": 0, "pose": [0.9 - 0.4, 0.1, 0.0]}))
+    back.socket.send(json.dumps({"n": 3, "do": "steps", "count": 1}))
+    frame = back.after(3)
+    assert frame["goal"][0][0] == 40000
+    assert server.visitors[page.token].session.acknowledged == 3
+    back.socket.close()
+
+
+def test_a_page_that_is_opened_twice_has_one_socket(served):
+    address, _ = served
+    first = Page(address)
+    second = Page(address, token=first.token)
+    with pytest.raises(ConnectionClosed) as caught:
+        while True:
+            first.next()
+    assert caught.value.rcvd.code == module.TAKEN_OVER
+    assert second.next("frame")
+    second.socket.close()
+
+
+@pytest.mark.parametrize(("query", "said"), [({"id": "Nothing"}, "id"), ({"start": "altered"}, "start")])
+def test_bad_urls_are_one_clear_line(served, query, said):
+    page = Page(served[0], **query)
+    assert said in page.first["text"]
+    with pytest.raises(ConnectionClosed):
+        page.next()
+
+
+def test_there_is_room_for_so_many(served, monkeypatch):
+    address, server = served
+    monkeypatch.setattr(module, "MOST_WORLDS", len(server.visitors))
+    assert "no room" in Page(address).first["text"]
+    monkeypatch.setattr(module, "WAIT", -1.0)  # those who have left are let go
+    page = Page(address)
+    assert page.token
+    page.socket.close()
+
+
+def test_slow_motion_is_slow(served):
+    address, _ = served
+    page = Page(address)
+    page.send("pace", speed=0.1)
+    frame = page.after(1)
+    assert frame["speed"] == 0.1
+    page.send("steps", count=2)
+    stopped = page.after(2)
+    assert stopped["running"] is False
+    page.socket.close()

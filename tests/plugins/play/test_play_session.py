@@ -1,0 +1,213 @@
+"""What a page may ask for, and what comes of it."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from vibgym.plugins.play import messages, starts
+from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.session import Session
+
+
+class Page:
+    """Sends numbered messages."""
+
+    def __init__(self, task, folder):
+        self.session, self.n = Session(Settings(task), folder), 0
+
+    def __call__(self, do, **rest):
+        self.n += 1
+        return self.session.do(json.dumps({"n": self.n, "do": do, **rest}))
+
+    @property
+    def pose(self):
+        return self.session.world.core.simulator.pose[0]
+
+
+@pytest.fixture
+def align(tmp_path):
+    return Page("Align", tmp_path)
+
+
+def refused(answers):
+    return [answer["text"] for answer in answers if answer["kind"] == "refused"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("hello", "message"),
+        ("[1, 2]", "message"),
+        ("{}", "do"),
+        ('{"do": "fly", "n": 1}', "do"),
+        ('{"do": "pace", "n": 1, "speed": 100}', "speed"),
+        ('{"do": "pace", "n": 0, "speed": 1}', "n"),
+        ('{"do": "aim", "n": 1, "part": 0, "pose": [1, 2]}', "pose"),
+        ('{"do": "aim", "n": 1, "part": 0, "pose": [1, 2, NaN]}', "pose.2"),
+        ('{"do": "aim", "n": 1, "part": 0, "pose": [1, 2, 1e999]}', "pose.2"),
+        ('{"do": "aim", "n": 1, "part": 7, "pose": [0.1, 0.1, 0]}', "part"),
+        ('{"do": "aim", "n": 1, "part": 0, "pose": [9, 0.1, 0]}', "pose"),
+        ('{"do": "paint", "n": 1, "elements": [[0, 0]], "phasor": [3, 0]}', "phasor.0"),
+        ('{"do": "paint", "n": 1, "elements": [[0, 99]], "phasor": [1, 0]}', "columns 0 to 31"),
+        ('{"do": "switch", "n": 1, "hardware": "gold"}', "hardware"),
+        ('{"do": "switch", "n": 1, "policy": "magic"}', "policy"),
+        ('{"do": "open", "n": 1, "id": "Nothing"}', "id"),
+        ('{"do": "open", "n": 1, "start": "abc"}', "start"),
+        ('{"do": "carry", "n": 1, "part": 0, "pose": [0.1, 0.1, 0]}', "a part in the hand"),
+        ('{"do": "undo", "n": 1}', "nothing was done yet"),
+        ('{"do": "record", "n": 1, "what": "gif"}', "nothing is being recorded"),
+        ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),
+    ],
+)
+def test_bad_messages_are_one_clear_line_and_change_nothing(align, text, said):
+    session = align.session
+    before = session.world.get_state()["env"]
+    answers = session.do(text)
+    (line,) = refused(answers)
+    assert said in line and "\n" not in line
+    after = session.world.get_state()["env"]
+    assert np.array_equal(before["simulator"]["pose"], after["simulator"]["pose"])
+    assert np.array_equal(before["episode"]["goal"], after["episode"]["goal"])
+    session.step()
+
+
+@given(
+    st.text()
+    | st.binary()
+    | st.recursive(st.none() | st.floats() | st.text(), lambda x: st.dictionaries(st.text(), x)).map(json.dumps)
+)
+def test_whatever_comes_is_a_message_or_refused(text):
+    try:
+        messages.parsed(text)
+    except ValueError as error:
+        assert "\n" not in str(error)
+
+
+def test_a_message_that_comes_twice_is_done_once(align):
+    text = json.dumps({"n": 5, "do": "steps", "count": 3})
+    align.session.do(text)
+    there = align.pose
+    assert align.session.do(text) == [] and np.array_equal(align.pose, there)
+    assert align.session.acknowledged == 5
+
+
+def test_undo_takes_back_step_by_step(align):
+    align("pace", running=False)
+    first, goal = align.pose, align.session.world.core.episode.goal.copy()
+    align("steps", count=5)
+    second = align.pose
+    align("lift", part=0)
+    align("carry", part=0, pose=[0.5, 0.1, 0.2])
+    align("put_down", part=0)
+    align("aim", part=0, pose=[0.3, 0.1, 0.0])
+    align("paint", elements=[[0, 0]], phasor=[1, 0])
+    align("switch", hardware="prototype")
+    align("open", id="Sort")
+    assert len(align.pose) == 6
+    align("undo")
+    assert align.session.world.settings.hardware == "prototype"
+    align("undo")
+    assert align.session.world.settings.hardware == "ideal"
+    align("undo")
+    assert np.isnan(align.session.world.paint).all()
+    align("undo")
+    assert np.array_equal(align.session.world.core.episode.goal, goal)
+    assert align.pose[0].tolist() == [0.5, 0.1, 0.2]
+    align("undo")
+    assert np.array_equal(align.pose, second) and not align.session.world.held
+    align("undo")
+    assert np.array_equal(align.pose, first)
+    align("steps", count=5)
+    assert np.array_equal(align.pose, second)
+
+
+def test_no_room_leaves_the_part_in_the_hand(tmp_path):
+    page = Page("Sort", tmp_path)
+    page("lift", part=0)
+    there = page.pose[1].tolist()
+    (line,) = refused(page("put_down", part=0, pose=there))
+    assert "overlapping" in line
+    frame = page.session.step()[-1]
+    assert "overlapping" in frame["held"]["0"]
+
+
+def test_a_start_comes_back_as_it_was_shared(tmp_path):
+    page = Page("Sort", tmp_path)
+    page("steps", count=20)
+    page("paint", elements=[[1, 2], [3, 4]], phasor=[0.6, -0.8])
+    page("switch", hardware="prototype", policy="planner")
+    code = next(each["code"] for each in page("share") if each["kind"] == "start")
+    assert len(code) < 1500 and code.replace("-", "").replace("_", "").isalnum()
+    world = starts.world_from(code)
+    np.testing.assert_allclose(world.core.simulator.pose[0], page.pose, atol=1e-6)
+    assert world.settings == page.session.world.settings
+    np.testing.assert_allclose(world.paint, page.session.world.paint, atol=1e-4)
+
+
+@pytest.mark.parametrize("task", ["Follow", "Feed"])
+def test_a_start_on_its_way_is_its_episode(tmp_path, task):
+    page = Page(task, tmp_path)
+    page("reset", seed=11)
+    page("steps", count=3)
+    world = starts.world_from(starts.code_of(page.session.world))
+    assert world.seed == 11
+    page("reset", seed=11)
+    assert np.array_equal(world.core.simulator.pose[0], page.pose)
+
+
+@given(st.data())
+def test_an_altered_start_is_refused(data):
+    code = CODE
+    place = data.draw(st.integers(0, len(code) - 2))  # the last letter has bits that count for nothing
+    letter = data.draw(st.sampled_from("ABCDEFGHIJabcdefghij0123456789-_").filter(lambda each: each != code[place]))
+    with pytest.raises(ValueError, match="start"):
+        starts.world_from(code[:place] + letter + code[place + 1 :])
+
+
+CODE = starts.code_of(Session(Settings("Align"), None).world)
+
+
+def test_recordings_hold_what_was_seen_and_done(align, tmp_path, monkeypatch):
+    align("record", what="begin")
+    align("steps", count=20)
+    align("paint", elements=[[0, 0]], phasor=[1, 0])
+    align("steps", count=10)
+    kept = next(each for each in align("record", what="gif") if each["kind"] == "kept")
+    path = align.session.kept[kept["link"].removeprefix("kept/")]
+    with Image.open(path) as film:
+        lasts = [film.seek(k) or film.info["duration"] for k in range(film.n_frames)]
+        assert sum(lasts) == 16 * 80, "pictures that are the same are kept once"
+    align("switch", policy="zero")
+    align("record", what="begin")
+    align("steps", count=20)
+    align("paint", elements=[[0, 1]], phasor=[1, 0])
+    align("steps", count=10)
+    kept = next(each for each in align("record", what="minari") if each["kind"] == "kept")
+    name = kept["text"].rpartition("data set ")[2].rstrip(")")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(align.session.output))
+    import minari
+
+    data = minari.load_dataset(name)
+    episodes = list(data.iterate_episodes())
+    assert sum(len(each) for each in episodes) == 30
+    env = data.recover_environment()
+    assert env.spec.id == "vibgym/Align-v0"
+    assert env.action_space.contains(episodes[-1].actions[-1])
+    assert episodes[-1].observations.shape == (11, *env.observation_space.shape)
+
+
+def test_a_recorded_episode_is_the_environments_own(align, tmp_path, monkeypatch):
+    """The actions of a recording, played in the environment that it names, give its rewards."""
+    align("reset", seed=4)
+    align("record", what="begin")
+    for _ in range(30):
+        align.session.step()
+    segment = align.session._recorder.segments[0]
+    env = Settings("Align").environment()
+    env.reset(seed=4)
+    rewards = [env.step(action)[1] for action in segment.actions]
+    assert rewards == segment.rewards

@@ -1,0 +1,181 @@
+"""A world with hands in it: physics as in the environment, and what hands do."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import vibgym
+from vibgym.plugins.play.choices import Settings, policies_of
+from vibgym.plugins.play.picture import frame_of, scene_of
+from vibgym.plugins.play.world import World
+from vibgym.policies import TaskInfo
+
+
+def poses(world):
+    return world.core.simulator.pose[0]
+
+
+@pytest.mark.parametrize(
+    ("task", "policy"), [("Align", "pose"), ("Align", "learned"), ("Sort", "planner"), ("Feed", "lanes")]
+)
+def test_a_world_left_alone_is_the_environment(task, policy):
+    """Nobody's hand in it, it does what the environment does with the same policy and seed, but for phasors in float32."""
+    world = World(Settings(task, policy=policy), seed=3)
+    env = gym.make(f"vibgym/{task}-v0", action="phasor").unwrapped
+    named = vibgym.make_policy(policy, TaskInfo.of(env))
+    env = gym.make(f"vibgym/{task}-v0", action=named.action, observation=named.observation).unwrapped
+    seen, _ = env.reset(seed=3)
+    state = None
+    for _ in range(60):
+        world.step()
+        action, state = named.predict(seen, state)
+        seen, *_ = env.step(action)
+    np.testing.assert_allclose(poses(world), env.truth.pose[0], atol=2e-5)
+
+
+@pytest.mark.parametrize("task", ["Align", "Sort", "Follow", "Feed", "Pack", "Push"])
+def test_a_snapshot_goes_on_bit_for_bit(task):
+    world = World(Settings(task, hardware="ideal" if task == "Push" else "prototype"), seed=1)
+    for _ in range(10):
+        world.step()
+    kept = world.get_state()
+    for _ in range(10):
+        world.step()
+    first, field = poses(world), world.wanted.copy()
+    world.set_state(kept)
+    for _ in range(10):
+        world.step()
+    assert np.array_equal(first, poses(world)) and np.array_equal(field, world.wanted)
+
+
+def test_a_part_in_the_hand_goes_where_the_hand_goes_and_is_brought_back_by_the_law():
+    world = World(Settings("Align"), seed=0)
+    world.step()
+    world.lift(0)
+    world.carry(0, np.array([0.7, 0.15, 1.0]))
+    for _ in range(5):
+        world.step()
+    assert poses(world)[0].tolist() == [0.7, 0.15, 1.0]
+    assert world.room(0) == ""
+    world.put_down(0)
+    assert not world.core.simulator.fallen.any()
+    for _ in range(200):
+        world.step()
+    assert world.info["is_success"] and world.info["position_error"] < 2e-3
+
+
+def test_there_is_no_room_on_another_part():
+    world = World(Settings("Sort"), seed=0)
+    world.lift(0)
+    world.carry(0, poses(world)[1] + [0.005, 0.0, 0.0])
+    assert "overlapping" in world.room(0)
+    with pytest.raises(ValueError, match="overlapping"):
+        world.put_down(0)
+    assert list(world.held) == [0], "it stays in the hand"
+    world.carry(0, np.array([2.0, 0.1, 0.0]))
+    assert "centres on the surface" in world.room(0)
+
+
+def test_nothing_touches_a_part_in_the_hand():
+    world = World(Settings("Sort", policy="zero"), seed=0)
+    before = poses(world)
+    world.lift(0)
+    world.carry(0, before[1])
+    for _ in range(5):
+        world.step()
+    other = World(Settings("Sort", policy="zero"), seed=0)
+    for _ in range(5):
+        other.step()
+    assert np.array_equal(poses(world)[1:], poses(other)[1:])
+
+
+def test_a_goal_that_is_moved_is_where_the_law_goes():
+    world = World(Settings("Align", hardware="prototype"), seed=0)
+    world.step()
+    world.aim(0, np.array([0.6, 0.12, 0.5]))
+    for _ in range(150):
+        world.step()
+    assert np.hypot(*(poses(world)[0, :2] - [0.6, 0.12])) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("task", "said"), [("Sort", "asks for places"), ("Follow", "along paths"), ("Feed", "asks for places")]
+)
+def test_tasks_without_goals_that_stay_say_so(task, said):
+    world = World(Settings(task))
+    with pytest.raises(ValueError, match=said):
+        world.aim(0, np.array([0.4, 0.1, 0.0]))
+
+
+def test_painted_elements_obey_the_brush_and_the_others_the_law():
+    world = World(Settings("Align"), seed=0)
+    world.draw(np.array([[7, 31], [7, 30]]), np.array([-0.6, 0.8]))
+    world.step()
+    np.testing.assert_allclose(world.wanted[7, 30:], [[-0.6, 0.8]] * 2, atol=1e-6)
+    other = World(Settings("Align"), seed=0)
+    other.step()
+    assert np.array_equal(world.wanted[:7], other.wanted[:7])
+
+
+def test_a_brush_alone_drives_a_part_along_its_stroke():
+    """An element pushes towards (-S, -C): here to the right."""
+    world = World(Settings("Transport", policy="zero"), seed=2)
+    before = poses(world)[0, 0]
+    rows, columns = world.paint.shape[:2]
+    world.draw(np.argwhere(np.ones((rows, columns))), np.array([0.0, -1.0]))
+    for _ in range(12):
+        world.step()
+    assert poses(world)[0, 0] > before + 0.03
+
+
+@pytest.mark.parametrize(
+    "change", [{"hardware": "prototype"}, {"hardware": "camera"}, {"model": "tilting"}, {"rate": 1.0}]
+)
+def test_a_switch_changes_the_machine_and_leaves_the_parts(change):
+    world = World(Settings("Sort"), seed=0)
+    for _ in range(10):
+        world.step()
+    before, moving, goal = poses(world), world.core.simulator.mean_velocity[0], world.core.episode.goal.copy()
+    world.switch(Settings(**{**vars(world.settings), **change}))
+    assert np.array_equal(poses(world), before) and np.array_equal(world.core.simulator.mean_velocity[0], moving)
+    assert np.array_equal(world.core.episode.goal, goal)
+    for _ in range(10):
+        world.step()
+    assert np.isfinite(poses(world)).all()
+
+
+def test_a_switch_that_does_not_fit_changes_nothing():
+    world = World(Settings("Push"), seed=0)
+    world.step()
+    env, before = world.env, poses(world)
+    with pytest.raises(ValueError, match="not convex"):
+        world.switch(Settings(**{**vars(world.settings), "model": "tilting"}))
+    with pytest.raises(ValueError, match="policy"):
+        world.switch(Settings(**{**vars(world.settings), "policy": "open_loop"}))
+    assert world.env is env and np.array_equal(poses(world), before)
+
+
+@pytest.mark.parametrize(
+    ("bad", "names"),
+    [
+        ({"id": "Alin"}, "id"),
+        ({"id": "CartPole-v1"}, "id"),
+        ({"id": "Align", "policy": "magic"}, "policy"),
+        ({"id": "Align", "hardware": "gold"}, "hardware"),
+        ({"id": "Align", "model": "exact"}, "model"),
+        ({"id": "Align", "rate": 1e9}, "rate"),
+        ({"id": "Align", "tilt": 0.0}, "tilt"),
+    ],
+)
+def test_bad_settings_are_named(bad, names):
+    with pytest.raises(ValueError, match=names):
+        World(Settings(**bad))
+
+
+def test_every_registered_environment_can_be_played():
+    for name in sorted(each for each in gym.registry if each.startswith("vibgym/")):
+        world = World(Settings(name))
+        world.step()
+        scene, frame = scene_of(world), frame_of(world)
+        assert scene["policy"] in scene["policies"] and len(frame["pose"]) == len(scene["outlines"])
+        assert "zero" in policies_of(TaskInfo.of(world.env))

@@ -1,0 +1,281 @@
+"""``model="tilting"``: what it leaves to the planar model, parity, snapshots, contacts, bad input."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.plugins.tilting.rigid import ALUMINIUM, DISC, KITE, LARGE, PARTS, STEEL, in_the_middle, leans
+from tests.simulation.helpers import random_fields, same
+from vibgym import Part, Simulator, Surface
+
+THREE = [STEEL, DISC, ALUMINIUM]
+
+
+def tilting(parts: object = STEEL, surface: Surface = LARGE, **settings: object) -> Simulator:
+    """A simulator with its parts in the middle of the table."""
+    simulator = Simulator(surface, parts, model="tilting", **settings)
+    in_the_middle(simulator)
+    return simulator
+
+
+# -- Flat --------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("parts", [STEEL, DISC, THREE], ids=["block", "disc", "three"])
+def test_flat_on_level_ground_is_the_planar_model_to_the_bit(parts):
+    flat, planar = tilting(parts, worlds=3), Simulator(LARGE, parts, worlds=3)
+    in_the_middle(planar)
+    for phase in (0.3, 2.0, -1.0):
+        for each in (flat, planar):
+            each.advance(3e-4, phase, 3)
+    state = flat.get_state()
+    assert not state["mode"].any()
+    for name, values in planar.get_state().items():
+        assert np.array_equal(state[name], values), name
+
+
+def test_auto_never_chooses_it():
+    assert Simulator(LARGE, STEEL, model="auto").model != "tilting"
+
+
+def test_a_part_that_has_landed_is_the_planar_models_again():
+    simulator = tilting(worlds=8)
+    simulator.tip(slice(None), leans(np.full(8, 0.03)))
+    simulator.advance(2e-4, 1.0, 4)
+    assert not simulator.get_state()["mode"].any() and not simulator.lean.any()
+    planar = Simulator(LARGE, STEEL, worlds=8)
+    planar.reset(simulator.pose, simulator.velocity)
+    for each in (simulator, planar):
+        each.advance(2e-4, 1.0, 5)
+    assert np.array_equal(simulator.pose, planar.pose)
+
+
+# -- Parity ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("parts", [STEEL, KITE, THREE], ids=["block", "kite", "three"])
+def test_single_and_batch_and_threads(parts):
+    """On random fields, with tilts: nothing depends on how many worlds there are, nor on threads, nor on periods a call."""
+    worlds = 40
+    amplitude, phase = random_fields(LARGE, worlds, 3)
+    many = 1 if isinstance(parts, Part) else len(parts)
+    tilt = np.repeat(leans(np.linspace(0.0, 0.05, worlds)), many, axis=1)
+    found = []
+    for threads, calls in ((1, [4]), (4, [1, 2, 1])):
+        simulator = tilting(parts, worlds=worlds, threads=threads)
+        start = simulator.get_state()
+        simulator.tip(slice(None), tilt)
+        for periods in calls:
+            simulator.advance(amplitude, phase, periods)
+        found.append(simulator.get_state())
+    assert same(*found)
+    for world in (0, 7, worlds - 1):
+        alone = Simulator(LARGE, parts, model="tilting")
+        alone.reset(start["pose"][world], start["velocity"][world])
+        alone.tip(0, tilt[world])
+        alone.advance(amplitude[world], phase[world], 4)
+        for name, values in alone.get_state().items():
+            if name != "periods":
+                assert np.array_equal(values[0], found[0][name][world]), name
+
+
+@pytest.mark.parametrize("parts", [DISC, THREE], ids=["one", "three"])
+def test_state_restored_in_the_middle_of_a_tilt(parts):
+    amplitude, phase = random_fields(LARGE, 5, 1)
+    simulator = tilting(parts, worlds=5)
+    simulator.tip(slice(None), 0.04)
+    simulator.advance(amplitude, phase)
+    state = simulator.get_state()
+    simulator.advance(amplitude, phase, 4)
+    end = simulator.get_state()
+    other = tilting(parts, worlds=5)
+    other.set_state(state)
+    other.advance(amplitude, phase, 4)
+    assert same(other.get_state(), end)
+
+
+# -- Ground ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda part: part.name)
+def test_a_part_rocks_where_plates_differ(part):
+    """It stands on the highest ones: between them and the lowest, tilted by what their heights and its width allow."""
+    amplitude, phase = random_fields(LARGE, 16, 2)
+    simulator = tilting(part, worlds=16)
+    simulator.advance(0.25 * amplitude, phase, 10)
+    state = simulator.get_state()
+    assert (state["mode"] == 1).all()
+    assert (simulator.tilt > 1e-6).any() and (simulator.tilt < 0.05).all()
+    assert (np.abs(state["height"] - part.centre_height) < 5e-4).all()
+
+
+def test_a_part_that_nothing_vertical_reaches_lies_flat():
+    part = Part.rectangle(0.05, 0.04, friction=0.6, height=0.004, coupling=0.0)
+    simulator, planar = tilting(part), Simulator(LARGE, part)
+    in_the_middle(planar)
+    amplitude, phase = random_fields(LARGE, 1, 2)
+    for each in (simulator, planar):
+        each.advance(amplitude, phase, 3)
+    assert np.array_equal(simulator.pose, planar.pose)
+
+
+def test_gentle_ramps_approach_one_another():
+    """The narrower the ramps, the less the results depend on them; at a tenth of the amplitude means are alike."""
+    amplitude, phase = random_fields(LARGE, 32, 4)
+    ends = []
+    for ramp in (0.0, 0.5, 6.0):
+        simulator = tilting(worlds=32, ramp_mm=ramp)
+        start = simulator.pose
+        simulator.advance(0.1 * amplitude, phase, 5)
+        ends.append(simulator.pose - start)
+    near, far = (np.hypot(*(ends[0] - each)[:, 0, :2].T).mean() for each in ends[1:])
+    assert near < far and near < 5e-4
+
+
+# -- Contacts ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_tilted_part_keeps_its_footprint_in_contacts():
+    """A block that is pushed into a tilted one moves it, and neither runs into the other."""
+    parts = [STEEL, STEEL]
+    simulator = Simulator(LARGE, parts, model="tilting")
+    simulator.reset([[[0.50, 0.52, 0.0], [0.551, 0.52, 0.0]]], [[[0.3, 0.0, 0.0], [0.0, 0.0, 0.0]]])
+    simulator.tip(0, [[[0.0, 0.0], [0.02, 0.03]]], which=[[False, True]])
+    simulator.advance(0.0, 0.0)
+    assert simulator.pose[0, 1, 0] > 0.552 and simulator.statistics["contact"] == 1
+    assert simulator.deepest_overlap < 3e-4
+    simulator.advance(0.0, 0.0, 10)
+    assert not simulator.tilt.any() and simulator.deepest_overlap < 3e-4
+
+
+def test_a_toppled_part_is_out_of_play():
+    tall = Part.rectangle(0.02, 0.02, friction=0.6, height=0.06, name="tall")
+    simulator = tilting(tall, worlds=6)
+    simulator.tip(slice(None), leans(np.full(6, 0.3)), rocking=40.0 * leans(np.full(6, 0.3)))
+    simulator.advance(0.0, 0.0, 5)
+    assert simulator.toppled.all() and simulator.fallen.all()
+    here = simulator.pose
+    simulator.advance(3e-4, 1.0, 5)
+    assert np.array_equal(simulator.pose, here)
+    simulator.reset(0.52)
+    assert not simulator.toppled.any() and not simulator.fallen.any()
+
+
+# -- How near a planar part is to tipping ------------------------------------------------------------------------------
+
+
+def test_tipping_ratio_and_inertia():
+    assert STEEL.tipping_ratio == pytest.approx(0.64 * 0.002 / 0.02)
+    assert ALUMINIUM.tipping_ratio == pytest.approx(0.58 * 0.01 / 0.0175)
+    high = Part.disc(0.02, friction=0.5, height=0.04, centre_height=0.03)
+    assert high.tipping_ratio == pytest.approx(0.5 * 0.03 / 0.02, rel=2e-3)
+    assert Part.rectangle(0.05, 0.04, friction=0.6).centre_height == 0.005
+    square = (0.04**2 + 0.004**2) / 12, (0.05**2 + 0.004**2) / 12
+    assert np.allclose(STEEL.inertia, [*square, 0.0], rtol=1e-12, atol=1e-18)
+    assert np.allclose(high.inertia, [0.02**2 / 4 + 0.04**2 / 12] * 2 + [0.0], rtol=1e-9, atol=1e-15)
+    turned = Part.polygon(STEEL.outline @ [[0.6, 0.8], [-0.8, 0.6]], friction=0.6, height=0.004)
+    xx, yy, xy = turned.inertia  # the tensor of the same plate in other axes
+    assert xx + yy == pytest.approx(sum(square)) and xx * yy - xy * xy == pytest.approx(square[0] * square[1])
+
+
+def test_tipping_margin_on_level_ground():
+    """Friction alone moves the centre of pressure: by ``mu h_C`` against the slip, all around once a period."""
+    for part in (STEEL, ALUMINIUM):
+        for model in ("planar", "tilting"):
+            simulator = Simulator(LARGE, part, model=model)
+            in_the_middle(simulator)
+            assert simulator.tipping_margin[0, 0] == pytest.approx(1.0 - part.tipping_ratio, rel=0.01)
+            simulator.advance(LARGE.max_amplitude, 0.3, 2)
+            assert simulator.tipping_margin[0, 0] == pytest.approx(1.0 - part.tipping_ratio, rel=0.01)
+
+
+def test_tipping_margin_at_a_border_and_of_tilted_and_fallen_parts():
+    simulator = Simulator(LARGE, ALUMINIUM, worlds=3, model="tilting")
+    simulator.reset([[[0.52, 0.52, 0.0]], [[0.005, 0.52, 0.0]], [[0.52, 0.52, 0.0]]])
+    simulator.tip(2, 0.05)
+    level, edge, tilted = simulator.tipping_margin[:, 0]
+    assert edge == pytest.approx(1.0 - 0.58 * 0.01 / 0.005, rel=0.02) and edge < level and tilted == 0.0
+    simulator.advance(LARGE.max_amplitude, 0.5 * math.pi, 60)
+    assert simulator.fallen.any() and np.isneginf(simulator.tipping_margin[simulator.fallen]).all()
+
+
+def test_slender_parts_are_warned_of_and_unstable_ones_refused():
+    with pytest.warns(UserWarning, match="goes on wobbling, which model='planar' does not see: try model='tilting'"):
+        Simulator(LARGE, Part.disc(0.02, friction=0.6, height=0.02))
+    tall = Part.rectangle(0.02, 0.02, friction=0.6, height=0.06, name="tall")
+    with pytest.raises(ValueError, match="parts"):
+        Simulator(LARGE, tall)
+    Simulator(LARGE, tall, model="tilting")
+    Simulator(LARGE, Part.rectangle(0.002, 0.002, friction=0.6))  # nobody has said how high it is
+    simulator = Simulator(LARGE, ALUMINIUM)
+    with pytest.raises(ValueError, match="friction"):
+        simulator.set_conditions(0, friction=4.0)
+    assert (simulator.friction == 1.0).all()
+
+
+# -- Input -------------------------------------------------------------------------------------------------------------
+
+ARROW = Part.polygon([[0, 0], [0.05, 0.02], [0, 0.04], [0.01, 0.02]], friction=0.5, name="arrow")
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"restitution": 1.2}, "restitution"),
+        ({"restitution": -0.1}, "restitution"),
+        ({"ramp_mm": 13.5}, "ramp_mm"),
+        ({"ramp_mm": math.nan}, "ramp_mm"),
+        ({"steps": 10}, "steps"),
+        ({"pieces": 2}, "pieces"),
+    ],
+)
+def test_bad_knobs(settings, message):
+    with pytest.raises(ValueError) as error:
+        Simulator(Surface(), STEEL, model="tilting", **settings)
+    assert str(error.value).startswith(message)
+
+
+def test_parts_that_are_not_convex_are_refused():
+    with pytest.raises(ValueError, match="parts"):
+        Simulator(Surface(), ARROW, model="tilting")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda s: s.tip(0, [[[0.0, 1.2]]]),
+            "lean",
+        ),
+        (lambda s: s.tip(0, math.nan), "lean"),
+        (lambda s: s.tip(5, 0.1), "worlds"),
+        (lambda s: s.tip(0, np.zeros(7)), "lean"),
+        (lambda s: s.tip(0, 0.0, rocking=math.inf), "rocking"),
+    ],
+)
+def test_bad_tilts_change_nothing(call, message):
+    simulator = tilting(ALUMINIUM, worlds=2)
+    before = simulator.get_state()
+    with pytest.raises(ValueError, match=f"^{message}"):
+        call(simulator)
+    assert same(before, simulator.get_state())
+
+
+def test_only_this_model_tips():
+    with pytest.raises(ValueError, match="tip"):
+        Simulator(LARGE, STEEL).tip(0, 0.1)
+
+
+@pytest.mark.parametrize(("name", "value"), [("mode", 3), ("mode", -1), ("lean", 1.55)])
+def test_damaged_states_are_refused(name, value):
+    simulator = tilting()
+    state = simulator.get_state()
+    state[name] = np.full_like(state[name], value)
+    with pytest.raises(ValueError, match=rf"state\['{name}'\]"):
+        simulator.set_state(state)
+    state.pop(name)
+    with pytest.raises(ValueError, match="state"):
+        simulator.set_state(state)

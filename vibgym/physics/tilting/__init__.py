@@ -1,1 +1,0 @@
-"""Above the plane: parts as rigid bodies on plates whose heights differ."""

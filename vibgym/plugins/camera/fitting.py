@@ -1,0 +1,126 @@
+"""How wrong the camera is about a part: sampled from its own images, for the statistical sensor and for estimators.
+
+The error has two parts. What comes from pixels, lens and calibration is the same whenever the part lies the same: it freezes
+at rest and cannot be averaged. What comes from the pixels' noise is new at each look.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym.plugins.camera.look import look_at, new_seen, new_track
+from vibgym.plugins.camera.setup import Setup
+
+SAMPLES = 400
+"""Poses of each kind that are looked at; the deviations are good to a tenth (the errors of whole pixels have long tails)."""
+
+CLEAR = 3.0
+"""Standard errors that a mean must have, or it is taken for chance."""
+
+SHIFT = 0.25
+"""px by which the part is moved, to see how fast its error changes."""
+
+CELL = 2.0
+"""Cell of the lattice of :mod:`vibgym.plugins.camera.statistical` over the length l of a correlation exp(-d^2 / 2 l^2)."""
+
+
+class ErrorModel(NamedTuple):
+    """Error of a measured pose, kind by kind: m, m, rad."""
+
+    mean: np.ndarray  # (kinds, 3)
+    fixed: np.ndarray  # (kinds, 3) standard deviation of what depends on the pose alone
+    white: np.ndarray  # (kinds, 3) standard deviation of what is new at each look
+    cell: np.ndarray  # (kinds, 3) m, m, rad over which the fixed error changes
+
+
+def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (n, 3) of one look at a part of that kind at each pose (n, 3), and whether it was seen (n,)."""
+    rig, known = setup.alone(kind)
+    count = len(pose)
+    there = np.ascontiguousarray(pose[:, None])
+    track = new_track(count, 1)
+    track.pose[:] = there
+    keys = np.stack([np.full(count, key), np.arange(count)], axis=1)
+    read, velocity, seen = np.zeros_like(there), np.zeros_like(there), np.zeros((count, 1), dtype=bool)
+    earlier = there.copy() if setup.lines == "interlaced" else np.empty((count, 0, 3))
+    look_at(
+        np.arange(count), there, earlier, np.ones((count, 1), dtype=bool), rig, known, keys,
+        np.zeros(count, dtype=np.int64), new_seen(setup.shape, 1, rig.background), track, read, velocity, seen,
+    )  # fmt: skip
+    return read[:, 0] - pose, seen[:, 0]
+
+
+def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarray:
+    """Poses (count, 3) at which a part of that kind is wholly seen, on the surface where it has room."""
+    random = np.random.default_rng(seed)
+    radius = setup.known.traits.radius[kind]
+    surface = setup.surface
+    low = np.minimum(radius, 0.5 * np.array([surface.width, surface.depth]))
+    place = low + (np.array([surface.width, surface.depth]) - 2.0 * low) * random.random((count, 2))
+    return np.column_stack([place, random.uniform(-math.pi, math.pi, count)])
+
+
+_sampled: dict[bytes, ErrorModel] = {}
+MOST_SAMPLED = 64
+"""Cameras whose errors a process remembers: environments of the same settings share them."""
+
+
+def fit_errors(setup: Setup) -> ErrorModel:
+    """The camera's errors for every kind of parts; always the same for the same settings. Not to be changed."""
+    digest = hashlib.sha256()
+    for leaf in _leaves((setup.rig, setup.known, setup.lag)):
+        digest.update(f"{leaf.dtype}{leaf.shape}".encode())
+        digest.update(leaf.tobytes())
+    key = digest.digest()
+    if key not in _sampled:
+        if len(_sampled) == MOST_SAMPLED:
+            _sampled.clear()
+        _sampled[key] = sampled_errors(setup)
+    return _sampled[key]
+
+
+def _leaves(record: Any) -> Iterator[np.ndarray]:
+    """All values of a record of records."""
+    if isinstance(record, tuple):
+        for each in record:
+            yield from _leaves(each)
+    else:
+        yield np.asarray(record)
+
+
+def sampled_errors(setup: Setup) -> ErrorModel:
+    """:func:`fit_errors` without memory."""
+    traits, grain = setup.known.traits, setup.known.grain
+    kinds = len(traits.area)
+    model = ErrorModel(*(np.zeros((kinds, 3)) for _ in range(4)))
+    for kind in range(kinds):
+        pose = random_poses(setup, kind, SAMPLES)
+        steps = np.array([SHIFT * grain / setup.pitch, SHIFT * grain, SHIFT * grain / traits.radius[kind]])
+        here, seen = look_alone(setup, kind, pose, 1)
+        again, still = look_alone(setup, kind, pose, 2)
+        both = seen & still
+        mean = here[both].mean(axis=0) if both.any() else np.zeros(3)
+        white = 0.5 * (here - again)[both].var(axis=0) if both.any() else np.zeros(3)
+        fixed = np.maximum(here[both].var(axis=0) - white, 0.0) if both.any() else np.zeros(3)
+        chance = CLEAR * np.sqrt((fixed + white) / max(both.sum(), 1))
+        model.mean[kind] = np.where(np.abs(mean) > chance, mean, 0.0)
+        model.white[kind], model.fixed[kind] = np.sqrt(white), np.sqrt(fixed)
+        for axis in range(3):
+            moved = pose.copy()
+            moved[:, axis] += steps[axis]
+            there, all_seen = look_alone(setup, kind, moved, 3)
+            common = both & all_seen
+            change = ((there - here)[common] ** 2).mean(axis=0) if common.any() else np.zeros(3)
+            # Of the components that have a fixed error to speak of: <(e' - e)^2> = 2 (1 - rho) fixed^2 + 2 white^2.
+            heavy = fixed > 0.1 * white
+            rho = 1.0 - 0.5 * (change - 2.0 * white)[heavy] / np.maximum(fixed[heavy], 1e-30)
+            rho = float(np.clip(rho.mean(), 0.05, 0.999)) if heavy.any() else 0.999
+            model.cell[kind, axis] = CELL * steps[axis] / math.sqrt(-2.0 * math.log(rho))
+        if traits.order[kind] == 0:  # a heading that nobody sees
+            model.mean[kind, 2] = model.fixed[kind, 2] = model.white[kind, 2] = 0.0
+    return model

@@ -1,0 +1,297 @@
+"""One look of the camera at all worlds: image, objects, measures, and which of them is which part."""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.physics.core.assignment import assign
+from vibgym.plugins.camera.calibration import Grid, at_height, locate
+from vibgym.plugins.camera.edges import Grey, complex_moment, share_moments, shares
+from vibgym.plugins.camera.image import Canvas, Exposure, Shapes, draw, wipe
+from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_found
+from vibgym.plugins.camera.optics import Optics
+from vibgym.plugins.camera.shapes import Traits
+from vibgym.plugins.camera.tracking import FAR, NO_PAIR, nearest_heading, unlikeness
+
+X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
+"""Columns of :class:`Seen`'s ``measure``."""
+
+
+class Mishap(IntEnum):
+    """What a look gets wrong: columns of :class:`Track`'s ``count``."""
+
+    SWAPS = 0  # parts taken for others
+    MERGES = 1  # parts that run into one another
+    LOSSES = 2
+
+
+COASTING = 2
+"""Looks for which a part is expected to go on as it went."""
+
+
+class Rig(NamedTuple):
+    """The camera as it stands, and the scene before it."""
+
+    optics: Optics
+    shapes: Shapes
+    exposure: Exposure
+    background: np.ndarray  # (lines, columns) uint8, the empty surface
+
+
+class Knowledge(NamedTuple):
+    """What the processing knows: of the camera as it was put up, of the template's image, and of the parts."""
+
+    interest: Interest
+    meaning: Grey
+    grid: Grid
+    traits: Traits
+    foot: np.ndarray  # (3,) m, place of the lens
+    grain: float  # m, size of a pixel on the surface, the larger of both
+    aperture: np.ndarray  # (2,) px^2, by which a pixel's own size and the blur widen what is seen, columns and lines
+    reach: float  # m that a part may be away from where it is expected ...
+    speed: float  # m/s ... and more for each second since it was last seen
+    step: float  # s from look to look
+
+
+class Seen(NamedTuple):
+    """Working arrays of a look at one world."""
+
+    canvas: Canvas
+    found: Found
+    boxes: np.ndarray  # (parts, 2, 4) int64
+    measure: np.ndarray  # (objects, 10): place on the surface, area in px, central moments over it, Jacobian
+    expected: np.ndarray  # (parts, 3) predicted pose
+    cost: np.ndarray  # (parts, objects + parts)
+    potential_row: np.ndarray  # scratch of the assignment, see there
+    potential_column: np.ndarray
+    row_of: np.ndarray
+    way: np.ndarray
+    least: np.ndarray
+    used: np.ndarray
+    column_of: np.ndarray
+
+
+class Track(NamedTuple):
+    """What is remembered of every part."""
+
+    pose: np.ndarray  # (worlds, parts, 3) when it was last seen
+    velocity: np.ndarray  # (worlds, parts, 3) then, m/s, m/s, rad/s
+    missed: np.ndarray  # (worlds, parts) int64 looks since then
+    count: np.ndarray  # (worlds, 3) int64 mishaps at the last look
+
+
+def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen:
+    """Working arrays for an image of ``shape`` with so many parts."""
+    objects = 4 * parts + 16
+    columns = objects + parts
+    canvas = Canvas(np.ones(shape, dtype=np.float32), background.copy())
+    return Seen(
+        canvas,
+        new_found(shape, objects),
+        np.zeros((parts, 2, 4), dtype=np.int64),
+        np.zeros((objects, 10)),
+        np.zeros((parts, 3)),
+        np.zeros((parts, columns)),
+        np.zeros(parts + 1),
+        np.zeros(columns + 1),
+        np.zeros(columns + 1, dtype=np.int64),
+        np.zeros(columns + 1, dtype=np.int64),
+        np.zeros(columns + 1),
+        np.zeros(columns + 1, dtype=np.bool_),
+        np.zeros(parts, dtype=np.int64),
+    )
+
+
+def new_track(worlds: int, parts: int) -> Track:
+    """Nothing remembered yet."""
+    shape = (worlds, parts)
+    return Track(
+        np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=np.int64), np.zeros((worlds, 3), np.int64)
+    )
+
+
+@jit
+def measure_object(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray) -> None:
+    """Write the measures of an object, see :class:`Seen`: its centroid is transformed, and its moments by the Jacobian."""
+    moment = found.moment[number]
+    if known.meaning.fine:
+        share, top, left = shares(grey, known.meaning, found, number)
+        share_moments(share, top, left, moment)
+    u, v = moment[1] / moment[0], moment[2] / moment[0]
+    measure[X], measure[Y] = locate(known.grid, u, v, measure[JACOBIAN:])
+    measure[M00] = moment[0]
+    measure[XX] = moment[3] / moment[0] - u * u - known.aperture[0]
+    measure[XY] = moment[4] / moment[0] - u * v
+    measure[YY] = moment[5] / moment[0] - v * v - known.aperture[1]
+
+
+@borrowing
+def on_surface(measure, nearer):
+    """Area (m^2) and second moments over it (m^2: xx, xy, yy) at a height where lengths are ``nearer`` times what they seem."""
+    a, b, c, d = measure[JACOBIAN], measure[JACOBIAN + 1], measure[JACOBIAN + 2], measure[JACOBIAN + 3]
+    uu, uv, vv = measure[XX], measure[XY], measure[YY]
+    scale = nearer * nearer
+    xx = scale * (a * a * uu + 2.0 * a * b * uv + b * b * vv)
+    xy = scale * (a * c * uu + (a * d + b * c) * uv + b * d * vv)
+    yy = scale * (c * c * uu + 2.0 * c * d * uv + d * d * vv)
+    return scale * abs(a * d - b * c) * measure[M00], xx, xy, yy
+
+
+@jit
+def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray, kind: int) -> float:
+    """Heading of an object that is a part of this kind, one of those that look the same."""
+    order = known.traits.order[kind]
+    if order == 2:
+        _, xx, xy, yy = on_surface(measure, 1.0)
+        return 0.5 * (math.atan2(2.0 * xy, xx - yy) - known.traits.phase[kind])
+    share, top, left = shares(grey, known.meaning, found, number)
+    m = found.moment[number]
+    re, im = complex_moment(share, top, left, m[1] / m[0], m[2] / m[0], measure[JACOBIAN:], order)
+    return (math.atan2(im, re) - known.traits.phase[kind]) / order
+
+
+@borrowing
+def _place(known, measure, kind):
+    """Where an object is, were it a part of this kind."""
+    foot = known.foot
+    return at_height(measure[X], measure[Y], foot[0], foot[1], foot[2], known.traits.height[kind])
+
+
+@borrowing
+def _match(known, missed, shown, seen):
+    """Give every part an object, or none: ``seen.column_of``, -1 for none."""
+    objects, parts = seen.found.count[0], shown.shape[0]
+    traits = known.traits
+    # Each part has a column of its own for being without an object.
+    cost = seen.cost[:, : objects + parts]
+    for p in range(parts):
+        kind = traits.kind[p]
+        gate = known.reach + known.speed * known.step * (1 + missed[p])
+        nearer = (known.foot[2] - traits.height[kind]) / known.foot[2]
+        for k in range(objects + parts):
+            cost[p, k] = FAR
+        cost[p, objects + p] = NO_PAIR
+        if shown[p]:
+            for k in range(objects):
+                if not seen.found.clipped[k]:
+                    measure = seen.measure[k]
+                    x, y = _place(known, measure, kind)
+                    away = math.hypot(x - seen.expected[p, 0], y - seen.expected[p, 1])
+                    area, xx, xy, yy = on_surface(measure, nearer)
+                    spread = xx + yy
+                    elongation = math.hypot(xx - yy, 2.0 * xy) / max(spread, 1e-30)
+                    cost[p, k] = unlikeness(away, gate, area, spread, elongation, known.grain, traits, kind)
+    assign(
+        cost, seen.potential_row, seen.potential_column[: objects + parts + 1], seen.row_of[: objects + parts + 1],
+        seen.way[: objects + parts + 1], seen.least[: objects + parts + 1], seen.used[: objects + parts + 1],
+        seen.column_of,
+    )  # fmt: skip
+    for p in range(parts):
+        if seen.column_of[p] >= objects:
+            seen.column_of[p] = -1
+
+
+@borrowing
+def _is_merged(known, p, shown, seen):
+    """Whether a part without an object and another one lie within one object that is nobody's."""
+    for k in range(seen.found.count[0]):
+        taken = False
+        for other in range(shown.shape[0]):
+            taken = taken or seen.column_of[other] == k
+        if taken:
+            continue
+        box = seen.found.box[k]
+        measure = seen.measure[k]
+        a, b, c, d = measure[JACOBIAN], measure[JACOBIAN + 1], measure[JACOBIAN + 2], measure[JACOBIAN + 3]
+        tall, wide = box[1] - box[0], box[3] - box[2]
+        half = 0.5 * max(math.hypot(a * wide + b * tall, c * wide + d * tall),
+                         math.hypot(a * wide - b * tall, c * wide - d * tall))  # fmt: skip
+        within, mine = 0, False
+        for other in range(shown.shape[0]):
+            if shown[other] and seen.column_of[other] < 0:
+                x, y = _place(known, measure, known.traits.kind[other])
+                if math.hypot(x - seen.expected[other, 0], y - seen.expected[other, 1]) < half:
+                    within += 1
+                    mine = mine or other == p
+        if mine and within > 1:
+            return True
+    return False
+
+
+@borrowing
+def _swapped(pose, x, y, p, shown):
+    """Whether another part is nearer to where part ``p`` was measured than itself."""
+    nearest, least = p, math.hypot(pose[p, 0] - x, pose[p, 1] - y)
+    for other in range(pose.shape[0]):
+        if shown[other]:
+            away = math.hypot(pose[other, 0] - x, pose[other, 1] - y)
+            if away < least:
+                nearest, least = other, away
+    return nearest != p
+
+
+@jit
+def look_at(
+    worlds: np.ndarray, pose: np.ndarray, earlier: np.ndarray, shown: np.ndarray, rig: Rig, known: Knowledge,
+    key: np.ndarray, looks: np.ndarray, seen: Seen, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
+    read_seen: np.ndarray,
+) -> None:  # fmt: skip
+    """Look at ``worlds`` (index array), one after the other.
+
+    Args:
+        pose: (worlds, parts, 3) true poses.  earlier: when the odd lines were taken, or (worlds, 0, 3).
+        shown: (worlds, parts) bool, parts that are on the surface.
+        key: (worlds, 2).  looks: (worlds,) number of this look; at look 0 the tracks have just been set to where parts are.
+        seen: working arrays.  track: overwritten.
+        read_pose, read_velocity, read_seen: of the reading, overwritten.
+    """
+    for w in worlds:
+        parts = pose.shape[1]
+        draw(
+            rig.optics, rig.shapes, rig.exposure, pose[w], earlier[w], shown[w], key[w], looks[w], seen.canvas,
+            seen.boxes,
+        )  # fmt: skip
+        clear(seen.found)
+        find(seen.canvas.grey, known.interest, seen.found)
+        for k in range(seen.found.count[0]):
+            measure_object(seen.canvas.grey, known, seen.found, k, seen.measure[k])
+        for p in range(parts):
+            # A part that is long out of sight has most likely met another one: its old velocity says no more.
+            since = known.step * min(1 + track.missed[w, p], COASTING) if looks[w] > 0 else 0.0
+            for axis in range(3):
+                seen.expected[p, axis] = track.pose[w, p, axis] + since * track.velocity[w, p, axis]
+        _match(known, track.missed[w], shown[w], seen)
+        track.count[w] = 0
+        for p in range(parts):
+            k, kind = seen.column_of[p], known.traits.kind[p]
+            read_seen[w, p] = k >= 0
+            if k < 0:
+                track.missed[w, p] += 1
+                if shown[w, p]:
+                    merged = _is_merged(known, p, shown[w], seen)
+                    track.count[w, Mishap.MERGES if merged else Mishap.LOSSES] += 1
+                for axis in range(3):
+                    read_pose[w, p, axis], read_velocity[w, p, axis] = track.pose[w, p, axis], 0.0
+                continue
+            x, y = _place(known, seen.measure[k], kind)
+            heading = track.pose[w, p, 2]
+            if known.traits.order[kind] > 0:
+                apart = 2.0 * math.pi / known.traits.order[kind]
+                heading = heading_of(seen.canvas.grey, known, seen.found, k, seen.measure[k], kind)
+                heading = nearest_heading(heading, apart, seen.expected[p, 2])
+            since = known.step * (1 + track.missed[w, p])
+            read_pose[w, p, 0], read_pose[w, p, 1], read_pose[w, p, 2] = x, y, heading
+            for axis in range(3):
+                moved = read_pose[w, p, axis] - track.pose[w, p, axis]
+                read_velocity[w, p, axis] = moved / since if looks[w] > 0 else 0.0
+                track.pose[w, p, axis] = read_pose[w, p, axis]
+                track.velocity[w, p, axis] = read_velocity[w, p, axis]
+            track.missed[w, p] = 0
+            if _swapped(pose[w], x, y, p, shown[w]):
+                track.count[w, Mishap.SWAPS] += 1
+        wipe(seen.boxes, rig.background, seen.canvas)

@@ -1,0 +1,211 @@
+"""The camera above the surface as a sensor: images through the processing chain of the thesis, or their statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.physics.core.noise import KEY_DRAWS, keys_from
+from vibgym.physics.core.records import State
+from vibgym.plugins.camera.fitting import ErrorModel, fit_errors
+from vibgym.plugins.camera.image import whole_image
+from vibgym.plugins.camera.look import Mishap, Seen, look_at, new_seen, new_track
+from vibgym.plugins.camera.setup import Settings, Setup
+from vibgym.plugins.camera.statistical import Statistics, guess, normal_levels
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.sensing.base import Sensor
+from vibgym.sensing.measurement import Reading
+
+
+class Picture(NamedTuple):
+    """What an image shows; it is drawn when somebody asks for it."""
+
+    pose: np.ndarray  # (worlds, parts, 3)
+    earlier: np.ndarray  # (worlds, parts or 0, 3) when the odd lines were taken
+    shown: np.ndarray  # (worlds, parts) bool
+    look: np.ndarray  # (worlds,) int64
+
+
+class CameraSensor(Sensor):
+    """Measures poses in images of the surface.
+
+    Each look draws what the camera sees around the parts (their dark tops at their height, through perspective and distortion,
+    blurred, in uneven light, with noise, in eight bits), finds the objects in it, measures them, takes their centroids to the
+    surface by a calibration with a template, and tells which is which part. A part that is cut off by the border of what is
+    seen, or runs into another one, is not seen; ``info`` counts ``swaps`` (parts taken for others), ``merges`` and ``losses``
+    of each look. At an episode's start the camera is told where the parts are, so that it knows their names and heads from
+    tails. That a part has fallen off is told as well.
+
+    Args:
+        surface, parts, worlds, periods: see :class:`Sensor`.
+        statistical: no images, but their errors: a fixed function of the pose and white noise, with what :func:`fit_errors`
+            finds in a sample of images for these parts and settings.
+        **settings: of the camera, see :class:`vibgym.plugins.camera.setup.Settings`; ``delay``, ``rate`` and effects. Its own
+            ``noise`` is that of the pixels: noise of poses, if it shall have any besides, goes under ``effects``.
+
+    Attributes:
+        setup: optics, calibration and what else follows from the settings.
+
+    Raises:
+        ValueError: a bad setting; a camera that does not see the whole surface; parts that it cannot see.
+    """
+
+    SETTINGS = Settings
+    draws = KEY_DRAWS
+
+    renews = False  # it follows parts from look to look by their names
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        worlds: int,
+        periods: int,
+        *,
+        statistical: bool = False,
+        **settings: Any,
+    ) -> None:
+        own = {each.name for each in fields(Settings)} & set(settings)
+        chosen = Settings(**{name: settings.pop(name) for name in own})
+        super().__init__(surface, parts, worlds, periods, **settings)
+        self.statistical = checks.flag("sensor.statistical", statistical)
+        self.setup = Setup(surface, self.parts, chosen, self.every * periods * surface.period)
+        self._model: ErrorModel | None = None
+        count = len(self.parts)
+        self.track = new_track(worlds, count)
+        self._key = np.zeros((worlds, 2), dtype=np.int64)
+        self._pictures: list[Picture] = []
+        self._seen: Seen = new_seen(self.setup.shape, count, self.setup.rig.background)
+        self._measure = self._by_statistics if self.statistical else self._by_image
+        self._statistics = self._twin() if self.statistical else None  # now rather than in the first step
+
+    @property
+    def errors(self) -> ErrorModel:
+        """How wrong readings are, kind by kind; sampled when first asked for."""
+        if self._model is None:
+            self._model = fit_errors(self.setup)
+        return self._model
+
+    @property
+    def sigma(self) -> np.ndarray:
+        errors, kind = self.errors, self.setup.known.traits.kind
+        return np.sqrt(errors.mean**2 + errors.fixed**2 + errors.white**2)[kind]
+
+    def facts(self) -> dict[str, np.ndarray]:
+        return {each.name.lower(): self.track.count[:, each] for each in Mishap}
+
+    def keep_pictures(self) -> None:
+        """Keep, from the next start of an episode on, what :meth:`image` needs; it belongs to snapshots."""
+        count = len(self.parts)
+        odd = count if self.setup.lag > 0.0 else 0
+        self._pictures = [
+            Picture(
+                np.zeros((self.worlds, count, 3)),
+                np.zeros((self.worlds, odd, 3)),
+                np.zeros((self.worlds, count), dtype=bool),
+                np.zeros(self.worlds, dtype=np.int64),
+            )
+            for _ in self._readings
+        ]
+
+    def image(self) -> np.ndarray:
+        """(worlds, lines, columns) uint8: what the camera saw at the look that is due now. Fresh.
+
+        Raises:
+            ValueError: nobody has called :meth:`keep_pictures`.
+        """
+        if not self._pictures:
+            allowed = "with observation='camera', or after keep_pictures()"
+            raise checks.refuse("image()", "a camera that keeps no pictures", allowed)
+        picture, setup = self._pictures[0], self.setup
+        images, bare = np.empty((self.worlds, *setup.shape), dtype=np.uint8), np.empty(setup.shape, dtype=np.float32)
+        for w in range(self.worlds):
+            whole_image(
+                setup.optics, setup.rig.shapes, setup.rig.exposure, picture.pose[w], picture.earlier[w],
+                picture.shown[w], self._key[w], picture.look[w], bare, images[w],
+            )  # fmt: skip
+        return images
+
+    def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        self._key[worlds] = keys_from(uniform)
+
+    def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
+        worlds = np.asarray(worlds, dtype=np.int64)
+        self.track.pose[worlds] = np.where(np.isfinite(state.pose[worlds]), state.pose[worlds], 0.0)
+        self.track.velocity[worlds], self.track.missed[worlds] = 0.0, 0
+        super().reset(worlds, state, uniform)
+        for picture in self._pictures:
+            self._take(picture, worlds, state)
+
+    def look(self, state: State) -> None:
+        super().look(state)
+        if self._pictures:
+            self._pictures.append(self._pictures.pop(0))
+            self._take(self._pictures[-1], self._everyone, state)
+
+    def measure(self, state: State, reading: Reading) -> None:
+        reading.gone[...] = state.fallen
+        worlds = self.looking
+        if self.every > 1:
+            worlds = worlds[np.asarray(self.looks[worlds] % self.every == 0)]
+            if len(worlds) < len(self.looking):  # the others do not look now
+                reading.pose[...], reading.mean_velocity[...] = self.track.pose, 0.0
+        self._measure(worlds, state, reading)
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        pictures = {
+            f"picture_{name}{k}": values
+            for k, picture in enumerate(self._pictures)
+            for name, values in picture._asdict().items()
+        }
+        return {"key": self._key, **{f"track_{name}": each for name, each in self.track._asdict().items()}, **pictures}
+
+    def _take(self, picture: Picture, worlds: np.ndarray, state: State) -> None:
+        """Note what an image of now shows."""
+        pose, earlier, shown = self._scene(state)
+        picture.pose[worlds], picture.earlier[worlds] = pose[worlds], earlier[worlds]
+        picture.shown[worlds], picture.look[worlds] = shown[worlds], self.looks[worlds]
+
+    def _scene(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Poses now and when the odd lines were taken, and which parts there are to see."""
+        finite = np.asarray(np.isfinite(state.pose).all(axis=-1))
+        shown = finite & ~state.fallen
+        pose = state.pose if finite.all() else np.where(finite[..., None], state.pose, 0.0)
+        if self.setup.lag == 0.0:
+            return pose, np.empty((self.worlds, 0, 3)), shown
+        moved = self.setup.lag * state.mean_velocity
+        return pose, pose - np.where(np.isfinite(moved), moved, 0.0), shown
+
+    def _by_image(self, worlds: np.ndarray, state: State, reading: Reading) -> None:
+        pose, earlier, shown = self._scene(state)
+        setup = self.setup
+        look_at(
+            worlds, pose, earlier, shown, setup.rig, setup.known, self._key, self.looks, self._seen, self.track,
+            reading.pose, reading.mean_velocity, reading.seen,
+        )  # fmt: skip
+
+    def _by_statistics(self, worlds: np.ndarray, state: State, reading: Reading) -> None:
+        guess(
+            worlds, state.pose, state.mean_velocity, state.fallen, self._statistics, self._key, self.looks, self.track,
+            reading.pose, reading.mean_velocity, reading.seen,
+        )  # fmt: skip
+
+    def _twin(self) -> Statistics:
+        setup, surface = self.setup, self.surface
+        border, pixel = setup.border, setup.optics.place[2] / setup.optics.focal
+        return Statistics(
+            shapes=setup.rig.shapes,
+            traits=setup.known.traits,
+            model=self.errors,
+            frame=np.array([-border, surface.width + border, -border, surface.depth + border]),
+            foot=setup.known.foot,
+            pixel=np.array([pixel, setup.pitch * pixel]),
+            step=setup.known.step,
+            lag=setup.lag,
+            quantiles=normal_levels(),
+        )

@@ -1,0 +1,112 @@
+"""``python -m vibgym play [ID]``: serve the page, and open it."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import ipaddress
+import socket
+import sys
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibgym import checks, extras, imports
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp
+
+PORT = 8734
+LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+NEEDED = ("PIL", "starlette", "uvicorn", "websockets")
+
+
+def play(parser: argparse.ArgumentParser) -> Callable[[argparse.Namespace], int]:
+    """Serve a page to control an environment by hand (extra 'play')."""
+    parser.add_argument("id", nargs="?", default="vibgym/Align-v0", metavar="ID", help="an environment (Align)")
+    parser.add_argument("--host", default="127.0.0.1", help="where to listen; by default only this machine can come")
+    parser.add_argument("--port", type=int, default=PORT, help=f"{PORT}; 0: any that is free")
+    parser.add_argument(
+        "--import", dest="imports", action="append", default=[], metavar="PACKAGE",
+        help="a module whose environments, tasks and laws take part; may be given several times",
+    )  # fmt: skip
+    parser.add_argument("--output", type=Path, default=Path("runs/play"), help="directory for recordings")
+    parser.add_argument("--no-browser", action="store_true", help="print the address only")
+    return run
+
+
+def run(given: argparse.Namespace) -> int:
+    """Serve until Ctrl-C; returns the exit code.
+
+    Raises:
+        ValueError: an unknown id, a port that is taken or no number of one, a host that is not here, a folder that is none.
+        ModuleNotFoundError: the extra is not installed.
+    """
+    imports.take_part(given.imports)
+    _check_extra()
+    from vibgym.plugins.play.choices import Settings
+
+    first = Settings(given.id)
+    if given.output.exists() and not given.output.is_dir():
+        raise checks.refuse("--output", str(given.output), "a directory")
+    heard = _listening(given.host, checks.count("--port", given.port, least=0, most=65535))
+    host, port = heard.getsockname()[:2]
+    from vibgym.plugins.play.server import Server
+
+    wide = ipaddress.ip_address(host).is_unspecified
+    names = ("*",) if wide else (*LOOPBACK, given.host, host, f"[{host}]")
+    app = Server(first, given.output.absolute()).app(names)
+    shown = "127.0.0.1" if wide else f"[{host}]" if ":" in host else host
+    address = f"http://{shown}:{port}/"
+    opened = not given.no_browser and webbrowser.open(address)
+    todo = "it opens in your browser" if opened else "open it in a browser"
+    _serve(app, heard, f"{first.id} is at {address} ({todo}; Ctrl-C ends)")
+    return 0
+
+
+def _serve(app: ASGIApp, heard: socket.socket, said: str) -> None:
+    """Serve until Ctrl-C, and say so once Ctrl-C ends it as it should."""
+    import uvicorn
+
+    from vibgym.plugins.play.messages import MOST_BYTES
+
+    class Announced(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            print(said, flush=True)
+
+    config = uvicorn.Config(
+        app, log_level="warning", ws_max_size=MOST_BYTES, ws_per_message_deflate=False, access_log=False,
+        timeout_graceful_shutdown=1, server_header=False, lifespan="off", ws="websockets-sansio",
+    )  # fmt: skip
+    with asyncio.Runner() as runner:
+        runner.get_loop()  # all that takes time comes before there is a coroutine, which Ctrl-C would leave unawaited
+        runner.run(Announced(config).serve(sockets=[heard]))
+
+
+def _check_extra() -> None:
+    for name in NEEDED:
+        try:
+            __import__(name)
+        except ModuleNotFoundError as error:
+            raise extras.missing("play", error, "play") from None
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    """A socket at this address, so that nobody else takes it before the server is up."""
+    try:
+        family, kind, number, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError):
+        raise checks.refuse("--host", host, "an address of this machine, such as 127.0.0.1") from None
+    result = socket.socket(family, kind, number)
+    if sys.platform != "win32":
+        result.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        result.bind(address)
+        result.listen(64)
+    except OSError as error:
+        result.close()
+        why = (error.strerror or str(error)).lower()
+        raise checks.refuse("--port", f"{port} on {host} ({why})", "a port that is free; 0 finds one") from None
+    return result

@@ -1,0 +1,84 @@
+"""What a page is told of a world: the scene once, and a frame after every step, as plain values for JSON."""
+
+from __future__ import annotations
+
+import base64
+import math
+from typing import Any
+
+import numpy as np
+
+from vibgym.envs.viewer import has_side, scenery_of, side_of
+from vibgym.plugins.play.choices import HARDWARE, MODELS, MOST_RATE, MOST_TILT
+from vibgym.plugins.play.drawing import drawn_scene
+from vibgym.plugins.play.world import World
+
+LENGTH, ANGLE = 1e5, 1e4
+"""Numbers of a frame are whole multiples of 10 um and 0.1 mrad: no picture shows less."""
+
+
+def scene_of(world: World) -> dict[str, Any]:
+    """What stays the same from frame to frame, and what can be chosen."""
+    env, task = world.env, world.core.task
+    found = drawn_scene(scenery_of(env))
+    paths = [np.round(line, 5).tolist() for line in env.paths()]
+    return {
+        **found,
+        "paths": paths,
+        "id": world.settings.id,
+        "policy": world.settings.policy,
+        "policies": list(world.policies),
+        "hardware": world.settings.hardware,
+        "hardwares": list(HARDWARE),
+        "model": world.core.simulator.model,
+        "models": list(MODELS),
+        "rate": world.settings.rate,
+        "tilt": world.settings.tilt,
+        "mostRate": MOST_RATE,
+        "mostTilt": MOST_TILT,
+        "stepTime": env.step_time,
+        "seed": world.seed,
+        "aims": bool(task.has_goal and not task.goal_moves),
+        "turns": bool(task.has_heading),
+        "side": has_side(env),
+        "amplitude": world.core.surface.max_amplitude or 0.0,
+    }
+
+
+def frame_of(world: World) -> dict[str, Any]:
+    """How the world stands now."""
+    core, info = world.core, world.info
+    episode, state = core.episode, core.simulator.state
+    held = {str(part): world.room(part) for part in world.held}
+    found: dict[str, Any] = {
+        "pose": _poses(state.pose[0]),
+        "there": [bool(each) for each in episode.present[0]],
+        "fallen": [bool(fallen) and part not in world.held for part, fallen in enumerate(state.fallen[0].tolist())],
+        "done": [bool(each) for each in episode.done[0]],
+        "field": base64.b64encode(np.rint(127.0 * world.wanted.clip(-1.0, 1.0)).astype(np.int8).tobytes()).decode(),
+        "held": held,
+        "painted": bool(np.isfinite(world.paint).any()),
+        "error": [_number(info, "position_error", 1e3), _number(info, "heading_error", 180.0 / math.pi)],
+        "success": bool(info.get("is_success", False)),
+        "caption": world.env.caption(),
+    }
+    if core.task.has_goal:
+        found["goal"] = _poses(episode.goal[0])
+    side = side_of(world.env, 0)
+    if side is not None:
+        found["bottoms"] = [
+            None if not np.isfinite(bottom).all() else np.round(bottom[:, ::2], 5).tolist() for bottom in side.bottoms
+        ]
+        found["plates"] = np.round(side.plates, 5).tolist()
+    return found
+
+
+def _poses(pose: np.ndarray) -> list[list[int]]:
+    """Whole multiples of :data:`LENGTH` and :data:`ANGLE`."""
+    return np.rint(pose * [LENGTH, LENGTH, ANGLE]).astype(int).tolist()
+
+
+def _number(info: dict[str, Any], name: str, scale: float) -> float | None:
+    """A number of ``info`` in a unit for people; None where the task has none."""
+    value = info.get(name)
+    return None if value is None or not math.isfinite(value) else round(float(value) * scale, 4)

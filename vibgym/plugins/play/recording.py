@@ -1,0 +1,147 @@
+"""What a visitor records: the run as a GIF, or as episodes of a Minari data set that learners read."""
+
+from __future__ import annotations
+
+import copy
+import os
+import threading
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image
+
+import vibgym
+from vibgym import checks, extras
+from vibgym.envs.viewer import Viewer
+from vibgym.plugins.play.world import World
+
+MOST_STEPS = 2500
+"""Of a recording: 100 s at 25 Hz. What comes later is left out, and the page says so."""
+
+EVERY = 2
+"""Steps from picture to picture: GIFs play 12.5 a second at the machine's 25 Hz."""
+
+WIDTH = 720
+"""Pixels of a GIF's pictures."""
+
+_MINARI = threading.Lock()  # its folder is a variable of the process
+
+
+class Segment:
+    """Steps in which nobody but the actions moved anything: one episode of a data set."""
+
+    def __init__(self, observation: Any) -> None:
+        self.observations, self.actions = [observation], list[np.ndarray]()
+        self.rewards, self.ends = list[float](), list[bool]()
+
+
+class Recorder:
+    """Records a world from now on."""
+
+    def __init__(self, world: World) -> None:
+        self.pictures: list[Image.Image] = []
+        self.segments: list[Segment] = []
+        self.steps, self.full = 0, False
+        self.settings = world.settings
+        self._env: Any = None
+        self._cut, self._over = True, False
+        self._picture(world)
+
+    def cut(self) -> None:
+        """Somebody took a hand in: what follows is another episode of the data set."""
+        self._cut = True
+
+    def before(self, world: World) -> None:
+        """Note where a step begins."""
+        if self._cut and not self.full:
+            self.segments.append(Segment(world.env.observed("state")))
+            self.settings, self._cut, self._over = world.settings, False, False
+
+    def after(self, world: World) -> None:
+        """Note what a step has come to."""
+        if self.full:
+            return
+        if not self._over:  # what comes after an episode's end belongs to none, until a hand begins another one
+            part = self.segments[-1]
+            part.observations.append(world.observation)
+            part.actions.append(world.done.reshape(-1))
+            part.rewards.append(float(world.reward))
+            part.ends.append(bool(world.terminated))
+            self._over = bool(world.terminated)
+        self.steps += 1
+        self.full = self.steps >= MOST_STEPS
+        if self.steps % EVERY == 0:
+            self._picture(world)
+
+    def _picture(self, world: World) -> None:
+        if self._env is not world.env:
+            self._env, self._viewer = world.env, Viewer(world.env, "")
+        self._viewer.follow(0)
+        frame = Image.fromarray(self._viewer.frame(0))
+        height = round(frame.height * WIDTH / frame.width)
+        self.pictures.append(frame.resize((WIDTH, height)).quantize(96, dither=Image.Dither.NONE))
+
+    def gif(self, path: Path, step_time: float) -> None:
+        """Write the pictures, each shown as long as the machine took."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        size = max(picture.size for picture in self.pictures)
+        same = [picture if picture.size == size else picture.resize(size) for picture in self.pictures]
+        lasts = max(20, round(1e3 * step_time * EVERY))
+        same[0].save(path, save_all=True, append_images=same[1:], duration=lasts, loop=0, optimize=False)
+
+    def minari(self, folder: Path, name: str) -> Path:
+        """Write the steps as a data set ``name`` in ``folder``; returns its directory.
+
+        Raises:
+            ValueError: nothing was recorded, or the name is taken.
+            ModuleNotFoundError: the extra ``data`` is not installed.
+        """
+        try:
+            import minari
+            from minari.data_collector import EpisodeBuffer
+        except ModuleNotFoundError as error:
+            raise extras.missing("an episode", error, "data") from None
+        made = [each for each in self.segments if each.actions]
+        if not made:
+            raise checks.refuse("record", "no step", "a recording with a step at least")
+        buffers = [
+            EpisodeBuffer(
+                id=k,
+                seed=None,
+                options=None,
+                observations=list(each.observations),
+                actions=list(each.actions),
+                rewards=list(each.rewards),
+                terminations=list(each.ends),
+                truncations=[False] * (len(each.ends) - 1) + [not each.ends[-1]],
+                infos=None,
+            )
+            for k, each in enumerate(made)
+        ]
+        spec = copy.deepcopy(gym.spec(self.settings.id))
+        spec.kwargs.update(self.settings.arguments())
+        folder.mkdir(parents=True, exist_ok=True)
+        with _MINARI, warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
+            before = os.environ.get("MINARI_DATASETS_PATH")
+            os.environ["MINARI_DATASETS_PATH"] = str(folder)
+            try:
+                minari.create_dataset_from_buffers(
+                    name,
+                    buffers,
+                    env=spec,
+                    algorithm_name=self.settings.policy,
+                    description=f"Played by hand on {self.settings.id}.",
+                    code_permalink=None,
+                    requirements=[f"vibgym=={vibgym.__version__}"],
+                    jpeg_encoding=False,
+                )
+            finally:
+                if before is None:
+                    del os.environ["MINARI_DATASETS_PATH"]
+                else:
+                    os.environ["MINARI_DATASETS_PATH"] = before
+        return folder / name

@@ -1,0 +1,227 @@
+"""The server: one page, one socket, a world for every visitor, and closed doors for all else."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.drawing import SCRIPTS, script_path
+from vibgym.plugins.play.session import Session
+
+HERE = Path(__file__).parent / "page"
+
+OWN = ("main", "link", "motion", "plot", "hand", "brush", "panel")
+
+PAGE = {
+    "play.css": (HERE / "play.css", "text/css"),
+    **{f"{name}.js": (HERE / f"{name}.js", "text/javascript") for name in OWN},
+    **{f"{name}.js": (script_path(name), "text/javascript") for name in SCRIPTS},
+}
+"""Files that are served, and what they are: nothing else of any folder."""
+
+MOST_WORLDS = 16
+"""Visitors at a time, those included whose connection was lost a while ago."""
+
+WAIT = 600.0
+"""s that a world waits for a visitor whose connection was lost."""
+
+POLICY_VIOLATION, TAKEN_OVER, NO_ROOM = 1008, 4000, 4001
+"""Codes with which sockets are closed."""
+
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; "
+    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
+
+
+class Visitor:
+    """A session, and the socket that it is seen through, while there is one."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.token = secrets.token_urlsafe(18)
+        self.socket: WebSocket | None = None
+        self.left = 0.0  # when the socket was lost, by the loop's clock
+        self.changed = asyncio.Event()
+
+    async def tell(self, answers: Sequence[dict[str, Any]]) -> None:
+        """Send answers, one after the other; into the void where nobody listens."""
+        socket = self.socket
+        if socket is None:
+            return
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # lost just now: the receiver notices, too
+            for answer in answers:
+                await socket.send_text(json.dumps(answer, separators=(",", ":")))
+
+    async def run(self) -> None:
+        """Let time go on as long as somebody looks."""
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            self.changed.clear()
+            if not self.session.running:
+                await self.changed.wait()
+                due = loop.time()
+                continue
+            await self.tell(await asyncio.to_thread(self.session.step))
+            due = max(due + self.session.step_time, loop.time() - self.session.step_time)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._paced(), due - loop.time())
+
+    async def _paced(self) -> None:
+        """Until the pace changes, so that slow motion does not have to be waited for."""
+        pace = self.session.running, self.session.speed
+        while (self.session.running, self.session.speed) == pace:
+            self.changed.clear()
+            await self.changed.wait()
+
+
+class Server:
+    """Hands out worlds.
+
+    Args:
+        first: what a world begins with.
+        output: directory for recordings.
+    """
+
+    def __init__(self, first: Settings, output: Path) -> None:
+        self.first, self.output = first, output
+        self.visitors = dict[str, Visitor]()
+
+    def app(self, hosts: Sequence[str]) -> ASGIApp:
+        """The application; ``hosts``: names under which it answers, ``"*"`` for all."""
+        routes = [
+            Route("/", self._page),
+            Route("/{name}", self._file),
+            Route("/kept/{name}", self._kept),
+            WebSocketRoute("/world", self._world),
+        ]
+        app = Starlette(routes=routes)
+        app.router.redirect_slashes = False
+        return Guard(app, hosts)
+
+    async def _page(self, request: Request) -> Response:
+        return FileResponse(HERE / "index.html", media_type="text/html", headers=HEADERS)
+
+    async def _file(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        if name not in PAGE:
+            return PlainTextResponse("nothing here\n", 404)
+        path, kind = PAGE[name]
+        return FileResponse(path, media_type=kind, headers=HEADERS)
+
+    async def _kept(self, request: Request) -> Response:
+        name = request.path_params["name"]
+        path = next((each.session.kept[name] for each in self.visitors.values() if name in each.session.kept), None)
+        if path is None or not path.is_file():
+            return PlainTextResponse("nothing here\n", 404)
+        return FileResponse(path, media_type="image/gif", filename=name, headers=HEADERS)
+
+    async def _world(self, socket: WebSocket) -> None:
+        await socket.accept()
+        try:
+            visitor = await self._visitor(socket)
+        except ValueError as error:
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+                await socket.send_text(json.dumps({"kind": "refused", "text": " ".join(str(error).split())}))
+                await socket.close(NO_ROOM)
+            return
+        before, visitor.socket = visitor.socket, socket
+        if before is not None:
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+                await before.close(TAKEN_OVER)
+        session = visitor.session
+        welcome = {"kind": "welcome", "token": visitor.token, "ack": session.acknowledged}
+        await visitor.tell([welcome, *await asyncio.to_thread(session.shown)])
+        clock = asyncio.create_task(visitor.run())
+        try:
+            while True:
+                answers = await asyncio.to_thread(session.do, await _text(socket))
+                visitor.changed.set()
+                await visitor.tell(answers)
+        except (WebSocketDisconnect, RuntimeError):
+            pass
+        finally:
+            clock.cancel()
+            if visitor.socket is socket:
+                visitor.socket, visitor.left = None, asyncio.get_running_loop().time()
+
+    async def _visitor(self, socket: WebSocket) -> Visitor:
+        """Who has come back, by the token; else somebody new.
+
+        Raises:
+            ValueError: no room, or an environment or a start that cannot be.
+        """
+        known = self.visitors.get(socket.query_params.get("token", ""))
+        if known is not None:
+            return known
+        self._see_off()
+        if len(self.visitors) >= MOST_WORLDS:
+            raise ValueError(f"no room: {MOST_WORLDS} worlds are being played with; come back later")
+        first, start = socket.query_params.get("id"), socket.query_params.get("start")
+        settings = self.first if first is None else Settings(first)
+        session = await asyncio.to_thread(Session, settings, self.output, start)
+        visitor = Visitor(session)
+        self.visitors[visitor.token] = visitor
+        return visitor
+
+    def _see_off(self) -> None:
+        """Let go of worlds that nobody has come back to."""
+        now = asyncio.get_running_loop().time()
+        for token, visitor in list(self.visitors.items()):
+            if visitor.socket is None and now - visitor.left > WAIT:
+                del self.visitors[token]
+
+
+async def _text(socket: WebSocket) -> str | bytes:
+    """The next message."""
+    message = await socket.receive()
+    if message["type"] != "websocket.receive":
+        raise WebSocketDisconnect(message.get("code", 1000))
+    return message.get("text") or message.get("bytes") or b""
+
+
+class Guard:
+    """Refuses who calls the server by another name: pages of other sites that a visitor has open, too."""
+
+    def __init__(self, app: ASGIApp, hosts: Sequence[str]) -> None:
+        self._app, self._hosts = app, tuple(hosts)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] in ("http", "websocket"):
+            headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+            host, origin = headers.get("host", ""), headers.get("origin")
+            same = origin is None or origin.partition("://")[2] == host
+            if not same or not ("*" in self._hosts or _name(host) in self._hosts):
+                await self._refuse(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+    async def _refuse(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": POLICY_VIOLATION})
+            return
+        answer: Callable[[Scope, Receive, Send], Awaitable[None]] = PlainTextResponse("not for this host\n", 403)
+        await answer(scope, receive, send)
+
+
+def _name(host: str) -> str:
+    """A host without its port."""
+    return host[: host.rindex("]") + 1] if host.startswith("[") else host.partition(":")[0]

@@ -1,0 +1,272 @@
+"""One visitor: a world, what was done to it, and what is recorded of it. Nothing here knows of networks."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vibgym.plugins.play import messages
+from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.picture import frame_of, scene_of
+from vibgym.plugins.play.recording import Recorder
+from vibgym.plugins.play.starts import code_of, world_from
+from vibgym.plugins.play.world import World
+
+MOST_UNDONE = 60
+"""Steps back that are kept."""
+
+Answer = dict[str, Any]
+
+
+class Session:
+    """Does what messages ask for, in their order, each once.
+
+    Args:
+        settings: of the first world.
+        output: directory for what is recorded.
+        start: code of a shared start, instead of a fresh one.
+
+    Attributes:
+        acknowledged: number of the last message that was done or refused.
+        running: whether time goes on.  speed: times real time.
+        kept: what was written, by its name in URLs.
+
+    Raises:
+        ValueError: settings or a start that cannot be.
+    """
+
+    def __init__(self, settings: Settings, output: Path, start: str | None = None) -> None:
+        self.output, self.world = output, World(settings) if start is None else world_from(start)
+        self.acknowledged, self.running, self.speed = 0, True, 1.0
+        self.kept = dict[str, Path]()
+        self._past: deque[dict[str, Any]] = deque(maxlen=MOST_UNDONE)
+        self._recorder: Recorder | None = None
+        self._frames, self._jumps, self._scene_due = 0, 0, True
+        self._lock = threading.Lock()  # steps and messages come from different threads
+
+    @property
+    def step_time(self) -> float:
+        """s from step to step as the visitor sees them."""
+        return self.world.env.step_time / self.speed
+
+    def step(self) -> list[Answer]:
+        """One step of the world, and what there is to be told of it; nothing while time stands still."""
+        with self._lock:
+            return self._step() if self.running else []
+
+    def _step(self) -> list[Answer]:
+        if self._recorder is not None:
+            self._recorder.before(self.world)
+        try:
+            self.world.step()
+        except ValueError as error:
+            self.running = False
+            return [_said(str(error)), self._frame()]
+        if self._recorder is not None:
+            self._recorder.after(self.world)
+        if self.world.info.get("diverged", False):
+            self.running = False
+            return [_said("the simulation diverged: undo, or begin anew"), self._frame()]
+        return [self._frame()]
+
+    def shown(self) -> list[Answer]:
+        """Scene and frame, as for a page that has just come or come back."""
+        with self._lock:
+            self._scene_due = True
+            return self._look()
+
+    def do(self, text: str | bytes) -> list[Answer]:
+        """What a message asks for; what cannot be is refused in one line, and nothing has changed."""
+        with self._lock:
+            try:
+                message = messages.parsed(text)
+            except ValueError as error:
+                return [_said(str(error))]
+            if message.n <= self.acknowledged:
+                return []  # it came twice: the connection was lost before it was answered
+            self.acknowledged = message.n
+            try:
+                answers: list[Answer] = self._done[type(message)](self, message) or []
+            except (ValueError, ModuleNotFoundError, OSError) as error:
+                answers = [_said(str(error))]
+            quiet = isinstance(message, messages.Carry | messages.Aim | messages.Paint) and self.running
+            return answers if quiet else [*answers, *self._look()]
+
+    def _look(self) -> list[Answer]:
+        scene = [{"kind": "scene", **scene_of(self.world)}] if self._scene_due else []
+        self._scene_due = False
+        return [*scene, self._frame()]
+
+    def _frame(self) -> Answer:
+        self._frames += 1
+        recording = None if self._recorder is None else {"steps": self._recorder.steps, "full": self._recorder.full}
+        return {
+            "kind": "frame",
+            "k": self._frames,
+            "jump": self._jumps,
+            "ack": self.acknowledged,
+            "running": self.running,
+            "speed": self.speed,
+            "back": len(self._past),
+            "recording": recording,
+            **frame_of(self.world),
+        }
+
+    def _note(self) -> None:
+        """Keep how it is, for undo, before a hand changes something; a data set's episode ends there."""
+        self._past.append({"world": self.world, "state": self.world.get_state()})
+        if self._recorder is not None:
+            self._recorder.cut()
+
+    def _tried(self, change: Callable[[], Any]) -> None:
+        """Change something that may be refused: then there is nothing to undo."""
+        self._note()
+        try:
+            change()
+        except ValueError:
+            self._past.pop()
+            raise
+
+    def _open(self, message: messages.Open) -> None:
+        if message.start is not None:
+            world = world_from(message.start)
+        else:
+            world = World(Settings(message.id or self.world.settings.id))
+        self._note()
+        self._go_to(world)
+
+    def _go_to(self, world: World) -> None:
+        self.world = world
+        self._jumped()
+
+    def _jumped(self) -> None:
+        """What comes next does not follow from what was shown last."""
+        self._jumps += 1
+        self._scene_due = True
+
+    def _reset(self, message: messages.Reset) -> None:
+        seed = self.world.seed + 1 if message.seed is None else message.seed
+        self._tried(lambda: self.world.begin(seed))
+        self._jumped()
+
+    def _pace(self, message: messages.Pace) -> None:
+        if message.running is not None:
+            self.running = message.running
+        if message.speed is not None:
+            self.speed = message.speed
+
+    def _steps(self, message: messages.Steps) -> list[Answer]:
+        self.running = False
+        self._note()
+        answers: list[Answer] = []
+        for _ in range(message.count):
+            answers = self._step()
+        return answers[:-1]
+
+    def _undo(self, message: messages.Undo) -> None:
+        if not self._past:
+            raise ValueError("undo: nothing was done yet")
+        past = self._past.pop()
+        past["world"].set_state(past["state"])
+        if self._recorder is not None:
+            self._recorder.cut()
+        self._go_to(past["world"])
+
+    def _lift(self, message: messages.Lift) -> None:
+        part = self.world.part(message.part)
+        self._tried(lambda: self.world.lift(part))
+
+    def _carry(self, message: messages.Carry) -> None:
+        self.world.carry(self.world.part(message.part), np.array(message.pose))
+
+    def _put_down(self, message: messages.PutDown) -> None:
+        part = self.world.part(message.part)
+        if message.pose is not None:
+            self.world.carry(part, np.array(message.pose))
+        self.world.put_down(part)
+
+    def _aim(self, message: messages.Aim) -> None:
+        part, pose = self.world.part(message.part), np.array(message.pose)
+        if message.begin:
+            self._tried(lambda: self.world.aim(part, pose))
+        else:
+            self.world.aim(part, pose)
+
+    def _paint(self, message: messages.Paint) -> None:
+        rows, columns = self.world.paint.shape[:2]
+        elements = np.array(message.elements, dtype=int).reshape(-1, 2)
+        if ((elements < 0) | (elements >= [rows, columns])).any():
+            raise ValueError(
+                f"elements: got one beside the table; allowed: rows 0 to {rows - 1}, columns 0 to {columns - 1}"
+            )
+        if message.begin:
+            self._note()
+        phasor = np.array([np.nan, np.nan] if message.phasor is None else message.phasor)
+        self.world.draw(elements, phasor / max(1.0, float(np.hypot(*phasor))))
+
+    def _wipe(self, message: messages.Wipe) -> None:
+        self._note()
+        self.world.paint[...] = np.nan
+
+    def _switch(self, message: messages.Switch) -> None:
+        chosen = {name: value for name, value in message.model_dump(exclude={"n", "do"}).items() if value is not None}
+        settings = Settings(**{**vars(self.world.settings), **chosen})
+        self._tried(lambda: self.world.switch(settings))
+        self._scene_due = True
+
+    def _record(self, message: messages.Record) -> list[Answer]:
+        recorder = self._recorder
+        if message.what == "begin":
+            self._recorder = Recorder(self.world)
+            return []
+        if recorder is None:
+            raise ValueError("record: nothing is being recorded")
+        self._recorder = None
+        if message.what == "drop":
+            return []
+        stem = re.sub(r"\W+", "-", self.world.settings.id.rpartition("/")[2].lower())
+        name = f"{stem}-{time.strftime('%Y%m%d-%H%M%S')}-{len(self.kept)}"
+        try:
+            if message.what == "gif":
+                path = self.output / f"{name}.gif"
+                recorder.gif(path, self.world.env.step_time)
+                self.kept[path.name] = path
+                return [{"kind": "kept", "text": f"written: {path}", "link": f"kept/{path.name}"}]
+            path = recorder.minari(self.output, f"play/{name}-v0")
+        except Exception:
+            self._recorder = recorder  # nothing is lost
+            raise
+        text = f"written: {path} (MINARI_DATASETS_PATH={self.output}, data set play/{name}-v0)"
+        return [{"kind": "kept", "text": text}]
+
+    def _share(self, message: messages.ShareStart) -> list[Answer]:
+        return [{"kind": "start", "code": code_of(self.world)}]
+
+    _done: dict[type, Callable[[Session, Any], list[Answer] | None]] = {
+        messages.Open: _open,
+        messages.Reset: _reset,
+        messages.Pace: _pace,
+        messages.Steps: _steps,
+        messages.Undo: _undo,
+        messages.Lift: _lift,
+        messages.Carry: _carry,
+        messages.PutDown: _put_down,
+        messages.Aim: _aim,
+        messages.Paint: _paint,
+        messages.Wipe: _wipe,
+        messages.Switch: _switch,
+        messages.Record: _record,
+        messages.ShareStart: _share,
+    }
+
+
+def _said(text: str) -> Answer:
+    """A line for the visitor: why something was not done."""
+    return {"kind": "refused", "text": " ".join(text.split())}

@@ -1,0 +1,94 @@
+"""Starts as short codes that fit into a URL: what the world is made of, and where parts and goals are."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import zlib
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.plugins.play.choices import Settings
+from vibgym.plugins.play.world import World
+
+MOST_BYTES = 200_000
+"""Of a start that is unpacked: no honest one is larger."""
+
+SEAL = 6
+"""Bytes of the check sum: it tells a mistyped code, and is no secret."""
+
+
+def code_of(world: World) -> str:
+    """The start that a world is, as text for a URL. Where parts or goals go their own ways it is that of the episode."""
+    task = world.core.task
+    content: dict[str, Any] = {"settings": vars(world.settings), "seed": world.seed}
+    if not (task.flows or task.goal_moves):
+        present = np.flatnonzero(world.core.episode.present[0])
+        down = [
+            int(part) for part in present if part not in world.held and not world.core.simulator.state.fallen[0, part]
+        ]
+        content |= {"parts": down, "pose": np.round(world.core.simulator.state.pose[0], 6).tolist()}
+        if task.has_goal:
+            content["goal"] = np.round(world.core.episode.goal[0], 6).tolist()
+    painted = np.argwhere(np.isfinite(world.paint).all(axis=-1))
+    if len(painted):
+        phasors = np.round(world.paint[painted[:, 0], painted[:, 1]].astype(float), 4)
+        content["paint"] = [[*where, *phasor] for where, phasor in zip(painted.tolist(), phasors.tolist(), strict=True)]
+    plain = zlib.compress(json.dumps(content, separators=(",", ":")).encode(), 9)
+    return base64.urlsafe_b64encode(hashlib.sha256(plain).digest()[:SEAL] + plain).decode().rstrip("=")
+
+
+def world_from(code: str) -> World:
+    """The world that a code describes.
+
+    Raises:
+        ValueError: a code that was altered or cut off, or one of an environment that is not there.
+    """
+    content = _content(code)
+    try:
+        settings = Settings(**content["settings"])
+        world = World(settings, checks.count("seed", content["seed"], least=0))
+        options = {name: content[name] for name in ("pose", "goal", "parts") if name in content}
+        if options:
+            options["pose"] = _off_the_table_allowed(world, options)
+            world.begin(world.seed, options)
+        paint = np.array(content.get("paint", []), dtype=float).reshape(-1, 4)
+        rows, columns = world.paint.shape[:2]
+        where = paint[:, :2].astype(int)
+        if not (np.isfinite(paint).all() and (where >= 0).all() and (where < [rows, columns]).all()):
+            raise checks.refuse("paint", "elements beside the table", f"{rows} x {columns} elements")
+        for each, phasor in zip(where, checks.array("paint", paint[:, 2:], paint[:, 2:].shape), strict=True):
+            world.draw(each[None], np.clip(phasor, -1.0, 1.0))
+    except (KeyError, TypeError, OverflowError) as error:
+        raise checks.refuse("start", code[:24], f"the code of a start ({type(error).__name__}: {error})") from None
+    return world
+
+
+def _off_the_table_allowed(world: World, options: dict[str, Any]) -> np.ndarray:
+    """Poses with absent parts, which may be anywhere, in a place that is checked by nobody but has to be on the table."""
+    pose = checks.array("pose", options["pose"], (len(world.env.parts), 3)).copy()
+    absent = np.setdiff1d(np.arange(len(pose)), options["parts"])
+    pose[absent, :2] = 0.5 * world.env.surface.width, 0.5 * world.env.surface.depth
+    return pose
+
+
+def _content(code: str) -> dict[str, Any]:
+    """What is in a code, once its check sum is right."""
+    allowed = "the code of a start as it was shared, unaltered and whole"
+    try:
+        packed = base64.urlsafe_b64decode(code.encode("ascii") + b"=" * (-len(code) % 4))
+        seal, plain = packed[:SEAL], packed[SEAL:]
+        if hashlib.sha256(plain).digest()[:SEAL] != seal:
+            raise ValueError
+        opened = zlib.decompressobj()
+        text = opened.decompress(plain, MOST_BYTES)
+        content = json.loads(text) if opened.eof else None
+        if not isinstance(content, dict):
+            raise ValueError
+    except (ValueError, binascii.Error, zlib.error, RecursionError):
+        raise checks.refuse("start", f"{code[:24]}...", allowed) from None
+    return content

@@ -1,0 +1,126 @@
+"""Attitudes of a rigid body: as swing and turn in the state, as a quaternion in motion, as a matrix where points are placed."""
+
+from __future__ import annotations
+
+import math
+
+from vibgym.kernels.jit import borrowing
+from vibgym.plugins.tilting.records import (
+    LX,
+    LY,
+    LZ,
+    MXX,
+    MXY,
+    MXZ,
+    MYY,
+    MYZ,
+    MZZ,
+    QW,
+    QX,
+    QY,
+    QZ,
+    WX,
+    WY,
+    WZ,
+)
+
+
+@borrowing
+def enter_attitude(lean_x, lean_y, heading, motion):
+    """Write the quaternion of a turn by the heading and then the swing by ``lean`` (rad)."""
+    angle = math.sqrt(lean_x * lean_x + lean_y * lean_y)
+    share = 0.5 if angle < 1e-8 else math.sin(0.5 * angle) / angle
+    sx, sy, sw = share * lean_x, share * lean_y, math.cos(0.5 * angle)
+    cosine, sine = math.cos(0.5 * heading), math.sin(0.5 * heading)
+    motion[QW], motion[QX] = sw * cosine, sx * cosine + sy * sine
+    motion[QY], motion[QZ] = sy * cosine - sx * sine, sw * sine
+
+
+@borrowing
+def leave_attitude(motion, heading):
+    """Lean x and y, and the heading that is nearest to the one given, of the quaternion."""
+    w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
+    half = math.atan2(z, w)
+    cosine, sine = math.cos(half), math.sin(half)
+    sx, sy, sw = x * cosine - y * sine, x * sine + y * cosine, math.sqrt(w * w + z * z)
+    size = math.sqrt(sx * sx + sy * sy)
+    share = 2.0 if size < 1e-8 else 2.0 * math.atan2(size, sw) / size
+    turns = (heading - 2.0 * half) / (2.0 * math.pi)
+    return share * sx, share * sy, 2.0 * half + 2.0 * math.pi * math.floor(turns + 0.5)
+
+
+@borrowing
+def rotate(motion, span):
+    """Turn by the angular velocity for ``span`` s: Cayley's map, whose angle is right to second order in the step."""
+    x, y, z = 0.5 * span * motion[WX], 0.5 * span * motion[WY], 0.5 * span * motion[WZ]
+    qw, qx, qy, qz = motion[QW], motion[QX], motion[QY], motion[QZ]
+    a = qw - x * qx - y * qy - z * qz
+    b = qx + x * qw + y * qz - z * qy
+    c = qy + y * qw + z * qx - x * qz
+    d = qz + z * qw + x * qy - y * qx
+    share = 1.0 / math.sqrt(a * a + b * b + c * c + d * d)
+    motion[QW], motion[QX], motion[QY], motion[QZ] = a * share, b * share, c * share, d * share
+
+
+@borrowing
+def write_frame(motion, frame):
+    """The attitude as a matrix: its columns are the part's axes."""
+    w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
+    frame[0], frame[1], frame[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+    frame[3], frame[4], frame[5] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+    frame[6], frame[7], frame[8] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+
+
+@borrowing
+def conjugated(frame, xx, yy, xy, zz, i, j):
+    """Entry of ``R M R^T`` for a matrix whose z is a principal axis."""
+    a, b, c = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
+    d, e, f = frame[3 * j], frame[3 * j + 1], frame[3 * j + 2]
+    return a * (xx * d + xy * e) + b * (xy * d + yy * e) + c * zz * f
+
+
+@borrowing
+def write_inverse_inertia(motion, frame, xx, yy, xy, zz):
+    """The inverse of the inertia in the world's axes, and the angular velocity that goes with the angular momentum.
+
+    Args:
+        xx, yy, xy, zz: the inertia over mass in the part's axes, m^2.
+    """
+    determinant = xx * yy - xy * xy
+    ixx, iyy, ixy, izz = yy / determinant, xx / determinant, -xy / determinant, 1.0 / zz
+    motion[MXX] = conjugated(frame, ixx, iyy, ixy, izz, 0, 0)
+    motion[MYY] = conjugated(frame, ixx, iyy, ixy, izz, 1, 1)
+    motion[MZZ] = conjugated(frame, ixx, iyy, ixy, izz, 2, 2)
+    motion[MXY] = conjugated(frame, ixx, iyy, ixy, izz, 0, 1)
+    motion[MXZ] = conjugated(frame, ixx, iyy, ixy, izz, 0, 2)
+    motion[MYZ] = conjugated(frame, ixx, iyy, ixy, izz, 1, 2)
+    spin_up(motion)
+
+
+@borrowing
+def spin_up(motion):
+    """Write the angular velocity that goes with the angular momentum."""
+    x, y, z = motion[LX], motion[LY], motion[LZ]
+    motion[WX] = motion[MXX] * x + motion[MXY] * y + motion[MXZ] * z
+    motion[WY] = motion[MXY] * x + motion[MYY] * y + motion[MYZ] * z
+    motion[WZ] = motion[MXZ] * x + motion[MYZ] * y + motion[MZZ] * z
+
+
+@borrowing
+def enter_spin(motion, frame, xx, yy, xy, zz, spin_x, spin_y, spin_z):
+    """Write the angular momentum that goes with an angular velocity (rad/s)."""
+    motion[LX] = (
+        conjugated(frame, xx, yy, xy, zz, 0, 0) * spin_x
+        + conjugated(frame, xx, yy, xy, zz, 0, 1) * spin_y
+        + conjugated(frame, xx, yy, xy, zz, 0, 2) * spin_z
+    )
+    motion[LY] = (
+        conjugated(frame, xx, yy, xy, zz, 1, 0) * spin_x
+        + conjugated(frame, xx, yy, xy, zz, 1, 1) * spin_y
+        + conjugated(frame, xx, yy, xy, zz, 1, 2) * spin_z
+    )
+    motion[LZ] = (
+        conjugated(frame, xx, yy, xy, zz, 2, 0) * spin_x
+        + conjugated(frame, xx, yy, xy, zz, 2, 1) * spin_y
+        + conjugated(frame, xx, yy, xy, zz, 2, 2) * spin_z
+    )

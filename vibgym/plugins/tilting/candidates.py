@@ -1,0 +1,369 @@
+"""Where a part may touch the plates: the vertices of the pieces into which its bottom is cut where plates end.
+
+A convex bottom is a plane, and the ground over one plate is level, so that the gap over a piece of both is least at one of the
+piece's vertices: corners of the bottom, crossings of its edges with the lines where plates begin and end, and those lines' own
+crossings inside it. Over a ramp between two plates the gap is least at the ramp's ends, which are such lines. A disc's edge
+has a lowest point, that moves along it as it rolls, and others evenly around.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibgym.kernels.jit import borrowing
+from vibgym.physics.core.records import body_of
+from vibgym.plugins.tilting.ground import LEVEL, grip_at, ground, ground_on_line, write_plates
+from vibgym.plugins.tilting.impulses import IMPACT
+from vibgym.plugins.tilting.records import (
+    BEFORE,
+    CX,
+    CY,
+    CZ,
+    GIVE,
+    GOAL,
+    GRIP,
+    LIFT,
+    MXX,
+    MXY,
+    MXZ,
+    MYY,
+    MYZ,
+    MZZ,
+    PN,
+    PX,
+    PY,
+    RATE,
+    REACH,
+    RIM_POINTS,
+    RX,
+    RY,
+    RZ,
+    SLIDE,
+    SLIP_X,
+    SLIP_Y,
+    VX,
+    VY,
+    VZ,
+    WX,
+    WY,
+    WZ,
+)
+
+NEAR = 5e-6
+"""m, above which a point that comes no nearer within half a step is left alone."""
+
+AHEAD = 1e-3
+"""m, farther than any point slides in half a step."""
+
+SAME, LEAST_SAME = 4.0, 1e-5
+"""In a step a contact goes on by no more than these: of the table's way, and m."""
+
+KEPT = 0.1
+"""Share of the depth of a contact that is made good in a step."""
+
+
+@borrowing
+def place_corners(rigid, kind):
+    """Write the corners of the bottom into the working array; returns how many there are."""
+    frame, motion, corner = rigid.work.frame, rigid.work.motion, rigid.work.corner
+    h, radius = rigid.solids.centre_height[kind], rigid.solids.disc[kind]
+    x, y, z = motion[CX] - h * frame[2], motion[CY] - h * frame[5], motion[CZ] - h * frame[8]
+    if radius > 0.0:
+        a, b = -frame[6], -frame[7]  # downhill on the bottom
+        size = math.sqrt(a * a + b * b)
+        a, b = (a / size, b / size) if size > 1e-12 else (1.0, 0.0)
+        turn = math.sqrt(0.5)
+        for k in range(RIM_POINTS):
+            u, v = radius * a, radius * b
+            corner[k, 0], corner[k, 1] = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
+            corner[k, 2] = z + frame[6] * u + frame[7] * v
+            a, b = turn * (a - b), turn * (a + b)
+        return RIM_POINTS
+    outline = body_of(rigid.bodies, kind).outline
+    for k in range(outline.shape[0]):
+        u, v = outline[k, 0], outline[k, 1]
+        corner[k, 0], corner[k, 1] = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
+        corner[k, 2] = z + frame[6] * u + frame[7] * v
+    return outline.shape[0]
+
+
+@borrowing
+def begin_warm(work, contact, n, x, y, reach):
+    """Let a contact at (x, y) begin with the impulses of one that stood there in the last step, if any did within ``reach``
+    (m)."""
+    contact[n, PN] = contact[n, PX] = contact[n, PY] = 0.0
+    warm = work.warm
+    for k in range(work.kept[0]):
+        if abs(warm[k, 0] - x) < reach and abs(warm[k, 1] - y) < reach and warm[k, 2] > 0.0:
+            contact[n, PN], contact[n, PX], contact[n, PY] = warm[k, 2], warm[k, 3], warm[k, 4]
+            warm[k, 2] = 0.0
+            return
+
+
+@borrowing
+def add_contact(rigid, n, x, y, z, height, rate, node):
+    """Add a point of the bottom (m, world) to the ``n`` contacts at hand if it touches the ground or may touch within the step.
+
+    Args:
+        height, rate: of the ground beneath (m, m/s); the point comes no nearer than half a step makes it, see ``REACH``.
+        node: half steps since the period's start, for the ground's place.
+
+    Returns:
+        The number of contacts now.
+    """
+    table, scheme, motion, contact = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.contact
+    cosine, sine = scheme.cosine[node], scheme.sine[node]
+    step, gap = table.period / scheme.steps, z - height
+    rx, ry, rz = x - motion[CX], y - motion[CY], z - motion[CZ]
+    u = motion[VZ] + motion[WX] * ry - motion[WY] * rx - rate
+    ahead = gap + 0.5 * step * u
+    if not ahead < (NEAR if u > -IMPACT else 0.0):
+        return n
+    goal = -2.0 * gap / step if gap > 0.0 else min(-KEPT * gap / step, scheme.settling)
+    if u <= -IMPACT:  # at once, or friction would stop the slip before the rest of the impact comes
+        goal = max(goal, -scheme.restitution * u)
+    slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * ry + table.speed * sine
+    slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table.speed * cosine
+    give = 1.0 + ry * ry * motion[MXX] - 2.0 * rx * ry * motion[MXY] + rx * rx * motion[MYY]
+    slide_x = 1.0 + rz * rz * motion[MYY] - 2.0 * ry * rz * motion[MYZ] + ry * ry * motion[MZZ]
+    slide_y = 1.0 + rz * rz * motion[MXX] - 2.0 * rx * rz * motion[MXZ] + rx * rx * motion[MZZ]
+    contact[n, RX], contact[n, RY], contact[n, RZ] = rx, ry, rz
+    contact[n, BEFORE] = u
+    contact[n, GOAL], contact[n, RATE], contact[n, SLIP_X], contact[n, SLIP_Y] = goal, rate, slip_x, slip_y
+    contact[n, GIVE], contact[n, SLIDE] = 1.0 / give, 1.0 / max(slide_x, slide_y)
+    contact[n, GRIP] = grip_at(rigid, x - table.radius * cosine, y - table.radius * sine)
+    begin_warm(rigid.work, contact, n, x, y, SAME * table.speed * step + LEAST_SAME)
+    return n + 1
+
+
+@borrowing
+def add_corner(rigid, n, k, level, climbing, node):
+    """Add a corner of the bottom, see :func:`add_contact`.
+
+    Args:
+        level: whether the plates beneath move alike.
+        climbing: m, that it gains at most in half a step as it slides up a ramp.
+    """
+    table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
+    x, y, z = corner[k, 0], corner[k, 1], corner[k, 2]
+    cosine, sine = scheme.cosine[node], scheme.sine[node]
+    at_x, at_y = x - table.radius * cosine, y - table.radius * sine
+    height, rate, slope_x, slope_y = ground(rigid, at_x, at_y)
+    if z - height > motion[REACH] + climbing:
+        return n
+    if not level:  # what slides up a ramp climbs
+        rz = z - motion[CZ]
+        slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * (y - motion[CY]) + table.speed * sine
+        slip_y = motion[VY] + motion[WZ] * (x - motion[CX]) - motion[WX] * rz - table.speed * cosine
+        rate += min(max(slope_x * slip_x + slope_y * slip_y, -scheme.settling), scheme.settling)
+    return add_contact(rigid, n, x, y, z, height, rate, node)
+
+
+@borrowing
+def write_lines(rigid, axis, low, high):
+    """Write the lines across an axis on which plates begin and end, in the table's frame between two places (m); returns how
+    many."""
+    table, ramp, lines, beside = rigid.table, rigid.scheme.ramp, rigid.work.lines, rigid.work.beside
+    size, count = table.element_size, table.columns if axis == 0 else table.rows
+    first, last = int(math.floor((low - ramp) / size)), int(math.floor((high + ramp) / size)) + 1
+    n = 0
+    for border in range(max(first, 0), min(last, count) + 1):
+        for side in range(2):
+            line = border * size
+            if border > 0 and border < count:
+                line += ramp if side == 1 else -ramp
+            elif side == 1:
+                continue
+            if line > low and line < high:
+                lines[axis, n] = line
+                own = border - 1 + side
+                other = 2 * border - 1 - own
+                if own < 0 or own >= count:  # the table ends there: what is beside it has no number
+                    own, other = other, -1
+                beside[axis, n, 0], beside[axis, n, 1] = own, other
+                n += 1
+    return n
+
+
+@borrowing
+def is_step(rigid, axis, line, along):
+    """Whether the ground goes down beyond a line, at a plate ``along`` the other axis.
+
+    Where it stays level no piece ends, and where it goes up it is steeper on: a plane comes nearest to it elsewhere.
+    """
+    heights, beside = rigid.work.height, rigid.work.beside
+    mask = heights.shape[1] - 1
+    own, other = beside[axis, line, 0], beside[axis, line, 1]
+    if other < 0 or other >= (rigid.table.columns if axis == 0 else rigid.table.rows):
+        return True  # the table ends there
+    if axis == 0:
+        return heights[along & mask, own & mask] - heights[along & mask, other & mask] > LEVEL
+    return heights[own & mask, along & mask] - heights[other & mask, along & mask] > LEVEL
+
+
+@borrowing
+def add_crossing(rigid, n, axis, line, x, y, z, node):
+    """Add where the edge of the bottom crosses a line across an axis, see :func:`add_contact`."""
+    table, scheme, work = rigid.table, rigid.scheme, rigid.work
+    at = y - table.radius * scheme.sine[node] if axis == 0 else x - table.radius * scheme.cosine[node]
+    own, along = work.beside[axis, line, 0], int(math.floor(at * scheme.fineness))
+    if along < 0 or along >= (table.rows if axis == 0 else table.columns) or not is_step(rigid, axis, line, along):
+        return n
+    height, rate = ground_on_line(rigid, axis, own, along, at)
+    if z - height > work.motion[REACH]:
+        return n
+    return add_contact(rigid, n, x, y, z, height, rate, node)
+
+
+@borrowing
+def add_edges(rigid, n, corners, crossed_x, crossed_y, node, high):
+    """Add where edges of the bottom cross lines, of which there are so many across each axis."""
+    table, scheme, corner, lines = rigid.table, rigid.scheme, rigid.work.corner, rigid.work.lines
+    beside, highest, reach = rigid.work.beside, rigid.work.highest, rigid.work.motion[REACH]
+    mask = highest.shape[1] - 1
+    other = corners - 1
+    for one in range(corners):
+        x, y, z = corner[other, 0], corner[other, 1], corner[other, 2]
+        to_x, to_y, to_z = corner[one, 0] - x, corner[one, 1] - y, corner[one, 2] - z
+        other = one
+        if z >= high and z + to_z >= high:
+            continue
+        for axis in range(2):
+            length = to_x if axis == 0 else to_y
+            if length == 0.0:
+                continue
+            inverse = 1.0 / length
+            begin = x - table.radius * scheme.cosine[node] if axis == 0 else y - table.radius * scheme.sine[node]
+            low, top = min(begin, begin + length), max(begin, begin + length)
+            k, last = 0, crossed_x if axis == 0 else crossed_y
+            while k < last and lines[axis, k] <= low:  # they are in order
+                k += 1
+            while k < last and lines[axis, k] < top:
+                t = (lines[axis, k] - begin) * inverse
+                if z + t * to_z < highest[axis, beside[axis, k, 0] & mask] + reach:
+                    n = add_crossing(rigid, n, axis, k, x + t * to_x, y + t * to_y, z + t * to_z, node)
+                k += 1
+    return n
+
+
+@borrowing
+def add_rim(rigid, n, kind, crossed_x, crossed_y, node):
+    """Add where the edge of a disc crosses lines, see :func:`add_edges`."""
+    table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
+    lines, h, radius = rigid.work.lines, rigid.solids.centre_height[kind], rigid.solids.disc[kind]
+    beside, highest, reach = rigid.work.beside, rigid.work.highest, motion[REACH]
+    mask = highest.shape[1] - 1
+    x, y, z = motion[CX] - h * frame[2], motion[CY] - h * frame[5], motion[CZ] - h * frame[8]
+    for axis in range(2):
+        shift = table.radius * (scheme.cosine[node] if axis == 0 else scheme.sine[node])
+        middle = (x if axis == 0 else y) - shift
+        p, q = radius * frame[3 * axis], radius * frame[3 * axis + 1]
+        square = p * p + q * q
+        for k in range(crossed_x if axis == 0 else crossed_y):
+            d = lines[axis, k] - middle
+            root = math.sqrt(max(square - d * d, 0.0))
+            for sign in range(2):
+                far = root if sign == 0 else -root
+                u, v = radius * (p * d - q * far) / square, radius * (q * d + p * far) / square
+                height = z + frame[6] * u + frame[7] * v
+                if d * d < square and height < highest[axis, beside[axis, k, 0] & mask] + reach:
+                    at_x, at_y = x + frame[0] * u + frame[1] * v, y + frame[3] * u + frame[4] * v
+                    n = add_crossing(rigid, n, axis, k, at_x, at_y, height, node)
+    return n
+
+
+@borrowing
+def on_bottom(rigid, kind, x, y):
+    """Place on the plane of the bottom (m, in the part's axes) that lies under or over a point of the world."""
+    frame, motion, h = rigid.work.frame, rigid.work.motion, rigid.solids.centre_height[kind]
+    dx, dy = x - motion[CX] + h * frame[2], y - motion[CY] + h * frame[5]
+    determinant = frame[0] * frame[4] - frame[1] * frame[3]
+    return (frame[4] * dx - frame[1] * dy) / determinant, (frame[0] * dy - frame[3] * dx) / determinant
+
+
+@borrowing
+def is_inside(rigid, kind, u, v):
+    """Whether a place of the bottom's plane (m, in the part's axes) belongs to the bottom."""
+    radius = rigid.solids.disc[kind]
+    if radius > 0.0:
+        return u * u + v * v <= radius * radius
+    outline = body_of(rigid.bodies, kind).outline
+    n = outline.shape[0]
+    for k in range(n):
+        ax, ay = outline[k, 0], outline[k, 1]
+        following = k + 1 if k + 1 < n else 0
+        bx, by = outline[following, 0], outline[following, 1]
+        if (bx - ax) * (v - ay) - (by - ay) * (u - ax) < 0.0:
+            return False
+    return True
+
+
+@borrowing
+def add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node):
+    """Add where lines cross one another under the bottom, which lies between two places (m) along y of the table's frame."""
+    table, scheme, motion, frame = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.frame
+    lines, h = rigid.work.lines, rigid.solids.centre_height[kind]
+    heights, rates, reach = rigid.work.height, rigid.work.rate, motion[REACH]
+    mask = heights.shape[1] - 1
+    shift_x, shift_y = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
+    down_x, down_y = -frame[2] / frame[8], -frame[5] / frame[8]  # slope of the bottom
+    for i in range(crossed_x):
+        x, column = lines[0, i] + shift_x, rigid.work.beside[0, i, 0]
+        dx = x - motion[CX] + h * frame[2]
+        base = motion[CZ] - h * frame[8] + down_x * dx
+        away = max(abs(low_y + shift_y - motion[CY] + h * frame[5]), abs(high_y + shift_y - motion[CY] + h * frame[5]))
+        if base - abs(down_y) * away - rigid.work.highest[0, column & mask] > reach:
+            continue  # all of the line is too high
+        for j in range(crossed_y):
+            y = lines[1, j] + shift_y
+            dy = y - motion[CY] + h * frame[5]
+            z, row = base + down_y * dy, rigid.work.beside[1, j, 0]
+            height = heights[row & mask, column & mask]  # where lines cross, ramps have ended
+            if z - height > reach:
+                continue
+            if is_step(rigid, 0, i, row) and is_step(rigid, 1, j, column):
+                u, v = on_bottom(rigid, kind, x, y)
+                if is_inside(rigid, kind, u, v):
+                    n = add_contact(rigid, n, x, y, z, height, rates[row & mask, column & mask], node)
+    return n
+
+
+@borrowing
+def find_contacts(rigid, world, kind, level, node):
+    """Write all points at which the part touches the ground or may touch it within the step; returns how many.
+
+    Args:
+        level: whether the plates beneath move alike: then only corners can touch.
+        node: half steps since the period's start.
+    """
+    table, scheme, motion, corner = rigid.table, rigid.scheme, rigid.work.motion, rigid.work.corner
+    corners, n = place_corners(rigid, kind), 0
+    low_x, low_y, high_x, high_y = math.inf, math.inf, -math.inf, -math.inf
+    for k in range(corners):
+        low_x, high_x = min(low_x, corner[k, 0]), max(high_x, corner[k, 0])
+        low_y, high_y = min(low_y, corner[k, 1]), max(high_y, corner[k, 1])
+    radius = rigid.solids.disc[kind]
+    if radius > 0.0:  # beyond the corners
+        x, y = 0.5 * (corner[0, 0] + corner[4, 0]), 0.5 * (corner[0, 1] + corner[4, 1])
+        low_x, high_x, low_y, high_y = x - radius, x + radius, y - radius, y + radius
+    dx, dy = table.radius * scheme.cosine[node], table.radius * scheme.sine[node]
+    low_x, high_x, low_y, high_y = low_x - dx, high_x - dx, low_y - dy, high_y - dy
+    wide = scheme.ramp + AHEAD
+    high = write_plates(rigid, world, low_x - wide, low_y - wide, high_x + wide, high_y + wide, node, node + 1)
+    # What is higher than a plate by more than it can come down in half a step cannot touch it.
+    rocking = math.sqrt(motion[WX] * motion[WX] + motion[WY] * motion[WY])
+    coming = abs(motion[VZ]) + rocking * (rigid.bodies.radius[kind] + rigid.solids.centre_height[kind]) + motion[LIFT]
+    motion[REACH] = NEAR + 0.5 * table.period / scheme.steps * coming
+    climbing = 0.5 * table.period / scheme.steps * scheme.settling  # what a corner gains at most as it slides up a ramp
+    high += motion[REACH]
+    for k in range(corners):
+        if corner[k, 2] < high + climbing:
+            n = add_corner(rigid, n, k, level, climbing, node)
+    if level:
+        return n
+    crossed_x, crossed_y = write_lines(rigid, 0, low_x, high_x), write_lines(rigid, 1, low_y, high_y)
+    if radius > 0.0:
+        n = add_rim(rigid, n, kind, crossed_x, crossed_y, node)
+    else:
+        n = add_edges(rigid, n, corners, crossed_x, crossed_y, node, high)
+    return add_nodes(rigid, n, kind, crossed_x, crossed_y, low_y, high_y, node)

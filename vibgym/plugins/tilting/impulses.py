@@ -1,0 +1,205 @@
+"""Impulses of a step: contacts push no farther than they must, and friction stops slip as far as it can (Gauss and Seidel)."""
+
+from __future__ import annotations
+
+import math
+
+from vibgym.kernels.jit import borrowing
+from vibgym.plugins.tilting.attitude import spin_up
+from vibgym.plugins.tilting.records import (
+    BEFORE,
+    CX,
+    CY,
+    EAST_X,
+    EAST_Y,
+    EAST_Z,
+    GIVE,
+    GOAL,
+    GRIP,
+    LX,
+    LY,
+    LZ,
+    MXX,
+    MXY,
+    MXZ,
+    MYY,
+    MYZ,
+    MZZ,
+    NORTH_X,
+    NORTH_Y,
+    NORTH_Z,
+    PN,
+    PX,
+    PY,
+    RATE,
+    RX,
+    RY,
+    RZ,
+    SLIDE,
+    SLIP_X,
+    SLIP_Y,
+    UP_X,
+    UP_Y,
+    UP_Z,
+    VX,
+    VY,
+    VZ,
+    WX,
+    WY,
+    WZ,
+)
+
+ENOUGH = 3e-7
+"""m/s, of change in a sweep below which it is the last."""
+
+MOST_SWEEPS = 60
+
+IMPACT = 0.01
+"""m/s, above which contacts rebound."""
+
+NO_GAIN = 1e-7
+"""J/kg, of energy that counts as none: a fall of ten nanometres."""
+
+SOFTER = 4
+"""How often rebounds are halved where they would give energy; the last time they are left out."""
+
+
+@borrowing
+def rubbed(contact, k, friction, slip_x, slip_y):
+    """Impulse over mass (m/s) of friction at one contact that stops its slip (m/s) as far as it can."""
+    px, py = contact[k, PX] - slip_x * contact[k, SLIDE], contact[k, PY] - slip_y * contact[k, SLIDE]
+    limit = friction * contact[k, GRIP] * contact[k, PN]
+    if px * px + py * py > limit * limit:  # against the mean of slip before and after: so friction never gives energy
+        mean_x, mean_y = slip_x + contact[k, SLIP_X], slip_y + contact[k, SLIP_Y]
+        scale = -limit / max(math.sqrt(mean_x * mean_x + mean_y * mean_y), 1e-12)
+        px, py = scale * mean_x, scale * mean_y
+    return px, py
+
+
+@borrowing
+def apply_impulses(motion, contact, n, sign):
+    """Change velocity and angular velocity by the impulses that ``n`` contacts have, or take them back (``sign`` -1)."""
+    for k in range(n):
+        pn, px, py = sign * contact[k, PN], sign * contact[k, PX], sign * contact[k, PY]
+        motion[VX] += px
+        motion[VY] += py
+        motion[VZ] += pn
+        motion[WX] += pn * contact[k, UP_X] + px * contact[k, EAST_X] + py * contact[k, NORTH_X]
+        motion[WY] += pn * contact[k, UP_Y] + px * contact[k, EAST_Y] + py * contact[k, NORTH_Y]
+        motion[WZ] += pn * contact[k, UP_Z] + px * contact[k, EAST_Z] + py * contact[k, NORTH_Z]
+
+
+@borrowing
+def write_levers(motion, contact, n):
+    """Write down how fast unit impulses over mass at ``n`` contacts make the part turn, upward and along x and y."""
+    xx, yy, zz, xy, xz, yz = motion[MXX], motion[MYY], motion[MZZ], motion[MXY], motion[MXZ], motion[MYZ]
+    for k in range(n):
+        rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]
+        contact[k, UP_X], contact[k, UP_Y], contact[k, UP_Z] = xx * ry - xy * rx, xy * ry - yy * rx, xz * ry - yz * rx
+        contact[k, EAST_X], contact[k, EAST_Y] = xy * rz - xz * ry, yy * rz - yz * ry
+        contact[k, EAST_Z] = yz * rz - zz * ry
+        contact[k, NORTH_X], contact[k, NORTH_Y] = xz * rx - xx * rz, yz * rx - xy * rz
+        contact[k, NORTH_Z] = zz * rx - xz * rz
+
+
+@borrowing
+def settle_contacts(motion, contact, n, friction, table_x, table_y):
+    """Go through ``n`` contacts until nothing changes any more, or often enough: normal impulses, then friction.
+
+    Changes velocity and angular velocity; angular momentum is left to :func:`resolve_contacts`.
+    """
+    vx, vy, vz, wx, wy, wz = motion[VX], motion[VY], motion[VZ], motion[WX], motion[WY], motion[WZ]
+    most, sweeps = math.inf, 0
+    while sweeps < MOST_SWEEPS and most > ENOUGH:
+        most = 0.0
+        sweeps += 1
+        for k in range(n):
+            rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]
+            old = contact[k, PN]
+            u = vz + wx * ry - wy * rx - contact[k, RATE]
+            normal = max(0.0, old + (contact[k, GOAL] - u) * contact[k, GIVE])
+            if normal == 0.0 and old == 0.0:
+                continue
+            change = normal - old
+            contact[k, PN] = normal
+            vz += change
+            wx += change * contact[k, UP_X]
+            wy += change * contact[k, UP_Y]
+            wz += change * contact[k, UP_Z]
+            slip_x, slip_y = vx + wy * rz - wz * ry - table_x, vy + wz * rx - wx * rz - table_y
+            old_x, old_y = contact[k, PX], contact[k, PY]
+            px, py = rubbed(contact, k, friction, slip_x, slip_y)
+            contact[k, PX], contact[k, PY] = px, py
+            dx, dy = px - old_x, py - old_y
+            vx += dx
+            vy += dy
+            wx += dx * contact[k, EAST_X] + dy * contact[k, NORTH_X]
+            wy += dx * contact[k, EAST_Y] + dy * contact[k, NORTH_Y]
+            wz += dx * contact[k, EAST_Z] + dy * contact[k, NORTH_Z]
+            most = max(most, max(abs(change), max(abs(dx), abs(dy))))
+    motion[VX], motion[VY], motion[VZ], motion[WX], motion[WY], motion[WZ] = vx, vy, vz, wx, wy, wz
+
+
+@borrowing
+def gain(motion, contact, n, table_x, table_y):
+    """Energy over mass (J/kg) that ``n`` contacts give besides what plates and table do: their impulses times the means of the
+    relative velocities before and after."""
+    total = 0.0
+    for k in range(n):
+        rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]
+        u = motion[VZ] + motion[WX] * ry - motion[WY] * rx - contact[k, RATE]
+        slip_x = motion[VX] + motion[WY] * rz - motion[WZ] * ry - table_x
+        slip_y = motion[VY] + motion[WZ] * rx - motion[WX] * rz - table_y
+        total += contact[k, PN] * (u + contact[k, BEFORE]) + contact[k, PX] * (slip_x + contact[k, SLIP_X])
+        total += contact[k, PY] * (slip_y + contact[k, SLIP_Y])
+    return 0.5 * total
+
+
+@borrowing
+def soften(motion, contact, n, scale):
+    """Take the impulses of ``n`` contacts back, and aim at slower rebounds."""
+    apply_impulses(motion, contact, n, -1.0)
+    for k in range(n):
+        contact[k, PN] = contact[k, PX] = contact[k, PY] = 0.0
+        contact[k, GOAL] = min(contact[k, GOAL], scale * contact[k, GOAL])
+
+
+@borrowing
+def keep_impulses(work, n):
+    """Give the part the angular momentum of the impulses of ``n`` contacts, and keep these for the next step."""
+    motion, contact, warm, kept = work.motion, work.contact, work.warm, 0
+    for k in range(n):
+        rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]
+        pn, px, py = contact[k, PN], contact[k, PX], contact[k, PY]
+        motion[LX] += ry * pn - rz * py
+        motion[LY] += rz * px - rx * pn
+        motion[LZ] += rx * py - ry * px
+        if pn > 0.0:
+            warm[kept, 0], warm[kept, 1] = motion[CX] + rx, motion[CY] + ry
+            warm[kept, 2], warm[kept, 3], warm[kept, 4] = pn, px, py
+            kept += 1
+    work.kept[0] = kept
+
+
+@borrowing
+def resolve_contacts(work, n, friction, table_x, table_y):
+    """Let ``n`` contacts push the part for a step.
+
+    Newton's restitution at several contacts with friction may give energy: then all rebound more slowly, until they do not.
+
+    Args:
+        table_x, table_y: m/s, velocity of the table.
+    """
+    motion, contact, knocks = work.motion, work.contact, False
+    for k in range(n):
+        knocks = knocks or contact[k, BEFORE] < -IMPACT
+    write_levers(motion, contact, n)
+    apply_impulses(motion, contact, n, 1.0)
+    settle_contacts(motion, contact, n, friction, table_x, table_y)
+    tries = 0
+    while knocks and tries < SOFTER and gain(motion, contact, n, table_x, table_y) > NO_GAIN:
+        tries += 1
+        soften(motion, contact, n, 0.5 if tries < SOFTER else 0.0)
+        settle_contacts(motion, contact, n, friction, table_x, table_y)
+    keep_impulses(work, n)
+    spin_up(motion)

@@ -1,0 +1,267 @@
+"""``model="tilting"``: parts above the plane, where what lies under them is not level or something has tipped them.
+
+A part that lies flat on plates that move alike is the planar model's, to the last bit. All others are rigid bodies on the
+plates (:mod:`vibgym.plugins.tilting`): they rock on the highest ones, tilt, land, or topple.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.kernels.reference import Pinned
+from vibgym.kernels.vector import LANES
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import Scheme, State
+from vibgym.physics.planar.friction import slide_rows
+from vibgym.physics.planar.workspace import FIXED_SCENE, FixedScene, new_workspace
+from vibgym.plugins.tilting.records import (
+    FIXED_TILTING,
+    FLAT,
+    MODES,
+    TILT,
+    TIPPED,
+    FixedTilting,
+    Solids,
+    TiltScheme,
+    new_tilt,
+    new_work,
+    tilt_scheme,
+)
+from vibgym.plugins.tilting.rows import rock_rows, sort_rows
+from vibgym.scene.outlines import is_convex
+from vibgym.scene.parts import Part, bodies_of, kinds_of
+from vibgym.scene.surface import Surface
+from vibgym.simulation.model import NO_PATHS, Conditions, Model, Setup
+from vibgym.simulation.threads import Pool
+
+STEPS = 200
+"""A period: energies of impacts are right to half a per cent, transport by uniform fields to a hundredth."""
+
+RESTITUTION = 0.2
+
+RAMP = 3e-3
+"""m on either side of a border."""
+
+FEWEST_STEPS, MOST_STEPS = 50, 100_000
+
+LEAST_RAMP = 1e-6
+"""m: steps that are steeper are as steep."""
+
+STRETCH = 2
+"""Periods for which a part is asked at once whether its ground stays level: in more of them it may get too far."""
+
+STEEPEST = 1.5
+"""rad, of a tilt."""
+
+LEAST_SETTLING = 0.01
+"""m/s, with which what has sunk in is lifted out where plates hardly move."""
+
+
+def cross_of(part: Part) -> np.ndarray:
+    """(4, 2) m, points of equal load with the first and second moments of even pressure: a rectangle's are its corners,
+    shrunk."""
+    xx, yy, xy = part.inertia - [part.height**2 / 12.0, part.height**2 / 12.0, 0.0]
+    squares, axes = np.linalg.eigh(np.array([[yy, -xy], [-xy, xx]]))  # moments x x, x y, y y
+    reach = np.sqrt(np.maximum(squares, 0.0))
+    signs = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
+    return (signs * reach) @ axes.T
+
+
+def solids_of(kinds: list[Part]) -> Solids:
+    """The third dimension of the kinds, for the kernels."""
+    return Solids(
+        centre_height=np.array([kind.centre_height for kind in kinds]),
+        inertia=np.array([kind.inertia for kind in kinds]),
+        disc=np.array([math.sqrt(kind.area / math.pi) if kind.symmetry == 0 else 0.0 for kind in kinds]),
+        cross=np.array([cross_of(kind) for kind in kinds]),
+        unsteady=np.array([1.0 / max(kind.tipping_ratio, 1e-9) for kind in kinds]),
+    )
+
+
+def scheme_of(
+    surface: Surface, *, restitution: float = RESTITUTION, ramp_mm: float = 1e3 * RAMP, steps: int = STEPS
+) -> TiltScheme:
+    """The model's constants.
+
+    Args:
+        restitution: of a part's bottom on plates, Newton's, 0 to 1.
+        ramp_mm: mm on either side of a border between plates over which their heights are blended, up to half an element; 0:
+            steps.
+        steps: a period.
+    """
+    restitution = checks.number("restitution", restitution, least=0.0, most=1.0)
+    ramp = 1e-3 * checks.number("ramp_mm", ramp_mm, least=0.0, most=0.5e3 * surface.element_size)
+    steps = checks.count("steps", steps, least=FEWEST_STEPS, most=MOST_STEPS)
+    settling = max(surface.full_scale / surface.angular_frequency, LEAST_SETTLING)
+    return tilt_scheme(steps, restitution, max(ramp, LEAST_RAMP), surface.element_size, settling)
+
+
+def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
+    """(n,) whether a part's centre of mass is over its bottom, so that it falls back, at these headings (n,) and leans (n,
+    2)."""
+    angle = np.hypot(lean[:, 0], lean[:, 1])
+    if part.centre_height == 0.0:
+        return angle < STEEPEST
+    # The axis leans towards z x lean; on the bottom the centre of mass stands over a point tan(angle) times its height away.
+    share = np.where(angle > 0.0, np.tan(np.minimum(angle, STEEPEST)) / np.maximum(angle, 1e-300), 0.0)
+    away = part.centre_height * share[:, None] * np.column_stack([lean[:, 1], -lean[:, 0]])
+    cosine, sine = np.cos(heading), np.sin(heading)
+    u, v = cosine * away[:, 0] + sine * away[:, 1], -sine * away[:, 0] + cosine * away[:, 1]
+    if part.symmetry == 0:
+        return (np.hypot(u, v) < math.sqrt(part.area / math.pi)) & (angle < STEEPEST)
+    edges = np.roll(part.outline, -1, axis=0) - part.outline
+    side = edges[:, 0] * (v[:, None] - part.outline[:, 1]) - edges[:, 1] * (u[:, None] - part.outline[:, 0])
+    return (side > 0.0).all(axis=1) & (angle < STEEPEST)
+
+
+class AbovePlane(Model):
+    """Base of the models whose parts are rigid bodies above the plane.
+
+    Attributes:
+        attitudes: live arrays of the parts besides the state.
+        pinned: the same for kernels.
+        step: s.
+    """
+
+    flat = False
+
+    def __init__(self, setup: Setup, scheme: TiltScheme) -> None:
+        Model.__init__(self, setup)  # not super(): a subclass derives from Multibody as well
+        self.step = setup.surface.period / scheme.steps
+        self.attitudes = new_tilt(setup.worlds, len(setup.parts))
+        self.pinned = Pinned(TILT, self.attitudes)
+
+    def check_parts(self) -> None:
+        """Refuse parts that are not convex."""
+        for part in self.setup.parts:
+            if not is_convex(part.outline):
+                raise checks.refuse("parts", f"{part.name!r}, which is not convex", "convex with model='tilting'")
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        pass  # a part that friction tips may tip
+
+    def live(self) -> dict[str, np.ndarray]:
+        return self.attitudes._asdict()
+
+    def check_live(self, values: Mapping[str, np.ndarray]) -> None:
+        """Refuse unknown modes, and tilts beyond :data:`STEEPEST`."""
+        mode, lean = values["mode"], np.hypot(values["lean"][..., 0], values["lean"][..., 1])
+        if not ((mode >= 0) & (mode < len(MODES))).all():
+            allowed = f"numbers from 0 to {len(MODES) - 1}: {', '.join(MODES)}"
+            raise checks.refuse("state['mode']", int(mode[(mode < 0) | (mode >= len(MODES))][0]), allowed)
+        if lean.max(initial=0.0) > STEEPEST:
+            raise checks.refuse("state['lean']", float(lean.max()), f"rotations by at most {STEEPEST:g} rad")
+
+    def begin(self, worlds: Any) -> None:
+        for values in self.attitudes:
+            values[worlds] = 0
+
+    def part_info(self) -> dict[str, np.ndarray]:
+        return {"toppled": self.attitudes.toppled}
+
+    def lean(self) -> np.ndarray:
+        return self.attitudes.lean.copy()
+
+    def height(self) -> np.ndarray:
+        above = self.attitudes.height - [part.centre_height for part in self.setup.parts]
+        return np.where(self.attitudes.mode != FLAT, above, 0.0)
+
+    def time_tilted(self) -> np.ndarray:
+        return self.attitudes.landing * self.step
+
+    def toppled(self) -> np.ndarray:
+        return self.attitudes.toppled.copy()
+
+    def tip(
+        self, worlds: np.ndarray, which: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
+    ) -> None:
+        for k, part in enumerate(self.setup.parts):
+            stable = stands(part, heading[:, k], lean[:, k])
+            if not stable[which[:, k]].all():
+                angle = float(np.hypot(lean[:, k, 0], lean[:, k, 1])[which[:, k] & ~stable][0])
+                most = math.atan(1.0 / part.slenderness) if part.slenderness > 0.0 else STEEPEST
+                allowed = f"a tilt below the toppling angle of {part.name!r}, {most:.3g} rad or more by direction"
+                raise checks.refuse("lean", f"{angle:.3g} rad", allowed)
+        at = worlds[np.nonzero(which)[0]], np.nonzero(which)[1]
+        live = self.attitudes
+        live.mode[at], live.calm[at], live.since[at], live.landing[at] = TIPPED, 0, 0, 0
+        live.lean[at], live.rocking[at] = lean[which], rocking[which]
+
+    def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
+        """Tip the disturbed parts."""
+        which = lean.any(axis=2) & ~state.fallen
+        self.tip(np.arange(len(lean)), which, state.pose[..., 2], lean, np.zeros_like(lean))
+
+
+class Tilting(AbovePlane):
+    """The tilting model of one part in each world."""
+
+    def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
+        super().__init__(setup, scheme)
+        self._buffers = Pool(partial(Buffers, setup, flat, scheme))
+        self._rows = np.arange(setup.worlds)
+
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
+        def work(buffers: Buffers) -> None:
+            inputs, rows, left = (drive.address, state.address), self._rows[start:stop], periods
+            if periods > STRETCH:  # most parts lie far enough from what is not level
+                flat, rows = sorted_rows(rows, buffers.rigid.address, inputs, self.pinned.address, periods)
+                slide_rows(flat, buffers.planar.address, *inputs, periods, NO_PATHS, 0)
+            while left > 0 and len(rows):
+                span = min(left, STRETCH)
+                self._advance(buffers, rows, inputs, span)
+                left -= span
+
+        self._buffers.lend(work)
+
+    def _advance(self, buffers: Buffers, rows: np.ndarray, inputs: tuple[int, int], periods: int) -> None:
+        """Advance some rows by a few periods."""
+        planar, rigid, tilt = buffers.planar.address, buffers.rigid.address, self.pinned.address
+        flat, rows = sorted_rows(rows, rigid, inputs, tilt, periods)
+        slide_rows(flat, planar, *inputs, periods, NO_PATHS, 0)
+        for _ in range(periods if len(rows) else 0):
+            flat, others = sorted_rows(rows, rigid, inputs, tilt, 1)
+            rock_rows(others, True, rigid, *inputs, tilt, NO_PATHS, 0, 0)
+            slide_rows(flat, planar, *inputs, 1, NO_PATHS, 0)
+
+
+def sorted_rows(
+    rows: np.ndarray, rigid: int, inputs: tuple[int, int], tilt: int, periods: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Those of the rows that lie flat on level ground for so many periods, and the others; see :func:`sort_rows`.
+
+    Args:
+        rigid, inputs, tilt: addresses of pinned records; ``inputs`` of drive and state.
+    """
+    flat, others = np.empty_like(rows), np.empty_like(rows)
+    n = sort_rows(rows, flat, others, rigid, *inputs, tilt, periods)
+    return flat[:n], others[: len(rows) - n]
+
+
+class Buffers:
+    """What one thread needs.
+
+    Attributes:
+        planar: for parts that lie flat.
+        rigid: for all others.
+    """
+
+    def __init__(self, setup: Setup, flat: Scheme, scheme: TiltScheme) -> None:
+        table, bodies = setup.surface.table(setup.walls), bodies_of(setup.parts, setup.surface.element_size)
+        self.planar = Pinned(FIXED_SCENE, FixedScene(table, bodies, flat, new_workspace(table, bodies, flat, LANES)))
+        self.rigid = rigid_buffers(setup, scheme)
+
+
+def rigid_buffers(setup: Setup, scheme: TiltScheme) -> Pinned[FixedTilting]:
+    """What one thread needs for parts above the plane."""
+    table = setup.surface.table(setup.walls)
+    kinds, _ = kinds_of(setup.parts, Part.same_as)
+    bodies = bodies_of(setup.parts, setup.surface.element_size, Part.same_as)
+    work = new_work(table, bodies, scheme.ramp)
+    return Pinned(FIXED_TILTING, FixedTilting(table, bodies, solids_of(kinds), scheme, work))

@@ -1,0 +1,55 @@
+"""``model="tilting"`` with several parts in a world, or walls: the planar model's contacts, and parts above the plane between
+them.
+
+A tilted part takes part in contacts with the footprint that it has when it lies flat. In a period in which it touches another
+part or a wall, the planar model says how it moves in the plane, as if it lay flat, and its height and tilt go on as if it were
+alone.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from vibgym.physics.contacts.multibody import Prospect
+from vibgym.physics.planar.friction import slide_rows
+from vibgym.plugins.tilting.model import AbovePlane, rigid_buffers, sorted_rows
+from vibgym.plugins.tilting.records import TiltScheme
+from vibgym.plugins.tilting.rows import keep_toppled, rock_rows
+from vibgym.simulation.model import NO_PATHS, Conditions, Setup
+from vibgym.simulation.multibody import ContactBuffers, Multibody
+from vibgym.simulation.schemes import PlanarSchemes
+from vibgym.simulation.threads import Pool
+
+
+class TiltingMultibody(AbovePlane, Multibody):
+    """The model where parts may touch one another, or walls."""
+
+    def __init__(self, setup: Setup, schemes: PlanarSchemes, scheme: TiltScheme) -> None:
+        Multibody.__init__(self, setup, schemes)
+        AbovePlane.__init__(self, setup, scheme)
+        self._rigid = Pool(partial(rigid_buffers, setup, scheme))
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        self.check_contacts(conditions, where)
+
+    def slide(
+        self, start: int, stop: int, buffers: ContactBuffers, prospect: Prospect, drive: int, state: int, near: bool
+    ) -> None:
+        """See :meth:`vibgym.simulation.multibody.Multibody.slide`."""
+        paths, base, tilt = prospect.paths if near else NO_PATHS, start * buffers.parts, self.pinned.address
+        rigid, inputs = self._rigid.take(), (drive, state)
+        touching = prospect.driven[: stop - start] & (prospect.found[: stop - start] > 0)[:, None]
+        _, others = sorted_rows(base + np.flatnonzero(touching), rigid.address, inputs, tilt, 1)
+        rock_rows(others, False, rigid.address, *inputs, tilt, NO_PATHS, 0, 0)
+        for kind, alone in enumerate(buffers.alone):
+            rows = prospect.rows[kind, : prospect.count[kind]]
+            flat, others = sorted_rows(rows, rigid.address, inputs, tilt, 1)
+            rock_rows(others, True, rigid.address, *inputs, tilt, paths, base, int(prospect.steps[kind]))
+            slide_rows(flat, alone.address, *inputs, 1, paths, base)
+        self._rigid.give(rigid)
+
+    def end_period(self, start: int, stop: int, buffers: ContactBuffers, state: int) -> None:
+        """See :meth:`vibgym.simulation.multibody.Multibody.end_period`."""
+        keep_toppled(start, stop, state, self.pinned.address)

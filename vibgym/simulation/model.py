@@ -1,0 +1,279 @@
+"""Base class of models, and what a model is constructed with: :class:`Setup` and :class:`Conditions`."""
+
+from __future__ import annotations
+
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.kernels.reference import Pinned
+from vibgym.physics.contacts.hulls import Hulls
+from vibgym.physics.core.drive import Drive
+from vibgym.physics.core.records import State
+from vibgym.scene.parts import Part, kinds_of
+from vibgym.scene.surface import Surface
+
+if TYPE_CHECKING:
+    from vibgym.simulation.choice import Choice
+
+NO_PATHS = np.empty((0, 0, 3))
+"""Passed to kernels that record paths only on request."""
+
+LEAST_FACTOR, MOST_FACTOR = 0.01, 100.0
+"""Range of the factors on friction and on mass."""
+
+SLENDER_DISC, SLENDER = 0.4, 1.0
+"""Height of the centre of mass over radius, and over half the width. Above it, a disturbed part wobbles, fed by the drive, for
+longer than a second."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Scene of a model.
+
+    Attributes:
+        surface: the table.
+        parts: of every world.
+        walls: names of the borders with a wall.
+        hulls: of the parts, for contacts.
+        worlds: number of worlds.
+        model: name by which the model was selected; for error messages.
+    """
+
+    surface: Surface
+    parts: tuple[Part, ...]
+    walls: tuple[str, ...]
+    hulls: Hulls
+    worlds: int
+    model: str = "planar"
+
+    @property
+    def multibody(self) -> bool:
+        """Whether parts may touch one another, or walls."""
+        return len(self.parts) > 1 or len(self.walls) > 0
+
+
+class Conditions(NamedTuple):
+    """Conditions of n worlds: factors on friction and mass, and the table's incline."""
+
+    friction: np.ndarray  # (n, parts) factor on both coefficients of friction between part and table
+    mass: np.ndarray  # (n, parts) factor on mass and inertia
+    incline: np.ndarray  # (n, 2) m/s^2, constant acceleration of everything on the table
+    patches: np.ndarray  # (n, rows, columns) factor of every element on friction, or (n, 1, 1): of all elements
+
+    @property
+    def strongest(self) -> np.ndarray:
+        """(n, parts) largest factor on friction that a part can meet."""
+        return self.friction * self.patches.max(axis=(1, 2), initial=0.0)[:, None]
+
+    @property
+    def stronger(self) -> str:
+        """Name of the larger of the two factors on friction, for errors about too much friction."""
+        larger = self.patches.max(initial=0.0) > self.friction.max(initial=0.0)
+        return "patches" if larger else "friction"
+
+    @property
+    def slope(self) -> np.ndarray:
+        """(n,) m/s^2, magnitude of the incline."""
+        return np.hypot(self.incline[:, 0], self.incline[:, 1])
+
+
+class Model(ABC):
+    """Base class of models: advances blocks of worlds, several at a time in threads.
+
+    A model is registered by name: ``vibgym.simulation.MODELS.register(name, cls)``, or an entry point in group
+    ``vibgym.models``. It is called with a :class:`Setup` and its settings as keyword arguments. Everything that it keeps from
+    one call of :meth:`advance` to the next, besides ``state``, is in :meth:`live`.
+
+    Args:
+        setup: the scene.
+
+    Attributes:
+        setup: the scene.
+        choice: set by models that select another one, as ``"auto"`` does; None: the model was named.
+    """
+
+    flat: ClassVar[bool] = True
+    """Whether parts always lie flat. If so, parts that friction alone tips are refused, and no side view is drawn."""
+
+    def __init__(self, setup: Setup) -> None:
+        self.setup = setup
+        self.choice: Choice | None = None
+
+    @abstractmethod
+    def advance(self, start: int, stop: int, drive: Pinned[Drive], state: Pinned[State], periods: int) -> None:
+        """Advance worlds ``start`` to ``stop`` by whole periods under a held drive.
+
+        Several threads call this at the same time, for different worlds.
+
+        Args:
+            drive: ``drive.record``: motion of the elements, see :func:`vibgym.physics.core.drive.all_phasors`;
+                ``drive.address``: the same for kernels.
+            state: ``state.record``: arrays (worlds, ...), changed in place; ``state.address`` likewise.
+        """
+
+    def check_parts(self) -> None:
+        """Raise ValueError for parts that the model does not cover; the default refuses parts that friction alone tips."""
+        parts = self.setup.parts
+        check_tipping(parts, np.ones((1, len(parts))), "parts", self.setup.model)
+        warn_of_slender(parts, self.setup.model)
+
+    def check_conditions(self, conditions: Conditions, where: str) -> None:
+        """Raise ValueError for conditions that the model does not cover, see :func:`conditions_of`."""
+        check_tipping(self.setup.parts, conditions.strongest, where.format(conditions.stronger), self.setup.model)
+
+    def live(self) -> dict[str, np.ndarray]:
+        """Return the live arrays (worlds, ...) that a snapshot holds besides the state, by name."""
+        return {}
+
+    def check_live(self, values: Mapping[str, np.ndarray]) -> None:  # noqa: B027 - optional
+        """Raise ValueError for invalid values of :meth:`live`, which are finite and have the right shapes."""
+
+    def begin(self, worlds: Any) -> None:  # noqa: B027 - optional
+        """Reset :meth:`live` for worlds (index or mask, also of single parts) whose parts have been put down."""
+
+    def reset(self) -> None:  # noqa: B027 - optional
+        """Reset the statistics."""
+
+    def statistics(self, periods: int) -> dict[str, int]:
+        """See :attr:`vibgym.Simulator.statistics`; ``periods``: of all worlds together since the reset."""
+        return {"free": periods, "near": 0, "contact": 0, "contact_steps": 0}
+
+    def deepest_overlap(self) -> float:
+        """See :attr:`vibgym.Simulator.deepest_overlap`."""
+        return 0.0
+
+    def part_info(self) -> dict[str, np.ndarray]:
+        """Return live arrays (worlds, parts) that environments report in ``info["parts"]``, by name."""
+        return {}
+
+    def quantities(self) -> dict[str, np.ndarray]:
+        """Return arrays (worlds, ...) that :attr:`vibgym.Simulator.quantities` reports, by name."""
+        return {}
+
+    def lean(self) -> np.ndarray:
+        """See :attr:`vibgym.Simulator.lean`."""
+        return np.zeros((self.setup.worlds, len(self.setup.parts), 2))
+
+    def height(self) -> np.ndarray:
+        """Return (worlds, parts) m, height of the centres of mass above their height in parts that lie flat."""
+        return np.zeros((self.setup.worlds, len(self.setup.parts)))
+
+    def time_tilted(self) -> np.ndarray:
+        """See :attr:`vibgym.Simulator.time_tilted`."""
+        return np.zeros((self.setup.worlds, len(self.setup.parts)))
+
+    def toppled(self) -> np.ndarray:
+        """See :attr:`vibgym.Simulator.toppled`."""
+        return np.zeros((self.setup.worlds, len(self.setup.parts)), dtype=bool)
+
+    def tip(
+        self, worlds: np.ndarray, which: np.ndarray, heading: np.ndarray, lean: np.ndarray, rocking: np.ndarray
+    ) -> None:
+        """Put parts on an edge or a corner, see :meth:`vibgym.Simulator.tip`.
+
+        Args:
+            worlds: (n,) indices.
+            which: (n, parts) bool.
+            heading: (n, parts) rad.
+            lean, rocking: (n, parts, 2) rad, rad/s.
+
+        Raises:
+            ValueError: the model keeps parts flat, or a part would topple; nothing has changed.
+        """
+        raise checks.conflict(f"tip requires model='tilting', whose parts can tilt; this is {self.setup.model!r}")
+
+    def disturb(self, state: State, lean: np.ndarray, kick: np.ndarray) -> None:
+        """Apply impulse disturbances, see :meth:`vibgym.Simulator.disturb`; the default adds ``kick`` to the velocity."""
+        state.velocity[...] += kick
+
+
+def warn_of_slender(parts: Sequence[Part], model: str) -> None:
+    """Warn of parts that a planar model holds only as long as nothing knocks them."""
+    for part in kinds_of(parts, Part.same_as)[0]:
+        limit = SLENDER_DISC if part.symmetry == 0 else SLENDER
+        if part.height_is_known and part.slenderness > limit:
+            warnings.warn(
+                f"parts: {part.name!r} has its centre of mass {part.slenderness:.2g} times as high as its edge is far; above "
+                f"{limit:g} a part that is knocked goes on wobbling, which model={model!r} does not see: try model='tilting'",
+                UserWarning,
+                stacklevel=4,
+            )
+
+
+def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model: str) -> None:
+    """Refuse parts that friction alone tips, which no planar model can hold, as far as their heights are known.
+
+    Args:
+        factors: (n, parts) on friction.
+        where: how errors name the argument.
+    """
+    ratio = factors * [part.tipping_ratio if part.height_is_known else 0.0 for part in parts]
+    if ratio.size and ratio.max() > 1.0:
+        part = parts[int(np.unravel_index(int(ratio.argmax()), ratio.shape)[1])]
+        way = f"friction times centre_height ({part.centre_height:g} m) is {ratio.max():.3g} of the way to its edge"
+        got = f"{part.name!r}, whose {way}"
+        allowed = (
+            f"at most 1 with model={model!r}, for friction alone tips it: use model='tilting', or give its true height"
+        )
+        raise checks.refuse(where, got, allowed)
+
+
+def conditions_of(
+    now: Conditions, given: Mapping[str, Any], elements: tuple[int, int], gravity: float, where: str
+) -> Conditions:
+    """Checked conditions; what is None stays as it is ``now``.
+
+    Args:
+        elements: rows and columns of the surface.
+        gravity: m/s^2, which an incline cannot exceed.
+        where: how errors name an argument, with ``{}`` for the condition's own name.
+
+    Raises:
+        ValueError: a number that is not finite or out of its range, or a shape that does not fit.
+    """
+
+    def factor(name: str, shape: tuple[int, ...]) -> np.ndarray:
+        if given[name] is None:
+            return getattr(now, name)
+        return checks.array(where.format(name), given[name], shape, least=LEAST_FACTOR, most=MOST_FACTOR)
+
+    incline = (
+        now.incline
+        if given["incline"] is None
+        else checks.array(where.format("incline"), given["incline"], now.incline.shape)
+    )
+    patches = factor("patches", (len(now.friction), *elements))
+    found = Conditions(factor("friction", now.friction.shape), factor("mass", now.mass.shape), incline, patches)
+    steep = ~(found.slope <= gravity * (1.0 + 1e-12))
+    if steep.any():
+        allowed = f"accelerations (x, y) of at most {gravity:g} m/s^2 together, the table's gravity"
+        raise checks.refuse(where.format("incline"), found.incline[steep][0].tolist(), allowed)
+    return found
+
+
+def worlds_from(worlds: Any, count: int) -> np.ndarray:
+    """Indices of worlds from a mask, a slice, or one or several indices.
+
+    Raises:
+        ValueError: none of these, or an index that no world has.
+    """
+    if isinstance(worlds, slice):
+        return np.arange(count)[worlds]
+    allowed = f"a mask of shape ({count},), or indices from 0 to {count - 1}"
+    try:
+        given = np.asarray(worlds)
+    except (TypeError, ValueError, RecursionError):  # rows of different lengths
+        raise checks.refuse("worlds", worlds, allowed) from None
+    if given.dtype == bool and given.shape == (count,):
+        return np.flatnonzero(given)
+    if given.size == 0 and given.ndim == 1:
+        return np.zeros(0, dtype=np.int64)
+    if given.dtype.kind not in "iu" or given.ndim > 1 or given.min() < 0 or given.max() >= count:
+        raise checks.refuse("worlds", worlds, allowed)
+    return np.atleast_1d(given)
