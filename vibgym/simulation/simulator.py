@@ -230,7 +230,7 @@ class Simulator:
             getattr(self._state, name)[worlds] = values
 
     def check_conditions(self, now: Conditions, given: Mapping[str, Any], where: str) -> Conditions:
-        """Conditions that :meth:`set_conditions` would take, see :func:`vibgym.simulation.conditions.conditions_of`.
+        """Conditions that :meth:`set_conditions` would take, see :func:`vibgym.simulation.model.conditions_of`.
 
         Raises:
             ValueError: as there.
