@@ -206,9 +206,7 @@ class Core:
         drawn = {name: getattr(state, name) for name in self.randomization.ranges} | self.actuators.drawn()
         groups = {"drawn": drawn, "measured": sensing.facts(), "commanded": self._commanded}
         self.details = {name: each for name, each in groups.items() if each}
-        self.facts = self.task.facts(state.diverged, episode) | self.scoring.facts()
-        rewards, part_facts = (self.term_names, self.terms, self.part_terms), self.scoring.part_facts()
-        part_facts = {**part_facts, **self.simulator.part_info()}
+        part_extra = {**scoring.part_facts(), **self.simulator.part_info()}
         if self.disturbances is not None:
             part_extra["struck"] = self.disturbances.struck
         self.information: Any = self._information(
@@ -505,7 +503,7 @@ class Core:
         Raises:
             ValueError: there is no such observation, or the task or the sensor has it not.
         """
-        name = checks.choice("kind", kind, tuple(OBSERVATIONS))
+        name = checks.choice("kind", kind, OBSERVATIONS)
         if name not in self._observations:
             if not OBSERVATIONS[name].beside:
                 have = [each for each in OBSERVATIONS if OBSERVATIONS[each].beside]
