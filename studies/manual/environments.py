@@ -18,6 +18,16 @@ from vibgym.envs import ACTIONS, OBSERVATIONS, VibgymEnv
 from vibgym.registration import ENVIRONMENTS
 
 DOCS = ROOT / "docs"
+INFO_MEANING = {
+    "is_success": "whether the episode has succeeded",
+    "position_error": "largest distance of a part to its goal or zone, or what the smallest distance between parts lacks, m",
+    "heading_error": "largest heading error, rad",
+    "clearance": "smallest distance between parts, m; negative: overlap",
+    "touching": "pairs of parts closer than 0.1 mm",
+    "parts_done": "parts within tolerance",
+    "fallen": "whether a part has fallen off the surface",
+    "diverged": "whether the simulation has diverged",
+}
 BEGIN = """```python
 import gymnasium as gym
 import vibgym
@@ -56,11 +66,13 @@ def page(name: str) -> str:
         _observations(env),
         "### The state",
         _state(env),
+        "### By parts",
+        _rows(env),
         "## Reward",
         REWARD,
         _rewards(env),
         "## Information",
-        "Besides `reward_terms` and `parts`, `info` says " + ", ".join(f"`{fact}`" for fact in env.task.FACTS) + ".",
+        _information(env),
         "## Baselines",
         baselines(name),
     ]
@@ -157,6 +169,27 @@ def _state(env: VibgymEnv) -> str:
         "" if slots == 1 else f" The observation has {slots} such blocks, part p in block p, from number {size} x p on."
     )
     return f"`env.unwrapped.observation_layout` says the same with scales and ranges.{told}\n\n{table}"
+
+
+def _rows(env: VibgymEnv) -> str:
+    """Rows of ``observation="parts"``: own features, then those of the nearest neighbour; the others have the same."""
+    lines = [
+        [", ".join(str(each.start + k) for k in range(each.width)), each.name, each.meaning, each.unit]
+        for each in env.parts_layout
+        if not each.name.startswith("neighbour_") or each.name.startswith("neighbour_1_")
+    ]
+    several = any(each.name.startswith("neighbour_2_") for each in env.parts_layout)
+    more = " The features of `neighbour_1` are repeated for the other nearest parts." if several else ""
+    return (
+        "Each part has a row, relative to itself, in units that do not depend on the surface's size; rows of absent parts "
+        f"are 0. `env.unwrapped.parts_layout` lists the same with scales and ranges.{more}\n\n"
+        + markdown(("index", "feature", "meaning", "unit of 1"), lines)
+    )
+
+
+def _information(env: VibgymEnv) -> str:
+    lines = [[f"`{name}`", INFO_MEANING[name]] for name in env.task.FACTS]
+    return "Besides `reward_terms` and `parts`:\n\n" + markdown(("`info`", "meaning"), lines)
 
 
 def _rewards(env: VibgymEnv) -> str:

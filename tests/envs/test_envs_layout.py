@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch, single
-from vibgym.envs import VibgymEnv
-from vibgym.envs.features import FEATURES, NEIGHBOUR, OWN
 from vibgym.envs.layout import Layout
 
 CASES = [
@@ -45,14 +43,6 @@ def test_quantities_come_back_in_si_units(task, settings):
         near = there & (truth.gap < 0.1)
         assert layout.quantity(seen, "gap")[near][:, 0] == pytest.approx(truth.gap[near], abs=1e-4)
         assert (layout.numbers(seen, "present")[..., 0] == there).all()
-
-
-def test_the_documentation_has_the_table():
-    text = VibgymEnv.__doc__ or ""
-    for feature in (*FEATURES, *OWN, *NEIGHBOUR):
-        assert f"| {feature.name} | {feature.meaning} | {feature.unit} |" in text
-    assert "{" not in text.replace('{"parts"', "")
-    assert text.count("| 0, 1 | element |") == 1 and text.count("| 18, 19 | neighbour |") == 1
 
 
 def test_scales_are_the_documented_ones():

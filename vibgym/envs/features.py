@@ -9,15 +9,12 @@ policy for one goes on another: what is far away is a tanh of its distance. Only
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from vibgym.scene.sliding import LEAST_SPEED
 from vibgym.scene.surface import Surface
 from vibgym.tasks.episode import PREVIEW
 from vibgym.tasks.kinds import MOST_KINDS
-
-Class = TypeVar("Class", bound=type)
 
 FAR, COARSE, FINE, FINEST = 0.250, 0.050, 0.005, 0.0005  # m
 TURN, COARSE_TURN, FINE_TURN, FINEST_TURN = 2.0 * math.pi, 0.5, 0.05, 0.005  # rad
@@ -167,33 +164,3 @@ ROW = (
     *(each._replace(name=f"neighbour_{k}_{each.name}") for k in range(1, NEIGHBOURS + 1) for each in NEIGHBOUR),
 )
 """All features of a row, in the order in which they stand there."""
-
-
-def block_table(names: Sequence[str]) -> str:
-    """The table of a block of the state observation with these features, in Markdown, for documentation."""
-    lines, start = ["| index | feature | meaning | unit of 1 |", "|---|---|---|---|"], 0
-    for each in FEATURES:
-        if each.name in names:
-            index = ", ".join(str(start + k) for k in range(each.width))
-            lines.append(f"| {index} | {each.name} | {each.meaning} | {each.unit} |")
-            start += each.width
-    return "\n".join(lines)
-
-
-def row_table(features: Sequence[Feature]) -> str:
-    """The table of features of a row, in Markdown; how many numbers each has, since places vary."""
-    lines = ["| numbers | feature | meaning | unit of 1 |", "|---|---|---|---|"]
-    lines += [f"| {each.width} | {each.name} | {each.meaning} | {each.unit} |" for each in features]
-    return "\n".join(lines)
-
-
-def documented(**tables: str) -> Callable[[Class], Class]:
-    """A decorator that puts tables into a class's documentation, each in the place of ``{its name table}``."""
-
-    def fill(cls: Class) -> Class:
-        for name, table in tables.items():
-            if cls.__doc__ is not None:  # python -OO has none
-                cls.__doc__ = cls.__doc__.replace(f"{{{name} table}}", table.replace("\n", "\n    "))
-        return cls
-
-    return fill
