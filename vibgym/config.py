@@ -9,7 +9,8 @@ import math
 import numbers
 import re
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
+from enum import Enum
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_type_hints
 
@@ -113,8 +114,30 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
         raise checks.refuse(field, fault["input"], allowed) from None
 
 
+def json_values(value: Any) -> Any:
+    """Return settings as JSON has them.
+
+    NumPy numbers and arrays become numbers and lists, enumerations their values, and :class:`vibgym.Part` and
+    :class:`vibgym.Surface` mappings, from which :func:`part_from` and :func:`surface_from` make equal ones.
+    """
+    if isinstance(value, Part):
+        return value.to_dict()
+    if isinstance(value, Surface):
+        return asdict(value)
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {key: json_values(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return type(value)(json_values(each) for each in value) if type(value) in (list, tuple) else value
+    return value
+
+
 def _plain(data: dict[str, Any]) -> dict[str, Any]:
-    """Lists of pairs become tuples, which strict validation wants for fixed-length items."""
+    """Return settings for strict validation: NumPy's numbers as Python's, and pairs in lists as tuples."""
+    data = {key: json_values(value) for key, value in data.items()}
     return {
         key: [tuple(each) if isinstance(each, list) else each for each in value] if isinstance(value, list) else value
         for key, value in data.items()

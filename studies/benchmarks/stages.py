@@ -24,13 +24,13 @@ from vibgym.kernels.jit import borrowing, jit
 from vibgym.kernels.reference import Layout, Pinned
 
 METHODS = {
-    "check": ("core.action.check", "core._accept"),
+    "check": ("core.action.shaped",),
     "decode": ("core.action.command",),
     "actuators": ("core.actuators.apply",),
     "simulation, around its kernels": ("core.simulator.run", "core.simulator.go_on"),
     "score": ("core.scoring.score",),
     "observe": ("core.observe",),
-    "info": ("_info", "core.information.read"),
+    "info": ("core.information.read",),
     "resets": ("_begin", "_begin_anew"),
 }
 """Of a vector environment; where there are several, one of them is there."""

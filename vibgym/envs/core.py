@@ -19,12 +19,12 @@ import numpy as np
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import part_from, surface_from
-from vibgym.envs.actions import ACTIONS, all_finite_in_blocks, copy_finite
+from vibgym.envs.actions import ACTIONS, all_finite_in_blocks, check_command, copy_finite
 from vibgym.envs.base import Observation, RowObservation, Writer
 from vibgym.envs.disturbances import Disturbances
 from vibgym.envs.info import BatchInformation, WorldInformation
 from vibgym.envs.limits import longest_paths, step_limit
-from vibgym.envs.observations import OBSERVATIONS
+from vibgym.envs.observations import OBSERVATIONS, check_batch
 from vibgym.envs.options import Options
 from vibgym.envs.randomization import Randomization
 from vibgym.envs.reset_options import StartOverride
@@ -168,6 +168,7 @@ class Core:
         self.step_limit = step_limit(self.periods, options.max_episode_periods)
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
+        self._checked = False  # the first batch of observations, against their space
 
     def _choose_reward(self, weights: Mapping[str, Any]) -> None:
         """Who rewards: kernels what is shipped, a task with a reward of its own, or the goal of the observation.
@@ -439,7 +440,7 @@ class Core:
 
     def _observe(self) -> None:
         """Compute an observation that is implemented in Python."""
-        self.observations = self.observation.observe(self.sensing.measurement, self._measured, self.episode)
+        self.observations = self.observe()
 
     def _forget_departed(self) -> None:
         """Clear what actions and model remember of parts that have arrived or left."""
@@ -475,6 +476,10 @@ class Core:
         """Observe and report all worlds, in a new batch."""
         self._allocate()
         self.refresh(self._now.worlds)
+        if not self._checked:
+            name, space = f"observation {self.options.observation!r}", self.observation.space
+            check_batch(name, space, self.observations, self.worlds)
+            self._checked = True
 
     def _driven_alone(self) -> Measurement:
         """Return the measurement for actions, in which parts that are not driven count as gone."""
@@ -518,11 +523,12 @@ class Core:
         return observation
 
     def _resting_command(self) -> Drive:
-        """A command as they all are, that nobody obeys."""
+        """Placeholder command that sizes the buffers of actuators and estimator."""
         shape = (self.worlds, len(self.parts))
         nowhere = new_measurement(*shape)
         nowhere.gone[...] = True
-        return self.action.command(np.zeros((self.worlds, self.action.size), dtype=np.float32), nowhere)
+        command = self.action.command(np.zeros((self.worlds, self.action.size), dtype=np.float32), nowhere)
+        return check_command(self.options.action, command, self.surface, self.worlds)
 
     def phasors(self, world: int) -> np.ndarray:
         """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""

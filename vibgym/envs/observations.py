@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -130,6 +131,33 @@ class GoalObservation(StateObservation):
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
         goals = (bound(write_goals, self.low, self.high, pose) for pose in (measurement.pose, episode.goal))
         return [*super().writers(measurement, relations, episode), *goals]
+
+
+def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int) -> None:
+    """Check shapes and types of a batch of observations.
+
+    Args:
+        name: of the observation, for errors.
+        space: of one world.
+        batch: array (worlds, ...), or a mapping of arrays for a ``Dict`` space.
+        worlds: number of worlds.
+
+    Raises:
+        ValueError: a batch that does not fit.
+    """
+    if isinstance(space, spaces.Dict):
+        if not isinstance(batch, Mapping) or set(batch) != set(space.spaces):
+            got = sorted(map(str, batch)) if isinstance(batch, Mapping) else type(batch).__name__
+            raise checks.refuse(name, got, f"a dictionary with the keys of its space: {', '.join(space.spaces)}")
+        for key, each in space.spaces.items():
+            check_batch(f"{name}, {key!r},", each, batch[key], worlds)
+    elif space.shape is not None:
+        shape = (worlds, *space.shape)
+        if not isinstance(batch, np.ndarray) or batch.shape != shape or batch.dtype != space.dtype:
+            got = type(batch).__name__
+            if isinstance(batch, np.ndarray):
+                got = f"an array of shape {batch.shape} and type {batch.dtype}"
+            raise checks.refuse(name, got, f"an array of shape {shape} and type {space.dtype}: (worlds, *space.shape)")
 
 
 OBSERVATIONS: Registry[type[Observation]] = Registry(

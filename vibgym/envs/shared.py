@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
+from vibgym.config import json_values
 from vibgym.envs.core import Core
 from vibgym.envs.layout import Numbers, RowLayout
 from vibgym.envs.reset_options import StartOverride, parse_reset_options
@@ -39,6 +42,19 @@ class SharedInterface:
     """
 
     core: Core
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Specification by which Gymnasium made the environment; its keyword arguments are JSON values."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        if spec is not None:
+            spec = copy.copy(spec)
+            spec.kwargs = json_values(spec.kwargs)
+        self._spec = spec
 
     @property
     def surface(self) -> Surface:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -17,6 +18,9 @@ LEAST_MASS, MOST_MASS = 1e-9, 1e9
 """kg."""
 
 STEEL_DENSITY = 7850.0  # kg/m^3, for parts given without a mass
+
+LEAST_DENSITY, MOST_DENSITY = 5.0, 50e3
+"""kg/m^3, of plausible parts: foam, and twice osmium. Beyond them there is a warning."""
 
 DEFAULTS: dict[str, Any] = {
     "name": None,
@@ -124,6 +128,13 @@ class Part:
         centre = 0.5 * height if given["centre_height"] is None else given["centre_height"]
         mass = STEEL_DENSITY * shape.area * height if given["mass"] is None else given["mass"]
         mass = checks.number("mass", mass, least=LEAST_MASS, most=MOST_MASS)
+        density = mass / (shape.area * height)
+        if given["mass"] is not None and not LEAST_DENSITY <= density <= MOST_DENSITY:
+            warnings.warn(
+                f"part {given['name']!r}: mass {mass:g} kg implies a density of {density:.3g} kg/m^3; "
+                "masses are in kg, lengths in m",
+                stacklevel=4,
+            )
         checks.label("name", given["name"])
         shape.outline.setflags(write=False)
         return cls(

@@ -10,6 +10,7 @@ before over the time between them. Delay and rate are timing, and belong to :cla
 from __future__ import annotations
 
 import math
+import warnings
 import zlib
 from collections.abc import Callable, Mapping
 from enum import IntEnum
@@ -22,10 +23,14 @@ from vibgym.config import to_si
 from vibgym.kernels.jit import borrowing
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from, normals, uniforms
 from vibgym.registry import Registry
+from vibgym.scene.surface import Surface
 from vibgym.sensing.measurement import Reading
 
 if TYPE_CHECKING:
     from vibgym.sensing.base import Sensor
+
+MOST_PLAUSIBLE_TURN = 1.0
+"""rad, of a heading's standard deviation. Beyond it there is a warning."""
 
 
 class Effect:
@@ -82,7 +87,9 @@ class Noise(Effect):
 
     def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
-        self.deviation = deviations(where, value, sensor.surface.width + sensor.surface.depth)
+        self.deviation = plausible(
+            where, deviations(where, value, sensor.surface.width + sensor.surface.depth), sensor.surface
+        )
 
     @property
     def sigma(self) -> np.ndarray:
@@ -97,7 +104,9 @@ class Bias(Effect):
 
     def __init__(self, sensor: Sensor, where: str, value: Any) -> None:
         super().__init__(sensor, where)
-        self.deviation = deviations(where, value, sensor.surface.width + sensor.surface.depth)
+        self.deviation = plausible(
+            where, deviations(where, value, sensor.surface.width + sensor.surface.depth), sensor.surface
+        )
         self.offset = np.zeros((sensor.worlds, len(sensor.parts), 3))
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
@@ -264,7 +273,7 @@ def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elap
 
 
 def deviations(name: str, value: Any, largest: float) -> np.ndarray:
-    """Standard deviations (2,) of position (m) and heading (rad).
+    """Return standard deviations (2,) of position (m, at most ``largest``) and heading (rad).
 
     Raises:
         ValueError: not a number, a pair or a mapping, or a value out of range.
@@ -284,3 +293,16 @@ def deviations(name: str, value: Any, largest: float) -> np.ndarray:
     return np.array(
         [checks.number(f"{name} ({what})", each, least=0.0, most=most) for (what, most), each in zip(bounds, value)]
     )
+
+
+def plausible(name: str, deviation: np.ndarray, surface: Surface) -> np.ndarray:
+    """Return standard deviations (2,) of position (m) and heading (rad); warn if they look like mm or degrees."""
+    position, heading = deviation.tolist()
+    if position > surface.element_size:
+        warnings.warn(
+            f"{name}: {position:g} m is more than an element of {surface.element_size:g} m; positions are in m",
+            stacklevel=2,
+        )
+    if heading > MOST_PLAUSIBLE_TURN:
+        warnings.warn(f"{name}: {heading:g} rad is {math.degrees(heading):.0f} deg; headings are in rad", stacklevel=2)
+    return deviation
