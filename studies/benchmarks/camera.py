@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from studies.kept import argument, show
-from studies.thesis.quantisation import centre_errors, chain_errors
+from studies.thesis.centroid_error import centre_errors, chain_errors
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
 from vibgym.plugins.camera import CameraSensor, Settings, Setup

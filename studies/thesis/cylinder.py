@@ -1,14 +1,16 @@
-"""A cylinder that stands on its rim (thesis 3.6): how it is let go, and the two motions that have closed forms."""
+"""A cylinder that stands on its rim (thesis 3.6): releases, closed forms, and the sizes that figs. 3.15 to 3.20 ask for."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import root_scalar
 
-from studies.thesis.rim import AZIMUTH, LEANING, NODDING, SPIN, STATES, TILT, V_X, V_Y, Rim
+from studies.thesis.rim import AZIMUTH, LEANING, NODDING, SPIN, STATES, TILT, V_X, V_Y, Course, Rim, follow
 from vibgym import Surface, checks
 
 STILL = Surface(horizontal_amplitude=0.0)
@@ -143,3 +145,119 @@ def height_of_constant_tilt(
     if not found:
         raise checks.refuse("radius", radius, "one for which some height keeps this tilt")
     return min(found)
+
+
+FREQUENCY = 10.64
+"""Hz, of the tilt in fig. 3.15."""
+
+START_SPIN = -2.5 * REVOLUTION
+"""rad/s, of most starts."""
+
+START_TILT = math.radians(5.0)
+"""Of the starts of figs. 3.17 and 3.19."""
+
+FRICTION = 0.6
+"""Of a rim that slides."""
+
+SHOWN = 0.2
+"""s, the figures' axis."""
+
+DIRECTIONS = 8
+"""Of the first lean over the table's motion, where the table moves."""
+
+KNOCKS = tuple(
+    (along, 0.0) if first else (0.0, along)
+    for along in (math.radians(100.0), math.radians(-100.0), math.radians(270.0), math.radians(-270.0))
+    for first in (True, False)
+)
+"""Rates of theta and psi at the eight starts of fig. 3.19, rad/s; the last keeps its tilt in the thesis."""
+
+DRIVE = Surface()
+"""The prototype's: 2.7 mm, 25 Hz."""
+
+COARSE = {"step": 5e-5, "arc": 0.05}
+"""Steps of RK4 that keep the energy of these motions to 1e-6."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A cylinder whose tilt changes :data:`FREQUENCY` times a second when it is let go at rest from ``tilt`` (rad)."""
+
+    cylinder: Cylinder
+    tilt: float
+
+    @property
+    def size(self) -> str:
+        """Radius and centre height in words."""
+        return f"{1e3 * self.cylinder.radius:.0f} mm, {1e3 * self.cylinder.centre_height:.2f} mm"
+
+
+def from_five_degrees(radius: float) -> Candidate:
+    """Of this radius (m), with the height for which that tilt is 5 deg."""
+
+    def off(height: float) -> float:
+        return undriven_frequency(Cylinder(radius, height), START_TILT) - FREQUENCY
+
+    return Candidate(Cylinder(radius, root(off, 0.01, 2.0 * radius + 0.01)), START_TILT)
+
+
+def of_constant_tilt(radius: float) -> Candidate:
+    """Of this radius (m), with the height for which fig. 3.19's last start keeps its tilt."""
+    cylinder = Cylinder(radius, height_of_constant_tilt(radius, START_TILT, KNOCKS[-1][1], START_SPIN))
+
+    def off(tilt: float) -> float:
+        return undriven_frequency(cylinder, tilt) - FREQUENCY
+
+    return Candidate(cylinder, root(off, math.radians(8.0), math.radians(30.0)))
+
+
+def root(off: Callable[[float], float], low: float, high: float) -> float:
+    """Where a function changes its sign between two places."""
+    found = root_scalar(off, bracket=(low, high), method="brentq", xtol=1e-8)
+    return float(found.root)
+
+
+def undriven_frequency(cylinder: Cylinder, tilt: float, spin: float = START_SPIN) -> float:
+    """Of the tilt, Hz, after a release at rest on a table at rest."""
+    return let_go(cylinder, tilt, spin, duration=2.0 * SHOWN).frequency
+
+
+def let_go(
+    cylinder: Cylinder, tilt: float, spin: float = START_SPIN, azimuth: float = 0.0, radius: float = 0.0,
+    amplitude: float = 0.0, duration: float = SHOWN,
+) -> Course:  # fmt: skip
+    """From a tilt at rest, apart from the spin; the table moves on a circle of ``radius`` m, and by ``amplitude`` vertically.
+
+    An edge that slides (finite friction) starts with its centre of mass at rest in the room, any other at rest over the table.
+    """
+    table = replace(STILL, horizontal_amplitude=radius)
+    if math.isinf(cylinder.friction):
+        start = cylinder.released(tilt, spin=spin, azimuth=azimuth)
+    else:
+        start = cylinder.idling(table, tilt, spin, azimuth)
+    return follow(cylinder.rim(table, amplitude), start, duration, **COARSE)
+
+
+def slippery(cylinder: Cylinder) -> Cylinder:
+    """The same with a rim that slides."""
+    return replace(cylinder, friction=FRICTION)
+
+
+def all_directions(
+    cylinder: Cylinder, tilt: float, radius: float, amplitude: float = 0.0, spin: float = START_SPIN
+) -> list[Course]:
+    """The same for :data:`DIRECTIONS` first leans."""
+    angles = np.linspace(0.0, REVOLUTION, DIRECTIONS, endpoint=False)
+    return [let_go(cylinder, tilt, spin, float(each), radius, amplitude) for each in angles]
+
+
+def knocked(cylinder: Cylinder, rates: tuple[float, float]) -> Course:
+    """A start of fig. 3.19 on a table at rest."""
+    start = cylinder.released_as(Start(START_TILT, 0.0, START_SPIN, *rates))
+    return follow(cylinder.rim(), start, SHOWN, **COARSE)
+
+
+def phi_change(course: Course) -> float:
+    """Largest change of phi' from its start, revolutions a second."""
+    rate = course.phi_rate
+    return float(np.abs(rate - rate[0]).max()) / REVOLUTION

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from studies.thesis import (
     camera_chain,
+    centroid_error,
     control_cycle,
     cylinder_figure,
     element_size,
@@ -13,13 +14,12 @@ from studies.thesis import (
     parameter_study,
     pid_step,
     prototype_steps,
-    quantisation_figure,
     speed_ratio,
-    squeeze_figure,
+    squeeze,
     state_space_step,
     steady_velocity,
     transient,
-    velocity_figure,
+    velocity,
 )
 from studies.thesis.figure import Figure
 from vibgym.registry import Registry
@@ -32,14 +32,14 @@ FIGURES: Registry[Callable[[], Figure]] = Registry(
         "speed_ratio": speed_ratio.draw,
         "cylinder": cylinder_figure.draw,
         "camera_chain": camera_chain.draw,
-        "centroid_error": quantisation_figure.draw,
+        "centroid_error": centroid_error.draw,
         "pid_step": pid_step.draw,
         "state_space_step": state_space_step.draw,
         "parameter_study": parameter_study.draw,
         "element_size": element_size.draw,
         "friction_radius": friction_radius.draw,
-        "velocity": velocity_figure.draw,
-        "squeeze": squeeze_figure.draw,
+        "velocity": velocity.draw,
+        "squeeze": squeeze.draw,
         "control_cycle": control_cycle.draw,
         "prototype_steps": prototype_steps.draw,
     },

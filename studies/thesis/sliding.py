@@ -1,20 +1,14 @@
-"""Numerical solution of the thesis's eq. 3.27: the velocity of a part that slides on a single element.
-
-In units of the table's speed ``a_h w`` and of its angle ``w t`` the equation has three numbers only: the ratio
-``mu g / (a_h w^2)`` of friction to the table's acceleration, the share ``a_v w^2 / g`` of the lift-off amplitude, and the
-phase ``alpha``. It holds while ``ratio (1 + share) < 1``: then a part that slides never sticks (inequality 3.22).
-
-This integrator is for one element and shares nothing with the simulator, which the figures put beside it.
-"""
+"""Steady sliding on one element (eq. 3.27): numerical solution, and the simulator's own steady velocity."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from vibgym import checks
+from vibgym import Part, Simulator, Surface, checks
 
 STEPS = 240
 """Runge-Kutta steps of a period; the steady velocity is then right to 1e-6 for ratios up to 0.4 (see the test)."""
@@ -110,3 +104,28 @@ def _checked(ratio: Any, share: Any, phase: Any) -> tuple[np.ndarray, np.ndarray
     if worst >= 1.0:
         raise checks.refuse("ratio", worst, "ratio (1 + share) below 1, where a part that slides never sticks")
     return ratio, share, checks.array("phase", phase, shape)
+
+
+DECAY = 12.0
+"""Time constants of friction's braking before the velocity is read; exp(-12) is 6e-6."""
+
+LARGE = 1e4
+"""m, of the one element: no part leaves it."""
+
+
+def simulated_velocity(surface: Surface, friction: float, amplitude: Any, phase: Any) -> np.ndarray:
+    """Mean velocities (n, 2) m/s in the steady state, from rest, of a block on one large element.
+
+    Args:
+        surface: whose horizontal motion and gravity count.
+        friction: of the part.
+        amplitude, phase: (n,) m and rad, of the element's vertical motion.
+    """
+    told = np.asarray(amplitude, dtype=float)[:, None, None]
+    one = replace(surface, rows=1, columns=1, element_size=LARGE, max_amplitude=None)
+    part = Part.rectangle(0.050, 0.035, friction=friction)
+    simulator = Simulator(one, part, worlds=len(told))
+    simulator.reset([0.5 * LARGE, 0.5 * LARGE, 0.0])
+    rate = friction * one.gravity / (2.0 * one.table_speed)
+    simulator.advance(told, np.asarray(phase, dtype=float)[:, None, None], math.ceil(DECAY / (rate * one.period)))
+    return simulator.mean_velocity[:, 0, :2]

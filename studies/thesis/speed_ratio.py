@@ -9,8 +9,7 @@ import numpy as np
 
 from agents.evaluation.figures import INK, MUTED, new_figure, png, style
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number, of_range
-from studies.thesis.simulated import simulated_velocity
-from studies.thesis.sliding import steady
+from studies.thesis.sliding import simulated_velocity, steady
 from vibgym import Surface
 
 FRICTION = 0.6

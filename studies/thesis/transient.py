@@ -10,8 +10,7 @@ import numpy as np
 
 from agents.evaluation.figures import FAILURE, INK, MUTED, SUCCESS, new_figure, png, style
 from studies.thesis.figure import Comparison, Figure, Picture, Table, of_number
-from studies.thesis.simulated import simulated_velocity
-from studies.thesis.sliding import STEPS, steady, velocity
+from studies.thesis.sliding import STEPS, simulated_velocity, steady, velocity
 from vibgym import Surface
 
 FRICTION = (0.3, 0.6, 0.9)

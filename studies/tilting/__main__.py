@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from agents import command_line
 from studies.tilting import (
     cost,
-    endurance,
     energy,
     fields,
     hold,
@@ -26,7 +25,6 @@ STUDIES = {
     "fields": fields.main,
     "means": means.main,
     "hold": hold.main,
-    "endurance": endurance.main,
     "energy": energy.main,
     "cost": cost.main,
     "housner": housner.main,

@@ -1,23 +1,29 @@
-"""What a hard case is, and how a suite of them is run without losing one."""
+"""Hard cases: named checks, scenes and their motion by the planar model, and comparison with the independent reference."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterable
+import functools
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-LONGEST = 180.0
-"""Seconds after which a case counts as hung, by default; compilation of the kernels included."""
+import numpy as np
+
+from studies.accuracy.reference import Trajectory, integrate
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a case measured.
+    """Result of a case.
 
     Attributes:
-        measured, bound: in ``unit``; which way the bound holds is said in ``note`` where it is not "at most".
+        measured, bound: in ``unit``; the case holds if measured <= bound, unless ``note`` states another relation.
         passed: whether the case holds.
-        note: what else a reader should know.
+        note: conditions and further numbers.
     """
 
     measured: float
@@ -29,7 +35,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class HardCase:
-    """A named check: ``question`` says in one sentence what could go wrong, ``run`` finds out."""
+    """A named check; ``question`` states in one sentence what could go wrong."""
 
     name: str
     question: str
@@ -37,32 +43,152 @@ class HardCase:
 
 
 def at_most(measured: float, bound: float, unit: str, note: str = "") -> Outcome:
-    """Passed if ``measured <= bound``; NaN never passes."""
+    """Return an outcome that passes if ``measured <= bound``; NaN never passes."""
     measured = float(measured)
     return Outcome(measured, bound, unit, bool(measured <= bound), note)
 
 
-def run_case(case: HardCase, longest: float = LONGEST) -> Outcome:
-    """Run one case; an exception or a hang is a failed outcome that names it.
+def run_case(case: HardCase) -> Outcome:
+    """Run a case; an exception is a failed outcome whose note names it."""
+    try:
+        return case.run()
+    except Exception as error:
+        return Outcome(math.nan, math.nan, "", False, f"{type(error).__name__}: {error}")
 
-    A case that hangs goes on in a thread that does not keep the process alive.
+
+FINE: dict[str, Any] = {"steps": 100, "substeps": 2, "pieces": 4}
+"""Knobs at which second order leaves 1/400 of the default's error in time, and 1/16 of it in space."""
+
+DEFAULT_BOUND = 2.5e-4
+"""m; a tenth of the table's amplitude, a fifth of a pixel of the prototype's camera."""
+
+FINE_BOUND = 1e-6
+"""m; what second order from 5 to 100 steps makes of the default's bound, and some room."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A part on a surface, put down at ``pose`` (3,) with ``velocity`` (3,), under a held drive."""
+
+    surface: Surface
+    part: Part
+    pose: Any
+    velocity: Any
+    amplitude: Any
+    phase: Any
+    periods: int
+
+
+@dataclass(frozen=True)
+class Path:
+    """State at the boundaries of the periods: pose and velocity (periods + 1, 3), flags (periods + 1,)."""
+
+    pose: np.ndarray
+    velocity: np.ndarray
+    sticking: np.ndarray
+    fallen: np.ndarray
+
+
+def sound(sim: Simulator) -> None:
+    """Check that a simulator's state is finite, as ``max`` over errors would skip a NaN.
+
+    Raises:
+        ArithmeticError: a number is not finite, or a world diverged.
     """
-    found: list[Outcome] = []
-
-    def work() -> None:
-        try:
-            found.append(case.run())
-        except Exception as error:
-            found.append(Outcome(float("nan"), float("nan"), "", False, f"{type(error).__name__}: {error}"))
-
-    thread = threading.Thread(target=work, name=case.name, daemon=True)
-    thread.start()
-    thread.join(longest)
-    if not found:
-        return Outcome(float("inf"), longest, "s", False, f"did not end within {longest:g} s")
-    return found[0]
+    finite = all(np.isfinite(each).all() for each in (sim.pose, sim.velocity, sim.mean_velocity))
+    if sim.diverged.any() or not finite:
+        raise ArithmeticError(f"diverged or not finite at {sim.time:g} s")
 
 
-def run_suite(cases: Iterable[HardCase], longest: float = LONGEST) -> list[tuple[HardCase, Outcome]]:
-    """Run all ``cases`` in order; every one has its line in the result."""
-    return [(case, run_case(case, longest)) for case in cases]
+def follow(scene: Scene, **knobs: Any) -> Path:
+    """The planar model's motion, period by period.
+
+    Raises:
+        ArithmeticError: a number is not finite, or the world diverged.
+    """
+    sim = Simulator(scene.surface, scene.part, **knobs)
+    sim.reset(scene.pose, scene.velocity)
+    pose, velocity, sticking, fallen = [sim.pose[0, 0]], [sim.velocity[0, 0]], [False], [False]
+    for _ in range(scene.periods):
+        sim.advance(scene.amplitude, scene.phase)
+        pose.append(sim.pose[0, 0])
+        velocity.append(sim.velocity[0, 0])
+        sticking.append(bool(sim.sticking[0, 0]))
+        fallen.append(bool(sim.fallen[0, 0]))
+        sound(sim)
+    return Path(np.array(pose), np.array(velocity), np.array(sticking), np.array(fallen))
+
+
+def exactly(scene: Scene) -> Trajectory:
+    """The same by the independent reference."""
+    return integrate(
+        scene.surface, scene.part, scene.pose, scene.velocity, scene.amplitude, scene.phase, scene.periods,
+        tolerance=1e-8, estimate=False,
+    )  # fmt: skip
+
+
+def gap(part: Part, one: np.ndarray, other: np.ndarray) -> float:
+    """Largest distance (m) that poses (..., 3) put between the same point of a part: shift, and turn times radius."""
+    apart = np.asarray(one) - np.asarray(other)
+    return float((np.hypot(apart[..., 0], apart[..., 1]) + part.radius * np.abs(apart[..., 2])).max())
+
+
+def against_reference(
+    name: str,
+    question: str,
+    make: Callable[[], Scene],
+    *,
+    fine: float = FINE_BOUND,
+    pieces: int = FINE["pieces"],
+) -> tuple[HardCase, HardCase]:
+    """Two cases on one scene: with default knobs and with fine ones; ``fine`` is the bound of the latter, m."""
+
+    @functools.cache
+    def both() -> tuple[Scene, Trajectory]:
+        scene = make()
+        return scene, exactly(scene)
+
+    def run(knobs: dict[str, Any], bound: float) -> Any:
+        scene, exact = both()
+        path = follow(scene, **knobs)
+        way = np.hypot(*np.diff(exact.pose[:, :2], axis=0).T).sum()
+        turn = np.abs(exact.pose[-1, 2] - exact.pose[0, 2])
+        outcome = at_most(
+            gap(scene.part, path.pose, exact.pose),
+            bound,
+            "m",
+            f"farthest point; way {1e3 * way:.3g} mm, turn {turn:.3g} rad",
+        )
+        if path.fallen[-1] != exact.fallen or path.sticking[-1] != exact.sticking[-1]:
+            raise ArithmeticError(
+                f"sticking, fallen {path.sticking[-1]}, {path.fallen[-1]}; reference {exact.sticking[-1]}, "
+                f"{exact.fallen}",
+            )
+        return outcome
+
+    return (
+        HardCase(name, question, lambda: run({}, DEFAULT_BOUND)),
+        HardCase(f"{name}, fine steps", question, lambda: run({**FINE, "pieces": pieces}, fine)),
+    )
+
+
+def one_element(size: float = 2.0, **properties: Any) -> Surface:
+    """A surface of a single large element: the same pressure wherever the part goes."""
+    return Surface(rows=1, columns=1, element_size=size, **properties)
+
+
+def threshold(friction: float, frequency: float = 25.0, gravity: float = 9.81) -> float:
+    """Horizontal amplitude (m) at which ``a_h w^2 = friction g``."""
+    return friction * gravity / (2.0 * math.pi * frequency) ** 2
+
+
+def table_velocity(surface: Surface) -> list[float]:
+    """Of the table at the start of a period."""
+    return [0.0, surface.table_speed, 0.0]
+
+
+def random_drive(surface: Surface, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Amplitude and phase, uniform over their ranges."""
+    rng = np.random.default_rng(seed)
+    shape = (surface.rows, surface.columns)
+    return rng.uniform(0.0, surface.lift_off_amplitude, shape), rng.uniform(-math.pi, math.pi, shape)

@@ -7,12 +7,14 @@ import math
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from studies.accuracy.hard_cases.case import HardCase, Outcome, at_most
-from studies.accuracy.hard_cases.motion import (
+from studies.accuracy.hard_cases.case import (
     FINE,
+    HardCase,
+    Outcome,
     Path,
     Scene,
     against_reference,
+    at_most,
     follow,
     one_element,
     random_drive,
@@ -77,18 +79,6 @@ def passing(knobs: dict[str, int], bound: float) -> Outcome:
         if path.sticking[-1]:
             raise ArithmeticError(f"held at {instant:.3f} of the period, where a_h w^2 exceeds mu_0 g")
     return at_most(worst, bound, "m", "24 instants, against integration from the instant in both directions")
-
-
-def stopping() -> Outcome:
-    """A still table: v / (mu g) and v^2 / (2 mu g)."""
-    surface, worst = one_element(horizontal_amplitude=0.0), 0.0
-    for speed in np.linspace(0.05, 0.9, 18):
-        path = follow(Scene(surface, block(), [0.5, 1, 0.3], [speed, 0, 0], 0, 0, 5))
-        stopped = int(np.flatnonzero(path.velocity[:, 0] == 0.0)[0])
-        if stopped != math.ceil(speed / (MU * surface.gravity) / surface.period):
-            raise ArithmeticError(f"{speed:g} m/s stopped in period {stopped}")
-        worst = max(worst, abs(path.pose[-1, 0] - 0.5 - speed**2 / (2 * MU * surface.gravity)))
-    return at_most(worst, 1e-6, "m", "18 speeds, stopping distance and period")
 
 
 # -- a_h w^2 at the limits ---------------------------------------------------------------------------------------------
@@ -169,11 +159,6 @@ CASES = (
         "slip through zero, not held, fine steps",
         "Does the path through exact zero of slip converge?",
         lambda: passing(FINE, 1e-6),
-    ),
-    HardCase(
-        "slip through zero, held",
-        "A part comes to rest on a still table: right time, right place, and exactly at rest?",
-        stopping,
     ),
     *against_reference(
         "caught on a moving table",

@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from studies.thesis.cylinder import REVOLUTION, STILL, Cylinder, Start, height_of_constant_tilt
-from studies.thesis.cylinder_geometry import FREQUENCY, from_five_degrees, let_go, of_constant_tilt
-from studies.thesis.rim import AZIMUTH, LEANING, NODDING, SPIN, TILT, V_X, V_Y, X, Y
-from studies.thesis.rim_course import follow
+from studies.thesis.cylinder import (
+    FREQUENCY,
+    REVOLUTION,
+    STILL,
+    Cylinder,
+    Start,
+    from_five_degrees,
+    height_of_constant_tilt,
+    let_go,
+    of_constant_tilt,
+)
+from studies.thesis.rim import AZIMUTH, LEANING, NODDING, SPIN, TILT, V_X, V_Y, X, Y, follow
 from vibgym import Surface
 
 TALL, FLAT, THIN = Cylinder(0.020, 0.033), Cylinder(0.025, 0.0055), Cylinder(0.025, 0.0)

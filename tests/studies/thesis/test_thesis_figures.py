@@ -5,18 +5,18 @@ import pytest
 from markupsafe import escape
 
 from studies.thesis import (
+    centroid_error,
+    cylinder,
     cylinder_figure,
-    cylinder_geometry,
     element_size,
     page,
-    quantisation_figure,
     speed_ratio,
-    squeeze_figure,
+    squeeze,
 )
 from studies.thesis.__main__ import main
+from studies.thesis.centroid_error import centre_errors, chain_errors
 from studies.thesis.element_size import PITCH
 from studies.thesis.figures import FIGURES
-from studies.thesis.quantisation import centre_errors, chain_errors
 from studies.thesis.velocity import steady_velocity
 from vibgym import Part, Surface
 from vibgym.registry import Registry
@@ -62,10 +62,10 @@ def test_the_page(tmp_path, capsys):
 def test_what_the_figures_say_is_on_the_page(tmp_path, monkeypatch):
     """In few trials, each with its command, its pictures and no line that contradicts the thesis."""
     for module, name, fewer in (
-        (quantisation_figure, "TRIALS", 300), (quantisation_figure, "GREY_TRIALS", 50), (element_size, "PLACES", 10),
-        (element_size, "SIZES", (PITCH / 2, PITCH)), (squeeze_figure, "STARTS", 24), (squeeze_figure, "OTHERS", 8),
+        (centroid_error, "TRIALS", 300), (centroid_error, "GREY_TRIALS", 50), (element_size, "PLACES", 10),
+        (element_size, "SIZES", (PITCH / 2, PITCH)), (squeeze, "STARTS", 24), (squeeze, "OTHERS", 8),
         (speed_ratio, "POINTS", 20), (cylinder_figure, "TALL", (0.020,)), (cylinder_figure, "FLAT", (0.025,)),
-        (cylinder_geometry, "DIRECTIONS", 2),
+        (cylinder, "DIRECTIONS", 2),
     ):  # fmt: skip
         monkeypatch.setattr(module, name, fewer)
     drawn = {name: FIGURES[name]() for name in WITHOUT_LOOPS}

@@ -8,8 +8,7 @@ import pytest
 from studies.accuracy.friction_experiment import experiment, fit_friction, transition_frequency
 from studies.thesis import friction_radius
 from studies.thesis.element_size import ALIGNED, PITCH, aligned
-from studies.thesis.squeeze_figure import largest_deviations, objects
-from studies.thesis.squeezing import Squeezed, squeezed
+from studies.thesis.squeeze import Squeezed, largest_deviations, objects, squeezed
 from vibgym.scene.parts import SHIPPED, shipped_part
 
 
