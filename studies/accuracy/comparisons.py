@@ -163,7 +163,7 @@ def why_missing(result: SceneResult, method: str) -> str:
         return "not asked for"
     refused = [row.refused for row in rows if row.refused]
     if refused:
-        return refused[0].rpartition("allowed: ")[2]
+        return refused[0]
     return "every setting fails in some world"
 
 

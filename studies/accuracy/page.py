@@ -94,8 +94,7 @@ def absent(result: SceneResult) -> list[tuple[str, str]]:
     for method in result.methods:
         rows = [row for row in result.rows if row.candidate.method == method]
         if all(row.refused for row in rows):
-            _, limited, why = rows[0].refused.rpartition("allowed: ")
-            found.append((method, f"it covers {why}" if limited else why))
+            found.append((method, rows[0].refused))
     return found
 
 

@@ -36,7 +36,7 @@ def test_nothing_may_be_left_out():
         Comparison("a", "b", "c", "")
     with pytest.raises(ValueError, match="picture.caption"):
         Picture(b"", "")
-    with pytest.raises(ValueError, match="table.rows: .*2 cells"):
+    with pytest.raises(ValueError, match="table.rows"):
         Table("a", ("b", "c"), (("1", "2"), ("1",)))
     with pytest.raises(ValueError, match="low"):
         of_range("a", None, None, 1.0)

@@ -63,7 +63,7 @@ def test_the_phase_turns_the_steady_velocity_back(turn):
 def test_where_a_part_may_stick_is_refused():
     with pytest.raises(ValueError, match="ratio"):
         steady([0.1, 0.5], 1.0, 0.0)
-    with pytest.raises(ValueError, match="share: "):
+    with pytest.raises(ValueError, match="share"):
         velocity(0.1, 1.1, 0.0, 1)
 
 
