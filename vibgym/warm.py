@@ -1,4 +1,4 @@
-"""Compile everything that environments and simulators need, for images of machines and for clusters: nobody waits then."""
+"""Compile all kernels of environments and simulators ahead of time, for container images and clusters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLOCKS = [Part.rectangle(0.05, 0.04, friction=0.6), Part.disc(0.02, friction=0.6
 
 
 def environment(name: str, observation: str) -> None:
-    """A step of an environment. All actions come to the same kernels, see :class:`vibgym.physics.core.drive.Drive`."""
+    """Run a step of an environment. All actions use the same kernels, see :class:`vibgym.physics.core.drive.Drive`."""
     try:
         made = gymnasium.make(name, observation=observation)
     except ValueError:
@@ -40,7 +40,7 @@ MACHINES: dict[str, dict[str, Any]] = {
 
 
 def machine(**hardware: Any) -> None:
-    """A step of an environment on some hardware."""
+    """Run a step of an environment on some hardware."""
     made = gymnasium.make("vibgym/Align-v0", **hardware)
     made.reset(seed=0)
     made.step(made.action_space.sample())
@@ -48,13 +48,13 @@ def machine(**hardware: Any) -> None:
 
 
 def simulator(**settings: object) -> None:
-    """A period of a simulator."""
+    """Run a period of a simulator."""
     made = Simulator(Surface(), **settings)  # type: ignore[arg-type]
     made.advance(0.0, 0.0)
 
 
 def contacts() -> None:
-    """A period in which parts touch one another and a wall."""
+    """Run a period with contacts of parts and a wall."""
     made = Simulator(Surface(), BLOCKS, walls=["left"])
     made.reset([[[0.025, 0.1, 0.0], [0.07, 0.1, 0.0]]], [[[-0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]])
     made.advance(0.0, 0.0)
@@ -67,20 +67,20 @@ def disturbances() -> None:
 
 
 def allocation() -> None:
-    """Pushes for an acceleration, and back."""
+    """Compute drives for an acceleration, and back."""
     friction, one = FrictionalInverse(Surface(), BLOCKS[0]), np.zeros((1, 1, 3))
     friction.push(one, one)
     friction.acceleration(one, one)
 
 
 def bounds() -> None:
-    """Least times to goals."""
+    """Compute lower bounds of times to goals."""
     bound = TimeBound(Surface(), BLOCKS[0], position_tolerance=2e-3, heading_tolerance=0.1)
     bound.steps([0.2, 0.1, 0.0], [0.6, 0.1, 1.0])
 
 
 def policies() -> None:
-    """A step of each classical policy, where what they need is installed (extra ``policies``)."""
+    """Run a step of each classical policy, if the extra ``policies`` is installed."""
     if importlib.util.find_spec("scipy") is None:
         return
     for task, names in {"Align": ("pose",), "Sort": ("planner", "pose"), "Pack": ("two_phases",)}.items():
@@ -94,17 +94,17 @@ def policies() -> None:
             policy.predict(seen, None, np.ones(2, bool))
             wanted.close()
         made.close()
-    # Laws learn what the elements of real hardware make of their phasors.
+    # With prototype actuators, controllers identify the response of the elements.
     rollout("pose", "vibgym/Align-v0", seeds=[0], actuators="prototype", max_episode_periods=25)
 
 
 def many_worlds() -> None:
-    """A look at the actions of a batch that several threads step."""
+    """Compile the check of the actions of a batch."""
     all_finite(np.zeros((1, 1), np.float32))
 
 
 def phasors() -> None:
-    """What viewers draw."""
+    """Compute the phasors that viewers draw."""
     still = np.zeros((1, 1, 1))
     all_phasors(polar_drive(still, still, 1.0), np.zeros((1, 1, 1, 2)), 0)
 
@@ -114,7 +114,7 @@ PLUGINS: Registry[Callable[[], None]] = Registry("warm", {"disturbances": distur
 
 
 def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
-    """What there is to compile, by name."""
+    """Yield the scenes to compile, by name."""
     yield "planar model", lambda: simulator(parts=BLOCKS[0])
     yield "averaged model", lambda: simulator(parts=BLOCKS[0], model="averaged")
     yield "contacts", contacts
@@ -132,13 +132,13 @@ def jobs() -> Iterator[tuple[str, Callable[[], None]]]:
         yield name, lambda hardware=hardware: machine(**hardware)
 
 
-def warm(say: Callable[[str], None]) -> float:
-    """Compile everything; returns the seconds that it took. ``say`` is told what has taken time."""
+def warm(report: Callable[[str], None]) -> float:
+    """Compile everything; returns the seconds taken. ``report`` is called with scenes that took over 0.5 s."""
     began = time.perf_counter()
     for name, job in jobs():
         started = time.perf_counter()
         job()
         took = time.perf_counter() - started
         if took > 0.5:
-            say(f"{took:6.1f} s  {name}")
+            report(f"{took:6.1f} s  {name}")
     return time.perf_counter() - began

@@ -70,19 +70,6 @@ def test_part_is_where_its_pose_says(painter, heading):
     assert looks_like(picture, tuple(mark), colours.PAPER)
 
 
-def test_colours_tell_parts_apart():
-    disc = 0.02 * np.stack([np.cos(np.arange(0, 6.2, 0.2)), np.sin(np.arange(0, 6.2, 0.2))], axis=1)
-    poses = np.array([[0.1, 0.1, 0.0], [0.3, 0.1, 0.0], [0.5, 0.1, 0.0]])
-    view = dataclasses.replace(EMPTY, pose=poses)
-    by_shape = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, disc, BLOCK]).paint(view)
-    chosen = [(200, 30, 30), (30, 200, 30), (30, 30, 200)]
-    by_hand = SurfacePainter(ROWS, COLUMNS, ELEMENT, [BLOCK, disc, BLOCK], colours=chosen).paint(view)
-    for k, kind in enumerate((0, 1, 0)):
-        point = (poses[k, 0] - 0.01, 0.1)
-        assert looks_like(by_shape, point, colours.PARTS[kind])
-        assert looks_like(by_hand, point, chosen[k])
-
-
 @pytest.mark.parametrize("phase", np.radians([0.0, 45.0, 90.0, 180.0, 225.0, 270.0]).tolist())
 def test_arrow_points_where_the_element_pushes(bare, phase):
     phasors = REST.copy()
@@ -98,49 +85,11 @@ def test_arrow_points_where_the_element_pushes(bare, phase):
     assert abs(found[0] * push[1] - found[1] * push[0]) < 1.0
 
 
-def test_only_elements_that_move_have_colour_and_arrow(bare):
-    picture = bare.paint(EMPTY)
-    assert looks_like(picture, (10.2 * ELEMENT, 3.2 * ELEMENT), colours.REST, 3)
-    assert looks_like(picture, (10.5 * ELEMENT, 3.5 * ELEMENT), colours.REST, 3)
-    phasors = REST.copy()
-    phasors[3, 10] = 0.02, 0.0
-    assert np.abs(picture.astype(int) - bare.paint(dataclasses.replace(EMPTY, phasors=phasors))).max() <= 4
-    phasors[3, 10] = 1.0, 0.0
-    full = bare.paint(dataclasses.replace(EMPTY, phasors=phasors))
-    assert looks_like(full, (10.2 * ELEMENT, 3.2 * ELEMENT), tuple(colours.element_colours(phasors[3, 10])), 3)
-    changed = np.argwhere((picture != full).any(axis=-1))
-    (top, left), (bottom, right) = pixel(10 * ELEMENT, 4 * ELEMENT), pixel(11 * ELEMENT, 3 * ELEMENT)
-    assert (changed >= (top - 1, left - 1)).all() and (changed <= (bottom + 1, right + 1)).all()
-
-
-def test_opposite_pushes_differ_for_red_green_blindness():
-    phases = np.radians(np.arange(0.0, 180.0, 5.0))
-    here = colours.element_colours(np.stack([np.cos(phases), np.sin(phases)], axis=-1)).astype(float)
-    there = colours.element_colours(-np.stack([np.cos(phases), np.sin(phases)], axis=-1)).astype(float)
-    # Without red against green, what is left is about red + green (weighted) and blue.
-    left = np.stack([0.3 * here[:, 0] + 0.7 * here[:, 1], here[:, 2]], axis=-1)
-    right = np.stack([0.3 * there[:, 0] + 0.7 * there[:, 1], there[:, 2]], axis=-1)
-    assert np.abs(left - right).max(axis=-1).min() > 25.0
-
-
 def dark_at(picture, reference, at):
     """Whether something dark was drawn within a pixel of a point."""
     row, column = pixel(*at)
     window = slice(row - 1, row + 2), slice(column - 1, column + 2)
     return bool((reference[window].astype(int) - picture[window]).max() > 60)
-
-
-def test_goal_ghost_crosshair_and_circle(painter):
-    nothing = painter.paint(view_of((0.1, 0.1, 0.0)))
-    point = painter.paint(view_of((0.1, 0.1, 0.0), goals=np.array([[0.5, 0.1]]), tolerance=0.03))
-    assert dark_at(point, nothing, (0.508, 0.1))
-    assert dark_at(point, nothing, (0.5, 0.13))
-    assert dark_at(point, nothing, (0.47, 0.1))
-    assert not dark_at(point, nothing, (0.514, 0.114))
-    ghost = painter.paint(view_of((0.1, 0.1, 0.0), goals=np.array([[0.5, 0.1, 0.0]])))
-    edge = [dark_at(ghost, nothing, (0.5 + dx, 0.1175)) for dx in np.linspace(-0.02, 0.02, 81)]
-    assert 20 < sum(edge) < 75, "a dashed line has both dashes and gaps"
-    assert not dark_at(ghost, nothing, (0.5, 0.1 + 0.024))
 
 
 def test_every_part_has_a_goal_with_its_own_outline():
@@ -158,16 +107,6 @@ def test_every_part_has_a_goal_with_its_own_outline():
             assert any(edge) == (part != lost)
     with pytest.raises(ValueError, match="goals"):
         painter.paint(dataclasses.replace(EMPTY, pose=pose, goals=goals[:1]))
-
-
-def test_pygame_may_be_quit_between_pictures(painter):
-    view = view_of((0.4, 0.1, 0.3), caption="again", goals=np.array([[0.6, 0.1, 0.2]]))
-    first = painter.paint(view)
-    pygame.quit()
-    np.testing.assert_array_equal(painter.paint(view), first)
-    pygame.quit()
-    pygame.init()
-    np.testing.assert_array_equal(painter.paint(view), first)
 
 
 def test_goals_that_move_are_drawn_where_they_are():
@@ -219,14 +158,6 @@ def test_strange_states_do_no_harm(painter):
     trail = np.array([[0.1, 0.1], [np.nan, 0.1], [1e9, 0.1], [0.2, 0.1]])
     far = painter.paint(view_of((0.83, 0.2, 1.0), trails=[trail], goals=np.full((1, 3), np.nan), phasors=REST + np.nan))
     assert far.shape == nothing.shape
-
-
-def test_caption_is_drawn_in_the_band(painter):
-    plain, titled = (painter.paint(view_of((0.1, 0.1, 0.0), caption=text)) for text in ("", "Sort, 3.2 s"))
-    rows, columns = np.nonzero((plain != titled).any(axis=-1))
-    assert rows.min() > MARGIN + ROWS * PER_ELEMENT
-    assert columns.max() < painter.width // 2
-    painter.paint(view_of((0.1, 0.1, 0.0), caption="long " * 500))
 
 
 @pytest.mark.parametrize(("rows", "columns", "scale"), [(1, 1, None), (3, 4, 700.0), (40, 8, None), (8, 32, 433.7)])

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("pygame")
 
 from tests.rendering.test_rendering_painter import BLOCK, COLUMNS, ELEMENT, EMPTY, ROWS, pixel
-from vibgym.rendering import Scenery, SurfacePainter, colours
+from vibgym.rendering import SurfacePainter, colours
 
 PATHS = [np.array([[0.1, 0.05], [0.3, 0.05]]), np.array([[0.4, 0.15], [0.6, 0.15]])]
 LOST = np.full((2, 3), np.nan)
@@ -33,15 +33,3 @@ def test_each_part_has_a_line_in_its_colour(painter):
     assert not changed[pixel(0.35, 0.1)] and not changed[pixel(0.2, 0.1)]
     rows = np.flatnonzero(changed.any(axis=1))
     assert rows.min() >= pixel(0.5, 0.15)[0] - 4 and rows.max() <= pixel(0.2, 0.05)[0] + 4
-
-
-def test_lines_of_absent_parts_and_off_the_picture_are_left_out(painter):
-    plain = painter.paint(dataclasses.replace(EMPTY, pose=LOST))
-    scenery = Scenery(ROWS, COLUMNS, ELEMENT, (BLOCK, BLOCK), kinds=(0, 1))
-    zeros = (np.zeros((2, 3)), np.zeros((ROWS, COLUMNS, 2)), np.zeros((0, 2, 2)), "")
-    view = scenery.view(LOST, np.array([False, True]), *zeros, PATHS)
-    assert np.isnan(view.paths[0]).all() and (view.paths[1] == PATHS[1]).all()
-    away = [np.full((5, 2), np.nan), PATHS[1] + 1e9]
-    assert (painter.paint(dataclasses.replace(EMPTY, pose=LOST, paths=away)) == plain).all()
-    with pytest.raises(ValueError, match="paths"):
-        painter.paint(dataclasses.replace(EMPTY, pose=LOST, paths=PATHS[:1]))

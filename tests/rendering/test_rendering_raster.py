@@ -77,17 +77,6 @@ def test_area_is_that_of_the_polygon(outline, heading, pixels):
     assert_area(image, outline, ELEMENT / pixels)
 
 
-def inside(points, outline):
-    """Even-odd rule by ray casting, for points (..., 2)."""
-    x, y = points[..., 0], points[..., 1]
-    odd = np.zeros(x.shape, dtype=bool)
-    for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            right = x < x0 + (y - y0) * (x1 - x0) / (y1 - y0)
-        odd ^= ((y0 > y) != (y1 > y)) & right
-    return odd
-
-
 @pytest.mark.parametrize("pose", [(0.2, 0.1, 0.7), (0.208, 0.104, 0.0), (0.1931, 0.0957, -2.2)])
 @pytest.mark.parametrize("step", [(1, 0), (0, 1), (-2, 1), (5, -1)])
 def test_moving_by_whole_elements_moves_pixels(pose, step):
@@ -98,15 +87,6 @@ def test_moving_by_whole_elements_moves_pixels(pose, step):
     np.testing.assert_array_equal(after[..., 2] == 255, expected[..., 2] == 255)
 
 
-@pytest.mark.parametrize("outline", [ELL, star(5, 0.4)])
-def test_quarter_turn_turns_pixels(outline):
-    # About a corner shared by four pixels a quarter turn maps the pixels onto each other.
-    centre, heading = 4 * ELEMENT, 0.377
-    before, after = draw([[centre, centre, heading], [centre, centre, heading + np.pi / 2]], outline)
-    window = 8 * PIXELS
-    np.testing.assert_array_equal(np.rot90(before[:, :window, 0]), after[:, :window, 0])
-
-
 def test_row_0_is_the_top_and_the_mark_points_ahead():
     image = draw([0.1, 0.18, np.pi / 2])[0]
     rows, columns = np.nonzero(image[..., 0])
@@ -115,14 +95,6 @@ def test_row_0_is_the_top_and_the_mark_points_ahead():
     mark_rows, mark_columns = np.nonzero(image[..., 2] == 255)
     assert mark_rows.mean() < rows.mean() - 2.0
     assert abs(mark_columns.mean() - columns.mean()) < 0.5
-
-
-def test_grid_is_a_checkerboard_from_the_origin():
-    grid = draw([0.4, 0.1, 0.0])[0, ..., 2]
-    assert (grid[-PIXELS:, :PIXELS] == 64).all()
-    assert (grid[-PIXELS:, PIXELS : 2 * PIXELS] == 128).all()
-    assert (grid[-2 * PIXELS : -PIXELS, :PIXELS] == 128).all()
-    assert np.count_nonzero(grid == 255) > 0
 
 
 def test_overhanging_part_is_cut_at_the_border():

@@ -70,11 +70,6 @@ def test_overlap_leaves_no_holes_and_the_later_part_is_on_top(depth):
     np.testing.assert_array_equal(together[~second], alone[0][~second])
 
 
-def test_part_over_itself_is_itself():
-    pose = np.array([[[0.4, 0.1, 0.4]] * 2])
-    np.testing.assert_array_equal(draw(pose, [ELL, ELL], [60, 60]), draw(pose[:, :1], [ELL], [60]))
-
-
 def test_marks_stay_on_their_own_part():
     # The second part lies where the first one's wedge would be, were it longer.
     pose = np.array([[0.4, 0.1, 0.0], [0.426, 0.1, np.pi]])
@@ -101,18 +96,6 @@ def test_absent_and_lost_parts_are_as_if_they_were_not_there():
     assert not draw(pose, OUTLINES, value, present=np.zeros((16, 4), dtype=bool))[..., 0].any()
 
 
-def test_every_part_has_a_goal_of_its_own():
-    rng = np.random.default_rng(4)
-    pose, goal = (rng.uniform([0.1, 0.05, -3.0], [0.7, 0.15, 3.0], (9, 4, 3)) for _ in range(2))
-    goal_value, present = rng.integers(0, 256, (9, 4)).astype(np.uint8), rng.random((9, 4)) < 0.7
-    image = draw(pose, OUTLINES, [10, 20, 30, 40], present=present, goal=goal, goal_value=goal_value)
-    # The parts of a picture with the goals for poses show where the goals are.
-    there = present & (goal_value > 0)
-    wanted = [draw(goal[k : k + 1], OUTLINES, goal_value[k], present=there[k : k + 1])[0, ..., 0] for k in range(9)]
-    np.testing.assert_array_equal(image[..., 1], wanted)
-    np.testing.assert_array_equal(image[..., [0, 2]], draw(pose, OUTLINES, [10, 20, 30, 40], present)[..., [0, 2]])
-
-
 def test_zones_fill_their_elements_and_only_channel_1():
     pose = np.array([[[0.05, 0.1, 0.3]], [[0.4, 0.1, 0.3]]])
     image = draw(pose, [BLOCK], [255], zone=ZONES, zone_value=[100, 200])
@@ -122,28 +105,6 @@ def test_zones_fill_their_elements_and_only_channel_1():
     wanted[:, : 5 * PIXELS] = 100
     wanted[:, 27 * PIXELS :] = 200
     np.testing.assert_array_equal(image[..., 1], np.broadcast_to(wanted, image.shape[:3]))
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.tuples(st.floats(-0.1, 0.9), st.floats(-0.1, 0.3)), st.tuples(st.floats(-0.1, 0.9), st.floats(-0.1, 0.3)))
-def test_zone_has_the_pixels_with_their_centre_inside(one, other):
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    image = draw(np.zeros((1, 0, 3)), [np.zeros((0, 2))], [0], zone=np.array([[*low, *high]]), zone_value=[7])[0]
-    x, y = centres()
-    within = np.minimum(np.minimum(x - low[0], high[0] - x), np.minimum(y - low[1], high[1] - y))
-    sure = np.abs(within) > 1e-3 * PIXEL
-    np.testing.assert_array_equal((image[..., 1] == 7)[sure], (within > 0.0)[sure])
-
-
-def test_zones_side_by_side_share_no_pixel_and_leave_none_out():
-    # The common border runs through the centres of a column of pixels.
-    middle = (120 + 0.5) * PIXEL
-    left, right = [0.0, 0.0, middle, 0.208], [middle, 0.0, 0.832, 0.208]
-    images = [
-        draw(np.zeros((1, 0, 3)), [np.zeros((0, 2))], [0], zone=np.array([zone]), zone_value=[1])[0, ..., 1]
-        for zone in (left, right)
-    ]
-    np.testing.assert_array_equal(images[0] + images[1], np.ones((HEIGHT, WIDTH)))
 
 
 def test_worlds_do_not_depend_on_each_other():

@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
-from vibgym.rendering import Side
 from vibgym.rendering.side import HEIGHT, MAGNIFIED
 
 
@@ -45,15 +44,3 @@ def test_bottoms_are_where_the_parts_are():
     (flat,) = simulator.bottoms(0)
     assert not flat[:, 2].any()
     assert np.allclose(flat[:, :2].mean(axis=0), simulator.pose[0, 0, :2], atol=1e-12)
-
-
-def test_a_painter_with_room_and_nothing_to_show():
-    from vibgym.rendering import SurfacePainter, View
-
-    painter = SurfacePainter(4, 4, 0.03, [np.array([[-0.01, -0.01], [0.01, -0.01], [0.0, 0.01]])], side=True)
-    view = View(np.array([[0.06, 0.06, 0.0]]), np.zeros((4, 4, 2)))
-    assert painter.paint(view).shape == (painter.height, painter.width, 3)
-    shown = Side(
-        [np.array([[0.05, 0.05, 0.0], [0.07, 0.05, 0.001], [0.06, 0.07, 0.0]])], np.array([[0.03, 0.06, 4e-4]])
-    )
-    assert not np.array_equal(painter.paint(view), painter.paint(View(view.pose, view.phasors, side=shown)))

@@ -6,7 +6,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.envs.helpers import assert_same
 from vibgym import Part, Surface, checks
 from vibgym.physics.core.records import new_state
 from vibgym.sensing import EFFECTS, SENSORS, Effect, Sensor, sensor_from
@@ -142,13 +141,6 @@ def test_delay_and_rate_on_every_sensor(kind):
     assert seen[:, 0, 0].tolist() == [True, False, False, False, True, False, True]
 
 
-def test_the_camera_s_images_have_them_too():
-    (pose, seen, _), (plain, _, _) = read("camera", {"noise": [1e-3, 0.0], "dropout": 0.2}, worlds=8, looks=20)
-    error = (pose - plain)[..., :2][seen]
-    assert abs(error.std() / 1e-3 - 1.0) < 4 / math.sqrt(2 * error.size)
-    assert abs((~seen[1:]).mean() - 0.2) < 4 * math.sqrt(0.16 / seen[1:].size)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_user_s_effect_is_on_every_sensor(kind):
     worlds = 2 if kind == "camera" else 50
@@ -167,12 +159,6 @@ def test_an_effect_s_own_random_numbers_are_new_at_each_look_and_normal():
     assert abs((scaled[1:] * scaled[:-1]).mean()) < 4 / math.sqrt(scaled.size)
 
 
-def test_an_ideal_sensor_with_an_effect_is_the_pose_sensor_with_that_effect():
-    settings = {"bias": 1e-4, "dropout": 0.1}
-    settings["noise"] = [1e-4, 1e-3]
-    assert_same(read("ideal", settings)[0], read("pose", settings)[0])
-
-
 def test_estimators_see_the_sigma_of_sensor_and_effects():
     sensor = sensor_from({"kind": "plain", "noise": [4e-4, 0.0], "bias": 1.0}, SURFACE, PARTS, 1, 1)
     assert sensor.all_sigma == pytest.approx(np.tile([5e-4, 5e-4, 3e-4], (2, 1)))
@@ -181,9 +167,6 @@ def test_estimators_see_the_sigma_of_sensor_and_effects():
     env = gym.make("vibgym/Align-v0", sensor={"kind": "plain", "noise": 4e-4}).unwrapped
     env.reset(seed=0)
     assert env.core.sensing.measurement.sigma[0, 0] == pytest.approx([5e-4, 5e-4, 3e-4])
-
-
-KNOWN = "noise, bias, dropout, drift, jitter"
 
 
 @pytest.mark.parametrize("settings, message", [
@@ -196,5 +179,5 @@ KNOWN = "noise, bias, dropout, drift, jitter"
     ({"kind": "plain", "drift": "fast"}, r"sensor\.drift"),
 ])  # fmt: skip
 def test_bad_effects_are_refused(settings, message):
-    with pytest.raises(ValueError, match=f"^{message}"):
+    with pytest.raises(ValueError, match=message):
         gym.make("vibgym/Align-v0", sensor=settings)

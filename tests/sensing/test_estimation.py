@@ -1,14 +1,12 @@
 """Estimators: exact where the model is, a textbook filter where it is linear, honest about what they do not know."""
 
 import math
-from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from vibgym import Part, Simulator, Surface
-from vibgym.physics.core.drive import cartesian_drive
+from vibgym import Part, Surface
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.sensing import Reading
@@ -221,25 +219,3 @@ def test_a_learned_policy_needs_the_model_on_the_prototype():
             held |= env.core.episode.success
         success[estimator] = held.mean()
     assert success == {"none": 0.0, "model": 1.0}
-
-
-@pytest.mark.parametrize("delivered", [0.6, 0.9, 1.0])
-def test_it_may_know_that_parts_get_a_share_of_the_push(delivered):
-    """Its model is that of parts with a soft foot, which takes the rest."""
-    sensor = {"kind": "pose", "noise": 0.0, "estimator": {"kind": "model", "delivered": delivered}}
-    env = batch(4, sensor, actuators=EXACT)
-    env.reset(seed=3)
-    truth, front = env.core.simulator, env.core.sensing.estimator._predictor
-    soft = Simulator(env.surface, [replace(part, coupling=delivered) for part in env.parts], worlds=4)
-    front.place(np.arange(4), truth.pose, truth.fallen)
-    soft.place(slice(None), truth.pose, front.state.velocity, 0.0)
-    drive = cartesian_drive(*np.random.default_rng(0).uniform(-5.0, 5.0, (2, 4, env.surface.rows, env.surface.columns)))
-    for simulator in (front.simulator, soft):
-        simulator.run(drive, 3)
-    assert (front.state.pose == soft.pose).all()
-
-
-@pytest.mark.parametrize("bad", [0.0, 1.1, "most", float("nan")])
-def test_bad_shares_are_one_error(bad):
-    with pytest.raises(ValueError, match=r"sensor.estimator.delivered"):
-        batch(1, {"kind": "pose", "estimator": {"kind": "model", "delivered": bad}})

@@ -99,11 +99,6 @@ def test_observation_and_aim_come_from_the_measurement_and_reward_from_the_truth
     assert columns[0].min() > columns[1].max()  # the patch is where the part is believed to be
 
 
-def test_distances_between_parts_are_the_measured_ones():
-    ideal, shifted = batch(3, "Sort"), batch(3, "Sort", sensor={"kind": "shifted", "most": 1e-9})
-    assert driven(ideal)[0][-1] == pytest.approx(driven(shifted)[0][-1], abs=1e-5)
-
-
 @pytest.mark.parametrize("sensor, message", [
     ({"kind": "shifted", "colour": 1}, r"sensor"),
     ({"kind": "shifted", "delay": -1}, r"sensor\.delay"),

@@ -86,14 +86,6 @@ def test_parts_that_pass_one_another_are_alone():
         ).all()
 
 
-def test_walls_far_away_change_nothing():
-    plain, walled = Simulator(SURFACE, STEEL, worlds=4), Simulator(SURFACE, STEEL, worlds=4, walls=WALLS)
-    for simulator in (plain, walled):
-        simulator.reset([0.4, 0.1, 0.3], [0.1, 0.0, 4.0])
-        simulator.advance(*random_fields(SURFACE, 4), 5)
-    assert same(snapshot(plain), snapshot(walled))
-
-
 # -- bits do not depend on the company ---------------------------------------------------------------------------------
 
 WORLDS = 64
@@ -135,22 +127,6 @@ COMPANY = {
 def test_worlds_in_other_company(crowd, case):
     index, threads = COMPANY[case]
     assert same(again(index, threads), of(crowd, list(index)))
-
-
-def test_contacts_elsewhere(crowd):
-    """A world between others that have no contacts at all."""
-    whole = pushed(MIXED * 2, WORLDS, walls=["left", "bottom"])
-    amplitude, phase = random_fields(SURFACE, WORLDS)
-    pose, velocity = np.array(whole.pose[:5]), np.array(whole.velocity[:5])
-    amplitude, phase = amplitude[:5].copy(), phase[:5].copy()
-    for world in (0, 1, 3, 4):
-        pose[world, :, 0] += 0.2 * np.arange(8) / 8.0
-        velocity[world] = 0.0
-        amplitude[world] = 0.0
-    simulator = Simulator(SURFACE, MIXED * 2, worlds=5, walls=["left", "bottom"])
-    simulator.reset(pose, velocity)
-    simulator.advance(amplitude, phase, 6)
-    assert same(snapshot(simulator, [2]), of(crowd, [2]))
 
 
 def test_periods_one_by_one():
@@ -207,15 +183,6 @@ def test_states_in_the_middle_of_a_pile():
         assert same(snapshot(each), after), name
 
 
-def test_copies_are_on_their_own():
-    original = heap(6, 10)
-    before = snapshot(original)
-    twin = copy.deepcopy(original)
-    twin.advance(*CORNER, 5)
-    assert same(snapshot(original), before) and not same(snapshot(twin), before)
-    assert original.statistics["contact"] + 5 == twin.statistics["contact"]
-
-
 # -- falling, and walls ------------------------------------------------------------------------------------------------
 
 
@@ -236,18 +203,6 @@ def test_a_part_that_has_fallen_is_not_there():
             assert (getattr(fell, name)[:, 1:] == getattr(far, name)[:, 1:]).all()
     assert fell.statistics == far.statistics and fell.statistics["contact"] > 0  # the two have met
     assert fell.fallen[0, 1] and not far.fallen[0, 0]  # over the border, past where the first one lies
-
-
-def test_parts_fall_one_after_the_other():
-    """What is over the border at once does not hold up those behind it, which follow."""
-    simulator = Simulator(SURFACE, [STEEL, DISC, ALUMINIUM])
-    simulator.reset([[0.03, 0.1, 0.0], [0.1, 0.1, 0.0], [0.17, 0.1, 0.0]])
-    fields, order = uniform(math.pi).drive(SURFACE), []
-    for _ in range(80):
-        simulator.advance(*fields)
-        order += [k for k in np.flatnonzero(simulator.fallen[0]) if k not in order]
-        assert (simulator.velocity[0, order] == 0.0).all()
-    assert order == [0, 1, 2]
 
 
 @pytest.mark.parametrize("direction", [0.0, 90.0, 180.0, 270.0, 45.0])
@@ -297,21 +252,6 @@ def deepest(simulator):
     return min(between.min(), in_walls(simulator).min())
 
 
-@pytest.mark.parametrize("count", [6, 12])
-def test_push_into_a_corner(count):
-    """The hardest push there is: parts overlap by less than 0.3 mm at any period's end, and by 0.1 mm where they rest."""
-    parts = [(STEEL, ALUMINIUM)[k % 2] for k in range(count)]
-    simulator = Simulator(SURFACE, parts, walls=WALLS)
-    simulator.reset(grid(parts))
-    begun = simulator.pose
-    for period in range(120):
-        simulator.advance(*CORNER)
-        assert deepest(simulator) > (-0.3e-3 if period < 100 else -0.1e-3)
-    assert not simulator.fallen.any() and not simulator.diverged.any()
-    assert np.hypot(*(simulator.pose - begun)[0, :, :2].T).max() > 0.02
-    assert in_walls(simulator).min() < 1e-3  # they have arrived
-
-
 @pytest.mark.parametrize("kind", ["mixed", "blocks"])
 def test_push_from_all_sides(kind):
     parts = [MIXED[k % 4] for k in range(8)] if kind == "mixed" else [STEEL, ALUMINIUM] * 4
@@ -323,22 +263,6 @@ def test_push_from_all_sides(kind):
         assert deepest(simulator) > -0.3e-3
     assert not simulator.fallen.any()
     assert np.hypot(*(simulator.pose[0, :, :2] - [0.35, 0.1]).T).max() < 0.12
-
-
-def test_rest_against_one_another():
-    """Blocks laid in rows with no gap on a table that idles go round as one: no push, no creep, no turn."""
-    simulator, alone = Simulator(SURFACE, [STEEL] * 6), Simulator(SURFACE, STEEL)
-    pose = np.array([[0.3 + 0.05 * (k % 3), 0.08 + 0.04 * (k // 3), 0.0] for k in range(6)])
-    simulator.reset(pose)
-    alone.reset(pose[0])
-    for _ in range(60):
-        simulator.advance(0.0, 0.0)
-        alone.advance(0.0, 0.0)
-        moved = simulator.pose[0] - pose
-        assert np.abs(moved - moved[0]).max() < 1e-12 and np.abs(moved[:, 2]).max() < 1e-12
-        # The steps are those of contacts, not those of a part alone.
-        assert np.abs(moved[0] - (alone.pose[0, 0] - pose[0])).max() < 1e-5
-    assert simulator.statistics["contact"] == 60
 
 
 def test_a_pile_in_a_corner():

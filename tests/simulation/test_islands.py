@@ -56,23 +56,6 @@ def advanced(kinds, pose, velocity, periods, fields, walls=WALLS):
 # -- bits --------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(1, 9), st.booleans())
-def test_the_same_bits_alone_and_among_others(seed, count, others, at_the_wall):
-    """A heap, in a corner or not, beside another one of other kinds, whose parts have numbers between its own."""
-    rng = np.random.default_rng(seed)
-    corner = (0.034, 0.034) if at_the_wall else (0.1, 0.1)
-    kinds, pose, velocity = heap(rng, count, corner)
-    more = heap(rng, others, (0.6, 0.3))
-    order = rng.permutation(count + others)
-    fields = random_fields(SURFACE, 1, seed=3)
-    together = advanced(*(np.concatenate(both)[order] for both in zip((kinds, pose, velocity), more)), 4, fields)
-    own = np.argsort(order)[:count]  # where the first heap's parts are now
-    alone = advanced(kinds, pose, velocity, 4, fields)
-    assert state_of(together, own) == state_of(alone, np.arange(count))
-    assert gaps_between(together.parts, together.pose).min() > -0.3e-3 and not together.diverged.any()
-
-
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_the_numbers_of_parts_do_not_matter(seed):
@@ -171,19 +154,6 @@ def test_a_fast_part_through_several_islands(speed):
     assert simulator.deepest_overlap < 60e-6
 
 
-def test_what_is_pushed_out_of_its_reach_meets_others():
-    """A disc at rest, hit by a much heavier and faster one, flies at a pair that was not near it."""
-    light, heavy = (Part.disc(0.01, friction=0.0, restitution=1.0, contact_friction=0.0, mass=m) for m in (0.01, 1.0))
-    for gap in (0.01, 0.03, 0.06, 0.1):
-        pose = [[0.1, 0.5, 0.0], [0.14, 0.5, 0.0], [0.16 + gap, 0.5, 0.0], [0.18 + gap + 1e-6, 0.5, 0.0]]
-        simulator = Simulator(STILL, [heavy, light, light, light])
-        simulator.reset(pose, [[3.0, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
-        for _ in range(2):
-            simulator.advance(0.0, 0.0)
-            assert (np.diff(simulator.pose[0, :, 0]) > 0.02 - 20e-6).all()
-        assert simulator.velocity[0, 3, 0] == pytest.approx(6.0, abs=0.1)
-
-
 # -- what leaves, and what makes no sense ------------------------------------------------------------------------------------
 
 
@@ -202,18 +172,6 @@ def test_a_world_in_which_one_part_makes_no_sense():
     others = [0, 1, 2, 4, 5]
     assert (simulator.pose[1] == pose).all() and (simulator.velocity[1, others] == velocity[others]).all()
     assert same(snapshot(simulator, [0, 2]), snapshot(sound, [0, 2]))
-
-
-def test_a_part_that_falls_leaves_its_island():
-    """Pushed over the border by another one: what follows goes on as if it had never been there."""
-    surface = Surface(8, 8)
-    block = KINDS[0]
-    simulator = Simulator(surface, [block, block, block])
-    simulator.reset([[0.015, 0.1, 0.0], [0.0655, 0.1, 0.0], [0.17, 0.1, 0.0]], [[-1, 0, 0], [-1.5, 0, 0], [0, 0, 0]])
-    for _ in range(8):
-        simulator.advance(0.0, 0.0)
-    assert simulator.fallen[0].tolist() == [True, True, False]
-    assert simulator.deepest_overlap < 0.3e-3
 
 
 def test_a_table_smaller_than_a_part_can_reach():

@@ -13,8 +13,6 @@ G = 9.81
 BLOCK = Part.rectangle(0.050, 0.030, friction=0.4, static_friction=0.5)
 TWO = Surface(rows=1, columns=2, element_size=1.0, horizontal_amplitude=0.0)
 """A still table of two elements that meet at x = 1 m."""
-
-ACROSS = Surface(rows=2, columns=1, element_size=1.0, horizontal_amplitude=0.0)
 """Likewise, at y = 1 m."""
 
 
@@ -35,17 +33,6 @@ def test_a_part_that_crosses_a_border_loses_the_work_of_friction(before, after, 
     way = simulator.pose[0, 0, 0] - 0.97 - 0.005 - length  # on the second element alone; 5 mm were on the first
     energy = 0.5 * start**2 - 0.4 * G * (0.005 * before + 0.5 * (before + after) * length + way * after)
     assert way > 0.0 and simulator.velocity[0, 0] == pytest.approx([math.sqrt(2.0 * energy), 0.0, 0.0], abs=2e-4)
-
-
-def test_a_part_with_half_its_bottom_on_another_element_is_turned():
-    """At once by mu g (f_2 - f_1) w / 8 over the square of its radius of gyration: half of it brakes less."""
-    simulator = still(ACROSS, BLOCK, [0.5, 1.0, 0.0], [0.5, 0.0, 0.0], [[1.0], [0.7]])
-    simulator.advance(0.0, 0.0, 1)
-    period, braking = ACROSS.period, 0.4 * G * 0.85
-    spin = -0.4 * G * 0.3 * 0.030 / 8.0 / BLOCK.gyration * period
-    x, _, turned = simulator.velocity[0, 0]
-    assert x == pytest.approx(0.5 - braking * period, rel=2e-3)
-    assert turned == pytest.approx(spin, rel=0.15) and turned < -0.1  # spin brakes itself by a tenth within a period
 
 
 @pytest.mark.parametrize("factor, held", [(0.999, True), (1.001, False)])
@@ -95,29 +82,6 @@ def test_the_same_factor_everywhere_is_a_factor_on_friction(knobs):
     assert np.abs(ends[0] - ends[1]).max() < 1e-11
 
 
-def test_averaged_against_planar():
-    """As near as on a surface that is the same everywhere, and much nearer than that is."""
-    surface = Surface()
-    amplitude, phase = random_fields(surface, 40, 7)
-    amplitude *= 0.3
-    random = np.random.default_rng(6)
-    start = random.uniform([0.1, 0.06, -3.0], [0.7, 0.14, 3.0], (40, 1, 3))
-    patches = random.uniform(0.6, 1.4, (40, 8, 32))
-    found = {}
-    for model in ("planar", "averaged"):
-        for name, given in (("patches", patches), ("even", 1.0)):
-            simulator = Simulator(surface, BLOCK, worlds=40, model=model)
-            simulator.reset(start, [0.0, surface.table_speed * 0.06, 0.0])
-            simulator.set_conditions(slice(None), patches=given)
-            for _ in range(25):
-                simulator.advance(amplitude, phase)
-            found[model, name] = simulator.pose[:, 0, :2]
-    error = np.median(np.abs(found["planar", "patches"] - found["averaged", "patches"]))
-    usual = np.median(np.abs(found["planar", "even"] - found["averaged", "even"]))
-    effect = np.median(np.abs(found["planar", "patches"] - found["planar", "even"]))
-    assert error < 2.0 * usual and effect > 3.0 * error
-
-
 def test_worlds_keep_their_own_and_snapshots_take_them_along():
     """Room for them is made when the first are given: states from before and after go into one another."""
     surface = Surface()
@@ -152,16 +116,6 @@ def test_tipping_counts_with_the_pressure_and_the_friction_of_each_element():
         simulator.set_conditions(0, **given)
         margins.append(simulator.tipping_margin[0, 0])
     assert margins[0] == pytest.approx(margins[1], abs=1e-12) and 0.0 < margins[0] < 1.0
-
-
-@pytest.mark.parametrize("bad, got", [
-    (np.ones((8, 31)), "array of shape"), (0.0, "0.0"), (np.nan, "nan"), (200.0, "200.0"), ("rough", "'rough'"),
-])  # fmt: skip
-def test_bad_patches_are_one_error_and_change_nothing(bad, got):
-    simulator = Simulator(Surface(), BLOCK)
-    with pytest.raises(ValueError, match="^patches"):
-        simulator.set_conditions(0, patches=bad, friction=2.0)
-    assert (simulator.patches == 1.0).all() and (simulator.friction == 1.0).all()
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ ACTUATORS: Registry[type[ActuatorStage]] = Registry(
 
 
 def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> ActuatorStage:
-    """Actuators from their name or a mapping with ``kind`` and their own settings; keys may carry a unit (``dead_zone_mm``).
+    """Return actuators from their name or a mapping with ``kind`` and settings; keys may carry a unit (``dead_zone_mm``).
 
     Raises:
         ValueError: an unknown kind or setting, or a bad value.
@@ -31,7 +31,7 @@ def actuators_from(value: Any, surface: Surface, worlds: int, periods: int) -> A
 
 
 def nominal(actuators: ActuatorStage) -> ActuatorStage:
-    """What a model of the machine takes for some actuators: as their data sheet has them, and without latency."""
+    """Return nominal actuators for a model: those of the data sheet, without latency."""
     return actuators.nominal() or IdealActuators(actuators.surface, actuators.worlds, actuators.periods)
 
 

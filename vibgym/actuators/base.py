@@ -1,4 +1,4 @@
-"""Actuators that say what every element makes of its phasor: the base of your own."""
+"""Base class of actuators that transform each element's phasor."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Actuators(ActuatorStage):
         surface: the table.
         worlds: number of worlds.
         periods: oscillation periods of a step.
-        latency: periods between a command and its effect; until then the elements do what they were told before, and at the
+        latency: periods between a command and its effect; until then the elements follow the previous command, and at the
             start of an episode they rest.
 
     Raises:
@@ -54,10 +54,10 @@ class Actuators(ActuatorStage):
 
     @abstractmethod
     def realise(self, phasors: np.ndarray) -> None:
-        """Turn commanded phasors (worlds, rows, columns, 2), C and S in m/s^2, into those that the elements do, in place."""
+        """Transform commanded phasors (worlds, rows, columns, 2), C and S in m/s^2, into executed ones, in place."""
 
     def own_state(self) -> dict[str, np.ndarray]:
-        """Live arrays that belong to a snapshot, by name, besides what the base class keeps."""
+        """Return further live arrays of a snapshot, by name."""
         return {}
 
     def live(self) -> dict[str, np.ndarray]:

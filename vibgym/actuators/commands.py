@@ -1,4 +1,4 @@
-"""The last commands of all worlds on record, so that each world's elements may obey an earlier one."""
+"""Buffer of the last commands of all worlds, for latency."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ class Commands:
         return command._replace(**self._rows, hardware=hardware)
 
     def rows(self, steps: Any, source: np.ndarray) -> None:
-        """Which rows hold the commands of so many steps ago (a number or (worlds,)) into ``source``; -1: there was none."""
+        """Write the rows of the commands of so many steps ago (a number or (worlds,)) into ``source``; -1: none."""
         slot = (self._count[0] - 1 - steps) % self.room
         source[...] = np.where(self._age > steps, slot * self.worlds + self._world, -1)
 
     def state(self) -> dict[str, np.ndarray]:
-        """Live arrays for a snapshot."""
+        """Return live arrays for a snapshot."""
         return {
             **{f"command_{name}": rows for name, rows in self._rows.items()},
             "count": self._count,

@@ -1,4 +1,4 @@
-"""What is known of actuators beforehand: what the machine's data sheet says, never what an episode has drawn."""
+"""Data sheet of actuators: properties known beforehand, without the values drawn for an episode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ideal actuators: the elements do what they are told, at once."""
+"""Ideal actuators: elements execute commands exactly and without delay."""
 
 from __future__ import annotations
 

@@ -54,8 +54,8 @@ class PrototypeSettings:
         bandwidth: Hz, at which elements follow (a lag of first order); None: at once. It costs a look at all elements.
         resolution: m, of amplitudes; 0: continuous.
         dead: elements that never move: the share of them, drawn at random, or a list of [row, column].
-        stuck: elements that keep an amplitude and phase of their own: the share, or a list of [row, column, amplitude, phase].
-        seed: of one machine, the same in all worlds and episodes; None: every episode has one of its own.
+        stuck: elements with a fixed amplitude and phase: the share, or a list of [row, column, amplitude, phase].
+        seed: of one hardware instance, the same in all worlds and episodes; None: drawn for every episode.
     """
 
     dead_zone: float = 1e-4
@@ -146,11 +146,11 @@ class PrototypeActuators(ActuatorStage):
         self._make()
 
     def _make(self) -> None:
-        """Everything that depends on settings and ranges."""
+        """Create everything that depends on settings and ranges."""
         surface, worlds = self.surface, self.worlds
         least, most = map(int, self._ranges.get("latency", (self.latency, self.latency)))
         self.most_latency, self._room = most, -(-most // self.periods) + 1
-        # Instants of a step at which some world may begin to obey another command. All worlds stop there, whatever they have
+        # Instants of a step at which the command of some world may change. All worlds stop there, whatever they have
         # drawn: the averaged model gives other bits where a step is cut, and a world's must not depend on the others.
         self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
         self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
@@ -220,8 +220,8 @@ class PrototypeActuators(ActuatorStage):
 
     @property
     def elements(self) -> np.ndarray:
-        """(worlds, rows, columns, 4) what every element does: its gain as a complex number (1 is as commanded, 0 obeys no
-        command), and the phasor, as a share of full scale, that it does besides. A copy."""
+        """(worlds, rows, columns, 4) response of every element: its complex gain (1: as commanded, 0: no response), and its
+        additional phasor as a fraction of full scale. A copy."""
         elements = self._hardware.record.element.copy()
         elements[..., 2:] /= max(self.surface.full_scale, 1e-300)
         return elements
@@ -287,12 +287,12 @@ class PrototypeActuators(ActuatorStage):
 
 
 def _share(value: Any) -> Any:
-    """A share; an empty list is none."""
+    """Return a share; an empty list is none."""
     return 0.0 if checks.listed(value) and not len(value) else value
 
 
 def _places(name: str, value: Any, surface: Surface, width: int) -> np.ndarray:
-    """Faults (n, width) that are given one by one: row, column, and for stuck elements amplitude (m) and phase (rad)."""
+    """Return listed faults (n, width): row, column, and for stuck elements amplitude (m) and phase (rad)."""
     if not checks.listed(value) or not len(value):
         return np.zeros((0, width))
     where = f"actuators.{name}"

@@ -1,4 +1,4 @@
-"""The actuators' stage of a step: what an environment asks of them, whatever they are made of."""
+"""Actuator stage of a step: the interface between environments and actuators."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class ActuatorStage(Live, ABC):
 
     @property
     def most_amplitude(self) -> float:
-        """m, which no element exceeds, in whatever episode."""
+        """m, largest amplitude of any element in any episode."""
         assert self.surface.max_amplitude is not None
         return self.surface.max_amplitude
 
@@ -59,7 +59,7 @@ class ActuatorStage(Live, ABC):
         return self.latency
 
     def nominal(self) -> ActuatorStage | None:
-        """Actuators as the data sheet has them, without latency, for a model of the machine; None: ideal ones."""
+        """Return actuators of the data sheet, without latency, for a model; None: ideal ones."""
         return None
 
     def prepare(self, command: Drive) -> None:
@@ -74,7 +74,7 @@ class ActuatorStage(Live, ABC):
         assert not ranges
 
     def drawn(self) -> dict[str, np.ndarray]:
-        """What has been drawn for the episodes, by name: live arrays (worlds, ...)."""
+        """Return live arrays (worlds, ...) of the values drawn for the episodes, by name."""
         return {}
 
     @abstractmethod
@@ -87,7 +87,7 @@ class ActuatorStage(Live, ABC):
 
     @abstractmethod
     def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
-        """What the elements do in the step that begins with this command: drives, and for how many periods each.
+        """Return the executed drives of the step that begins with this command, and the number of periods of each.
 
         They are good one after the other: one that has been handed out ends the one before.
         """

@@ -41,7 +41,7 @@ TRAIL_PIXELS = 1.5
 
 @lru_cache(maxsize=32)
 def _tag(label: str, room: float, colour: tuple[int, ...]) -> pygame.Surface | None:
-    """``label`` at most ``room`` wide, in fine pixels; None where it would be too small to read."""
+    """Render ``label`` at most ``room`` wide, in fine pixels; None where it would be too small to read."""
     text = legend.render_text(label, TAG * FINE, colour)
     if text.get_width() <= room:
         return text
@@ -103,7 +103,7 @@ class Canvas:
         return self._origin + points * (self._scale, -self._scale)
 
     def _placed(self, pose: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Points in the body frame at ``pose``, in fine pixels."""
+        """Return points in the body frame at ``pose``, in fine pixels."""
         cosine, sine = math.cos(pose[2]), math.sin(pose[2])
         return self._to_pixels(pose[:2] + points @ np.array([[cosine, sine], [-sine, cosine]]))
 
@@ -147,7 +147,7 @@ class Canvas:
                 pygame.draw.polygon(self._fine, shade, arrow)
 
     def zone(self, low: np.ndarray, high: np.ndarray, colour: tuple[int, ...], label: str) -> None:
-        """Rectangle from ``low`` to ``high`` (2,), m: a tint, a dashed border and a tag with ``label``."""
+        """Draw a rectangle from ``low`` to ``high`` (2,), m: a tint, a dashed border and a tag with ``label``."""
         corners = self._to_pixels(np.array([[low[0], high[1]], high, [high[0], low[1]], low]))
         corners = corners.clip(0.0, self._fine.get_size())
         # Within the rectangle, so that zones side by side do not hide each other's borders.
@@ -171,7 +171,7 @@ class Canvas:
         self._blend(corners, 0.0, draw, ("zone", low.tobytes(), high.tobytes(), colour, label))
 
     def path(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
-        """Faint line through ``points`` (k, 2), m, along which a goal moves."""
+        """Draw a faint line through ``points`` (k, 2), m, along which a goal moves."""
         points = self._to_pixels(points)
         points = points[((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1)]
         if len(points) < 2:
@@ -184,7 +184,7 @@ class Canvas:
         self._blend(points, 3.0 * FINE, draw, ("path", points.tobytes(), colour))
 
     def goal(self, pose: np.ndarray, outline: np.ndarray, tolerance: float | None) -> None:
-        """Ghost of ``outline`` at ``pose`` (3,) or a crosshair at ``pose`` (2,), and the circle of ``tolerance``, m."""
+        """Draw a ghost of ``outline`` at ``pose`` (3,) or a crosshair at ``pose`` (2,), and the circle of ``tolerance``, m."""
         if not np.isfinite(pose).all():
             return
         centre = self._to_pixels(pose[:2])
@@ -215,7 +215,7 @@ class Canvas:
         self._blend(np.vstack([around, centre]), max(radius, 12.0 * FINE) + 4.0 * FINE, draw, key)
 
     def trail(self, points: np.ndarray, colour: tuple[int, ...]) -> None:
-        """Line through ``points`` (k, 2), m, oldest first, fading with age; light colours get a dark edge."""
+        """Draw a line through ``points`` (k, 2), m, oldest first, fading with age; light colours get a dark edge."""
         points = self._to_pixels(points[-TRAIL_POINTS:])
         # What lies off the picture is not worth a layer, and pygame cannot take every number; who was there has come anew.
         beside = np.flatnonzero(~((points >= 0.0) & (points <= self._fine.get_size())).all(axis=1))
@@ -239,7 +239,7 @@ class Canvas:
         self._blend(points, 3.0 * FINE, draw)
 
     def part(self, pose: np.ndarray, outline: np.ndarray, colour: tuple[int, ...]) -> None:
-        """Part with ``outline`` (n, 2) at ``pose`` (3,) and its heading mark, a wedge that points ahead."""
+        """Draw a part with ``outline`` (n, 2) at ``pose`` (3,) and its heading mark, a wedge that points ahead."""
         if not np.isfinite(pose).all():
             return
         body = self._placed(pose, outline)
@@ -256,7 +256,7 @@ class Canvas:
         self._blend(body, 4.0 * FINE, draw)
 
     def finish(self, caption: str) -> np.ndarray:
-        """The picture (H, W, 3) uint8, with ``caption`` under the table."""
+        """Return the picture (H, W, 3) uint8, with ``caption`` under the table."""
         picture = self._base.copy()
         small = (self.size[0], self._fine.get_height() // FINE)
         table = pygame.transform.smoothscale(self._fine, small)

@@ -13,7 +13,7 @@ MUTED = (108, 115, 128)
 PARTS = ((52, 60, 76), (196, 90, 36), (120, 70, 160), (250, 247, 238))
 """Fill of each kind of part, darker than any element or, as the last one, lighter than any that moves.
 
-Every kind of colour vision tells them apart from each other and from the field.
+They are distinguishable, from each other and from the field, in every kind of colour vision.
 """
 
 HUES = 720
@@ -22,12 +22,12 @@ HUE_OF_PHASE_0 = np.radians(-15.0)
 
 
 def is_light(colour: tuple[int, ...]) -> bool:
-    """Whether what is written on ``colour`` (r, g, b) has to be dark."""
+    """Return whether what is written on ``colour`` (r, g, b) has to be dark."""
     return sum(colour) >= 384
 
 
 def _oklch(lightness: np.ndarray | float, chroma: np.ndarray | float, hue: np.ndarray) -> np.ndarray:
-    """Oklch colours as sRGB (..., 3) in [0, 1]; ``hue`` in rad."""
+    """Return Oklch colours as sRGB (..., 3) in [0, 1]; ``hue`` in rad."""
     a, b = chroma * np.cos(hue), chroma * np.sin(hue)
     long = (lightness + 0.3963377774 * a + 0.2158037573 * b) ** 3
     medium = (lightness - 0.1055613458 * a - 0.0638541728 * b) ** 3
@@ -44,9 +44,9 @@ def _oklch(lightness: np.ndarray | float, chroma: np.ndarray | float, hue: np.nd
 
 
 def _wheel(lightness: float, chroma: float) -> np.ndarray:
-    """Colours (HUES, 3) of equally spaced phases, 0 to 255."""
+    """Return colours (HUES, 3) of equally spaced phases, 0 to 255."""
     hue = np.linspace(0.0, 2.0 * np.pi, HUES, endpoint=False) + HUE_OF_PHASE_0
-    # Green is lighter than red, so that who cannot tell the hues apart still sees a difference.
+    # Green is lighter than red: distinguishable without the hue.
     return 255.0 * _oklch(lightness + 0.065 * np.cos(hue - np.radians(150.0)), chroma, hue)
 
 
@@ -60,11 +60,11 @@ def _lookup(table: np.ndarray, phasors: np.ndarray) -> np.ndarray:
 
 
 def element_colours(phasors: np.ndarray) -> np.ndarray:
-    """Background colours (..., 3) uint8 of elements with ``phasors`` (..., 2), fractions of full scale."""
+    """Return background colours (..., 3) uint8 of elements with ``phasors`` (..., 2), fractions of full scale."""
     strength = np.hypot(phasors[..., 0], phasors[..., 1]).clip(0.0, 1.0)[..., None]
     return np.rint(REST + strength * (_lookup(_FULL, phasors) - REST)).astype(np.uint8)
 
 
 def arrow_colours(phasors: np.ndarray) -> np.ndarray:
-    """Arrow colours (..., 3) uint8: a dark shade of the element's own hue."""
+    """Return arrow colours (..., 3) uint8: a dark shade of the element's own hue."""
     return np.rint(_lookup(_ARROW, phasors)).astype(np.uint8)

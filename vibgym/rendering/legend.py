@@ -27,7 +27,7 @@ def _font(size: int) -> pygame.font.Font:
 
 
 def render_text(line: str, size: int, colour: tuple[int, ...]) -> pygame.Surface:
-    """``line`` on a transparent surface, in pygame's own font, which is the same on every machine."""
+    """Render ``line`` on a transparent surface, in pygame's own font, which is the same on every machine."""
     # Scaled down from a larger size: at small ones, rounding to pixels spoils the font's spacing.
     try:
         text = _font(_FINE * size).render(line, True, colour)
@@ -40,7 +40,7 @@ def render_text(line: str, size: int, colour: tuple[int, ...]) -> pygame.Surface
 
 
 def wheel() -> pygame.Surface:
-    """Disc of all phasors, each at the place to which an element with it pushes, at rest in the centre."""
+    """Draw the colour disc of phasors: each at the direction of its push, zero in the centre."""
     size = WHEEL * _FINE
     at = (np.arange(size) + 0.5) * (2.0 / size) - 1.0
     right, down = np.meshgrid(at, at, indexing="ij")

@@ -35,7 +35,7 @@ def _corners(pose: np.ndarray, outline: np.ndarray, scale: float, height: int, c
 
 @jit
 def _bounds(corners: np.ndarray, axis: int, size: int) -> tuple[int, int]:
-    """First and one past the last pixel that the polygon can touch along ``axis``, within the image."""
+    """Return first and one past the last pixel that the polygon can touch along ``axis``, within the image."""
     # Clamp before the conversion: a part may be arbitrarily far away.
     low = min(max(corners[:, axis].min(), 0.0), float(size))
     high = min(max(corners[:, axis].max(), 0.0), float(size))
@@ -52,7 +52,7 @@ def _background(
     zone_value: np.ndarray,
     inside: np.ndarray,
 ) -> np.ndarray:
-    """What all worlds have in common, (H, W, 3) uint8: zones in channel 1 and the grid in channel 2."""
+    """Return the static background, (H, W, 3) uint8: zones in channel 1 and the grid in channel 2."""
     background = np.zeros((rows * pixels_per_element, columns * pixels_per_element, 3), dtype=np.uint8)
     for row in range(background.shape[0]):
         i = rows - 1 - row // pixels_per_element

@@ -11,7 +11,7 @@ Colour = tuple[int, ...]
 
 
 def wedge(outline: np.ndarray) -> np.ndarray:
-    """Heading mark (3, 2) of a part with ``outline``, in its frame."""
+    """Return the heading mark (3, 2) of a part with ``outline``, in its frame."""
     reach, half = outline[:, 0].max(), 0.2 * np.abs(outline).max()
     return np.array([[0.84 * reach, 0.0], [0.2 * reach, half], [0.2 * reach, -half]])
 
@@ -19,7 +19,7 @@ def wedge(outline: np.ndarray) -> np.ndarray:
 def bar(
     wall: str, walls: Sequence[str], low: np.ndarray, high: np.ndarray, thickness: float, frame: float
 ) -> list[float]:
-    """Left, top, width and height of a wall outside the rectangle from ``low`` to ``high`` (2,).
+    """Return left, top, width and height of a wall outside the rectangle from ``low`` to ``high`` (2,).
 
     It reaches past the rectangle's corners as far as the ``frame`` does, or the other one of ``walls`` it meets there.
     """
@@ -32,7 +32,7 @@ def bar(
 
 
 def arrow_outlines(tails: np.ndarray, vectors: np.ndarray, thickness: float) -> np.ndarray:
-    """Outlines (n, 7, 2) of arrows from ``tails`` (n, 2) along ``vectors`` (n, 2), shaft ``thickness`` wide at most.
+    """Return outlines (n, 7, 2) of arrows from ``tails`` (n, 2) along ``vectors`` (n, 2), shaft ``thickness`` wide at most.
 
     Short arrows are thinner too, so that they keep their shape.
     """
@@ -86,7 +86,7 @@ def dashes(points: np.ndarray, length: float) -> list[np.ndarray]:
 
 
 def circle_points(centre: np.ndarray, radius: float, corners: int = 96) -> np.ndarray:
-    """Points (corners, 2) of a circle."""
+    """Return points (corners, 2) of a circle."""
     angle = np.arange(corners) * (2.0 * np.pi / corners)
     return centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
@@ -107,7 +107,7 @@ def painted(
     padding: float,
     draw: Callable[[pygame.Surface, np.ndarray], None],
 ) -> tuple[pygame.Surface, list[int]] | None:
-    """A layer around ``points`` (n, 2) on which ``draw`` has painted transparent colours, and its place in the picture.
+    """Return a layer around ``points`` (n, 2) on which ``draw`` has painted transparent colours, and its place in the picture.
 
     ``draw`` gets the layer and its origin in the picture of this ``size``. None where the layer would miss the picture.
     """

@@ -31,7 +31,7 @@ THICK = 3
 def strip(
     side: Side, width: int, left: int, length: float, pixels_per_metre: float, tints: list[tuple[int, ...]]
 ) -> np.ndarray:
-    """Picture (HEIGHT, width, 3) uint8.
+    """Return the picture (HEIGHT, width, 3) uint8.
 
     Args:
         width: pixels.  left: pixels from the picture's border to the table's.

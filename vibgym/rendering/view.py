@@ -97,7 +97,7 @@ class View:
 
 
 def _kinds(outlines: Sequence[np.ndarray]) -> list[int]:
-    """Number of each part's kind: parts with the same outline are of one kind."""
+    """Return the number of each part's kind: parts with the same outline are of one kind."""
     shapes: list[bytes] = []
     for outline in outlines:
         if outline.tobytes() not in shapes:
@@ -185,7 +185,7 @@ class SurfacePainter:
         return self._canvas.size[1] + HEIGHT
 
     def paint(self, view: View) -> np.ndarray:
-        """Picture (height, width, 3) uint8 of ``view``; a new array every time.
+        """Return the picture (height, width, 3) uint8 of ``view``; a new array every time.
 
         Raises:
             ValueError: there are trails, goals or paths, but not one for each part.
@@ -213,7 +213,7 @@ class SurfacePainter:
         return np.concatenate([picture, self._strip(view.side)]) if self._side else picture
 
     def _strip(self, side: Side | None) -> np.ndarray:
-        """The view from the side."""
+        """Return the view from the side."""
         from vibgym.rendering.canvas import MARGIN
         from vibgym.rendering.side import strip
 
@@ -254,12 +254,12 @@ class Scenery:
     side: bool = False
 
     def painter(self, pixels_per_metre: float | None = None) -> SurfacePainter:
-        """A painter for views of the task."""
+        """Return a painter for views of the task."""
         table = (self.rows, self.columns, self.element_size, self.outlines, pixels_per_metre)
         return SurfacePainter(*table, kinds=self.kinds, walls=self.walls, side=self.side)
 
     def _since_it_came(self, trail: np.ndarray) -> np.ndarray:
-        """Trails (k, parts, 2) without what was before a part was last beside the table: the one before it in its slot."""
+        """Return trails (k, parts, 2) from the latest arrival of each part in its slot on."""
         middle = 0.5 * self.element_size * np.array([self.columns, self.rows])
         beside = np.asarray((np.abs(trail - middle) > 2.0 * middle).any(axis=-1))
         before = np.asarray(np.maximum.accumulate(beside[::-1], axis=0))[::-1]
@@ -276,7 +276,7 @@ class Scenery:
         paths: Sequence[np.ndarray] = (),
         side: Side | None = None,
     ) -> View:
-        """What is to be seen of a world.
+        """Return the view of a world.
 
         Args:
             pose, goal: (parts, 3) x, y (m), heading (rad); goals of tasks without are not looked at.

@@ -14,7 +14,7 @@ class Window:
     """Shows frames of a painter's size at a steady pace.
 
     pygame has one display per process, so one window can be open at a time. The user may close it at any moment:
-    further frames are then dropped and nothing else happens. Copies, pickled or not, open a window of their own.
+    further frames are then dropped. Copies, pickled or not, open a separate window.
 
     Args:
         painter: its width and height become the window's.
@@ -51,7 +51,7 @@ class Window:
             display.set_caption(self._title)
             self._clock = self._pygame.time.Clock()
             self._open = True
-        # Fetching the events also tells the window manager that this program is alive.
+        # Without event handling, the window manager reports the program as hanging.
         if not display.get_init() or any(e.type == self._pygame.QUIT for e in self._pygame.event.get()):
             self.close()
             return

@@ -1,4 +1,4 @@
-"""Sensing: true state -> measurement, the only thing that policies and the aim of their actions get to know."""
+"""Sensing: true state -> measurement, from which observations and the aim of actions are computed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pos
 """Sensors by name; ``SENSORS.register(name, cls)`` or an entry point in group ``vibgym.sensors`` adds one."""
 
 TOLD = {"age": ("age",), "sigma": ("sigma",), "contacts": ("contact_normal", "contact_impulse")}
-"""What an observation may tell of the measurement besides, by name, and its features."""
+"""Features of the measurement that ``tell`` adds to observations, by name."""
 
 
 def sensing_from(
@@ -36,7 +36,7 @@ def sensing_from(
     latency: int,
     walls: Sequence[str],
 ) -> Sensing:
-    """A sensing stage from a sensor's name, or a mapping: ``kind``, the sensor's settings, effects, ``estimator``, ``tell``.
+    """Return a sensing stage from a sensor's name, or a mapping: ``kind``, settings, effects, ``estimator``, ``tell``.
 
     Args:
         plant: nominal actuators without latency, for estimators with a model.
@@ -54,16 +54,14 @@ def sensing_from(
     if sensor.exact and chosen == "none":
         return ExactSensing(sensor, reported)
     if "contacts" in reported:
-        raise checks.refuse(
-            "sensor.tell", list(reported), "no contacts, which an ideal sensor without estimator alone feels"
-        )
+        raise checks.conflict("sensor.tell with 'contacts' requires an ideal sensor without estimator")
     return Sensing(sensor, estimator_from(chosen, sensor, plant, latency, walls), reported)
 
 
 def sensor_from(
     value: Any, surface: Surface, parts: Sequence[Part], worlds: int, periods: int, more: tuple[str, ...] = ()
 ) -> Sensor:
-    """A sensor by itself from its name, or a mapping with ``kind``, its settings and effects; ``more``: known besides."""
+    """Return a sensor from its name, or a mapping with ``kind``, settings and effects; ``more``: further allowed keys."""
     kind, settings = checks.named("sensor", value, SENSORS)
     cls = SENSORS[kind]
     effects = tuple(EFFECTS) if "effects" in checks.keywords(cls) else ()
@@ -71,7 +69,7 @@ def sensor_from(
 
 
 def _reported(value: Any) -> tuple[str, ...]:
-    """What a state observation shall tell of the measurement besides."""
+    """Return the names in ``tell``, checked and in the order of :data:`TOLD`."""
     if not isinstance(value, list | tuple) or any(
         not isinstance(each, str) or each not in TOLD or value.count(each) > 1 for each in value
     ):

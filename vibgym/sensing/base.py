@@ -1,4 +1,4 @@
-"""From the true state to readings of it: the door that every sensor goes through."""
+"""Base class of sensors: readings of the true state."""
 
 from __future__ import annotations
 
@@ -17,47 +17,46 @@ from vibgym.sensing.effects import Effects
 from vibgym.sensing.measurement import Reading, new_reading
 
 MOST_DELAY = 10_000
-"""Periods: longer than any episode."""
+"""Largest delay, periods: longer than any episode."""
 
 BYTES_OF_READING = 50
-"""Of a part, in a step that is kept until it is due."""
+"""Memory of a part in a delayed reading."""
 
 
 class Sensor(ABC):
     """Base of all sensors: batched, with a delay in periods, a rate, and effects.
 
-    A sensor of your own is a subclass with :meth:`measure`, and ``vibgym.sensing.SENSORS.register`` gives it a name. It
-    looks at the true state once a step, ``delay`` periods before the step's end or at the end of an earlier step; the base
-    class lets effects change what it read, and keeps it until it is due. Just after a reset that is what it read then.
+    A custom sensor is a subclass with :meth:`measure`, registered by ``vibgym.sensing.SENSORS.register``. It samples the true
+    state once a step, ``delay`` periods before the end of this or a later step; the base class applies effects and delays the
+    reading. After a reset, the first reading is repeated until a later one is due.
 
     Args:
         surface: the table.
         parts: the parts of every world.
         worlds: number of worlds.
         periods: oscillation periods of a step.
-        delay: periods between an instant and the observation that tells of it.
-        rate: Hz, looks in a second; None: one a step. Steps must come at a multiple of it.
-        effects: what goes wrong with readings, by name, see :mod:`vibgym.sensing.effects`.
+        delay: periods between a sample and the observation that contains it.
+        rate: Hz of samples; None: one a step. The rate of steps is a multiple of it.
+        effects: measurement errors by name, see :mod:`vibgym.sensing.effects`.
         **more: likewise, effects beside the sensor's own settings.
 
     Attributes:
         step: s of a step.
-        instant: periods after a step's start at which the sensor looks.
-        due: the reading that has just come due.
-        looking: (n,) index of the worlds that are looked at: all of them, or at a reset those that begin. What is read of
-            others is not used.
-        looks: (worlds,) int64, looks since the episode's start, the one before its first step being look 0.
-        key: (worlds, 2) int64, of the effects' random numbers in this episode.
+        instant: periods after a step's start at which the sensor samples.
+        due: the latest delayed reading.
+        looking: (n,) indices of the worlds sampled: all, or at a reset the restarted ones. Readings of others are not used.
+        looks: (worlds,) int64, samples since the episode's start; the one before its first step is 0.
+        key: (worlds, 2) int64, key of the effects' random numbers in this episode.
 
     Raises:
         ValueError: a bad setting.
     """
 
     draws: int = 0
-    """Uniform numbers that it needs at the start of each episode, in :meth:`begin`."""
+    """Number of uniform random numbers for :meth:`begin` at the start of each episode."""
 
     renews: ClassVar[bool] = True
-    """Whether parts may come and go while an episode goes on: what :meth:`measure` writes does not depend on earlier looks."""
+    """Whether parts may be replaced during an episode: readings do not depend on earlier samples."""
 
     def __init__(
         self,
@@ -88,35 +87,35 @@ class Sensor(ABC):
 
     @property
     def exact(self) -> bool:
-        """Whether what it reads is always the truth of this instant, without delay: then nobody keeps a copy."""
+        """Whether readings equal the true state without delay; then they are not copied."""
         return False
 
     @property
     def all_draws(self) -> int:
-        """Uniform numbers that it and its effects need at the start of each episode."""
+        """Number of uniform random numbers for the sensor and its effects at the start of each episode."""
         return self.draws + self._effects.draws
 
     @property
     def due(self) -> Reading:
-        """The reading that has just come due."""
+        """The latest delayed reading."""
         return self._readings[0]
 
     @property
     def sigma(self) -> np.ndarray:
-        """(parts, 3) standard deviation that what it sees of a pose is thought to have, without effects, m, m, rad."""
+        """(parts, 3) nominal standard deviation of a measured pose without effects, m, m, rad."""
         return np.zeros((len(self.parts), 3))
 
     @property
     def all_sigma(self) -> np.ndarray:
-        """(parts, 3) standard deviation that a reading of a pose is thought to have, effects included; for estimators."""
+        """(parts, 3) nominal standard deviation of a measured pose with effects; for estimators."""
         return np.sqrt(self.sigma**2 + self._effects.variance)
 
     def facts(self) -> dict[str, np.ndarray]:
-        """What ``info`` says of the last look besides, by name: live arrays (worlds, ...)."""
+        """Return live arrays (worlds, ...) of the last sample that ``info`` reports, by name."""
         return {}
 
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
-        """Start afresh in ``worlds`` (index array), whose parts have been put down.
+        """Restart in ``worlds`` (index array), whose parts have been placed.
 
         Args:
             uniform: (len(worlds), all_draws) in [0, 1).
@@ -132,13 +131,13 @@ class Sensor(ABC):
         for each in self._readings:
             for kept, read in zip(each, fresh, strict=True):
                 kept[worlds] = read[worlds]
-        for each in self._readings[1:]:  # until the first look of a step is due there is nothing new
+        for each in self._readings[1:]:  # no new reading until the first sample of a step is due
             each.seen[worlds] = False
 
     def renew(self, which: np.ndarray, state: State) -> None:
-        """Start afresh with single parts in the middle of an episode: ``which`` (worlds, parts) have just come or gone.
+        """Restart single parts during an episode: ``which`` (worlds, parts) have been added or removed.
 
-        What is to be read of them until a look of theirs is due is what is read now.
+        The present reading is repeated until a later one is due.
         """
         fresh = self._fresh
         self.looking = np.flatnonzero(which.any(axis=1))
@@ -154,14 +153,14 @@ class Sensor(ABC):
             each.seen[which] = False
 
     def look(self, state: State) -> None:
-        """Take in the true state of this instant; called once a step, at :attr:`instant`."""
+        """Sample the true state; called once a step, at :attr:`instant`."""
         self.looks += 1
         oldest = self._readings.pop(0)
         self._read(state, oldest)
         self._readings.append(oldest)
 
     def _read(self, state: State, reading: Reading) -> None:
-        """Overwrite a reading with what is seen of ``state`` and what effects make of it."""
+        """Write the measured state with effects into a reading."""
         reading.seen[...] = True
         self.measure(state, reading)
         if self.every > 1:
@@ -170,21 +169,21 @@ class Sensor(ABC):
             self._effects.apply(reading)
 
     def begin(self, worlds: np.ndarray, uniform: np.ndarray) -> None:  # noqa: B027 - most have nothing to do
-        """Set what holds for the whole episodes of ``worlds``; see :meth:`reset`."""
+        """Draw what is constant during the episodes of ``worlds``; see :meth:`reset`."""
 
     @abstractmethod
     def measure(self, state: State, reading: Reading) -> None:
-        """Write what is seen of ``state`` (not to be changed or kept) into ``reading``, for all worlds.
+        """Write a measurement of ``state`` (not to be changed or kept) into ``reading``, for all worlds.
 
-        ``reading.seen`` is True on entry: set it False for parts that this look does not see.
+        ``reading.seen`` is True on entry: set it False for parts that are not measured.
         """
 
     def own_state(self) -> dict[str, np.ndarray]:
-        """Live arrays that belong to a snapshot, by name, besides what the base class keeps."""
+        """Return further live arrays of a snapshot, by name."""
         return {}
 
     def live(self) -> dict[str, np.ndarray]:
-        """All live arrays of a snapshot."""
+        """Return all live arrays of a snapshot."""
         kept: dict[str, Any] = {"looks": self.looks}
         for k, each in enumerate(self._readings):
             kept |= {f"{name}{k}": values for name, values in each._asdict().items()}
@@ -192,7 +191,7 @@ class Sensor(ABC):
 
 
 def _steps_between(name: str, rate: Any, steps_per_second: float) -> int:
-    """Steps from look to look."""
+    """Return the number of steps between samples."""
     if rate is None:
         return 1
     value = checks.number(name, rate, above=0.0)

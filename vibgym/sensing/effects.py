@@ -2,7 +2,7 @@
 
 A sensor's mapping names them beside its own settings (``{"kind": "camera", "dropout": 0.1}``), or in ``effects`` where the
 sensor has a setting of that name itself (``{"kind": "camera", "effects": {"noise": 1e-4}}``: the camera's own ``noise`` is that
-of its pixels). Effects of your own act in the order in which they were registered, whatever the order in the mapping; then
+of its pixels). Custom effects apply in the order of registration, not of the mapping; then
 bias, noise and dropout. Last of all, velocities are made of what is left: they are differences, the pose less the one read
 before over the time between them. Delay and rate are timing, and belong to :class:`vibgym.sensing.Sensor` itself.
 """
@@ -64,7 +64,7 @@ class Effect:
         """
 
     def normals(self) -> np.ndarray:
-        """(worlds, parts, 3) independent standard normal numbers, new ones at each look; a copy.
+        """Return (worlds, parts, 3) independent standard normal numbers, new ones at each look; a copy.
 
         They are drawn by counter from the episode's key: the same alone, in a batch, and restored.
         """
@@ -74,7 +74,7 @@ class Effect:
         return drawn
 
     def own_state(self) -> dict[str, np.ndarray]:
-        """Live arrays that belong to a snapshot, by name."""
+        """Return live arrays that belong to a snapshot, by name."""
         return {}
 
 
@@ -135,7 +135,7 @@ class Effects:
 
     Args:
         sensor: whose readings they change.
-        flat: name -> value, of those that stand beside the sensor's own settings.
+        flat: name -> value, of effects given beside the sensor's own settings.
         more: likewise, of those under ``effects``.
 
     Raises:
@@ -200,7 +200,7 @@ class Effects:
         self._last[others], self._elapsed[others] = last, elapsed
 
     def live(self) -> dict[str, np.ndarray]:
-        """All live arrays of a snapshot."""
+        """Return all live arrays of a snapshot."""
         own = {
             f"{name}_{what}": values for name, each in self._stages.items() for what, values in each.own_state().items()
         }
@@ -226,7 +226,7 @@ def draw_normals(worlds, key, looks, stream, drawn):
 
 @borrowing
 def draw_offsets(worlds, key, bias, offset):
-    """Errors of whole episodes: a shift of the image, and a turn of each part's axis, into ``offset`` (worlds, parts, 3)."""
+    """Write the errors of episodes, an image shift and a rotation of each part's axis, into ``offset`` (worlds, parts, 3)."""
     for w in worlds:
         dx, dy, _, _ = normals(key[w], 0, 0, Stream.SHIFT, 0)
         for p in range(offset.shape[1]):
@@ -239,7 +239,7 @@ def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elap
     """Add noise and bias to the poses of a reading, miss parts, and make mean velocities of the poses' differences.
 
     Args:
-        worlds: (n,) index of those that are looked at.
+        worlds: (n,) indices of the sampled worlds.
         key: (worlds, 2).  looks: (worlds,) number of this look.
         new: (worlds, parts) bool, parts that have come since the one before; at the first look of an episode all have.
         noise: (2,) standard deviations of position (m) and heading (rad), anew at each look.
@@ -273,7 +273,7 @@ def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elap
 
 
 def deviations(name: str, value: Any, largest: float) -> np.ndarray:
-    """Return standard deviations (2,) of position (m, at most ``largest``) and heading (rad).
+    """Return standard deviations (2,) of position (m) and heading (rad).
 
     Raises:
         ValueError: not a number, a pair or a mapping, or a value out of range.

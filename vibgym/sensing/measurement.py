@@ -22,7 +22,7 @@ class Measurement(NamedTuple):
     pose: np.ndarray  # (worlds, parts, 3) m, m, rad
     mean_velocity: np.ndarray  # (worlds, parts, 3) over the last period, m/s, m/s, rad/s
     gone: np.ndarray  # (worlds, parts) bool, parts that are not on the surface
-    age: np.ndarray  # (worlds, parts) int64, periods since the instant that the last reading of the part tells of
+    age: np.ndarray  # (worlds, parts) int64, periods since the sample of the part's last reading
     sigma: np.ndarray  # (worlds, parts, 3) standard deviation that the pose is thought to have, m, m, rad
     pushed: (
         np.ndarray
@@ -30,7 +30,7 @@ class Measurement(NamedTuple):
 
 
 def new_reading(worlds: int, parts: int) -> Reading:
-    """Arrays for ``worlds`` worlds."""
+    """Return arrays for ``worlds`` worlds."""
     shape = (worlds, parts)
     return Reading(
         np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=bool), np.ones(shape, dtype=bool)
@@ -38,7 +38,7 @@ def new_reading(worlds: int, parts: int) -> Reading:
 
 
 def new_measurement(worlds: int, parts: int) -> Measurement:
-    """Arrays for ``worlds`` worlds."""
+    """Return arrays for ``worlds`` worlds."""
     shape = (worlds, parts)
     return Measurement(
         np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=bool), np.zeros(shape, dtype=np.int64),

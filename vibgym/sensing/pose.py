@@ -1,4 +1,4 @@
-"""A sensor that reads poses with noise: what a camera says, without the camera."""
+"""Pose sensor: poses with white noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sensing stage of an environment: a sensor, and an estimator that makes a measurement of its readings."""
+"""Sensing stage of an environment: a sensor, and an estimator that computes the measurement from its readings."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Estimator(Protocol):
 
     measurement: Measurement
     lead: int
-    """Periods after the present of which the measurement tells; 0 where there is no such attribute."""
+    """Periods after the present for which the measurement is predicted; default 0."""
 
     def prepare(self, command: Drive) -> None:
         """See what commands will look like, once, before the first of them."""
@@ -33,10 +33,10 @@ class Estimator(Protocol):
         """Carry the estimate on by a step under its command, before it acts."""
 
     def correct(self, reading: Reading) -> None:
-        """Correct the estimate by the reading that has come due at the step's end."""
+        """Correct the estimate by the reading that is due at the step's end."""
 
     def live(self) -> dict[str, np.ndarray]:
-        """All live arrays of a snapshot."""
+        """Return all live arrays of a snapshot."""
         ...
 
 
@@ -46,10 +46,10 @@ class Sensing(Live):
     Attributes:
         exact: whether the measurement is always the truth of this instant.
         instant: periods after a step's start at which :meth:`look` is due.
-        lead: periods after the present of which the measurement tells.
+        lead: periods after the present for which the measurement is predicted.
         measurement: what is known now.
         draws: uniform numbers that an episode's start needs.
-        tell: what observations tell of the measurement besides, see :data:`vibgym.sensing.TOLD`.
+        tell: features of the measurement added to observations, see :data:`vibgym.sensing.TOLD`.
     """
 
     SNAPSHOT, exact = "sensor", False
@@ -65,7 +65,7 @@ class Sensing(Live):
         return self.estimator.measurement
 
     def facts(self) -> dict[str, np.ndarray]:
-        """What ``info`` says of the measurement, by name: live arrays (worlds, ...)."""
+        """Return live arrays (worlds, ...) of the measurement that ``info`` reports, by name."""
         known = self.estimator.measurement
         return {"age": known.age, "sigma": known.sigma, **self.sensor.facts()}
 

@@ -24,7 +24,7 @@ _TERMS = 40
 
 
 def mean_coefficients(s: np.ndarray) -> np.ndarray:
-    """``d / s``, ``(Q - P) / s^2`` and ``P + Q`` of the first-order averages, (..., 3), for any ``s >= 0``.
+    """Return ``d / s``, ``(Q - P) / s^2`` and ``P + Q`` of the first-order averages, (..., 3), for any ``s >= 0``.
 
     With the components of ``n``: ``d = -<n_1>``, ``Q = <cos(theta) n_1>``, ``P = <sin(theta) n_2>`` (the thesis's eqs. 5.60
     and 5.61 in closed form: complete elliptic integrals), power series where those lose digits.
@@ -40,7 +40,7 @@ def mean_coefficients(s: np.ndarray) -> np.ndarray:
 
 
 def _binomials() -> tuple[np.ndarray, np.ndarray]:
-    """Coefficients of (1 - z)^(1/2) and (1 - z)^(-1/2), whose products are the harmonics of n."""
+    """Return coefficients of (1 - z)^(1/2) and (1 - z)^(-1/2), whose products are the harmonics of n."""
     root, inverse = np.ones(_TERMS + 2), np.ones(_TERMS + 2)
     for j in range(1, _TERMS + 2):
         root[j] = root[j - 1] * (j - 1.5) / j
@@ -115,11 +115,11 @@ class Waves:
         self.position = self.antiderivative(self.velocity)
 
     def average(self, values: np.ndarray) -> np.ndarray:
-        """Mean over theta along the last axis."""
+        """Return mean over theta along the last axis."""
         return np.mean(values * self._grade, axis=-1)
 
     def antiderivative(self, values: np.ndarray) -> np.ndarray:
-        """The antiderivative of ``values - average`` that has itself no average."""
+        """Return the antiderivative of ``values - average`` that has itself no average."""
         rate = np.fft.fft((values - self.average(values)[..., None]) * self._grade)
         result = np.fft.ifft(rate * self._integrate).real
         return result - self.average(result)[..., None]
@@ -130,7 +130,7 @@ EVEN, ODD = (2, 3, 4), (0, 1, 5)
 
 
 def coupling_coefficients(s: float) -> np.ndarray:
-    """Averages of shape x derivative of n x antiderivative, those that do not vanish by symmetry, (27,).
+    """Return averages of shape x derivative of n x antiderivative, those that do not vanish by symmetry, (27,).
 
     Index ``9 * derivative + 3 * shape + k``: derivatives xx, xy, yy; shapes 1, cos(theta), sin(theta); k counts the
     antiderivatives of equal parity: of (sin n_1, n_2, cos n_2), or of (n_1, cos n_1, sin n_2).
@@ -145,7 +145,7 @@ def coupling_coefficients(s: float) -> np.ndarray:
 
 
 def wobble_values(s: float, theta: np.ndarray) -> np.ndarray:
-    """First and second antiderivatives (velocity and position) at angles ``theta`` in [0, 2 pi], (len(theta), 12)."""
+    """Return first and second antiderivatives (velocity and position) at angles ``theta`` in [0, 2 pi], (len(theta), 12)."""
     waves = Waves(s)
     # The graded grid is fine where the curves bend; between its points a Hermite cubic uses the known slopes.
     grid = np.append(waves.theta, 2.0 * np.pi)
@@ -166,14 +166,14 @@ def wobble_values(s: float, theta: np.ndarray) -> np.ndarray:
 
 
 def slips(step: float, nodes: int) -> np.ndarray:
-    """Slip at the nodes of a table, (2, nodes): slower and faster than the table; infinity is put at 1e12."""
+    """Return slip at the nodes of a table, (2, nodes): slower and faster than the table; infinity is put at 1e12."""
     t = -np.expm1(-step * np.arange(nodes))
     return np.stack([t, 1.0 / np.maximum(t, 1e-12)])
 
 
 @lru_cache(maxsize=1)
 def averages() -> Averages:
-    """The tables, built once a process in a fraction of a second."""
+    """Return the tables, built once a process in a fraction of a second."""
     theta = np.linspace(0.0, np.pi, ANGLES)
     slip = slips(MEAN_STEP, MEAN_NODES)
     mean = mean_coefficients(slip)

@@ -38,7 +38,7 @@ DEFAULT_TOLERANCE = 1e-4  # m
 
 @dataclass(frozen=True)
 class Choice:
-    """What a simulator computes with, and why.
+    """Model and settings of a simulator, with the reason for them.
 
     Attributes:
         model: its name.
@@ -66,13 +66,13 @@ class Choice:
 
 @functools.cache
 def evidence() -> Any:
-    """The stored evidence."""
+    """Return the stored evidence."""
     return json.loads(resources.files("vibgym.simulation").joinpath("evidence.json").read_text(encoding="utf-8"))
 
 
 @dataclass(frozen=True)
 class Traits:
-    """What decides how hard a scene is."""
+    """Dimensionless quantities that determine the model errors of a scene."""
 
     kind: str  # "one element", "many elements", "stick-slip"
     eps: float
@@ -80,7 +80,7 @@ class Traits:
 
 
 def traits(surface: Surface, part: Part) -> Traits:
-    """The traits of a scene."""
+    """Return the traits of a scene."""
     horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
     eps = part.friction * surface.gravity / horizontal if horizontal > 0.0 else math.inf
     size = min(math.sqrt(part.gyration), surface.element_size / math.sqrt(6.0))
@@ -92,7 +92,7 @@ def traits(surface: Surface, part: Part) -> Traits:
 
 
 def class_of(scene: Traits) -> Any:
-    """The evidence class that a scene belongs to, or None where none is at least as hard."""
+    """Return the evidence class of a scene, or None if no class is at least as hard."""
     fitting = [
         each
         for each in evidence()["classes"]
@@ -104,12 +104,12 @@ def class_of(scene: Traits) -> Any:
 
 
 def cost_of(row: Mapping[str, Any], periods_per_call: int) -> float:
-    """Microseconds per period, world and core: a share per period and a share per call."""
+    """Return microseconds per period, world and core."""
     return row["us_per_period"] + row["us_per_call"] / periods_per_call
 
 
 def choose_for(surface: Surface, kinds: Sequence[Part], models: Sequence[str], **knobs: Any) -> Choice:
-    """The choice for the kind of part that needs the finest steps, among some models."""
+    """Return the choice for the kind of part that needs the finest steps, among some models."""
     choices = [choose(surface, part, models=models, **knobs) for part in kinds]
     return max(choices, key=lambda each: (each.knobs.get("steps", 0), each.knobs.get("substeps", 0)))
 
@@ -121,7 +121,7 @@ def choose(
     periods_per_call: Any = 1,
     models: Sequence[str] | None = None,
 ) -> Choice:
-    """The cheapest candidate whose error, with the margin, is within ``tolerance``.
+    """Return the cheapest candidate whose error, with the margin, is within ``tolerance``.
 
     Args:
         tolerance: m, see :attr:`Choice.error`.
@@ -130,7 +130,7 @@ def choose(
         models: that may be chosen; None: all.
 
     Raises:
-        ValueError: no candidate is good enough, or no evidence covers the scene; says what would work.
+        ValueError: no candidate is good enough, or no evidence covers the scene; the message names a setting that works.
     """
     tolerance = checks.number("tolerance", tolerance, above=0.0)
     periods_per_call = checks.count("periods_per_call", periods_per_call, most=checks.MOST_PERIODS)
@@ -175,5 +175,5 @@ def choose(
 
 
 def describe(scene: Traits) -> str:
-    """A scene's traits in words."""
+    """Describe a scene's traits."""
     return f"a scene with {scene.kind}, mu g / (a_h w^2) = {scene.eps:.3g}, size / way per period = {scene.scale:.3g}"

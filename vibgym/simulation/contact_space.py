@@ -1,4 +1,4 @@
-"""pymunk's contact solver, as the kernels call it: the only place that knows pymunk.
+"""Interface to pymunk's contact solver for kernels.
 
 A space serves one island of parts at a time. Bodies and shapes are made once, of all parts and walls; the kernel puts those of
 an island in, steps the space by the addresses of the library's own functions, and takes them out again
@@ -46,7 +46,7 @@ ROOM = 12
 library's tables before they grow."""
 
 MATERIALS = 31
-"""Different coefficients of friction that walls can tell apart: bits of pymunk's shape filter."""
+"""Most different coefficients of friction with walls: bits of pymunk's shape filter."""
 
 
 class ContactSpace:
@@ -99,7 +99,7 @@ class ContactSpace:
         )
 
     def _solver(self, **more: np.ndarray) -> Solver:
-        """Addresses of all that kernels call and hand over."""
+        """Return addresses of all that kernels call and hand over."""
         data = np.zeros(
             6 * len(self._bodies) + 8
         )  # the library grows its arrays when they are nearly full: never let it
@@ -143,7 +143,7 @@ class ContactSpace:
         )
 
     def __reduce__(self) -> Any:
-        """Copies and pickles are built anew: the solver's addresses are this object's own."""
+        """Return copies and pickles are built anew: the solver's addresses are this object's own."""
         return ContactSpace, self._made_of
 
 
@@ -164,7 +164,7 @@ def check_parts(parts: Sequence[Part]) -> None:
 
 
 def slop_of(part: Part) -> float:
-    """Overlap of a part that the solver leaves alone, m."""
+    """Return overlap of a part that the solver leaves alone, m."""
     return min(SLOP, 0.05 * narrowest_width(part.outline))
 
 
@@ -180,7 +180,7 @@ def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> No
 
 
 def impact_properties_of(parts: Sequence[Part]) -> ImpactProperties:
-    """What impacts between the parts of a world depend on."""
+    """Return the properties of the parts of a world that determine impacts."""
     n = len(parts)
     return ImpactProperties(
         mass=np.array([part.mass for part in parts]),
@@ -211,7 +211,7 @@ def _part_shapes(body: pymunk.Body, part: Part) -> list[pymunk.Shape]:
 
 
 def _inset(piece: np.ndarray) -> np.ndarray:
-    """A convex polygon with every edge moved inwards by :data:`INSET`."""
+    """Return a convex polygon with every edge moved inwards by :data:`INSET`."""
     edges = np.roll(piece, -1, axis=0) - piece
     edges = edges / np.hypot(edges[:, 0], edges[:, 1])[:, None]
     before = np.roll(edges, 1, axis=0)
@@ -227,7 +227,7 @@ def _inset(piece: np.ndarray) -> np.ndarray:
 def _wall_shapes(
     space: pymunk.Space, surface: Surface, walls: Sequence[str], materials: Sequence[float]
 ) -> list[list[pymunk.Shape | None]]:
-    """The walls of a space, in the order of all of them, once for each material, as thick bars outside the surface."""
+    """Return the walls of a space, in the order of all of them, once for each material, as thick bars outside the surface."""
     width, height = surface.width, surface.depth
     thick = max(width, height)
     bars = {

@@ -194,24 +194,24 @@ class Model(ABC):
 
 
 def warn_of_slender(parts: Sequence[Part], model: str) -> None:
-    """Warn of parts that a planar model holds only as long as nothing knocks them."""
+    """Warn of parts that wobble after a disturbance, which planar models do not cover."""
     for part in kinds_of(parts, Part.same_as)[0]:
         limit = SLENDER_DISC if part.symmetry == 0 else SLENDER
         if part.height_is_known and part.slenderness > limit:
             warnings.warn(
                 f"parts: {part.name!r} has its centre of mass {part.slenderness:.2g} times as high as its edge is far; above "
-                f"{limit:g} a part that is knocked goes on wobbling, which model={model!r} does not see: try model='tilting'",
+                f"{limit:g} a disturbed part wobbles, which model={model!r} does not cover: try model='tilting'",
                 UserWarning,
                 stacklevel=4,
             )
 
 
 def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model: str) -> None:
-    """Refuse parts that friction alone tips, which no planar model can hold, as far as their heights are known.
+    """Refuse parts that friction alone tips, which planar models do not cover; parts of unknown height pass.
 
     Args:
         factors: (n, parts) on friction.
-        where: how errors name the argument.
+        where: name of the argument in errors.
     """
     ratio = factors * [part.tipping_ratio if part.height_is_known else 0.0 for part in parts]
     if ratio.size and ratio.max() > 1.0:
@@ -227,12 +227,12 @@ def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model:
 def conditions_of(
     now: Conditions, given: Mapping[str, Any], elements: tuple[int, int], gravity: float, where: str
 ) -> Conditions:
-    """Checked conditions; what is None stays as it is ``now``.
+    """Return checked conditions; those that are None keep their values in ``now``.
 
     Args:
         elements: rows and columns of the surface.
         gravity: m/s^2, which an incline cannot exceed.
-        where: how errors name an argument, with ``{}`` for the condition's own name.
+        where: name of an argument in errors, with ``{}`` for the condition's name.
 
     Raises:
         ValueError: a number that is not finite or out of its range, or a shape that does not fit.
@@ -258,10 +258,10 @@ def conditions_of(
 
 
 def worlds_from(worlds: Any, count: int) -> np.ndarray:
-    """Indices of worlds from a mask, a slice, or one or several indices.
+    """Return indices of worlds from a mask, a slice, or one or several indices.
 
     Raises:
-        ValueError: none of these, or an index that no world has.
+        ValueError: another type, or an index out of range.
     """
     if isinstance(worlds, slice):
         return np.arange(count)[worlds]

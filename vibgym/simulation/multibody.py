@@ -52,13 +52,13 @@ class Multibody(Model):
             prospect = buffers.prospect(stop - start)
             together, seen, at = buffers.together.address, prospect.address, state.address
             buffers.contacts.deepest[1] = self._smallest_gap[start]
-            told = drive.address
+            driven = drive.address
             try:
                 for _ in range(periods):
                     near = broad_phase(start, stop, together, at, seen)
-                    self.slide(start, stop, buffers, prospect.record, told, at, near)
+                    self.slide(start, stop, buffers, prospect.record, driven, at, near)
                     if near:
-                        resolve(start, stop, together, told, at, seen, self.counts)
+                        resolve(start, stop, together, driven, at, seen, self.counts)
                     else:
                         self.counts[start:stop, FREE] += 1
                     self.end_period(start, stop, buffers, at)
@@ -83,7 +83,7 @@ class Multibody(Model):
                 slide_rows(chosen, alone.address, drive, state, 1, paths, start * buffers.parts)
 
     def end_period(self, start: int, stop: int, buffers: ContactBuffers, state: int) -> None:
-        """After a period of a block's worlds: contacts have been resolved."""
+        """Finish a period of a block's worlds, after contacts have been resolved."""
 
     def check_conditions(self, conditions: Conditions, where: str) -> None:
         self.check_contacts(conditions, where)
@@ -140,14 +140,14 @@ class ContactBuffers:
         self._prospects: dict[int, Pinned[Prospect]] = {}
 
     def prospect(self, worlds: int) -> Pinned[Prospect]:
-        """Arrays for a block of so many worlds."""
+        """Return arrays for a block of so many worlds."""
         if worlds not in self._prospects:
             self._prospects[worlds] = Pinned(PROSPECT, new_prospect(worlds, self.parts, self._steps))
         return self._prospects[worlds]
 
 
 def coupling_of(kinds: Sequence[Part], schemes: PlanarSchemes) -> Coupling:
-    """How finely friction and contacts take turns, for the kernels."""
+    """Return how finely friction and contacts take turns, for the kernels."""
     return Coupling(
         steps=np.array([scheme.steps for scheme in schemes.alone]),
         substeps=np.array([scheme.substeps for scheme in schemes.alone]),

@@ -1,4 +1,4 @@
-"""Steps and tables of the models, made once from their knobs."""
+"""Time steps and tables of the models, from their settings."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from vibgym.scene.surface import Surface
 from vibgym.simulation import averages_tables
 
 RUNGE_KUTTA_STEPS = 18
-"""Fewest of them in a period unless asked for otherwise."""
+"""Default for the fewest in a period."""
 
 FEWEST_STEPS = 4
-"""With fewer cuts a period, whatever moves under a part goes unseen: errors of millimetres in a second, and no sign of it."""
+"""Fewest cuts of the contact area in a period: with fewer, errors reach millimetres in a second."""
 
 MOST_STEPS, MOST_SUBSTEPS = 10_000, 4096
-"""In a period, and in a step: far beyond what rounding leaves of any gain."""
+"""In a period, and in a step: far beyond any gain in accuracy."""
 
 CONTACT_OVERLAP = 5e-6
-"""m that an impact may make two parts overlap unless asked for otherwise."""
+"""Default for the overlap of two parts by an impact, m."""
 
 FRICTION_OVERLAP = 1.7e-4
 """m that ``mu g h^2``, what friction makes two parts that it drives together overlap in a step ``h``, may be."""
 
 CONTACT_STEPS = 10
-"""Fewest steps of the coupling between friction and contacts in a period unless asked for otherwise."""
+"""Default for the fewest steps of the coupling between friction and contacts in a period."""
 
 
 class PlanarSchemes(NamedTuple):
@@ -41,13 +41,13 @@ class PlanarSchemes(NamedTuple):
 
     alone: tuple[Scheme, ...]  # one a kind
     fewest: int  # steps of the coupling in a period
-    bend: tuple[float, ...]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: friction has no say in it
+    bend: tuple[float, ...]  # m that ``mu g h^2`` may be in such a step ``h``; infinite: no limit by friction
     overlap: tuple[float, ...]  # m that an impact may add to the overlap of two parts
     walls: int  # set of walls, a bit each
 
 
 def chosen(name: str, value: Any, most: int | None = None) -> int | None:
-    """A count, or None for ``"auto"``."""
+    """Return a count, or None for ``"auto"``."""
     if isinstance(value, str) and value == "auto":
         return None
     return checks.count(f"{name} (or 'auto')", value, most=most)
@@ -56,7 +56,7 @@ def chosen(name: str, value: Any, most: int | None = None) -> int | None:
 def planar_scheme(
     surface: Surface, part: Part, *, steps: int | str = "auto", substeps: int | str = "auto", pieces: int | str = "auto"
 ) -> Scheme:
-    """Resolved in time: the contact area is cut ``steps`` times a period, friction takes ``substeps`` in each."""
+    """Return the scheme with ``steps`` cuts of the contact area in a period, each with ``substeps`` of friction."""
     travel = 2.0 * math.pi * surface.horizontal_amplitude
     cuts = chosen("steps", steps, most=MOST_STEPS) or (5 if part.gyration >= travel**2 else 9)
     if cuts < FEWEST_STEPS and surface.rows * surface.columns > 1 and surface.horizontal_amplitude > 0.0:
@@ -87,7 +87,7 @@ def planar_schemes(
     contact_steps: int | str = "auto",
     contact_overlap: float | str = "auto",
 ) -> PlanarSchemes:
-    """The planar model where parts may touch: each kind by itself as :func:`planar_scheme` says, and steps for contacts.
+    """Return the schemes of the planar model with contacts: :func:`planar_scheme` for each kind, and steps for contacts.
 
     ``contact_steps``: fewest steps of the coupling in a period with contacts; ``"auto"``: ten, or as many as keep what friction
     adds to an overlap in a step small. ``contact_overlap``: m, how far parts may run into one another before the solver sees
@@ -127,7 +127,7 @@ def check_contact_steps(argument: str, surface: Surface, friction: float, inclin
 def averaged_scheme(
     surface: Surface, part: Part, *, order: int = 2, stride: int = 1, steps: int | str = "auto"
 ) -> AveragedScheme:
-    """Averaged over the period: ``steps`` in each span of ``stride`` periods."""
+    """Return the scheme of the averaged model: ``steps`` in each span of ``stride`` periods."""
     order = checks.count("order", order, most=2)
     stride = checks.count("stride", stride, most=checks.MOST_PERIODS)
     cuts = chosen("steps", steps, most=MOST_STEPS) or 1

@@ -1,4 +1,4 @@
-"""The simulator: many independent worlds of one surface, each with its parts, advanced together."""
+"""The simulator: independent worlds of one surface, each with its parts, advanced in parallel."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from vibgym.simulation.models import MODELS, TippingMargin
 from vibgym.snapshots import check_keys, copied, put_back, restored
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 80, 112, 32
-"""Of a world's state, and of its drive: two arrays, and two that a caller's amplitudes and phases become."""
+"""Memory of a world's state and drive, including the copies of a caller's amplitudes and phases."""
 
 MOST_TIME = 10**15
-"""Periods since a reset that a snapshot may tell of."""
+"""Most periods since a reset in a snapshot."""
 
 
 class Simulator:
@@ -129,7 +129,7 @@ class Simulator:
         self._counted = 0  # periods since the last reset; snapshots leave it alone
 
     def reset(self, pose: Any, velocity: Any = None) -> None:
-        """Put the parts down, set time to 0, and all conditions back to what the parts and a level table say.
+        """Place the parts, set time to 0, and reset all conditions: friction and mass of the parts, a level table.
 
         Args:
             pose: broadcastable to (worlds, parts, 3): x and y (m) of the centre of mass, heading (rad).
@@ -151,9 +151,9 @@ class Simulator:
         self._model.reset()
 
     def place(self, worlds: Any, pose: Any, velocity: Any, mean_velocity: Any, fallen: Any = False) -> None:
-        """Start the given worlds (index or mask) afresh from checked values, conditions included; others and clock go on.
+        """Restart worlds (index or mask) from checked values and reset their conditions; other worlds and the time go on.
 
-        ``fallen``: parts that take no part; they touch nothing.
+        ``fallen``: parts that are not simulated and touch nothing.
         """
         state = self._state
         state.pose[worlds], state.velocity[worlds], state.mean_velocity[worlds] = pose, velocity, mean_velocity
@@ -179,29 +179,28 @@ class Simulator:
         return self._model.part_info()
 
     def renew(self, changed: np.ndarray) -> None:
-        """Let the model forget what it knows of some parts, (worlds, parts) bool: others have taken their places."""
+        """Reset the model's live arrays of some parts, (worlds, parts) bool, which have been replaced."""
         self._model.begin(changed)
 
     def set_conditions(
         self, worlds: Any, *, friction: Any = None, mass: Any = None, incline: Any = None, patches: Any = None
     ) -> None:
-        """Say under which conditions some worlds go on, until the next reset of these; what is None stays as it is.
+        """Set the conditions of some worlds until their next reset; None keeps a value.
 
         Args:
             worlds: mask (worlds,), indices, or a slice; n worlds.
             friction: factor on the coefficients of static and sliding friction between part and table, broadcastable to
-                (n, parts), 0.01 to 100. Friction between parts stays what it is.
-            mass: likewise, on mass and planar inertia. It shows where parts touch one another.
-            incline: constant acceleration x and y of all that lies on the table, m/s^2, broadcastable to (n, 2), at most the
+                (n, parts), 0.01 to 100. Friction between parts is unchanged.
+            mass: likewise, on mass and planar inertia; it matters in contacts only.
+            incline: constant acceleration x and y of everything on the table, m/s^2, broadcastable to (n, 2), at most the
                 table's gravity together. A table inclined by a small angle has ``g sin(angle)``, downhill; that the load
                 becomes smaller by ``cos(angle)`` is left out.
             patches: factor of every element on friction (wear, dirt), broadcastable to (n, rows, columns), likewise. Where a
                 part lies on several elements, each rubs with its own.
 
         Raises:
-            ValueError: a bad argument, masses that differ by more than contacts can be relied on for, friction that
-                contacts cannot follow, or, with the averaged model, conditions under which a part may stick; nothing has
-                changed.
+            ValueError: a bad argument, masses or friction outside the range of the contact solver, or, with the
+                averaged model, conditions under which a part may stick; nothing has changed.
         """
         rows = worlds_from(worlds, self.worlds)
         now = Conditions(*(getattr(self._state, name)[rows] for name in Conditions._fields))
@@ -212,7 +211,7 @@ class Simulator:
         self.condition(rows, found._asdict())
 
     def tell_elements_apart(self) -> None:
-        """Make room in :attr:`state` for a friction of every element; until then all elements of a world have the same."""
+        """Allocate a friction factor per element in :attr:`state`; before, all elements of a world share one."""
         elements = self.surface.rows, self.surface.columns
         if self._state.patches.shape[1:] != elements:
             patches = np.broadcast_to(self._state.patches, (self.worlds, *elements)).copy()
@@ -220,7 +219,7 @@ class Simulator:
             self._pinned = Pinned(STATE, self._state)
 
     def _patches_as(self, given: Any) -> np.ndarray:
-        """An array of the shape that patches of a snapshot may have, one a world or one an element; else the live one."""
+        """Return an array of the shape of a snapshot's patches, per world or per element; else the live array."""
         shapes = (self.worlds, 1, 1), (self.worlds, self.surface.rows, self.surface.columns)
         return np.empty(given.shape) if getattr(given, "shape", None) in shapes else self._state.patches
 
@@ -230,7 +229,7 @@ class Simulator:
             getattr(self._state, name)[worlds] = values
 
     def check_conditions(self, now: Conditions, given: Mapping[str, Any], where: str) -> Conditions:
-        """Conditions that :meth:`set_conditions` would take, see :func:`vibgym.simulation.model.conditions_of`.
+        """Return checked conditions, see :func:`vibgym.simulation.model.conditions_of`.
 
         Raises:
             ValueError: as there.
@@ -259,11 +258,11 @@ class Simulator:
         self.run(polar_drive(amplitude, phase, surface.angular_frequency), periods)
 
     def run(self, drive: Drive, periods: int = 1) -> None:
-        """Advance under a drive of :mod:`vibgym.physics.core.drive` whose numbers have been checked."""
+        """Advance under a drive of :mod:`vibgym.physics.core.drive` whose values have been checked."""
         self.go_on(drive, checks.count("periods", periods, most=checks.MOST_PERIODS))
 
     def go_on(self, drive: Drive, periods: int, stages: Sequence[Callable[[int], None]] = ()) -> None:
-        """:meth:`run`, and then some stages for each of :attr:`blocks` as soon as its worlds have been advanced.
+        """Return :meth:`run`, and then some stages for each of :attr:`blocks` as soon as its worlds have been advanced.
 
         Args:
             stages: called with a block's number on the thread that has advanced it, several blocks at a time.
@@ -306,13 +305,13 @@ class Simulator:
 
     @property
     def contact_impulse(self) -> np.ndarray:
-        """(worlds, parts, 2) N s, what contacts with other parts and walls have pushed with over the last period, x and y."""
+        """(worlds, parts, 2) N s, impulse of contacts with other parts and walls over the last period, x and y."""
         mass = self._state.mass * [part.mass for part in self.parts]
         return mass[..., None] * self._state.pushed
 
     @property
     def fallen(self) -> np.ndarray:
-        """(worlds, parts) whether the part's centre of mass has left its support; it then rests where that was seen."""
+        """(worlds, parts) whether the part's centre of mass has left its support; the part then rests at that position."""
         return self._state.fallen.copy()
 
     @property
@@ -322,7 +321,7 @@ class Simulator:
 
     @property
     def doubtful(self) -> np.ndarray:
-        """(worlds, parts) whether since the reset something has happened that the model is not certified for.
+        """(worlds, parts) whether since the reset the part has left the range for which the model is validated.
 
         Averaged: slip may have passed through zero within a period. Planar: never.
         """
@@ -330,7 +329,7 @@ class Simulator:
 
     @property
     def diverged(self) -> np.ndarray:
-        """(worlds,) whether a number stopped being finite; the world then keeps its last sound state."""
+        """(worlds,) whether a value became non-finite; the world then keeps its last finite state."""
         return self._state.diverged.copy()
 
     @property
@@ -345,7 +344,7 @@ class Simulator:
 
     @property
     def incline(self) -> np.ndarray:
-        """(worlds, 2) acceleration x and y of all that lies on the table, m/s^2; a copy."""
+        """(worlds, 2) acceleration x and y of everything on the table, m/s^2; a copy."""
         return self._state.incline.copy()
 
     @property
@@ -423,11 +422,11 @@ class Simulator:
 
     @property
     def tipping_margin(self) -> np.ndarray:
-        """(worlds, parts) one minus the worst share of the way to the edge that a part's centre of pressure makes in a period.
+        """(worlds, parts) one minus the largest displacement of the centre of pressure in a period, over that to the edge.
 
-        What a rigid part as high as this one would need to stay flat, under the last drive, at its pose and velocity of this
-        instant (:mod:`vibgym.physics.planar.tipping`). Below 0 it tips, whatever the model says; 0 for parts that do not lie
-        flat, and minus infinity for those that have fallen.
+        For a rigid part of this height under the last drive, at its present pose and velocity
+        (:mod:`vibgym.physics.planar.tipping`). Below 0 the part would tip, also in models that keep parts flat. 0 for parts
+        that do not lie flat, minus infinity for fallen parts.
         """
         if self._tipping is None:
             self._tipping = TippingMargin(self._setup)
@@ -440,19 +439,19 @@ class Simulator:
 
     @property
     def statistics(self) -> dict[str, int]:
-        """Periods of all worlds since the reset by the way they took, and calls of the contact solver.
+        """Periods of all worlds since the reset by their collision case, and calls of the contact solver.
 
-        ``free``: nothing was near enough to touch.  ``near``: paths were compared and stayed apart.  ``contact``: friction
-        and contacts took turns, for some of the parts at least.  ``contact_steps``: in how many steps of these the solver was
-        called, summed over the islands of parts that each took steps of their own.
+        ``free``: no parts were near one another.  ``near``: paths were compared and did not meet.  ``contact``: friction
+        and contacts were coupled, for some of the parts at least.  ``contact_steps``: steps with a call of the solver,
+        summed over islands.
         """
         return self._model.statistics(self.worlds * self._counted)
 
     @property
     def deepest_overlap(self) -> float:
-        """Largest overlap since the reset that parts had with one another or with walls when a step of contacts was over, m.
+        """Largest overlap of parts with one another or with walls at the end of a contact step since the reset, m.
 
-        Steps are short parts of a period: so this bounds what periods end with.
+        It bounds the overlap at the end of periods, as steps are fractions of a period.
         """
         return self._model.deepest_overlap()
 
@@ -463,19 +462,19 @@ class Simulator:
 
     @property
     def state(self) -> State:
-        """The live arrays, for those who drive the simulator every step; do not keep or change them."""
+        """The live arrays; do not keep or change them."""
         return self._state
 
     def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit."""
+        """Return a snapshot from which the simulation continues bit for bit."""
         return {**copied(self._state._asdict()), **copied(self._model.live()), "periods": self._periods}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`get_state` gave, on a simulator with the same worlds and parts.
+        """Restore a snapshot of :meth:`get_state`, of a simulator with the same worlds and parts.
 
         Raises:
             ValueError: a key is missing or unknown, a value has the wrong shape or is not finite, or parts overlap by more
-                than contacts let them.
+                than contacts allow.
         """
         live, own = self._state._asdict(), self._model.live()
         check_keys("state", state, (*live, *own, "periods"))
@@ -506,7 +505,7 @@ def _model_from(setup: Setup, name: str, knobs: Mapping[str, Any]) -> Model:
 
 
 def _limit(surface: Surface) -> float:
-    """Largest allowed amplitude; a little rounding room, so that values computed from the limit pass."""
+    """Return the largest allowed amplitude, with a margin for rounding."""
     assert surface.max_amplitude is not None
     return surface.max_amplitude * (1.0 + 1e-12)
 

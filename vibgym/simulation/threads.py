@@ -1,8 +1,7 @@
-"""Threads that share the worlds of one call.
+"""Thread pool for blocks of worlds.
 
-Kernels release the GIL, so plain threads run blocks of worlds side by side. Each world is computed by the same scalar
-code wherever it stands, so results do not depend on the number of threads or on who takes which block. The pool is made
-on first use and per process: a fork (AsyncVectorEnv) starts without one.
+Kernels release the GIL, so threads run blocks of worlds in parallel. Results do not depend on the number of threads or on the
+assignment of blocks. The pool is created on first use and per process: a fork (AsyncVectorEnv) starts without one.
 """
 
 from __future__ import annotations
@@ -18,41 +17,41 @@ from vibgym import checks
 from vibgym.kernels.vector import LANES
 
 SMALLEST_BLOCK = 16
-"""Worlds below which a second thread costs more than it saves."""
+"""Fewest worlds per thread: below, a second thread costs more than it saves."""
 
 BLOCKS_PER_THREAD = 4
-"""More blocks than threads, so that a thread that is held up leaves its share to the others."""
+"""More blocks than threads, to balance the load when a thread is delayed."""
 
 MOST = "VIBGYM_THREADS"
-"""Environment variable for schedulers that count processors and assign none, as Ray does."""
+"""Environment variable with the number of threads, for schedulers that do not set the CPU affinity, such as Ray."""
 
 Tool = TypeVar("Tool")
 Result = TypeVar("Result")
 
 
 class Pool(Generic[Tool]):
-    """As many tools (working arrays, contact solvers) as threads are at work at a time, made when they are first needed.
+    """Pool of working arrays or contact solvers, one per active thread, created on first use.
 
     Copies and pickles start empty.
     """
 
     def __init__(self, make: Callable[[], Tool]) -> None:
         self._make = make
-        self._free = deque([make()])  # a bad setting shows at once
+        self._free = deque([make()])  # an invalid setting raises immediately
 
     def take(self) -> Tool:
-        """A tool that nobody else uses, until it is given back; one that is lost to an error is made anew."""
+        """Return an unused tool; one that is not given back after an error is replaced."""
         try:
             return self._free.pop()
         except IndexError:
             return self._make()
 
     def give(self, tool: Tool) -> None:
-        """Give back what was taken."""
+        """Return a tool to the pool."""
         self._free.append(tool)
 
     def lend(self, work: Callable[..., Result], *more: Any) -> Result:
-        """What ``work(tool, *more)`` makes of a tool that nobody else uses meanwhile."""
+        """Return ``work(tool, *more)`` with a tool of the pool."""
         tool = self.take()
         try:
             return work(tool, *more)
@@ -64,7 +63,7 @@ class Pool(Generic[Tool]):
 
 
 def available_threads() -> int:
-    """Processors this process may use: those that the system gives it, at most so many as ``VIBGYM_THREADS`` says."""
+    """Return the processors available to this process, at most ``VIBGYM_THREADS``."""
     given = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     most = os.environ.get(MOST, "")
     if not most:
@@ -75,14 +74,14 @@ def available_threads() -> int:
 
 
 class _Crew:
-    """Threads of this process that wait for work. A queue of C code hands it over in half the time of an executor."""
+    """Worker threads of this process. ``SimpleQueue`` takes half the time of an executor."""
 
     def __init__(self) -> None:
         self.process, self.threads = os.getpid(), 0
         self.jobs: SimpleQueue[tuple[Callable[[], None], SimpleQueue[BaseException | None]]] = SimpleQueue()
 
     def grow(self, threads: int) -> None:
-        """Have at least so many."""
+        """Start threads up to this number."""
         while self.threads < threads:
             self.threads += 1
             threading.Thread(target=_serve, args=(self.jobs,), name=f"vibgym_{self.threads}", daemon=True).start()
@@ -97,18 +96,18 @@ def _serve(jobs: SimpleQueue[tuple[Callable[[], None], SimpleQueue[BaseException
             done.put(error)
         else:
             done.put(None)
-        del job, done  # or what they hold lives on until there is more work
+        del job, done  # release references while waiting
 
 
 _crew = _Crew()
 
 
 class Blocks:
-    """Shares worlds out to threads: in blocks that are the same at every call.
+    """Partition of worlds into blocks for threads, the same at every call.
 
     Args:
         worlds: how many.
-        threads: that may be at work.
+        threads: most threads in use.
 
     Attributes:
         worlds: how many.
@@ -119,7 +118,7 @@ class Blocks:
         self.worlds = worlds
         self._threads = max(min(threads, worlds // SMALLEST_BLOCK), 1)
         count = min(self._threads * BLOCKS_PER_THREAD, worlds // SMALLEST_BLOCK) if self._threads > 1 else 1
-        # Whole bundles: a block that ends within one would leave lanes empty.
+        # Multiples of LANES: other blocks would leave vector lanes empty.
         edges = [min(-(-worlds * k // count // LANES) * LANES, worlds) for k in range(count + 1)]
         self.edges = list(zip(edges, edges[1:]))
 
@@ -132,7 +131,7 @@ class Blocks:
         blocks = iter(range(len(self.edges)))
 
         def run() -> None:
-            for k in blocks:  # an iterator of C code hands each block to one thread only
+            for k in blocks:  # the list iterator is atomic: each block goes to one thread
                 work(k)
 
         if _crew.process != os.getpid():
@@ -143,7 +142,7 @@ class Blocks:
             _crew.jobs.put((run, done))
         try:
             run()  # this thread works too
-        finally:  # nobody is to work on when this returns
+        finally:  # wait for all threads
             failures = [done.get() for _ in range(self._threads - 1)]
         for each in failures:
             if each is not None:

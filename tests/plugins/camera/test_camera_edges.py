@@ -37,12 +37,6 @@ def test_grey_levels_tell_the_centroid_far_better_than_whole_pixels():
     assert np.std(errors[True]) < 0.005 and 0.02 < np.std(errors[False]) < 0.08
 
 
-def test_uneven_light_does_not_move_the_centroid():
-    level = 200.0 * (1.0 - 0.25 * np.linspace(0.0, 1.0, 42)) * np.ones((42, 1))
-    share = coverage(42, 42, (20.3, 20.6), 0.4, (20.0, 12.0))
-    assert centroids(share, level)[0] == pytest.approx([20.3, 20.6], abs=0.01)
-
-
 @pytest.mark.parametrize("gap", [2.0, 3.0, 5.0])
 def test_a_neighbour_does_not_count(gap):
     """Two rectangles side by side, nearer than their bands are wide."""

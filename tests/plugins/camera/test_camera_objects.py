@@ -4,15 +4,12 @@ import numpy as np
 import pytest
 from skimage.measure import label, regionprops
 
-from vibgym.kernels.jit import jit
 from vibgym.plugins.camera.objects import (
     Interest,
     area_of_interest,
     boundary,
     find_objects,
     new_found,
-    run_moments,
-    shift_moments,
 )
 
 SHAPE = (90, 120)
@@ -66,21 +63,6 @@ def test_moments_are_those_of_scikit_image(seed):
         assert found.clipped[number] == (top == 0 or left == 0 or bottom == SHAPE[0] or right == SHAPE[1])
 
 
-@jit
-def run_and_shift(line: int, start: int, length: int, column: float, down: float, moment: np.ndarray) -> None:
-    run_moments(line, start, length, moment)
-    shift_moments(moment, column, down)
-
-
-def test_moments_of_a_run_are_sums_over_its_pixels():
-    for line, start, length in ((0, 0, 1), (7, 3, 9), (5, 100, 40)):
-        for column, down in ((0, 0), (11, -4)):
-            moment, c, l = np.zeros(6), np.arange(start, start + length) + column, line + down  # noqa: E741
-            run_and_shift(line, start, length, float(column), float(down), moment)
-            expected = [length, c.sum(), l * length, (c**2).sum(), l * c.sum(), l * l * length]
-            assert moment == pytest.approx(expected, rel=1e-12)
-
-
 def test_a_coarse_grid_finds_every_object_that_holds_its_circle():
     random = np.random.default_rng(2)
     lines, columns = np.mgrid[: SHAPE[0], : SHAPE[1]]
@@ -89,23 +71,6 @@ def test_a_coarse_grid_finds_every_object_that_holds_its_circle():
         grey = np.where(np.hypot(lines - middle[0], columns - middle[1]) < 5.0, 20, 200).astype(np.uint8)
         fine, coarse = found_in(grey), found_in(grey, whole(step=6))  # a square of 6 has a diagonal of 8.5
         assert fine.count[0] == coarse.count[0] == 1 and (fine.moment[0] == coarse.moment[0]).all()
-
-
-def test_specks_are_no_objects_and_labels_are_forgotten():
-    grey = np.full(SHAPE, 200, np.uint8)
-    grey[10:14, 10:20] = grey[50, 50:53] = 30
-    found = found_in(grey, whole(least=4))
-    assert found.count[0] == 1 and (found.label > 0).sum() == 40
-    find_objects(np.full(SHAPE, 200, np.uint8), whole(), found)
-    assert found.count[0] == 0 and not found.label.any()
-
-
-def test_without_room_the_rest_is_left_out():
-    grey = blobs(1)
-    found = found_in(grey, most=3)
-    assert found.count[0] == 3
-    find_objects(np.full(SHAPE, 200, np.uint8), whole(), found)
-    assert not found.label.any()
 
 
 def test_the_area_of_interest_cuts():

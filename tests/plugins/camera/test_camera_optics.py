@@ -19,13 +19,6 @@ def test_the_prototype_covers_what_the_thesis_says():
     assert projected(optics, corners) == pytest.approx(np.array([[751.5, -0.5], [-0.5, 569.5]]), abs=0.05)
 
 
-def test_what_is_nearer_to_the_lens_is_seen_larger():
-    optics = optics_of(MIDDLE)
-    low, high = projected(optics, np.array([[0.8, 0.2, 0.0], [0.8, 0.2, 0.02]]))
-    centre = np.array([375.5, 284.5])
-    assert (high - centre) == pytest.approx((low - centre) * 0.772 / 0.752, rel=1e-12)
-
-
 def test_distortion_is_the_displacement_of_the_corner():
     for share in (0.01, -0.05):
         straight, bent = optics_of(MIDDLE), optics_of(MIDDLE, distortion=share)
@@ -47,13 +40,6 @@ def test_a_tilted_camera_looks_along_its_axis():
 
 def test_nothing_is_seen_behind_the_lens():
     assert np.isnan(projected(optics_of(MIDDLE), np.array([[0.4, 0.1, 0.772], [0.4, 0.1, 2.0]]))).all()
-
-
-def test_one_line_of_half_an_image_is_two_of_the_chip():
-    full, half = optics_of(MIDDLE), optics_of(MIDDLE, pitch=2)
-    points = np.array([[0.1, 0.05, 0.0], [0.7, 0.2, 0.01]])
-    (c, l), (c2, l2) = projected(full, points).T, projected(half, points).T  # noqa: E741
-    assert (c == c2).all() and l2 == pytest.approx((l - 0.5) / 2.0)  # line 0 of the half lies between 0 and 1
 
 
 @given(

@@ -64,22 +64,6 @@ def test_parts_taken_for_each_other_are_counted():
     assert sensor.due.seen.all() and sensor.facts()["swaps"].tolist() == [2]
 
 
-def test_gone_parts_are_told_and_no_losses():
-    sensor = camera([BLOCK, DISC], [[[0.2, 0.1, 0.0], [0.5, 0.1, 0.0]]])
-    sensor.look(state_of([[[0.2, 0.1, 0.0], [2.0, 9.0, 0.0]]], gone=[[False, True]]))
-    assert sensor.due.gone.tolist() == [[False, True]] and sensor.due.seen.tolist() == [[True, False]]
-    assert not sensor.facts()["losses"].any()
-
-
-def test_velocities_are_differences_of_poses():
-    sensor = camera([BLOCK], [[[0.2, 0.1, 0.0]]])
-    assert not sensor.due.mean_velocity.any()
-    before = sensor.due.pose.copy()
-    sensor.look(state_of([[[0.208, 0.098, 0.04]]]))
-    assert sensor.due.mean_velocity == pytest.approx((sensor.due.pose - before) / 0.04)
-    assert sensor.due.mean_velocity[0, 0] == pytest.approx([0.2, -0.05, 1.0], abs=0.1)
-
-
 def test_the_image_is_the_one_that_is_due():
     """With a delay of two periods, what one without saw two steps ago; each look has its own noise."""
     late, now = (
@@ -123,13 +107,6 @@ def test_pictures_are_kept_for_those_who_ask():
 def test_bad_settings_are_refused(settings, message):
     with pytest.raises(ValueError, match=message):
         gym.make("vibgym/Align-v0", sensor={"kind": "camera", **settings})
-
-
-def test_parts_that_cannot_be_seen_are_refused():
-    with pytest.raises(ValueError, match=r"parts"):
-        CameraSensor(SURFACE, [Part.disc(0.0005, friction=0.5)], 1, 1)
-    with pytest.raises(ValueError, match=r"parts"):
-        CameraSensor(SURFACE, [Part.disc(0.02, friction=0.5, height=0.5)], 1, 1)
 
 
 def test_only_a_camera_has_an_image():

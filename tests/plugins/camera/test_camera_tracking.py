@@ -13,7 +13,7 @@ from tests.plugins.camera.helpers import QUIET, SURFACE, camera, state_of
 from vibgym import Part
 from vibgym.kernels.jit import jit
 from vibgym.physics.core.assignment import assign
-from vibgym.plugins.camera.shapes import heading_order, outline_moment, room_inside, size_moment, traits_of
+from vibgym.plugins.camera.shapes import outline_moment, size_moment, traits_of
 from vibgym.scene.parts import shipped_part
 
 ALUMINIUM, STEEL = shipped_part("aluminium_block"), shipped_part("steel_block")
@@ -61,20 +61,6 @@ def test_moments_of_outlines_are_sums_over_their_area():
         )
 
 
-def test_in_which_moment_a_heading_shows():
-    parts = [ALUMINIUM, SQUARE, TRIANGLE, ANGLE, DISC]
-    assert [heading_order(part)[0] for part in parts] == [2, 4, 3, 2, 0]
-    traits = traits_of([ALUMINIUM])
-    a, b = 0.050**2, 0.035**2
-    assert traits.spread[0] == pytest.approx((a + b) / 12) and traits.elongation[0] == pytest.approx((a - b) / (a + b))
-
-
-def test_the_room_inside_a_part():
-    sharp = (2.0 - math.sqrt(2.0)) * 0.02  # in the corner of the angle, which is wider than its arms
-    for part, expected in ((ALUMINIUM, 0.0175), (DISC, 0.02), (TRIANGLE, 0.05 / math.sqrt(12.0)), (ANGLE, sharp)):
-        assert room_inside(part) == pytest.approx(expected, rel=0.02)
-
-
 @pytest.mark.parametrize("part", [ALUMINIUM, STEEL, ANGLE, SQUARE, TRIANGLE], ids=lambda part: part.name)
 @pytest.mark.parametrize("lines", ["all", "half"])
 def test_headings_of_all_shapes_through_two_turns(part, lines):
@@ -89,13 +75,6 @@ def test_headings_of_all_shapes_through_two_turns(part, lines):
         worst = max(worst, abs(error[2]))
         assert np.abs(error[:2]).max() < 1e-4
     assert worst < math.radians(0.3)
-
-
-def test_a_disc_keeps_its_heading():
-    sensor = camera([DISC], [[[0.3, 0.1, 0.7]]])
-    for k in range(5):
-        sensor.look(state_of([[[0.3 + 0.01 * k, 0.1, 0.7 + 0.1 * k]]]))
-        assert sensor.due.seen.all() and sensor.due.pose[0, 0, 2] == 0.7
 
 
 @pytest.mark.parametrize("lines, edge", [("half", "grey"), ("all", "threshold")])

@@ -125,16 +125,6 @@ def test_undo_takes_back_step_by_step(align):
     assert np.array_equal(align.pose, second)
 
 
-def test_no_room_leaves_the_part_in_the_hand(tmp_path):
-    page = Page("Sort", tmp_path)
-    page("lift", part=0)
-    there = page.pose[1].tolist()
-    (line,) = refused(page("put_down", part=0, pose=there))
-    assert "overlapping" in line
-    frame = page.session.step()[-1]
-    assert "overlapping" in frame["held"]["0"]
-
-
 def test_a_start_comes_back_as_it_was_shared(tmp_path):
     page = Page("Sort", tmp_path)
     page("steps", count=20)
@@ -146,17 +136,6 @@ def test_a_start_comes_back_as_it_was_shared(tmp_path):
     np.testing.assert_allclose(world.core.simulator.pose[0], page.pose, atol=1e-6)
     assert world.settings == page.session.world.settings
     np.testing.assert_allclose(world.paint, page.session.world.paint, atol=1e-4)
-
-
-@pytest.mark.parametrize("task", ["Follow", "Feed"])
-def test_a_start_on_its_way_is_its_episode(tmp_path, task):
-    page = Page(task, tmp_path)
-    page("reset", seed=11)
-    page("steps", count=3)
-    world = starts.world_from(starts.code_of(page.session.world))
-    assert world.seed == 11
-    page("reset", seed=11)
-    assert np.array_equal(world.core.simulator.pose[0], page.pose)
 
 
 @given(st.data())

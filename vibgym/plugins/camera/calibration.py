@@ -41,18 +41,18 @@ class Template(NamedTuple):
     mark: float  # m, length of a mark's side
 
     def marks(self) -> np.ndarray:
-        """(rows, columns, 2) m, centres."""
+        """Return (rows, columns, 2) m, centres."""
         x = self.left + self.width * np.arange(self.columns)
         y = self.bottom + self.height * np.arange(self.rows)
         return np.stack(np.meshgrid(x, y), axis=-1)
 
     def outline(self) -> np.ndarray:
-        """(4, 2) m, a mark about its centre."""
+        """Return (4, 2) m, a mark about its centre."""
         return 0.5 * self.mark * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def template_for(width: float, height: float, tetragons: tuple[int, int], mark: float) -> Template:
-    """The template of a surface of ``width`` x ``height``, m, with so many tetragons along x and y."""
+    """Return the template of a surface of ``width`` x ``height``, m, with so many tetragons along x and y."""
     columns, rows = tetragons
     return Template(0.0, 0.0, width / columns, height / rows, rows + 1, columns + 1, mark)
 
@@ -69,7 +69,7 @@ def _centroids(grey: np.ndarray, interest: Interest, meaning: Grey, found: Found
 
 
 def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -> np.ndarray:
-    """Centroids (n, 2), column and line, of all dark objects in an image that lie wholly in the area of interest."""
+    """Return centroids (n, 2), column and line, of all dark objects in an image that lie wholly in the area of interest."""
     found = new_found((grey.shape[0], grey.shape[1]), most)
     places = np.empty((most, 2))
     _centroids(grey, interest, meaning, found, places)
@@ -78,7 +78,7 @@ def find_marks(grey: np.ndarray, interest: Interest, meaning: Grey, most: int) -
 
 
 def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Which of the marks ``seen`` (n, 2) is which of those ``expected`` (rows, columns, 2), px: places (rows, columns, 2).
+    """Assign the marks ``seen`` (n, 2) to those ``expected`` (rows, columns, 2), px; returns places (rows, columns, 2).
 
     From the middle of the grid outwards, each mark is looked for where it is expected, moved by as much as a neighbour was
     found to be: the lens may bend the whole grid by more than half the distance of marks, but not its middle.
@@ -117,7 +117,7 @@ def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
 
 
 def grid_of(template: Template, places: np.ndarray) -> Grid:
-    """The way from the image to the surface, from where each mark is seen (rows, columns, 2)."""
+    """Return the way from the image to the surface, from where each mark is seen (rows, columns, 2)."""
     along = np.gradient(places, template.width, axis=1, edge_order=2 if template.columns > 2 else 1)
     across = np.gradient(places, template.height, axis=0, edge_order=2 if template.rows > 2 else 1)
     jacobian = np.ascontiguousarray(np.linalg.inv(np.stack([along, across], axis=-1)))
@@ -168,7 +168,7 @@ def _within(grid, row, column, u, v):
 
 @borrowing
 def locate(grid, u, v, jacobian):
-    """The place (x, y), m, on the surface that is seen at column ``u``, line ``v``; beyond the marks the map goes on.
+    """Return the place (x, y), m, on the surface that is seen at column ``u``, line ``v``; beyond the marks the map goes on.
 
     Args:
         jacobian: (4,) derivatives of x by column and line around there, then of y, written.
@@ -194,7 +194,7 @@ def locate(grid, u, v, jacobian):
 
 @jit
 def locate_all(grid: Grid, places: np.ndarray, points: np.ndarray) -> None:
-    """:func:`locate` for ``places`` (n, 2) into ``points`` (n, 2)."""
+    """Apply :func:`locate` for ``places`` (n, 2) into ``points`` (n, 2)."""
     jacobian = np.empty(4)
     for k in range(places.shape[0]):
         points[k, 0], points[k, 1] = locate(grid, places[k, 0], places[k, 1], jacobian)
@@ -202,7 +202,7 @@ def locate_all(grid: Grid, places: np.ndarray, points: np.ndarray) -> None:
 
 @borrowing
 def at_height(x, y, foot_x, foot_y, height, z):
-    """Where a point at height ``z`` is, if it is seen in front of the place (x, y) of the surface.
+    """Return where a point at height ``z`` is, if it is seen in front of the place (x, y) of the surface.
 
     Args:
         foot_x, foot_y: m, the place under the lens, which is ``height`` above it.

@@ -1,4 +1,4 @@
-"""Measuring an object more finely than by whole pixels: the grey level of a pixel on its edge says how much of it is covered.
+"""Subpixel measurement: the grey level of a pixel at an edge is proportional to its covered area.
 
 Pixels well within an object count in full and those well outside not at all, so that noise enters only from a band around the
 boundary, which is wide enough for the lens's blur.
@@ -26,7 +26,7 @@ class Grey(NamedTuple):
 
 @borrowing
 def _is_nearest(found, number, line, column, reach_l, reach_c):
-    """Whether of the labelled pixels around one, the nearest is of this object."""
+    """Return whether of the labelled pixels around one, the nearest is of this object."""
     mine, other = 1 << 30, 1 << 30
     for l in range(max(line - reach_l, 0), min(line + reach_l + 1, found.label.shape[0])):  # noqa: E741
         for c in range(max(column - reach_c, 0), min(column + reach_c + 1, found.label.shape[1])):
@@ -41,7 +41,7 @@ def _is_nearest(found, number, line, column, reach_l, reach_c):
 
 @jit
 def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
-    """How much of every pixel around an object belongs to it.
+    """Return how much of every pixel around an object belongs to it.
 
     Returns:
         (lines, columns) float64, and the line and column of its first pixel.
@@ -97,7 +97,7 @@ def shares(grey: np.ndarray, meaning: Grey, found: Found, number: int):
 
 @borrowing
 def share_moments(share, top, left, moment):
-    """Moments (6,) M00, M10, M01, M20, M11, M02 of the shares, about the image's first pixel."""
+    """Return moments (6,) M00, M10, M01, M20, M11, M02 of the shares, about the image's first pixel."""
     middle_l, middle_c = top + 0.5 * (share.shape[0] - 1), left + 0.5 * (share.shape[1] - 1)
     moment[:] = 0.0
     for line in range(share.shape[0]):

@@ -1,4 +1,4 @@
-"""How wrong the camera is about a part: sampled from its own images, for the statistical sensor and for estimators.
+"""Measurement error of the camera: sampled from synthetic images, for the statistical sensor and for estimators.
 
 The error has two parts. What comes from pixels, lens and calibration is the same whenever the part lies the same: it freezes
 at rest and cannot be averaged. What comes from the pixels' noise is new at each look.
@@ -39,7 +39,7 @@ class ErrorModel(NamedTuple):
 
 
 def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.ndarray, np.ndarray]:
-    """Errors (n, 3) of one look at a part of that kind at each pose (n, 3), and whether it was seen (n,)."""
+    """Return errors (n, 3) of one look at a part of that kind at each pose (n, 3), and whether it was seen (n,)."""
     rig, known = setup.alone(kind)
     count = len(pose)
     there = np.ascontiguousarray(pose[:, None])
@@ -56,7 +56,7 @@ def look_alone(setup: Setup, kind: int, pose: np.ndarray, key: int) -> tuple[np.
 
 
 def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarray:
-    """Poses (count, 3) at which a part of that kind is wholly seen, on the surface where it has room."""
+    """Return poses (count, 3) at which a part of that kind is wholly seen, on the surface where it has room."""
     random = np.random.default_rng(seed)
     radius = setup.known.traits.radius[kind]
     surface = setup.surface
@@ -67,11 +67,11 @@ def random_poses(setup: Setup, kind: int, count: int, seed: int = 1) -> np.ndarr
 
 _sampled: dict[bytes, ErrorModel] = {}
 MOST_SAMPLED = 64
-"""Cameras whose errors a process remembers: environments of the same settings share them."""
+"""Number of cached error models: environments with the same settings share one."""
 
 
 def fit_errors(setup: Setup) -> ErrorModel:
-    """The camera's errors for every kind of parts; always the same for the same settings. Not to be changed."""
+    """Return the camera's errors for every kind of parts; always the same for the same settings. Not to be changed."""
     digest = hashlib.sha256()
     for leaf in _leaves((setup.rig, setup.known, setup.lag)):
         digest.update(f"{leaf.dtype}{leaf.shape}".encode())
@@ -85,7 +85,7 @@ def fit_errors(setup: Setup) -> ErrorModel:
 
 
 def _leaves(record: Any) -> Iterator[np.ndarray]:
-    """All values of a record of records."""
+    """Yield all values of a record of records."""
     if isinstance(record, tuple):
         for each in record:
             yield from _leaves(each)
@@ -94,7 +94,7 @@ def _leaves(record: Any) -> Iterator[np.ndarray]:
 
 
 def sampled_errors(setup: Setup) -> ErrorModel:
-    """:func:`fit_errors` without memory."""
+    """Compute :func:`fit_errors` without the cache."""
     traits, grain = setup.known.traits, setup.known.grain
     kinds = len(traits.area)
     model = ErrorModel(*(np.zeros((kinds, 3)) for _ in range(4)))
@@ -121,6 +121,6 @@ def sampled_errors(setup: Setup) -> ErrorModel:
             rho = 1.0 - 0.5 * (change - 2.0 * white)[heavy] / np.maximum(fixed[heavy], 1e-30)
             rho = float(np.clip(rho.mean(), 0.05, 0.999)) if heavy.any() else 0.999
             model.cell[kind, axis] = CELL * steps[axis] / math.sqrt(-2.0 * math.log(rho))
-        if traits.order[kind] == 0:  # a heading that nobody sees
+        if traits.order[kind] == 0:  # a heading that is not observable
             model.mean[kind, 2] = model.fixed[kind, 2] = model.white[kind, 2] = 0.0
     return model

@@ -46,7 +46,7 @@ class Shapes(NamedTuple):
 
 
 class Exposure(NamedTuple):
-    """What makes an image besides the geometry."""
+    """Radiometry of an image."""
 
     level: np.ndarray  # (lines, columns) float32 grey levels of the empty surface
     dark: float  # grey level of parts over that of the surface
@@ -57,7 +57,7 @@ class Exposure(NamedTuple):
 
 
 class Canvas(NamedTuple):
-    """An image in the making, which is that of the empty surface between two looks."""
+    """Buffers of an image; between two samples they hold the empty surface."""
 
     bare: np.ndarray  # (lines, columns) float32 share that no part hides
     grey: np.ndarray  # (lines, columns) uint8
@@ -65,13 +65,13 @@ class Canvas(NamedTuple):
 
 @functools.cache
 def normal_quantiles() -> np.ndarray:
-    """(65536,) float32 quantiles of the standard normal distribution, at the middles of equal intervals."""
+    """Return (65536,) float32 quantiles of the standard normal distribution, at the middles of equal intervals."""
     half = [NormalDist().inv_cdf((k + 0.5) / 65536.0) for k in range(32768)]
     return np.array(half + [-value for value in reversed(half)], dtype=np.float32)
 
 
 def blur_weights(sigma: float) -> np.ndarray:
-    """Weights of a Gaussian blur of ``sigma`` pixels: its integrals over pixels, within three sigma."""
+    """Return weights of a Gaussian blur of ``sigma`` pixels: its integrals over pixels, within three sigma."""
     if sigma == 0.0:
         return np.ones(1)
     reach = math.ceil(3.0 * sigma)
@@ -81,7 +81,7 @@ def blur_weights(sigma: float) -> np.ndarray:
 
 
 def weights_variance(weights: np.ndarray) -> float:
-    """Second moment of blur weights, px^2."""
+    """Return the second moment of blur weights, px^2."""
     place = np.arange(len(weights)) - len(weights) // 2
     return float((weights * place**2).sum())
 
@@ -113,7 +113,7 @@ def _blur(cover, weights, axis, scratch):
 
 @jit
 def seen_outline(optics: Optics, outline: np.ndarray, pose: np.ndarray, height: float):
-    """Places (n, 2) at which an outline is seen, its edges cut into short pieces; empty if it is nowhere near."""
+    """Return places (n, 2) at which an outline is seen, its edges cut into short pieces; empty if it is nowhere near."""
     count = outline.shape[0]
     corners = np.empty((count + 1, 4))
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])

@@ -1,4 +1,4 @@
-"""One look of the camera at all worlds: image, objects, measures, and which of them is which part."""
+"""Sample of the camera: image, objects, their measures, and their assignment to parts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
 
 
 class Mishap(IntEnum):
-    """What a look gets wrong: columns of :class:`Track`'s ``count``."""
+    """Errors of a sample: columns of :class:`Track`'s ``count``."""
 
     SWAPS = 0  # parts taken for others
     MERGES = 1  # parts that run into one another
@@ -31,11 +31,11 @@ class Mishap(IntEnum):
 
 
 COASTING = 2
-"""Looks for which a part is expected to go on as it went."""
+"""Samples over which a part's velocity is extrapolated."""
 
 
 class Rig(NamedTuple):
-    """The camera as it stands, and the scene before it."""
+    """Camera and scene."""
 
     optics: Optics
     shapes: Shapes
@@ -44,7 +44,7 @@ class Rig(NamedTuple):
 
 
 class Knowledge(NamedTuple):
-    """What the processing knows: of the camera as it was put up, of the template's image, and of the parts."""
+    """Data of the image processing: nominal camera, calibration by the template's image, and parts."""
 
     interest: Interest
     meaning: Grey
@@ -59,7 +59,7 @@ class Knowledge(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """Working arrays of a look at one world."""
+    """Working arrays of a sample of one world."""
 
     canvas: Canvas
     found: Found
@@ -77,7 +77,7 @@ class Seen(NamedTuple):
 
 
 class Track(NamedTuple):
-    """What is remembered of every part."""
+    """Tracks of the parts."""
 
     pose: np.ndarray  # (worlds, parts, 3) when it was last seen
     velocity: np.ndarray  # (worlds, parts, 3) then, m/s, m/s, rad/s
@@ -86,7 +86,7 @@ class Track(NamedTuple):
 
 
 def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen:
-    """Working arrays for an image of ``shape`` with so many parts."""
+    """Return working arrays for an image of ``shape`` with so many parts."""
     objects = 4 * parts + 16
     columns = objects + parts
     canvas = Canvas(np.ones(shape, dtype=np.float32), background.copy())
@@ -108,7 +108,7 @@ def new_seen(shape: tuple[int, int], parts: int, background: np.ndarray) -> Seen
 
 
 def new_track(worlds: int, parts: int) -> Track:
-    """Nothing remembered yet."""
+    """Return empty tracks."""
     shape = (worlds, parts)
     return Track(
         np.zeros((*shape, 3)), np.zeros((*shape, 3)), np.zeros(shape, dtype=np.int64), np.zeros((worlds, 3), np.int64)
@@ -132,7 +132,7 @@ def measure_object(grey: np.ndarray, known: Knowledge, found: Found, number: int
 
 @borrowing
 def on_surface(measure, nearer):
-    """Area (m^2) and second moments over it (m^2: xx, xy, yy) at a height where lengths are ``nearer`` times what they seem."""
+    """Return area (m^2) and second moments over it (m^2: xx, xy, yy) at a height with scale ``nearer``."""
     a, b, c, d = measure[JACOBIAN], measure[JACOBIAN + 1], measure[JACOBIAN + 2], measure[JACOBIAN + 3]
     uu, uv, vv = measure[XX], measure[XY], measure[YY]
     scale = nearer * nearer
@@ -144,7 +144,7 @@ def on_surface(measure, nearer):
 
 @jit
 def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, measure: np.ndarray, kind: int) -> float:
-    """Heading of an object that is a part of this kind, one of those that look the same."""
+    """Return heading of an object that is a part of this kind, one of those that look the same."""
     order = known.traits.order[kind]
     if order == 2:
         _, xx, xy, yy = on_surface(measure, 1.0)
@@ -157,14 +157,14 @@ def heading_of(grey: np.ndarray, known: Knowledge, found: Found, number: int, me
 
 @borrowing
 def _place(known, measure, kind):
-    """Where an object is, were it a part of this kind."""
+    """Return where an object is, were it a part of this kind."""
     foot = known.foot
     return at_height(measure[X], measure[Y], foot[0], foot[1], foot[2], known.traits.height[kind])
 
 
 @borrowing
 def _match(known, missed, shown, seen):
-    """Give every part an object, or none: ``seen.column_of``, -1 for none."""
+    """Assign an object to every part: ``seen.column_of``, -1 for none."""
     objects, parts = seen.found.count[0], shown.shape[0]
     traits = known.traits
     # Each part has a column of its own for being without an object.
@@ -198,7 +198,7 @@ def _match(known, missed, shown, seen):
 
 @borrowing
 def _is_merged(known, p, shown, seen):
-    """Whether a part without an object and another one lie within one object that is nobody's."""
+    """Return whether a part without an object and another one lie within one object that is not assigned."""
     for k in range(seen.found.count[0]):
         taken = False
         for other in range(shown.shape[0]):
@@ -225,7 +225,7 @@ def _is_merged(known, p, shown, seen):
 
 @borrowing
 def _swapped(pose, x, y, p, shown):
-    """Whether another part is nearer to where part ``p`` was measured than itself."""
+    """Return whether another part is nearer to where part ``p`` was measured than itself."""
     nearest, least = p, math.hypot(pose[p, 0] - x, pose[p, 1] - y)
     for other in range(pose.shape[0]):
         if shown[other]:
@@ -261,7 +261,7 @@ def look_at(
         for k in range(seen.found.count[0]):
             measure_object(seen.canvas.grey, known, seen.found, k, seen.measure[k])
         for p in range(parts):
-            # A part that is long out of sight has most likely met another one: its old velocity says no more.
+            # A part that is long out of sight has most likely met another one: its old velocity is no longer valid.
             since = known.step * min(1 + track.missed[w, p], COASTING) if looks[w] > 0 else 0.0
             for axis in range(3):
                 seen.expected[p, axis] = track.pose[w, p, axis] + since * track.velocity[w, p, axis]

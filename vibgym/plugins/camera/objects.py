@@ -38,7 +38,7 @@ class Found(NamedTuple):
 
 
 def new_found(shape: tuple[int, int], objects: int) -> Found:
-    """Room for the objects of an image of ``shape``; objects and runs beyond that are not looked at."""
+    """Return arrays for the objects of an image of ``shape``; further objects and runs are skipped."""
     runs = shape[0] * 8 + objects * 64
     return Found(
         np.zeros(2, dtype=np.int64),
@@ -104,7 +104,7 @@ def run_moments(line, start, length, moment):
 
 @borrowing
 def _describe(interest, number, first, last, found):
-    """Moments, box and clipping of an object from its runs; moments are about the first pixel of its first run."""
+    """Return moments, box and clipping of an object from its runs; moments are about the first pixel of its first run."""
     moment, box = found.moment[number], found.box[number]
     moment[:] = 0.0
     line0, column0 = found.run[first, 0], found.run[first, 1]
@@ -127,7 +127,7 @@ def _describe(interest, number, first, last, found):
 
 @borrowing
 def shift_moments(moment, column, line):
-    """Moments about another origin: those of what has moved by (column, line)."""
+    """Return moments about another origin: those of what has moved by (column, line)."""
     m00, m10, m01 = moment[0], moment[1], moment[2]
     moment[3] += column * (2.0 * m10 + column * m00)
     moment[4] += column * m01 + line * m10 + column * line * m00
@@ -138,7 +138,7 @@ def shift_moments(moment, column, line):
 
 @borrowing
 def clear(found):
-    """Forget the labels of the last image."""
+    """Clear the labels of the previous image."""
     for k in range(found.count[1]):
         for column in range(found.run[k, 1], found.run[k, 2]):
             found.label[found.run[k, 0], column] = 0
@@ -179,13 +179,13 @@ def find(grey, interest, found):
 
 @jit
 def find_objects(grey: np.ndarray, interest: Interest, found: Found) -> None:
-    """:func:`find`, and clear the labels of the image before."""
+    """Clear the labels of the previous image and find objects, see :func:`find`."""
     clear(found)
     find(grey, interest, found)
 
 
 def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """First and last column, each (lines,), whose centres lie within a convex polygon ``places`` (n, 2), px."""
+    """Return first and last column, each (lines,), whose centres lie within a convex polygon ``places`` (n, 2), px."""
     first, last = np.full(shape[0], 0, dtype=np.int64), np.full(shape[0], -1, dtype=np.int64)
     following = np.roll(places, -1, axis=0)
     for line in range(shape[0]):
@@ -199,7 +199,7 @@ def area_of_interest(places: np.ndarray, shape: tuple[int, int]) -> tuple[np.nda
 
 
 def boundary(found: Found, number: int) -> np.ndarray:
-    """Pixels (n, 2) of an object, line and column, that have a neighbour which is not of it; for pictures."""
+    """Return pixels (n, 2) of an object, line and column, that have a neighbour which is not of it; for pictures."""
     runs = found.run[found.first[number] : found.first[number + 1]]
     top, left = runs[:, 0].min() - 1, runs[:, 1].min() - 1
     inside = np.zeros((runs[:, 0].max() - top + 2, runs[:, 2].max() - left + 1), dtype=bool)

@@ -47,7 +47,7 @@ def optics_of(
     distortion: float = 0.0,
     pitch: int = 1,
 ) -> Optics:
-    """The camera from its dimensions.
+    """Return the camera from its dimensions.
 
     Args:
         position: of the lens over the surface, m.
@@ -73,7 +73,7 @@ def optics_of(
 
 @borrowing
 def project(optics, x, y, z):
-    """Column and line at which a point (m) is seen; NaN behind the lens."""
+    """Return column and line at which a point (m) is seen; NaN behind the lens."""
     place, axes = optics.place, optics.axes
     dx, dy, dz = x - place[0], y - place[1], z - place[2]
     depth = axes[2, 0] * dx + axes[2, 1] * dy + axes[2, 2] * dz
@@ -88,7 +88,7 @@ def project(optics, x, y, z):
 
 @borrowing
 def unproject(optics, column, line, z):
-    """The point (x, y) at height ``z`` that is seen at ``(column, line)``: the exact inverse, which no camera knows."""
+    """Return the point (x, y) at height ``z`` that is seen at ``(column, line)``: the exact inverse, which no camera knows."""
     u, v = column - optics.column, (line + 0.5) * optics.pitch - 0.5 - optics.line
     moved = math.sqrt(u * u + v * v)
     r = moved
@@ -107,20 +107,20 @@ def unproject(optics, column, line, z):
 
 @jit
 def project_all(optics, points, places):
-    """:func:`project` for ``points`` (n, 3) into ``places`` (n, 2)."""
+    """Apply :func:`project` for ``points`` (n, 3) into ``places`` (n, 2)."""
     for k in range(points.shape[0]):
         places[k, 0], places[k, 1] = project(optics, points[k, 0], points[k, 1], points[k, 2])
 
 
 @jit
 def unproject_all(optics, places, z, points):
-    """:func:`unproject` for ``places`` (n, 2) into ``points`` (n, 2)."""
+    """Apply :func:`unproject` for ``places`` (n, 2) into ``points`` (n, 2)."""
     for k in range(places.shape[0]):
         points[k, 0], points[k, 1] = unproject(optics, places[k, 0], places[k, 1], z)
 
 
 def projected(optics: Optics, points: np.ndarray) -> np.ndarray:
-    """Where points (n, 3), m, are seen: (n, 2) column and line."""
+    """Return where points (n, 3), m, are seen: (n, 2) column and line."""
     places = np.empty((len(points), 2))
     project_all(optics, np.ascontiguousarray(points, dtype=np.float64), places)
     return places

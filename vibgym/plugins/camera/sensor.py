@@ -36,7 +36,7 @@ class CameraSensor(Sensor):
 
     Each look draws what the camera sees around the parts (their dark tops at their height, through perspective and distortion,
     blurred, in uneven light, with noise, in eight bits), finds the objects in it, measures them, takes their centroids to the
-    surface by a calibration with a template, and tells which is which part. A part that is cut off by the border of what is
+    surface by a calibration with a template, and assigns objects to parts. A part that is cut off by the border of what is
     seen, or runs into another one, is not seen; ``info`` counts ``swaps`` (parts taken for others), ``merges`` and ``losses``
     of each look. At an episode's start the camera is told where the parts are, so that it knows their names and heads from
     tails. That a part has fallen off is told as well.
@@ -86,7 +86,7 @@ class CameraSensor(Sensor):
 
     @property
     def errors(self) -> ErrorModel:
-        """How wrong readings are, kind by kind; sampled when first asked for."""
+        """Measurement errors of each kind; sampled on first use."""
         if self._model is None:
             self._model = fit_errors(self.setup)
         return self._model
@@ -100,7 +100,7 @@ class CameraSensor(Sensor):
         return {each.name.lower(): self.track.count[:, each] for each in Mishap}
 
     def keep_pictures(self) -> None:
-        """Keep, from the next start of an episode on, what :meth:`image` needs; it belongs to snapshots."""
+        """Store the data for :meth:`image` from the next start of an episode on; they belong to snapshots."""
         count = len(self.parts)
         odd = count if self.setup.lag > 0.0 else 0
         self._pictures = [
@@ -114,10 +114,10 @@ class CameraSensor(Sensor):
         ]
 
     def image(self) -> np.ndarray:
-        """(worlds, lines, columns) uint8: what the camera saw at the look that is due now. Fresh.
+        """Return (worlds, lines, columns) uint8: a new array with the camera image that is due.
 
         Raises:
-            ValueError: nobody has called :meth:`keep_pictures`.
+            ValueError: :meth:`keep_pictures` has not been called.
         """
         if not self._pictures:
             allowed = "with observation='camera', or after keep_pictures()"
@@ -172,7 +172,7 @@ class CameraSensor(Sensor):
         picture.shown[worlds], picture.look[worlds] = shown[worlds], self.looks[worlds]
 
     def _scene(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Poses now and when the odd lines were taken, and which parts there are to see."""
+        """Return poses now and when the odd lines were taken, and which parts there are to see."""
         finite = np.asarray(np.isfinite(state.pose).all(axis=-1))
         shown = finite & ~state.fallen
         pose = state.pose if finite.all() else np.where(finite[..., None], state.pose, 0.0)

@@ -1,4 +1,4 @@
-"""The camera from its settings: optics, area of interest, reference image, calibration. Everything is checked here."""
+"""Construction of the camera from checked settings: optics, area of interest, reference image, calibration."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SURFACE, PARTS, SURROUNDINGS = 200.0, 40.0, 90.0
 """Grey levels where the light is full."""
 
 REACH = 0.005
-"""m that a part may be from where it is expected, besides what it can go at full speed."""
+"""m, gate around the expected position, added to the distance at full speed."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Settings:
 
 
 class Setup:
-    """The camera and what its processing knows.
+    """The camera and the data of its image processing.
 
     Args:
         surface: the table.  parts: of every world.
@@ -127,7 +127,7 @@ class Setup:
         )
 
     def template_image(self, missing: Sequence[tuple[int, int]] = ()) -> np.ndarray:
-        """The picture (lines, columns) uint8 of the template on the surface, without the marks ``missing`` (row, column)."""
+        """Return the image (lines, columns) uint8 of the template, without the marks ``missing`` (row, column)."""
         marks = self.template.marks()
         shown = np.ones(marks.shape[:2], dtype=bool)
         for row, column in missing:
@@ -140,7 +140,7 @@ class Setup:
         return self._drawn(shapes, pose, shown.ravel(), self.rig.exposure)[1]
 
     def calibrate(self, picture: Any) -> Grid:
-        """The way from the image to the surface, from a picture of the template.
+        """Return the way from the image to the surface, from a picture of the template.
 
         Raises:
             ValueError: not a picture of this camera, or a mark is missing.
@@ -152,19 +152,19 @@ class Setup:
         return calibrate(picture, self.template, expected, self._interest, self._meaning)
 
     def alone(self, kind: int) -> tuple[Rig, Knowledge]:
-        """The camera before worlds of one part each, of that kind."""
+        """Return the camera before worlds of one part each, of that kind."""
         only = np.array([kind])
         rig = self.rig._replace(shapes=self.rig.shapes._replace(kind=only))
         return rig, self.known._replace(traits=self.known.traits._replace(kind=only))
 
     def residual(self, points: np.ndarray) -> np.ndarray:
-        """(n,) px, how far the calibrated way is off at points (n, 2) of the surface, by the local scale."""
+        """Return (n,) px, how far the calibrated way is off at points (n, 2) of the surface, by the local scale."""
         there = np.empty_like(points)
         locate_all(self.known.grid, projected(self.optics, np.column_stack([points, np.zeros(len(points))])), there)
         return np.hypot(*(there - points).T) * self.optics.focal / self.optics.place[2]
 
     def _optics(self, settings: Settings) -> tuple[Optics, Optics]:
-        """The camera as it is, and as the one who put it up knows it: without the lens's distortion."""
+        """Return the camera as it is, and as the one who put it up knows it: without the lens's distortion."""
         surface = self.surface
         height = checks.number("sensor.height", settings.height, least=0.01, most=1e3)
         middle = (0.5 * surface.width, 0.5 * surface.depth)
@@ -186,12 +186,12 @@ class Setup:
         return optics_of(place, height, distortion=distortion, **given), optics_of(place, height, **given)
 
     def _corners(self, border: float) -> np.ndarray:
-        """(4, 2) m, of the surface with a border around it."""
+        """Return (4, 2) m, of the surface with a border around it."""
         right, top = self.surface.width + border, self.surface.depth + border
         return np.array([[-border, -border], [right, -border], [right, top], [-border, top]])
 
     def _frame(self, border: float) -> np.ndarray:
-        """(n, 2) px, outline of the surface and of a light border around it, as they are seen."""
+        """Return (n, 2) px, outline of the surface and of a light border around it, as they are seen."""
         corners = self._corners(border)
         t = np.linspace(0.0, 1.0, 65)[:-1, None]
         sides = [a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
@@ -201,10 +201,10 @@ class Setup:
     def _drawn(
         self, shapes: image.Shapes, pose: np.ndarray, shown: np.ndarray, exposure: image.Exposure
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What is bare of shapes at poses (n, 3), and the picture; each (lines, columns)."""
+        """Return the uncovered share of pixels with shapes at poses (n, 3), and the image; each (lines, columns)."""
         bare, picture = np.empty(self.shape, dtype=np.float32), np.empty(self.shape, dtype=np.uint8)
-        nobody = np.zeros(2, dtype=np.int64)
-        image.whole_image(self.optics, shapes, exposure, pose, np.empty((0, 3)), shown, nobody, 0, bare, picture)
+        no_key = np.zeros(2, dtype=np.int64)
+        image.whole_image(self.optics, shapes, exposure, pose, np.empty((0, 3)), shown, no_key, 0, bare, picture)
         return bare, picture
 
     def _refuse_unseen(self, frame: np.ndarray) -> None:
@@ -234,11 +234,11 @@ class Setup:
                 raise checks.refuse("parts", got, allowed)
 
     def _pixel(self) -> float:
-        """m on the surface, along a line."""
+        """Return m on the surface, along a line."""
         return self.optics.place[2] / self.optics.focal
 
     def _inner(self, part: Part) -> float:
-        """px, radius of the largest circle in a part as it is seen."""
+        """Return px, radius of the largest circle in a part as it is seen."""
         return room_inside(part) / self._pixel()
 
     def _exposure(self, settings: Settings) -> image.Exposure:
@@ -302,7 +302,7 @@ class Setup:
 
 
 def _pair(name: str, value: Any) -> tuple[Any, Any]:
-    """Two of something."""
+    """Return two of something."""
     items = value.tolist() if isinstance(value, np.ndarray) else value
     if isinstance(items, str) or not isinstance(items, Sequence) or len(items) != 2:
         raise checks.refuse(name, value, "two numbers")

@@ -1,4 +1,4 @@
-"""What is known beforehand of how parts look: area, spread, elongation, and in which moment their heading shows."""
+"""Appearance of parts: area, spread, elongation, and the moment from which the heading is measured."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from vibgym.scene.parts import Part, kinds_of
 
 MOST_ORDER = 12
-"""Of the moment in which a heading shows."""
+"""Largest order of the moment that defines the heading."""
 
 LEAST_SHARE = 0.05
-"""Of the sum of absolute values that a moment must have to tell the heading."""
+"""Least magnitude of a moment that defines the heading, as a share of the sum of absolute values."""
 
 
 class Traits(NamedTuple):
@@ -33,7 +33,7 @@ class Traits(NamedTuple):
 
 
 def outline_moment(outline: np.ndarray, order: int) -> complex:
-    """Integral of (x + i y)^order over a polygon: 1 / 2i times that of conj(z) z^order along its border (Green)."""
+    """Return integral of (x + i y)^order over a polygon: 1 / 2i times that of conj(z) z^order along its border (Green)."""
     z = outline[:, 0] + 1j * outline[:, 1]
     step = np.roll(z, -1) - z
     nodes, weights = np.polynomial.legendre.leggauss(order // 2 + 2)  # exact for these polynomials
@@ -43,7 +43,7 @@ def outline_moment(outline: np.ndarray, order: int) -> complex:
 
 
 def size_moment(outline: np.ndarray, order: int) -> float:
-    """Integral of |x + i y|^order over a polygon that holds its origin, or nearly."""
+    """Return integral of |x + i y|^order over a polygon that holds its origin, or nearly."""
     x, y = outline[:, 0], outline[:, 1]
     nodes, weights = np.polynomial.legendre.leggauss(order + 4)
     t = 0.5 * (nodes + 1.0)
@@ -54,7 +54,7 @@ def size_moment(outline: np.ndarray, order: int) -> float:
 
 
 def heading_order(part: Part) -> tuple[int, complex]:
-    """Order of the first moment that tells the heading clearly, and it at heading 0, m^order; order 0 if none does."""
+    """Return order of the first moment that tells the heading clearly, and it at heading 0, m^order; order 0 if none does."""
     if part.symmetry == 0:
         return 0, 0.0
     for order in range(2, MOST_ORDER + 1):
@@ -66,7 +66,7 @@ def heading_order(part: Part) -> tuple[int, complex]:
 
 
 def traits_of(parts: Sequence[Part]) -> Traits:
-    """What the parts of a world look like."""
+    """Return the appearance of the parts of a world."""
     kinds, kind = kinds_of(parts, Part.same_as)
     headings = [heading_order(part) for part in kinds]
     turned = np.array([abs(outline_moment(part.outline, 2)) for part in kinds])
@@ -87,7 +87,7 @@ def traits_of(parts: Sequence[Part]) -> Traits:
 
 
 def room_inside(part: Part) -> float:
-    """Radius of the largest circle within a part, m, to 2 %: a grid that is fine enough meets it wherever it lies."""
+    """Return radius of the largest circle within a part, m, to 2 %: a grid that is fine enough meets it wherever it lies."""
     outline = part.outline
     low, high = outline.min(axis=0), outline.max(axis=0)
     centre, span, best = 0.5 * (low + high), 0.5 * (high - low), 0.0
@@ -101,7 +101,7 @@ def room_inside(part: Part) -> float:
 
 
 def _depth(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """Distance of points (n, 2) to the outline, negative outside."""
+    """Return distance of points (n, 2) to the outline, negative outside."""
     ends = np.roll(outline, -1, axis=0)
     edge = ends - outline
     relative = points[:, None] - outline

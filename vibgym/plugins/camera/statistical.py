@@ -50,14 +50,14 @@ class Statistics(NamedTuple):
 
 @functools.cache
 def normal_levels() -> np.ndarray:
-    """(LEVELS,) normal numbers of equal probability, of variance one."""
+    """Return (LEVELS,) normal numbers of equal probability, of variance one."""
     levels = np.array([NormalDist().inv_cdf((k + 0.5) / LEVELS) for k in range(LEVELS)])
     return levels / levels.std()
 
 
 @borrowing
 def _mixed(value):
-    """A whole number, scrambled (the finaliser of splitmix64, G. Steele et al. 2014)."""
+    """Return a whole number, scrambled (the finaliser of splitmix64, G. Steele et al. 2014)."""
     value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return value ^ (value >> np.uint64(31))
@@ -65,13 +65,13 @@ def _mixed(value):
 
 @borrowing
 def _level(word, bits, quantiles):
-    """The normal number of ten bits of a word."""
+    """Return the normal number of ten bits of a word."""
     return quantiles[np.int64((word >> np.uint64(bits)) & np.uint64(LEVELS - 1))]
 
 
 @borrowing
 def smooth_noise(x, y, z, kind, quantiles):
-    """Three independent smooth functions of a place in lattice units, of mean 0 and variance 1.
+    """Return three independent smooth functions of a place in lattice units, of mean 0 and variance 1.
 
     A cube of the lattice is cut into six simplices, in which the numbers at four corners are blended linearly (K. Perlin 2001).
     """
@@ -100,7 +100,7 @@ def smooth_noise(x, y, z, kind, quantiles):
 
 @borrowing
 def white_noise(key, look, part, quantiles):
-    """Three independent normal numbers of variance 1, new at each look: each the sum of two of the table's."""
+    """Return three independent normal numbers of variance 1, new at each look: each the sum of two of the table's."""
     a, b, c, _ = philox(key, look, part, 0, WHITE)
     scale = math.sqrt(0.5)
     return (
@@ -112,7 +112,7 @@ def white_noise(key, look, part, quantiles):
 
 @jit
 def noise_at(places: np.ndarray, kind: int, quantiles: np.ndarray, values: np.ndarray) -> None:
-    """:func:`smooth_noise` for ``places`` (n, 3) into ``values`` (n, 3)."""
+    """Apply :func:`smooth_noise` for ``places`` (n, 3) into ``values`` (n, 3)."""
     for n in range(places.shape[0]):
         x, y, z = places[n, 0], places[n, 1], places[n, 2]
         values[n, 0], values[n, 1], values[n, 2] = smooth_noise(x, y, z, kind, quantiles)
@@ -120,7 +120,7 @@ def noise_at(places: np.ndarray, kind: int, quantiles: np.ndarray, values: np.nd
 
 @borrowing
 def turned(order, strength, phase, along, across, turn):
-    """How much an image of two halves, the other one shifted and turned, is seen to be turned.
+    """Return how much an image of two halves, the other one shifted and turned, is seen to be turned.
 
     With n-fold symmetry E[(z + e)^n], averaged over +e and -e, is E[z^n] + e^n for even n: the moment in which the heading
     shows (:func:`vibgym.plugins.camera.edges.complex_moment`) is that of both halves about their common centre.
@@ -143,7 +143,7 @@ def turned(order, strength, phase, along, across, turn):
 
 @borrowing
 def _to_edge(px, py, ax, ay, bx, by):
-    """Squared distance of a point to an edge."""
+    """Return squared distance of a point to an edge."""
     ex, ey = bx - ax, by - ay
     t = min(max(((px - ax) * ex + (py - ay) * ey) / (ex * ex + ey * ey), 0.0), 1.0)
     dx, dy = px - ax - t * ex, py - ay - t * ey
@@ -152,7 +152,7 @@ def _to_edge(px, py, ax, ay, bx, by):
 
 @borrowing
 def _gap(mine, here, theirs, there):
-    """Distance of two outlines (n, 2) at poses (3,) that do not overlap, from corners of the one to edges of the other."""
+    """Return the distance of two disjoint outlines (n, 2) at poses (3,), corners to edges."""
     best = math.inf
     for turn in range(2):
         points, at, edges, on = (mine, here, theirs, there) if turn == 0 else (theirs, there, mine, here)
@@ -169,7 +169,7 @@ def _gap(mine, here, theirs, there):
 
 @borrowing
 def _clipped(pose, outline, radius, height, frame, foot):
-    """Whether a part's top is seen beyond the frame (4,): least and largest x, least and largest y, m."""
+    """Return whether a part's top is seen beyond the frame (4,): least and largest x, least and largest y, m."""
     far = foot[2] / (foot[2] - height)
     x, y = foot[0] + far * (pose[0] - foot[0]), foot[1] + far * (pose[1] - foot[1])
     r = far * radius
@@ -186,7 +186,7 @@ def _clipped(pose, outline, radius, height, frame, foot):
 
 @borrowing
 def _merged(pose, gone, p, shapes, radius, pixel):
-    """Whether a part is too near to another one to be told from it."""
+    """Return whether a part is too near to another one to be resolved."""
     kind = shapes.kind[p]
     mine = shapes.outline[shapes.first[kind] : shapes.first[kind + 1]]
     for other in range(pose.shape[0]):
@@ -209,7 +209,7 @@ def guess(
     key: np.ndarray, looks: np.ndarray, track: Track, read_pose: np.ndarray, read_velocity: np.ndarray,
     read_seen: np.ndarray,
 ) -> None:  # fmt: skip
-    """What a look of the camera would say, by the error model; arguments as of :func:`vibgym.plugins.camera.look.look_at`.
+    """Sample poses by the error model; arguments as of :func:`vibgym.plugins.camera.look.look_at`.
 
     Args:
         pose, mean_velocity: (worlds, parts, 3) true ones.  gone: (worlds, parts) bool, parts that are not on the surface.

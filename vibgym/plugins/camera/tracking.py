@@ -1,7 +1,6 @@
-"""Which object of the image is which part: prediction, weighted properties, and the assignment of least cost.
+"""Cost of assigning objects of an image to parts, from predicted positions and shapes (thesis eqs. 5.32 and 5.33).
 
-An object is taken for the part that it is nearest to in position and shape, each difference over what it may well be (thesis
-eqs. 5.32 and 5.33), and all objects are given out together. Kinds are told apart by area and elongation.
+Differences are weighted by their expected size. Kinds differ by area and elongation.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ NO_PAIR = 60.0
 
 @borrowing
 def nearest_heading(angle, apart, near):
-    """Of the headings ``angle + k apart`` that look the same, the one nearest to ``near``."""
+    """Return the one of the equivalent headings ``angle + k apart`` nearest to ``near``."""
     return angle + apart * math.floor((near - angle) / apart + 0.5)
 
 
 @borrowing
 def unlikeness(away, gate, area, spread, elongation, grain, traits, kind):
-    """Cost of taking an object for a part: squared differences over what they may be; FAR beyond what can be.
+    """Return cost of taking an object for a part: squared differences over what they may be; FAR beyond what can be.
 
     Args:
         away: m, from where the part is expected.

@@ -1,4 +1,4 @@
-"""What a visitor may choose while a world runs: task, policy, hardware, model, disturbance."""
+"""Settings that a visitor can select: task, policy, hardware, model, disturbance."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ HARDWARE: dict[str, dict[str, Any]] = {
     "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
     "camera": {"actuators": "prototype", "sensor": {"kind": "camera", "statistical": True, "estimator": "model"}},
 }
-"""Arguments of environments by what the hardware is called."""
+"""Keyword arguments of environments, by hardware."""
 
 MODELS = ("planar", "averaged", "tilting")
 
@@ -36,11 +36,11 @@ MOST_RATE, MOST_TILT = 5.0, math.radians(10.0)
 
 @dataclass(frozen=True)
 class Settings:
-    """What a world is made of.
+    """Settings of a world.
 
     Attributes:
         id: of the environment.
-        policy: a name among those that :func:`policies_of` finds; ``"zero"``: elements rest, but for what is painted.
+        policy: a name among those that :func:`policies_of` finds; ``"zero"``: only painted elements move.
         hardware: a key of :data:`HARDWARE`.
         model: among :data:`MODELS`; None: what the environment has.
         rate: how often each part is struck, 1/s; 0: never.
@@ -70,7 +70,7 @@ class Settings:
         object.__setattr__(self, "tilt", checks.number("tilt", self.tilt, above=0.0, most=MOST_TILT))
 
     def arguments(self) -> dict[str, Any]:
-        """Of the environment: every element's phasor is the world's own business, whoever decides on it."""
+        """Return the keyword arguments of the environment, whose actions are the phasors of all elements."""
         found: dict[str, Any] = {"action": "phasor", "observation": "state", **HARDWARE[self.hardware]}
         if self.model is not None:
             found["model"] = self.model
@@ -80,7 +80,7 @@ class Settings:
         return found
 
     def environment(self) -> Any:
-        """The environment, without a limit of time.
+        """Return the environment, without a limit of time.
 
         Raises:
             ValueError: a model or hardware that does not serve the task.
@@ -89,26 +89,26 @@ class Settings:
 
 
 def _named(info: TaskInfo) -> dict[str, Any]:
-    """Policies by the names that visitors choose from: laws, planners, and the shipped agents of the task."""
+    """Return policies by the names shown to visitors: controllers, planners, and the shipped agents of the task."""
     variants = {agent.variant for agent in shipped_agents() if info.name in agent.tasks and agent.variant}
     known: dict[str, Any] = {name: name for name in CONTROLLERS if name not in NEED_MORE}
     return known | {f"learned ({name})": {"kind": "learned", "variant": name} for name in sorted(variants)}
 
 
 def policies_of(info: TaskInfo) -> tuple[str, ...]:
-    """Names of the policies that serve a task."""
+    """Return names of the policies that serve a task."""
     return tuple(name for name, policy in _named(info).items() if _made(policy, info) is not None)
 
 
 def usual_policy(names: Any, info: TaskInfo) -> str:
-    """The one that a world begins with: who is made for the task, else a law that gets there."""
+    """Return the one that a world begins with: a specialised one, else a general controller."""
     crossing = info.has_goal and len(info.parts) > 1 and not info.goal_moves
     made_for = ("push", *(("lanes",) if info.flows else ("two_phases",) if crossing else ()), "pose", "zero")
     return next(name for name in made_for if name in names)
 
 
 def policy_for(name: str, info: TaskInfo) -> Policy:
-    """The policy of this name.
+    """Return the policy of this name.
 
     Raises:
         ValueError: there is none for this task.
@@ -121,10 +121,10 @@ def policy_for(name: str, info: TaskInfo) -> Policy:
 
 
 def _made(policy: Any, info: TaskInfo) -> Policy | None:
-    """A policy; None where it does not serve the task, or what it needs is not installed."""
+    """Return a policy, or None if it does not support the task or an extra is missing."""
     try:
         with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
-            warnings.simplefilter("ignore")  # what speaks against a choice is for reports; here it can be seen
+            warnings.simplefilter("ignore")  # warnings about a policy's performance are for reports
             return make_policy(policy, info)
     except (ValueError, ModuleNotFoundError):
         return None

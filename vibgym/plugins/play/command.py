@@ -65,8 +65,8 @@ def run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _serve(app: ASGIApp, heard: socket.socket, said: str) -> None:
-    """Serve until Ctrl-C, and say so once Ctrl-C ends it as it should."""
+def _serve(app: ASGIApp, heard: socket.socket, announcement: str) -> None:
+    """Serve until Ctrl-C; print ``announcement`` after startup."""
     import uvicorn
 
     from vibgym.plugins.play.messages import MOST_BYTES
@@ -74,14 +74,14 @@ def _serve(app: ASGIApp, heard: socket.socket, said: str) -> None:
     class Announced(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
-            print(said, flush=True)
+            print(announcement, flush=True)
 
     config = uvicorn.Config(
         app, log_level="warning", ws_max_size=MOST_BYTES, ws_per_message_deflate=False, access_log=False,
         timeout_graceful_shutdown=1, server_header=False, lifespan="off", ws="websockets-sansio",
     )  # fmt: skip
     with asyncio.Runner() as runner:
-        runner.get_loop()  # all that takes time comes before there is a coroutine, which Ctrl-C would leave unawaited
+        runner.get_loop()  # slow setup before the coroutine is created, which Ctrl-C would leave unawaited
         runner.run(Announced(config).serve(sockets=[heard]))
 
 
@@ -94,7 +94,7 @@ def _check_extra() -> None:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """A socket at this address, so that nobody else takes it before the server is up."""
+    """Return a socket bound to this address before the server starts."""
     try:
         family, kind, number, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError):

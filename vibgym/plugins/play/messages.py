@@ -1,4 +1,4 @@
-"""What a page may say: one JSON object a message, whose ``do`` names what is to be done; bad ones are told in one line."""
+"""Messages of the page: JSON objects with the action in ``do``; invalid ones are refused in one line."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from vibgym import checks
 
 MOST_BYTES = 64 * 1024
-"""Of a message; the largest honest one paints all elements of a large table."""
+"""Largest size of a message: one that paints all elements of a large table is smaller."""
 
 MOST_ELEMENTS = 4096
-"""Painted by a message."""
+"""Most elements painted by a message."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e3, le=1e3)]
 Pose = tuple[Finite, Finite, Finite]
@@ -20,7 +20,7 @@ Share = Annotated[float, Field(allow_inf_nan=False, ge=-1.0, le=1.0)]
 
 
 class Message(BaseModel):
-    """Base: ``n`` numbers the messages of a page, from 1 on, so that after a lost connection none is done twice."""
+    """Base of messages. ``n`` numbers them from 1 on, so that none is applied twice after a reconnect."""
 
     model_config = ConfigDict(extra="forbid", strict=False, frozen=True)
 
@@ -141,7 +141,7 @@ _ADAPTER: TypeAdapter[Any] = TypeAdapter(Annotated[AnyMessage, Field(discriminat
 
 
 def parsed(text: str | bytes) -> Message:
-    """The message in a text.
+    """Return the message in a text.
 
     Raises:
         ValueError: no JSON, an unknown message or a value out of range; one line that names it and what is allowed.

@@ -1,4 +1,4 @@
-"""What a page is told of a world: the scene once, and a frame after every step, as plain values for JSON."""
+"""JSON messages to the page: the scene once, and a frame after every step."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from vibgym.plugins.play.drawing import drawn_scene
 from vibgym.plugins.play.world import World
 
 LENGTH, ANGLE = 1e5, 1e4
-"""Numbers of a frame are whole multiples of 10 um and 0.1 mrad: no picture shows less."""
+"""Resolution of frames: 10 um and 0.1 mrad."""
 
 
 def scene_of(world: World) -> dict[str, Any]:
-    """What stays the same from frame to frame, and what can be chosen."""
+    """Return the static scene and the available settings."""
     env, task = world.env, world.core.task
     found = drawn_scene(scenery_of(env))
     paths = [np.round(line, 5).tolist() for line in env.paths()]
@@ -46,7 +46,7 @@ def scene_of(world: World) -> dict[str, Any]:
 
 
 def frame_of(world: World) -> dict[str, Any]:
-    """How the world stands now."""
+    """Return how the world stands now."""
     core, info = world.core, world.info
     episode, state = core.episode, core.simulator.state
     held = {str(part): world.room(part) for part in world.held}
@@ -74,11 +74,11 @@ def frame_of(world: World) -> dict[str, Any]:
 
 
 def _poses(pose: np.ndarray) -> list[list[int]]:
-    """Whole multiples of :data:`LENGTH` and :data:`ANGLE`."""
+    """Return whole multiples of :data:`LENGTH` and :data:`ANGLE`."""
     return np.rint(pose * [LENGTH, LENGTH, ANGLE]).astype(int).tolist()
 
 
 def _number(info: dict[str, Any], name: str, scale: float) -> float | None:
-    """A number of ``info`` in a unit for people; None where the task has none."""
+    """Return a number of ``info`` in a unit for people; None where the task has none."""
     value = info.get(name)
     return None if value is None or not math.isfinite(value) else round(float(value) * scale, 4)

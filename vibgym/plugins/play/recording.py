@@ -1,4 +1,4 @@
-"""What a visitor records: the run as a GIF, or as episodes of a Minari data set that learners read."""
+"""Recording of a run as a GIF, or as episodes of a Minari data set."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from vibgym.envs.viewer import Viewer
 from vibgym.plugins.play.world import World
 
 MOST_STEPS = 2500
-"""Of a recording: 100 s at 25 Hz. What comes later is left out, and the page says so."""
+"""Most steps of a recording: 100 s at 25 Hz. Later steps are skipped, with a message on the page."""
 
 EVERY = 2
 """Steps from picture to picture: GIFs play 12.5 a second at the machine's 25 Hz."""
@@ -31,7 +31,7 @@ _MINARI = threading.Lock()  # its folder is a variable of the process
 
 
 class Segment:
-    """Steps in which nobody but the actions moved anything: one episode of a data set."""
+    """Steps without intervention of the visitor: one episode of a data set."""
 
     def __init__(self, observation: Any) -> None:
         self.observations, self.actions = [observation], list[np.ndarray]()
@@ -51,7 +51,7 @@ class Recorder:
         self._picture(world)
 
     def cut(self) -> None:
-        """Somebody took a hand in: what follows is another episode of the data set."""
+        """Start another episode of the data set, after an intervention of the visitor."""
         self._cut = True
 
     def before(self, world: World) -> None:
@@ -64,7 +64,9 @@ class Recorder:
         """Note what a step has come to."""
         if self.full:
             return
-        if not self._over:  # what comes after an episode's end belongs to none, until a hand begins another one
+        if (
+            not self._over
+        ):  # steps after an episode's end belong to no episode, until an intervention starts another one
             part = self.segments[-1]
             part.observations.append(world.observation)
             part.actions.append(world.done.reshape(-1))
@@ -125,7 +127,7 @@ class Recorder:
         spec.kwargs.update(self.settings.arguments())
         folder.mkdir(parents=True, exist_ok=True)
         with _MINARI, warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
+            warnings.simplefilter("ignore", UserWarning)  # about missing author and permanent link
             before = os.environ.get("MINARI_DATASETS_PATH")
             os.environ["MINARI_DATASETS_PATH"] = str(folder)
             try:

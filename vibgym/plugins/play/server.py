@@ -1,4 +1,4 @@
-"""The server: one page, one socket, a world for every visitor, and closed doors for all else."""
+"""The server: one page, one socket, a world for every visitor; other requests are refused."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ PAGE = {
     **{f"{name}.js": (HERE / f"{name}.js", "text/javascript") for name in OWN},
     **{f"{name}.js": (script_path(name), "text/javascript") for name in SCRIPTS},
 }
-"""Files that are served, and what they are: nothing else of any folder."""
+"""Served files and their media types; no other file is served."""
 
 MOST_WORLDS = 16
-"""Visitors at a time, those included whose connection was lost a while ago."""
+"""Most visitors at a time, including those whose connection was lost."""
 
 WAIT = 600.0
 """s that a world waits for a visitor whose connection was lost."""
@@ -51,7 +51,7 @@ HEADERS = {
 
 
 class Visitor:
-    """A session, and the socket that it is seen through, while there is one."""
+    """A session and its socket; None while disconnected."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -60,8 +60,8 @@ class Visitor:
         self.left = 0.0  # when the socket was lost, by the loop's clock
         self.changed = asyncio.Event()
 
-    async def tell(self, answers: Sequence[dict[str, Any]]) -> None:
-        """Send answers, one after the other; into the void where nobody listens."""
+    async def send(self, answers: Sequence[dict[str, Any]]) -> None:
+        """Send answers in order; they are dropped while disconnected."""
         socket = self.socket
         if socket is None:
             return
@@ -70,7 +70,7 @@ class Visitor:
                 await socket.send_text(json.dumps(answer, separators=(",", ":")))
 
     async def run(self) -> None:
-        """Let time go on as long as somebody looks."""
+        """Step the world while connected."""
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
@@ -79,13 +79,13 @@ class Visitor:
                 await self.changed.wait()
                 due = loop.time()
                 continue
-            await self.tell(await asyncio.to_thread(self.session.step))
+            await self.send(await asyncio.to_thread(self.session.step))
             due = max(due + self.session.step_time, loop.time() - self.session.step_time)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._paced(), due - loop.time())
 
     async def _paced(self) -> None:
-        """Until the pace changes, so that slow motion does not have to be waited for."""
+        """Wait for a step, or for a change of pace."""
         pace = self.session.running, self.session.speed
         while (self.session.running, self.session.speed) == pace:
             self.changed.clear()
@@ -93,7 +93,7 @@ class Visitor:
 
 
 class Server:
-    """Hands out worlds.
+    """Creates and keeps the worlds of visitors.
 
     Args:
         first: what a world begins with.
@@ -105,7 +105,7 @@ class Server:
         self.visitors = dict[str, Visitor]()
 
     def app(self, hosts: Sequence[str]) -> ASGIApp:
-        """The application; ``hosts``: names under which it answers, ``"*"`` for all."""
+        """Return the application; ``hosts``: names under which it answers, ``"*"`` for all."""
         routes = [
             Route("/", self._page),
             Route("/{name}", self._file),
@@ -148,13 +148,13 @@ class Server:
                 await before.close(TAKEN_OVER)
         session = visitor.session
         welcome = {"kind": "welcome", "token": visitor.token, "ack": session.acknowledged}
-        await visitor.tell([welcome, *await asyncio.to_thread(session.shown)])
+        await visitor.send([welcome, *await asyncio.to_thread(session.shown)])
         clock = asyncio.create_task(visitor.run())
         try:
             while True:
                 answers = await asyncio.to_thread(session.do, await _text(socket))
                 visitor.changed.set()
-                await visitor.tell(answers)
+                await visitor.send(answers)
         except (WebSocketDisconnect, RuntimeError):
             pass
         finally:
@@ -163,7 +163,7 @@ class Server:
                 visitor.socket, visitor.left = None, asyncio.get_running_loop().time()
 
     async def _visitor(self, socket: WebSocket) -> Visitor:
-        """Who has come back, by the token; else somebody new.
+        """Return the visitor with this token, or a new one.
 
         Raises:
             ValueError: no room, or an environment or a start that cannot be.
@@ -182,7 +182,7 @@ class Server:
         return visitor
 
     def _see_off(self) -> None:
-        """Let go of worlds that nobody has come back to."""
+        """Delete worlds of visitors that have not reconnected."""
         now = asyncio.get_running_loop().time()
         for token, visitor in list(self.visitors.items()):
             if visitor.socket is None and now - visitor.left > WAIT:
@@ -190,7 +190,7 @@ class Server:
 
 
 async def _text(socket: WebSocket) -> str | bytes:
-    """The next message."""
+    """Return the next message."""
     message = await socket.receive()
     if message["type"] != "websocket.receive":
         raise WebSocketDisconnect(message.get("code", 1000))
@@ -198,7 +198,7 @@ async def _text(socket: WebSocket) -> str | bytes:
 
 
 class Guard:
-    """Refuses who calls the server by another name: pages of other sites that a visitor has open, too."""
+    """Refuses requests with another host name, such as those of other sites' pages (DNS rebinding)."""
 
     def __init__(self, app: ASGIApp, hosts: Sequence[str]) -> None:
         self._app, self._hosts = app, tuple(hosts)
@@ -223,5 +223,5 @@ class Guard:
 
 
 def _name(host: str) -> str:
-    """A host without its port."""
+    """Return a host without its port."""
     return host[: host.rindex("]") + 1] if host.startswith("[") else host.partition(":")[0]

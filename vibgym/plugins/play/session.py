@@ -1,4 +1,4 @@
-"""One visitor: a world, what was done to it, and what is recorded of it. Nothing here knows of networks."""
+"""Session of one visitor: a world, its undo stack and its recording. Independent of the network."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from vibgym.plugins.play.starts import code_of, world_from
 from vibgym.plugins.play.world import World
 
 MOST_UNDONE = 60
-"""Steps back that are kept."""
+"""Depth of the undo stack."""
 
 Answer = dict[str, Any]
 
 
 class Session:
-    """Does what messages ask for, in their order, each once.
+    """Executes messages in order, each once.
 
     Args:
         settings: of the first world.
@@ -57,7 +57,7 @@ class Session:
         return self.world.env.step_time / self.speed
 
     def step(self) -> list[Answer]:
-        """One step of the world, and what there is to be told of it; nothing while time stands still."""
+        """Step the world and return the answers; none while paused."""
         with self._lock:
             return self._step() if self.running else []
 
@@ -77,13 +77,13 @@ class Session:
         return [self._frame()]
 
     def shown(self) -> list[Answer]:
-        """Scene and frame, as for a page that has just come or come back."""
+        """Return scene and frame, as for a page that has just come or come back."""
         with self._lock:
             self._scene_due = True
             return self._look()
 
     def do(self, text: str | bytes) -> list[Answer]:
-        """What a message asks for; what cannot be is refused in one line, and nothing has changed."""
+        """Execute a message; an invalid one is refused in one line, and nothing changes."""
         with self._lock:
             try:
                 message = messages.parsed(text)
@@ -120,7 +120,7 @@ class Session:
         }
 
     def _note(self) -> None:
-        """Keep how it is, for undo, before a hand changes something; a data set's episode ends there."""
+        """Store the state for undo, before an intervention; an episode of a data set ends here."""
         self._past.append({"world": self.world, "state": self.world.get_state()})
         if self._recorder is not None:
             self._recorder.cut()
@@ -147,7 +147,7 @@ class Session:
         self._jumped()
 
     def _jumped(self) -> None:
-        """What comes next does not follow from what was shown last."""
+        """Mark a discontinuity: the next frame does not follow from the last one."""
         self._jumps += 1
         self._scene_due = True
 
@@ -268,5 +268,5 @@ class Session:
 
 
 def _said(text: str) -> Answer:
-    """A line for the visitor: why something was not done."""
+    """Return a line for the visitor: why something was not done."""
     return {"kind": "refused", "text": " ".join(text.split())}

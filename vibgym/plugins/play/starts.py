@@ -1,4 +1,4 @@
-"""Starts as short codes that fit into a URL: what the world is made of, and where parts and goals are."""
+"""Starts encoded for URLs: settings of the world, and poses of parts and goals."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from vibgym.plugins.play.choices import Settings
 from vibgym.plugins.play.world import World
 
 MOST_BYTES = 200_000
-"""Of a start that is unpacked: no honest one is larger."""
+"""Largest size of an unpacked start."""
 
 SEAL = 6
-"""Bytes of the check sum: it tells a mistyped code, and is no secret."""
+"""Bytes of the check sum against mistyped codes."""
 
 
 def code_of(world: World) -> str:
-    """The start that a world is, as text for a URL. Where parts or goals go their own ways it is that of the episode."""
+    """Return the start that a world is, as text for a URL. Where parts or goals go their own ways it is that of the episode."""
     task = world.core.task
     content: dict[str, Any] = {"settings": vars(world.settings), "seed": world.seed}
     if not (task.flows or task.goal_moves):
@@ -43,7 +43,7 @@ def code_of(world: World) -> str:
 
 
 def world_from(code: str) -> World:
-    """The world that a code describes.
+    """Return the world that a code describes.
 
     Raises:
         ValueError: a code that was altered or cut off, or one of an environment that is not there.
@@ -69,7 +69,7 @@ def world_from(code: str) -> World:
 
 
 def _off_the_table_allowed(world: World, options: dict[str, Any]) -> np.ndarray:
-    """Poses with absent parts, which may be anywhere, in a place that is checked by nobody but has to be on the table."""
+    """Return poses with absent parts, which may be anywhere, moved onto the table, as a reset requires."""
     pose = checks.array("pose", options["pose"], (len(world.env.parts), 3)).copy()
     absent = np.setdiff1d(np.arange(len(pose)), options["parts"])
     pose[absent, :2] = 0.5 * world.env.surface.width, 0.5 * world.env.surface.depth
@@ -77,7 +77,7 @@ def _off_the_table_allowed(world: World, options: dict[str, Any]) -> np.ndarray:
 
 
 def _content(code: str) -> dict[str, Any]:
-    """What is in a code, once its check sum is right."""
+    """Return the content of a code with a valid check sum."""
     allowed = "the code of a start as it was shared, unaltered and whole"
     try:
         packed = base64.urlsafe_b64decode(code.encode("ascii") + b"=" * (-len(code) % 4))

@@ -1,4 +1,4 @@
-"""A world with hands in it: an environment, who drives it, and what a visitor does to it while it runs."""
+"""Interactive world: an environment, its policy, and the interventions of a visitor."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ ONLY = np.zeros(1, dtype=np.int64)
 """Index of the world."""
 
 SAME_WORLD = ("pose", "velocity", "mean_velocity", "sticking", "fallen", "friction", "mass", "incline")
-"""Of the simulator's state: what goes on when hardware or model change."""
+"""Fields of the simulator's state that are kept when hardware or model change."""
 
 
 class World:
-    """An environment in which elements do what a policy wants of them, but for those that are painted.
+    """An environment whose elements follow a policy, except painted ones.
 
     A part in the hand (:meth:`lift`) takes no part until it is put down; where parts come and go, it stays where it was
     until then.
@@ -54,7 +54,7 @@ class World:
         self.begin(seed)
 
     def _bind(self, policy: Any) -> None:
-        """Let ``policy`` decide from now on."""
+        """Use ``policy`` from now on."""
         core = self.env.core
         self.policy, self._state, self._fresh = policy, None, True
         self.action = ACTIONS[policy.action](core.surface, core.parts)
@@ -63,7 +63,7 @@ class World:
 
     @property
     def core(self) -> Any:
-        """What the environment steps."""
+        """Core of the environment."""
         return self.env.core
 
     def begin(self, seed: int, options: dict[str, Any] | None = None) -> None:
@@ -78,7 +78,7 @@ class World:
         self._bind(self.policy)
 
     def step(self) -> None:
-        """One step: the policy decides by what is measured, paint covers it, and the environment goes on."""
+        """Step the environment with the policy's action, overridden by painted elements."""
         core = self.core
         seen = self.env.observed(self.policy.observation)
         start = np.array([True]) if self._fresh else None
@@ -98,7 +98,7 @@ class World:
             self._hold(part, pose)
 
     def part(self, part: Any) -> int:
-        """The number of a part that is there.
+        """Return the number of a part that is there.
 
         Raises:
             ValueError: it is none, or the part is not.
@@ -109,7 +109,7 @@ class World:
         return part
 
     def lift(self, part: int) -> None:
-        """Take a part into the hand.
+        """Hold a part.
 
         Raises:
             ValueError: it is in the hand already.
@@ -131,14 +131,14 @@ class World:
         self._hold(part, pose)
 
     def _hold(self, part: int, pose: np.ndarray) -> None:
-        if self.core.task.flows:  # there, who is not on the table has left
+        if self.core.task.flows:  # there, parts off the table have left
             return
         state = self.core.simulator.state
         state.fallen[0, part] = True
         state.pose[0, part], state.velocity[0, part], state.mean_velocity[0, part] = pose, 0.0, 0.0
 
     def room(self, part: int) -> str:
-        """Why a part in the hand cannot be put down where it is; nothing where it can."""
+        """Return the reason why a held part cannot be put down at its pose; empty if it can."""
         try:
             self._check_room(part)
         except ValueError as error:
@@ -154,7 +154,7 @@ class World:
         overlaps.check("pose", *where, pose, away, overlaps.AT_REST)
 
     def put_down(self, part: int) -> None:
-        """Let go of a part: it lies at rest where the hand has it.
+        """Release a held part at rest at its pose.
 
         Raises:
             ValueError: no room; it stays in the hand.
@@ -170,7 +170,7 @@ class World:
         self._anew(np.arange(len(core.parts))[None] == part)
 
     def _anew(self, which: np.ndarray) -> None:
-        """Let nobody remember anything of parts (1, parts) bool that lie somewhere else now."""
+        """Reset what model, sensor and action store of moved parts, (1, parts) bool."""
         core = self.core
         core.simulator.renew(which)
         core.sensing.renew(which, core.simulator.state)
@@ -186,15 +186,15 @@ class World:
         core.relate(ONLY)
 
     def aim(self, part: int, pose: np.ndarray) -> None:
-        """Ask for another goal pose (3,) of a part.
+        """Set the goal pose (3,) of a part.
 
         Raises:
             ValueError: a task without goals that stay, a part of which nothing is asked, or a goal beside the surface.
         """
         task = self.core.task
         if not task.has_goal or task.goal_moves:
-            why = "whose goals move along paths" if task.goal_moves else "which asks for places, not for poses"
-            raise checks.refuse("pose", pose.tolist(), f"nothing for {task.name}, {why}")
+            why = "moving goals" if task.goal_moves else "zones or positions instead of goal poses"
+            raise checks.conflict(f"goals of {task.name} cannot be moved: it has {why}")
         if not task.asked[part]:
             raise checks.refuse("part", part, "a part that has a goal")
         overlaps.check_centres("pose", pose[None], self.core.surface)
@@ -231,7 +231,7 @@ class World:
         self._related()
 
     def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit."""
+        """Return a snapshot from which the world continues bit for bit."""
         own = (self.settings, self.seed, self.held, self.paint, self.wanted, self.info, self._state, self._fresh)
         return {"own": copy.deepcopy(own), "env": self.env.get_state(), "action": self.action.get_state()}
 
@@ -251,14 +251,14 @@ class World:
 
 
 def _carry_over(old: Any, new: Any) -> None:
-    """Let a fresh environment of the same task go on where another one is: same episode, same parts, same motion."""
+    """Copy episode, parts and motion to a new environment of the same task."""
     before, state = old.get_state(), new.get_state()
     for group, names in (("simulator", SAME_WORLD), ("episode", tuple(state["episode"]))):
         for name in names:
             values = before[group].get(name)
             if values is not None and values.shape == state[group][name].shape:
                 state[group][name] = values
-    if old.core.simulator.model == "tilting":  # what stands up lies down; what has toppled has fallen
+    if not old.core.simulator.flat:  # tilted parts are laid flat; toppled ones are fallen
         state["simulator"]["fallen"] = before["simulator"]["fallen"]
     new.set_state(state)
     new.core.sensing.renew(np.ones((1, len(new.parts)), dtype=bool), new.core.simulator.state)

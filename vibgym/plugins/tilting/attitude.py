@@ -38,7 +38,7 @@ def enter_attitude(lean_x, lean_y, heading, motion):
 
 @borrowing
 def leave_attitude(motion, heading):
-    """Lean x and y, and the heading that is nearest to the one given, of the quaternion."""
+    """Return lean x and y of the quaternion, and its heading nearest to the one given."""
     w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
     half = math.atan2(z, w)
     cosine, sine = math.cos(half), math.sin(half)
@@ -64,7 +64,7 @@ def rotate(motion, span):
 
 @borrowing
 def write_frame(motion, frame):
-    """The attitude as a matrix: its columns are the part's axes."""
+    """Return the attitude as a matrix: its columns are the part's axes."""
     w, x, y, z = motion[QW], motion[QX], motion[QY], motion[QZ]
     frame[0], frame[1], frame[2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
     frame[3], frame[4], frame[5] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
@@ -73,7 +73,7 @@ def write_frame(motion, frame):
 
 @borrowing
 def conjugated(frame, xx, yy, xy, zz, i, j):
-    """Entry of ``R M R^T`` for a matrix whose z is a principal axis."""
+    """Return entry of ``R M R^T`` for a matrix whose z is a principal axis."""
     a, b, c = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
     d, e, f = frame[3 * j], frame[3 * j + 1], frame[3 * j + 2]
     return a * (xx * d + xy * e) + b * (xy * d + yy * e) + c * zz * f
@@ -81,7 +81,7 @@ def conjugated(frame, xx, yy, xy, zz, i, j):
 
 @borrowing
 def write_inverse_inertia(motion, frame, xx, yy, xy, zz):
-    """The inverse of the inertia in the world's axes, and the angular velocity that goes with the angular momentum.
+    """Return the inverse of the inertia in the world's axes, and the angular velocity that goes with the angular momentum.
 
     Args:
         xx, yy, xy, zz: the inertia over mass in the part's axes, m^2.

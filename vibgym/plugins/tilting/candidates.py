@@ -187,7 +187,7 @@ def write_lines(rigid, axis, low, high):
 
 @borrowing
 def is_step(rigid, axis, line, along):
-    """Whether the ground goes down beyond a line, at a plate ``along`` the other axis.
+    """Return whether the ground goes down beyond a line, at a plate ``along`` the other axis.
 
     Where it stays level no piece ends, and where it goes up it is steeper on: a plane comes nearest to it elsewhere.
     """
@@ -283,7 +283,7 @@ def on_bottom(rigid, kind, x, y):
 
 @borrowing
 def is_inside(rigid, kind, u, v):
-    """Whether a place of the bottom's plane (m, in the part's axes) belongs to the bottom."""
+    """Return whether a place of the bottom's plane (m, in the part's axes) belongs to the bottom."""
     radius = rigid.solids.disc[kind]
     if radius > 0.0:
         return u * u + v * v <= radius * radius

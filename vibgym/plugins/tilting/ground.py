@@ -23,7 +23,7 @@ less than what tilts one by a hundredth of a degree."""
 
 @borrowing
 def plate(rigid, world, row, column, node, after):
-    """Height (m) of a plate's surface ``node`` half steps after the period's start, and its velocity (m/s) ``after`` of them.
+    """Return the height (m) of a plate ``node`` half steps after the period's start, and its velocity (m/s) ``after`` of them.
 
     In a step the velocity is that at its end: with which the plate goes on, in the mean, from the middle of the step to the
     middle of the next. So impulses stand where friction does.
@@ -68,7 +68,7 @@ def write_plates(rigid, world, low_x, low_y, high_x, high_y, node, after):
 
 @borrowing
 def share_of_own(position, index, count, steepness):
-    """Which neighbour's height is blended in along one axis, and how.
+    """Return the neighbour whose height is blended in along one axis, and its weight.
 
     Args:
         position: in the element, 0 to 1.
@@ -88,7 +88,7 @@ def share_of_own(position, index, count, steepness):
 
 @borrowing
 def ground(rigid, x, y):
-    """The ground at a point of the table's frame, over plates that are written down.
+    """Return the ground at a point of the table's frame, over plates that are written down.
 
     Returns:
         Height (m), velocity (m/s), and slope along x and y.
@@ -101,7 +101,7 @@ def ground(rigid, x, y):
     column, row = min(int(u), table.columns - 1), min(int(v), table.rows - 1)
     other_column, share_x, slope_x = share_of_own(u - column, column, table.columns, scheme.steepness)
     other_row, share_y, slope_y = share_of_own(v - row, row, table.rows, scheme.steepness)
-    # Without branches. Plates that are not written down have no share: whatever stands there changes no bit.
+    # Branch-free. Plates outside the working arrays have weight 0.
     i, j, k, m = row & mask, column & mask, other_row & mask, other_column & mask
     own, along, across, both = heights[i, j], heights[i, m], heights[k, j], heights[k, m]
     near, far = own + share_x * (along - own), across + share_x * (both - across)
@@ -116,7 +116,7 @@ def ground(rigid, x, y):
 
 @borrowing
 def ground_on_line(rigid, axis, own, along, at):
-    """The ground on a line across an axis on which a plate ends, its ramp there having ended, over plates written down.
+    """Return the ground on a line across an axis on which a plate ends, its ramp there having ended, over plates written down.
 
     Args:
         own, along: the plate's numbers along the axis and along the other.
@@ -137,7 +137,7 @@ def ground_on_line(rigid, axis, own, along, at):
 
 @borrowing
 def grip_at(rigid, x, y):
-    """Factor on friction of the plate at a point of the table's frame, of those that are written down."""
+    """Return factor on friction of the plate at a point of the table's frame, of the plates in the working arrays."""
     table, grip = rigid.table, rigid.work.grip
     mask = grip.shape[1] - 1
     column = min(max(int(x * rigid.scheme.fineness), 0), table.columns - 1)
@@ -146,7 +146,7 @@ def grip_at(rigid, x, y):
 
 @borrowing
 def begin_reading(rigid, kind):
-    """Forget what has been read of the drive, and read what reaches a part of this kind."""
+    """Reset the cached drive, for a part of this kind."""
     forget_phasors(rigid.work.phasors, 0)
     rigid.work.phasors.coupling[0] = rigid.bodies.coupling[kind]
 

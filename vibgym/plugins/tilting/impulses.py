@@ -66,7 +66,7 @@ SOFTER = 4
 
 @borrowing
 def rubbed(contact, k, friction, slip_x, slip_y):
-    """Impulse over mass (m/s) of friction at one contact that stops its slip (m/s) as far as it can."""
+    """Return impulse over mass (m/s) of friction at one contact that stops its slip (m/s) as far as it can."""
     px, py = contact[k, PX] - slip_x * contact[k, SLIDE], contact[k, PY] - slip_y * contact[k, SLIDE]
     limit = friction * contact[k, GRIP] * contact[k, PN]
     if px * px + py * py > limit * limit:  # against the mean of slip before and after: so friction never gives energy
@@ -142,8 +142,8 @@ def settle_contacts(motion, contact, n, friction, table_x, table_y):
 
 @borrowing
 def gain(motion, contact, n, table_x, table_y):
-    """Energy over mass (J/kg) that ``n`` contacts give besides what plates and table do: their impulses times the means of the
-    relative velocities before and after."""
+    """Return the energy over mass (J/kg) that ``n`` contacts add to the work of plates and table: impulses times the mean of
+    the relative velocities before and after."""
     total = 0.0
     for k in range(n):
         rx, ry, rz = contact[k, RX], contact[k, RY], contact[k, RZ]

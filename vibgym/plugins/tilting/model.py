@@ -1,4 +1,4 @@
-"""``model="tilting"``: parts above the plane, where what lies under them is not level or something has tipped them.
+"""The tilting model: rigid parts on plates of different heights.
 
 A part that lies flat on plates that move alike is the planar model's, to the last bit. All others are rigid bodies on the
 plates (:mod:`vibgym.plugins.tilting`): they rock on the highest ones, tilt, land, or topple.
@@ -51,20 +51,20 @@ RAMP = 3e-3
 FEWEST_STEPS, MOST_STEPS = 50, 100_000
 
 LEAST_RAMP = 1e-6
-"""m: steps that are steeper are as steep."""
+"""m, shortest ramp."""
 
 STRETCH = 2
-"""Periods for which a part is asked at once whether its ground stays level: in more of them it may get too far."""
+"""Periods covered by one check for level ground: over more of them a part may travel too far."""
 
 STEEPEST = 1.5
 """rad, of a tilt."""
 
 LEAST_SETTLING = 0.01
-"""m/s, with which what has sunk in is lifted out where plates hardly move."""
+"""m/s, least velocity at which penetration is corrected."""
 
 
 def cross_of(part: Part) -> np.ndarray:
-    """(4, 2) m, points of equal load with the first and second moments of even pressure: a rectangle's are its corners,
+    """Return (4, 2) m, points of equal load with the first and second moments of even pressure: a rectangle's are its corners,
     shrunk."""
     xx, yy, xy = part.inertia - [part.height**2 / 12.0, part.height**2 / 12.0, 0.0]
     squares, axes = np.linalg.eigh(np.array([[yy, -xy], [-xy, xx]]))  # moments x x, x y, y y
@@ -74,7 +74,7 @@ def cross_of(part: Part) -> np.ndarray:
 
 
 def solids_of(kinds: list[Part]) -> Solids:
-    """The third dimension of the kinds, for the kernels."""
+    """Return the third dimension of the kinds, for the kernels."""
     return Solids(
         centre_height=np.array([kind.centre_height for kind in kinds]),
         inertia=np.array([kind.inertia for kind in kinds]),
@@ -87,7 +87,7 @@ def solids_of(kinds: list[Part]) -> Solids:
 def scheme_of(
     surface: Surface, *, restitution: float = RESTITUTION, ramp_mm: float = 1e3 * RAMP, steps: int = STEPS
 ) -> TiltScheme:
-    """The model's constants.
+    """Return the model's constants.
 
     Args:
         restitution: of a part's bottom on plates, Newton's, 0 to 1.
@@ -103,8 +103,8 @@ def scheme_of(
 
 
 def stands(part: Part, heading: np.ndarray, lean: np.ndarray) -> np.ndarray:
-    """(n,) whether a part's centre of mass is over its bottom, so that it falls back, at these headings (n,) and leans (n,
-    2)."""
+    """Return (n,) whether a part's centre of mass is above its bottom, so that it falls back, at these headings (n,) and leans
+    (n, 2)."""
     angle = np.hypot(lean[:, 0], lean[:, 1])
     if part.centre_height == 0.0:
         return angle < STEEPEST
@@ -234,7 +234,7 @@ class Tilting(AbovePlane):
 def sorted_rows(
     rows: np.ndarray, rigid: int, inputs: tuple[int, int], tilt: int, periods: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Those of the rows that lie flat on level ground for so many periods, and the others; see :func:`sort_rows`.
+    """Return the rows whose parts lie flat on level ground for so many periods, and the others; see :func:`sort_rows`.
 
     Args:
         rigid, inputs, tilt: addresses of pinned records; ``inputs`` of drive and state.
@@ -245,7 +245,7 @@ def sorted_rows(
 
 
 class Buffers:
-    """What one thread needs.
+    """Constants and working arrays of one thread.
 
     Attributes:
         planar: for parts that lie flat.
@@ -259,7 +259,7 @@ class Buffers:
 
 
 def rigid_buffers(setup: Setup, scheme: TiltScheme) -> Pinned[FixedTilting]:
-    """What one thread needs for parts above the plane."""
+    """Return constants and working arrays of one thread for parts above the plane."""
     table = setup.surface.table(setup.walls)
     kinds, _ = kinds_of(setup.parts, Part.same_as)
     bodies = bodies_of(setup.parts, setup.surface.element_size, Part.same_as)

@@ -1,9 +1,8 @@
-"""``model="tilting"`` with several parts in a world, or walls: the planar model's contacts, and parts above the plane between
-them.
+"""The tilting model with several parts in a world, or walls: contacts of the planar model, rigid bodies between them.
 
 A tilted part takes part in contacts with the footprint that it has when it lies flat. In a period in which it touches another
-part or a wall, the planar model says how it moves in the plane, as if it lay flat, and its height and tilt go on as if it were
-alone.
+part or a wall, the planar model computes its motion in the plane as if it lay flat; height and tilt are integrated as if it
+were alone.
 """
 
 from __future__ import annotations

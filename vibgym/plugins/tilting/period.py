@@ -56,7 +56,7 @@ LEAST_RESTITUTION = 0.2
 
 @borrowing
 def reach_of(rigid, world, part, periods):
-    """m, around a part's centre of mass, that it may come to lie on within so many periods."""
+    """Return m, around a part's centre of mass, that it may come to lie on within so many periods."""
     table, state, kind = rigid.table, rigid.state, rigid.bodies.kind[part]
     vx, vy = state.velocity[world, part, 0], state.velocity[world, part, 1]
     span = periods * table.period
@@ -72,7 +72,7 @@ def reach_of(rigid, world, part, periods):
 
 @borrowing
 def is_steady(rigid, world, part):
-    """Whether friction is too weak to tip a part that lies flat on level ground."""
+    """Return whether friction is too weak to tip a part that lies flat on level ground."""
     state = rigid.state
     factor = state.friction[world, part] * best_grip(state.patches[world])
     return factor < rigid.solids.unsteady[rigid.bodies.kind[part]]
@@ -80,7 +80,7 @@ def is_steady(rigid, world, part):
 
 @borrowing
 def lies_level(rigid, world, part, periods):
-    """Whether a part that lies flat stays flat for so many periods: all plates that it may come to lie on move alike, and
+    """Return whether a flat part stays flat for so many periods: all plates that it can reach have equal motion, and
     friction is too weak to tip it."""
     state, kind = rigid.state, rigid.bodies.kind[part]
     if not is_steady(rigid, world, part):
@@ -183,7 +183,7 @@ def take_step(rigid, world, kind, friction, level, turn):
 
 @borrowing
 def is_calm(rigid, world, kind, node):
-    """Whether the part all but lies flat on level ground, at the end of a step."""
+    """Return whether the part all but lies flat on level ground, at the end of a step."""
     motion, table, frame = rigid.work.motion, rigid.table, rigid.work.frame
     if frame[8] < FLAT_COSINE:
         return False
@@ -198,7 +198,7 @@ def is_calm(rigid, world, kind, node):
 
 @borrowing
 def fate_of(rigid, kind):
-    """What becomes of the part: whether its centre of mass has left the table, and whether it has tipped beyond its edge."""
+    """Return whether the part's centre of mass has left the table, and whether it has tipped beyond its edge."""
     table, motion, frame = rigid.table, rigid.work.motion, rigid.work.frame
     x, y = motion[CX], motion[CY]
     off = not (x >= table.left and y >= table.bottom and x <= table.right and y <= table.top)
@@ -210,7 +210,7 @@ def fate_of(rigid, kind):
 
 @borrowing
 def sound(motion):
-    """Whether all numbers are finite. A comparison, since isfinite does not survive reassociation."""
+    """Return whether all numbers are finite. A comparison, since isfinite does not survive reassociation."""
     total = abs(motion[CX]) + abs(motion[CY]) + abs(motion[CZ]) + abs(motion[VX]) + abs(motion[VY]) + abs(motion[VZ])
     total += abs(motion[LX]) + abs(motion[LY]) + abs(motion[LZ]) + abs(motion[WX]) + abs(motion[WY]) + abs(motion[WZ])
     return total + abs(motion[QW]) + abs(motion[QX]) + abs(motion[QY]) + abs(motion[QZ]) < math.inf
@@ -218,7 +218,7 @@ def sound(motion):
 
 @borrowing
 def rest(state, tilt, world, part):
-    """A part that is out of play does not move any more."""
+    """Return a part that is out of play does not move any more."""
     for k in range(3):
         state.velocity[world, part, k] = 0.0
     state.fallen[world, part], state.sticking[world, part] = True, False
@@ -258,7 +258,7 @@ def leave_motion(rigid, world, part, flat, follows):
 
 @borrowing
 def lie_flat(tilt, world, part):
-    """Let the planar model have a part again."""
+    """Return a part to the planar model."""
     tilt.mode[world, part], tilt.calm[world, part] = FLAT, 0
     tilt.lean[world, part, 0] = tilt.lean[world, part, 1] = 0.0
     tilt.rocking[world, part, 0] = tilt.rocking[world, part, 1] = 0.0

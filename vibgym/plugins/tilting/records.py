@@ -1,4 +1,4 @@
-"""What the tilting model's kernels share: what is known of parts above the plane, its constants and working arrays."""
+"""Records of the tilting model's kernels: state of the parts, constants and working arrays."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ MODES = ("flat", "tilted", "tipped")
 
 
 class Tilt(NamedTuple):
-    """What the state of the worlds has besides :class:`vibgym.physics.core.records.State`, changed in place.
+    """State in addition to :class:`vibgym.physics.core.records.State`, changed in place.
 
-    Of a flat part all but the mode is nought. Attitude is ``swing o turn``: the part turns by its heading about the vertical,
+    Of a flat part, only the mode is non-zero. Attitude is ``swing o turn``: the part turns by its heading about the vertical,
     then about a horizontal axis by the length of ``lean``, so that a pose means the same flat and tilted.
     """
 
@@ -39,7 +39,7 @@ class Tilt(NamedTuple):
 
 
 def new_tilt(worlds: int, parts: int) -> Tilt:
-    """Arrays for parts that lie flat."""
+    """Return arrays for parts that lie flat."""
     return Tilt(
         mode=np.zeros((worlds, parts), np.int64),
         lean=np.zeros((worlds, parts, 2)),
@@ -123,7 +123,7 @@ RIM_POINTS = 8
 
 
 class FixedTilting(NamedTuple):
-    """What stays the same from call to call."""
+    """Constants and working arrays of a thread."""
 
     table: Table
     bodies: Bodies
@@ -139,7 +139,7 @@ tilt_at = TILT.at
 
 
 class Rigid(NamedTuple):
-    """All that a kernel looks at: references."""
+    """References to all data of a kernel."""
 
     table: Table
     bodies: Bodies
@@ -152,7 +152,7 @@ class Rigid(NamedTuple):
 
 
 def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
-    """Working arrays for any part of these kinds."""
+    """Return working arrays for any part of these kinds."""
     corners = max(int(np.diff(bodies.first).max()), RIM_POINTS)
     across = int(2.0 * float(bodies.radius.max()) / table.element_size) + 3  # borders beneath an axis, with room
     lines = 2 * across  # of which each meets a convex edge twice
@@ -175,6 +175,6 @@ def new_work(table: Table, bodies: Bodies, ramp: float) -> Work:
 
 
 def tilt_scheme(steps: int, restitution: float, ramp: float, size: float, settling: float) -> TiltScheme:
-    """The constants, with the drive's trigonometry at the half steps."""
+    """Return the constants, with the drive's trigonometry at the half steps."""
     phase = np.arange(2 * steps + 1) * (math.pi / steps)
     return TiltScheme(steps, np.cos(phase), np.sin(phase), restitution, ramp, 1.0 / size, 0.5 * size / ramp, settling)

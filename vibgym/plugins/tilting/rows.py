@@ -1,4 +1,4 @@
-"""Which model moves a part: the planar one where it lies flat on plates that move alike, the rigid body everywhere else."""
+"""Selection of the model of each part: planar if it lies flat on plates with equal motion, rigid body otherwise."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibgym.plugins.tilting.records import FLAT, Rigid, fixed_tilting_at, tilt_a
 
 @borrowing
 def is_flat(rigid, world, part, periods):
-    """Whether the planar model can take a part through so many periods; it also lets those rest that are out of play."""
+    """Return whether the planar model can take a part through so many periods; it also lets those rest that are out of play."""
     if rigid.state.fallen[world, part] or rigid.state.diverged[world]:
         return True
     return rigid.tilt.mode[world, part] == FLAT and lies_level(rigid, world, part, periods)
@@ -24,7 +24,7 @@ def sort_rows(rows, flat, other, fixed, drive, state, tilt, periods):
 
     Args:
         rows: (n,) parts, as ``world * parts + part``.
-        flat, other: (n at least,) overwritten with those that do, and those that may not.
+        flat, other: (n at least,) overwritten with the rows that do, and those that may not.
         fixed, drive, state, tilt: addresses of pinned records.
 
     Returns:
@@ -71,7 +71,7 @@ def rock_rows(rows, follows, fixed, drive, state, tilt, paths, base, nodes):
 
 @borrowing
 def keep_toppled(start, stop, state, tilt):
-    """Let parts of worlds ``start`` to ``stop`` rest that have toppled, whatever contacts have made of them.
+    """Let parts of worlds ``start`` to ``stop`` rest that have toppled, also after contacts.
 
     Args:
         state, tilt: addresses of pinned records.

@@ -18,7 +18,7 @@ ESTIMATORS: Registry[Any] = Registry("estimator", {"none": Hold, "kalman": Kalma
 
 
 def estimator_from(value: Any, sensor: Sensor, plant: Plant, latency: int, walls: Sequence[str]) -> Any:
-    """An estimator from its name or a mapping with ``kind`` and its own settings."""
+    """Return an estimator from its name or a mapping with ``kind`` and its own settings."""
     kind, settings = checks.named("sensor.estimator", value, tuple(ESTIMATORS))
     return checks.made("sensor.estimator", ESTIMATORS[kind], (sensor, plant, latency, walls), settings)
 

@@ -1,8 +1,8 @@
 """A Kalman filter about a predictor that runs ahead of the readings.
 
-A reading tells of an instant that has passed (``delay``), and a command acts later (``latency``): what a controller needs to
+A reading describes a past instant (``delay``), and a command acts later (``latency``): what a controller needs to
 know is where the parts will be when its command takes effect. The predictor is always at that instant, ``lead = delay +
-latency`` periods after the one that the reading of this step tells of. So every command is simulated once, whatever the lead.
+latency`` periods after the one of this step's reading. So every command is simulated once, independent of the lead.
 
 What the reading differs from what was predicted for its instant corrects that prediction, and, carried on by the linear
 motion of a part near rest (:mod:`vibgym.scene.sliding`), everything predicted since:
@@ -34,7 +34,7 @@ from vibgym.sensing.estimation.predictors import FreePredictor, ModelPredictor, 
 from vibgym.sensing.measurement import Reading, new_measurement
 
 LEAST_SIGMA = 1e-7
-"""m, and rad: of readings that claim to be exact, lest nothing else counts."""
+"""Floor of the standard deviation of readings, m and rad: an exact reading would outweigh everything else."""
 
 START_SPEED = 1e-3  # m/s, standard deviation of the velocity of a part that has been put down
 SURPRISE = 5.0
@@ -43,7 +43,7 @@ SURPRISE = 5.0
 MEMORY, TREND = 0.8, 1.0
 """Share of the mean innovation, in standard deviations, that is kept from reading to reading, and the mean above which an
 estimate is taken for wrong: three times what white noise comes to, ``sqrt((1 - m) / (1 + m))``. Elements that work against each
-other move a part by their spread, of which neither the model nor the acceleration that acts tells anything."""
+other move a part by their spread, which neither the model nor the commanded acceleration predicts."""
 
 
 class Triangle(IntEnum):
@@ -112,7 +112,7 @@ def spread(covariance, way, fall, left, noise, drift, result):
 
 @borrowing
 def noise_of(all_of, step, w, p):
-    """Variance of the acceleration that the predictor did not know in one of the steps of ``kept``, m^2/s^4."""
+    """Return the variance of the unmodelled acceleration in one of the steps of ``kept``, m^2/s^4."""
     acting = all_of.model_error * all_of.activity[step, w, p]
     return all_of.floor * all_of.floor + acting * acting
 
@@ -127,7 +127,7 @@ def kalman_update(covariance, innovation, variance):
         covariance[Triangle.VV] += innovation * innovation * 100.0
         total = covariance[Triangle.PP] + variance
     kp, kv, kd = covariance[Triangle.PP] / total, covariance[Triangle.PV] / total, covariance[Triangle.PD] / total
-    left = variance / total  # of the position's: 1 - kp, but never below zero, whatever is rounded
+    left = variance / total  # of the position's: 1 - kp, clipped at zero against rounding
     covariance[Triangle.VV] = max(covariance[Triangle.VV] - kv * covariance[Triangle.PV], 0.0)
     covariance[Triangle.VD] = covariance[Triangle.VD] - kv * covariance[Triangle.PD]
     covariance[Triangle.DD] = max(covariance[Triangle.DD] - kd * covariance[Triangle.PD], 0.0)
@@ -139,7 +139,7 @@ def kalman_update(covariance, innovation, variance):
 
 @borrowing
 def inflate_covariance(all_of, w, p, k, innovation):
-    """Where readings have differed to the same side for a while, be open about the place, and the velocity that led there."""
+    """Increase the covariance of position and velocity where innovations have kept the same sign."""
     covariance = all_of.covariance[w, p, k]
     total = covariance[Triangle.PP] + all_of.variance[p, k]
     trend = MEMORY * all_of.trend[w, p, k] + (1.0 - MEMORY) * innovation / math.sqrt(total)
@@ -153,7 +153,7 @@ def inflate_covariance(all_of, w, p, k, innovation):
 
 @borrowing
 def update_activity(address):
-    """After the predictor's step: the acceleration that acted in it, by friction and by elements, from the mean velocities."""
+    """Update the acceleration by friction and by elements, from the mean velocities of the predictor's step."""
     all_of = filter_at(address)
     before, now = all_of.before, all_of.mean_velocity
     last = all_of.activity.shape[0] - 1
@@ -171,7 +171,7 @@ def update_activity(address):
 
 @borrowing
 def carry_disturbance(all_of, w, p):
-    """What the unknown acceleration adds to the predictor's step, which does not know of it."""
+    """Add the estimated disturbance acceleration to the predictor's step."""
     way, fall, _ = motion(all_of.damping[p], all_of.step)
     last = all_of.kept.shape[0] - 1
     for k in range(3):
@@ -197,7 +197,7 @@ def reset_track(all_of, w, p, pose):
 
 @borrowing
 def start_covariance(all_of, w, p, k):
-    """Of a part that has just been read for the first time."""
+    """Set the covariance of a part after its first reading."""
     scale = all_of.arm[p] if k == 2 else 1.0
     covariance = all_of.covariance[w, p, k]
     for each in range(6):

@@ -30,11 +30,11 @@ class Plant(Protocol):
         """Start afresh in ``worlds``."""
 
     def apply(self, command: Drive) -> Iterable[tuple[Drive, int]]:
-        """What the elements do in a step: drives, and for how many periods each."""
+        """Return the executed drives of a step, and the number of periods of each."""
         ...
 
     def live(self) -> dict[str, np.ndarray]:
-        """All live arrays of a snapshot."""
+        """Return all live arrays of a snapshot."""
         ...
 
 
@@ -56,7 +56,7 @@ class Predictor(Protocol):
         """Carry on by one step; what the poses are after ``instant`` periods goes into ``kept`` (worlds, parts, 3)."""
 
     def live(self) -> dict[str, np.ndarray]:
-        """All live arrays of a snapshot."""
+        """Return all live arrays of a snapshot."""
         ...
 
 
@@ -112,7 +112,7 @@ class ModelPredictor:
 
 @borrowing
 def glide(state, drag, time):
-    """Parts that friction alone slows down: see :mod:`vibgym.scene.sliding`."""
+    """Return parts that friction alone slows down: see :mod:`vibgym.scene.sliding`."""
     for w in range(state.pose.shape[0]):
         for p in range(state.pose.shape[1]):
             if state.fallen[w, p]:

@@ -1,4 +1,4 @@
-"""The same picture drawn by a browser: what ``table.js`` and ``side.js`` are told of a scene, and the scripts themselves."""
+"""Rendering in a browser: the scripts, and the scene that ``table.js`` and ``side.js`` draw."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ SCRIPTS = ("shapes", "table", "side")
 
 
 def script_path(name: str) -> Path:
-    """The file of one of :data:`SCRIPTS`."""
+    """Return the file of one of :data:`SCRIPTS`."""
     return HERE / f"{name}.js"
 
 
 def scripts() -> str:
-    """All of them as one text for a page that has to be a single file: each module in a scope of its own."""
+    """Return all scripts as one text for single-file pages, each module in a separate scope."""
     return "\n".join(_as_script(script_path(name).read_text(encoding="utf-8")) for name in SCRIPTS)
 
 
 def _as_script(module: str) -> str:
-    """A module whose imports come from the scope around it, and whose exports go there."""
+    """Return a module whose imports come from the scope around it, and whose exports go there."""
     names = ", ".join(re.findall(r"^export (?:class|function|const) (\w+)", module, flags=re.M))
     own = re.sub(r"^export ", "", re.sub(r"^import .*;\n", "", module, flags=re.M), flags=re.M)
     return f"const {{ {names} }} = (() => {{\n{own}\nreturn {{ {names} }};\n}})();"
 
 
 def drawn_scene(scenery: Scenery) -> dict[str, Any]:
-    """What stays the same in all pictures: table, walls, zones, outlines, colours; lengths in m, as plain values for JSON."""
+    """Return the static scene for JSON: table, walls, zones, outlines, colours; lengths in m."""
     return {
         "rows": scenery.rows,
         "columns": scenery.columns,
@@ -53,7 +53,7 @@ def drawn_scene(scenery: Scenery) -> dict[str, Any]:
 
 
 def tint_of(kind: int) -> list[str]:
-    """Colour of a kind, and what is written on it."""
+    """Return colour of a kind, and what is written on it."""
     colour = colours.PARTS[kind % len(colours.PARTS)]
     return [_hex(colour), _hex(colours.INK if colours.is_light(colour) else colours.PAPER)]
 
