@@ -77,6 +77,17 @@ def test_area_is_that_of_the_polygon(outline, heading, pixels):
     assert_area(image, outline, ELEMENT / pixels)
 
 
+def inside(points, outline):
+    """Even-odd rule by ray casting, for points (..., 2)."""
+    x, y = points[..., 0], points[..., 1]
+    odd = np.zeros(x.shape, dtype=bool)
+    for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            right = x < x0 + (y - y0) * (x1 - x0) / (y1 - y0)
+        odd ^= ((y0 > y) != (y1 > y)) & right
+    return odd
+
+
 @pytest.mark.parametrize("pose", [(0.2, 0.1, 0.7), (0.208, 0.104, 0.0), (0.1931, 0.0957, -2.2)])
 @pytest.mark.parametrize("step", [(1, 0), (0, 1), (-2, 1), (5, -1)])
 def test_moving_by_whole_elements_moves_pixels(pose, step):
