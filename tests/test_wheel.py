@@ -110,7 +110,7 @@ def test_the_wheel_is_what_a_release_asks_for(wheel):
     rows = []
     built.look_into_wheel(wheel, vibgym.__version__, rows.append)
     assert {row.what for row in rows} == {"wheel", "metadata"}
-    pages = list((ROOT / "vibgym" / "play" / "page").rglob("*.*"))
+    pages = list((ROOT / "vibgym" / "plugins" / "play" / "page").rglob("*.*"))
     assert ("page", f"{len(pages)} files" if pages else "not in the checkout") in {row[1:] for row in rows}
 
 

@@ -88,7 +88,9 @@ class Registry(Mapping[str, Item], Generic[Item]):
 def _entry_points(group: str) -> dict[str, metadata.EntryPoint]:
     """Return the entry points of a group in all installed packages, by name."""
     found = {point.name: point for point in metadata.entry_points(group=group)}
-    missing = {name: point for name, point in _declared(group).items() if found.get(name) != point}
+    missing = {
+        name: point for name, point in _declared(group).items() if name not in found or found[name].value != point.value
+    }
     if missing:
         warnings.warn(REINSTALL, UserWarning, stacklevel=2)
     return found | missing

@@ -11,16 +11,15 @@ import numpy as np
 from agents.evaluation.words import joined
 from vibgym import checks
 from vibgym.actuators import ACTUATORS
-from vibgym.actuators.ideal import IdealActuators
 from vibgym.actuators.prototype import PrototypeActuators
+from vibgym.actuators.stage import IdealActuators
 from vibgym.config import to_si
 from vibgym.plugins.camera import CameraSensor, Settings
 from vibgym.plugins.tilting.model import RAMP, RESTITUTION
 from vibgym.scene import Surface
 from vibgym.sensing import EFFECTS, SENSORS
 from vibgym.sensing.effects import deviations
-from vibgym.sensing.ideal import IdealSensor
-from vibgym.sensing.pose import PoseSensor
+from vibgym.sensing.pose import IdealSensor, PoseSensor
 from vibgym.simulation.simulator import MODELS
 
 IDEAL = (

@@ -85,7 +85,7 @@ def try_on(minor: str, distribution: Path, version: str, extras: str, folder: Pa
     said, _ = ran(f"{where}: import vibgym", [python, "-W", "error", "-c", FOUND], home)
     require(said.split() == [version, "True"], f"{where}: import vibgym", said)
     tell(Row("installation", where, f"vibgym[{extras}], {time.perf_counter() - began:.0f} s"))
-    if (ROOT / "vibgym" / "play").exists():
+    if (ROOT / "vibgym" / "plugins" / "play").exists():
         ran(f"{where}: python -m vibgym play --help", [python, "-m", "vibgym", "play", "--help"], home)
         tell(Row("python -m vibgym play", where, "answers"))
     run_examples(python, where, minor, extras, folder, tell)

@@ -6,10 +6,8 @@ from typing import Any
 
 from vibgym import checks
 from vibgym.actuators.base import Actuators
-from vibgym.actuators.data_sheet import DataSheet
-from vibgym.actuators.ideal import IdealActuators
 from vibgym.actuators.prototype import PrototypeActuators
-from vibgym.actuators.stage import ActuatorStage
+from vibgym.actuators.stage import ActuatorStage, DataSheet, IdealActuators
 from vibgym.config import to_si
 from vibgym.registry import Registry
 from vibgym.scene.surface import Surface

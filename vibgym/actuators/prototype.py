@@ -16,8 +16,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.actuators.commands import Commands
-from vibgym.actuators.data_sheet import DataSheet
-from vibgym.actuators.stage import ActuatorStage
+from vibgym.actuators.stage import ActuatorStage, DataSheet
 from vibgym.kernels.reference import Pinned
 from vibgym.physics.core.drive import Drive, cartesian_drive, follow_phasors
 from vibgym.physics.core.hardware import (

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from vibgym.actuators.data_sheet import DataSheet
 from vibgym.physics.core.drive import Drive
 from vibgym.scene.surface import Surface
 from vibgym.snapshots import Live
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """Nominal properties of actuators, known beforehand and equal for all elements."""
+
+    limit: float  # m, largest amplitude that they do
+    dead_zone: float = 0.0  # m, amplitude below which they do little or nothing
+    dead_zone_form: str = "hard"  # what becomes of smaller ones, see :data:`vibgym.physics.core.hardware.FORMS`
+    latency: int = 0  # periods between a command and its effect
+    resolution: float = 0.0  # m, of the amplitude; 0: continuous
+    bandwidth: float | None = None  # Hz, of a lag of first order; None: they follow at once
 
 
 class ActuatorStage(Live, ABC):
@@ -91,3 +103,13 @@ class ActuatorStage(Live, ABC):
 
         They are good one after the other: one that has been handed out ends the one before.
         """
+
+
+class IdealActuators(ActuatorStage):
+    """Ideal actuators: commands are executed exactly and without delay, and read for the elements under a part only."""
+
+    def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        pass
+
+    def apply(self, command: Drive) -> Sequence[tuple[Drive, int]]:
+        return ((command, self.periods),)

@@ -13,9 +13,8 @@ from vibgym.scene.surface import Surface
 from vibgym.sensing.base import Sensor
 from vibgym.sensing.effects import EFFECTS, Effect
 from vibgym.sensing.estimation import ESTIMATORS, Plant, estimator_from
-from vibgym.sensing.ideal import IdealSensor
 from vibgym.sensing.measurement import Measurement, Reading
-from vibgym.sensing.pose import PoseSensor
+from vibgym.sensing.pose import IdealSensor, PoseSensor
 from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 
 SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor}, "vibgym.sensors")
@@ -84,6 +83,7 @@ __all__ = [
     "TOLD",
     "Effect",
     "Estimator",
+    "IdealSensor",
     "Measurement",
     "PoseSensor",
     "Reading",

@@ -273,7 +273,7 @@ def read_poses(worlds, key, looks, new, noise, offset, dropout, step, last, elap
 
 
 def deviations(name: str, value: Any, largest: float) -> np.ndarray:
-    """Return standard deviations (2,) of position (m) and heading (rad).
+    """Return standard deviations (2,) of position (m, at most ``largest``) and heading (rad).
 
     Raises:
         ValueError: not a number, a pair or a mapping, or a value out of range.

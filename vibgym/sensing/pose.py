@@ -1,23 +1,40 @@
-"""Pose sensor: poses with white noise."""
+"""The ideal sensor, and the pose sensor with white noise."""
 
 from __future__ import annotations
 
 import math
 from typing import Any
 
-from vibgym.sensing.ideal import IdealSensor
+from vibgym.physics.core.records import State
+from vibgym.sensing.base import Sensor
+from vibgym.sensing.measurement import Reading
 
 POSITION_NOISE, HEADING_NOISE = 1e-4, math.radians(0.2)
+
+
+class IdealSensor(Sensor):
+    """Sensor of true poses and mean velocities, by default without delay; arrays are not copied unless needed.
+
+    With effects its velocities are differences of what it reads, as those of :class:`vibgym.sensing.PoseSensor` are.
+    """
+
+    @property
+    def exact(self) -> bool:
+        return self.delay == 0 and self.every == 1 and not self._effects
+
+    def measure(self, state: State, reading: Reading) -> None:
+        for read, true in zip(reading, (state.pose, state.mean_velocity, state.fallen), strict=False):
+            read[...] = true
 
 
 class PoseSensor(IdealSensor):
     """Reads every part's pose with noise; its velocity is the difference to the pose read before.
 
-    It is the ideal sensor with an effect that is always there.
+    The ideal sensor with a permanent effect.
 
     Args:
         *scene: see :class:`Sensor`.
-        noise: standard deviation anew at each look, see :class:`vibgym.sensing.effects.Noise`.
+        noise: standard deviation, drawn at each sample, see :class:`vibgym.sensing.effects.Noise`.
         **base: ``delay``, ``rate``, and other effects: ``bias``, ``dropout``.
 
     Raises:

@@ -122,22 +122,22 @@ class ExactSensing(Sensing):
         return {}
 
     def prepare(self, command: Drive) -> None:
-        """Nothing to do."""
+        pass
 
     def reset(self, worlds: np.ndarray, state: State, uniform: np.ndarray) -> None:
         self._truth = Measurement(state.pose, state.mean_velocity, state.fallen, *self._none, state.pushed)
 
     def renew(self, which: np.ndarray, state: State) -> None:
-        """Nothing to do: the state is live."""
+        pass
 
     def predict(self, command: Drive) -> None:
-        """Nothing to do."""
+        pass
 
     def look(self, state: State) -> None:
-        """Nothing to do: the state is live."""
+        pass
 
     def correct(self) -> None:
-        """Nothing to do."""
+        pass
 
     def live(self) -> dict[str, np.ndarray]:
         return {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -177,6 +178,11 @@ class Simulator:
     def part_info(self) -> dict[str, np.ndarray]:
         """Return live arrays (worlds, parts) of the model that environments report in ``info["parts"]``, by name."""
         return self._model.part_info()
+
+    def part_facts(self) -> dict[str, np.ndarray]:
+        """Return :meth:`part_info`; deprecated name, removed in the next release."""
+        warnings.warn("Simulator.part_facts is now part_info", DeprecationWarning, stacklevel=2)
+        return self.part_info()
 
     def renew(self, changed: np.ndarray) -> None:
         """Reset the model's live arrays of some parts, (worlds, parts) bool, which have been replaced."""

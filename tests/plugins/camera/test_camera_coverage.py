@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from vibgym.kernels.jit import jit
-from vibgym.plugins.camera.coverage import add_polygon
+from vibgym.plugins.camera.image import add_polygon
 
 
 @jit

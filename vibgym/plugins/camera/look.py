@@ -16,7 +16,12 @@ from vibgym.plugins.camera.image import Canvas, Exposure, Shapes, draw, wipe
 from vibgym.plugins.camera.objects import Found, Interest, clear, find, new_found
 from vibgym.plugins.camera.optics import Optics
 from vibgym.plugins.camera.shapes import Traits
-from vibgym.plugins.camera.tracking import FAR, NO_PAIR, nearest_heading, unlikeness
+
+FAR = 1e9
+"""Cost of pairs that cannot be."""
+
+NO_PAIR = 60.0
+"""Cost of a part without an object: a pair that costs more is none."""
 
 X, Y, M00, XX, XY, YY, JACOBIAN = 0, 1, 2, 3, 4, 5, 6
 """Columns of :class:`Seen`'s ``measure``."""
@@ -295,3 +300,32 @@ def look_at(
             if _swapped(pose[w], x, y, p, shown[w]):
                 track.count[w, Mishap.SWAPS] += 1
         wipe(seen.boxes, rig.background, seen.canvas)
+
+
+@borrowing
+def nearest_heading(angle, apart, near):
+    """Return the one of the equivalent headings ``angle + k apart`` nearest to ``near``."""
+    return angle + apart * math.floor((near - angle) / apart + 0.5)
+
+
+@borrowing
+def unlikeness(away, gate, area, spread, elongation, grain, traits, kind):
+    """Return the cost of assigning an object to a part (thesis eqs. 5.32 and 5.33), by scaled differences.
+
+    FAR beyond the gates. Kinds differ by area and elongation.
+
+    Args:
+        away: m, from where the part is expected.
+        gate: m, within which it must be.
+        area, spread, elongation: of the object, m^2, m^2, 1, were it of this kind.
+        grain: m, size of a pixel: areas are known to a fraction of the outline's length times it.
+    """
+    if not (away < gate and area > 0.0 and spread > 0.0):
+        return FAR
+    finest = 0.02 + 0.1 * traits.edge[kind] * grain / traits.area[kind]
+    place = 3.0 * away / gate
+    size = math.log(area / traits.area[kind]) / finest
+    width = math.log(spread / traits.spread[kind]) / finest
+    form = (elongation - traits.elongation[kind]) / finest
+    cost = place * place + size * size + 0.5 * width * width + 0.5 * form * form
+    return cost if abs(size) < 8.0 and cost < NO_PAIR else FAR

@@ -23,7 +23,7 @@ class Hold:
         self.measurement.sigma[...] = sensor.all_sigma
 
     def prepare(self, command: Drive) -> None:
-        """Nothing to do."""
+        pass
 
     def reset(self, worlds: np.ndarray, reading: Reading) -> None:
         for kept, read in zip(self.measurement[:3], reading[:3]):
@@ -36,7 +36,7 @@ class Hold:
         self.measurement.age[which] = 0
 
     def predict(self, command: Drive) -> None:
-        """Nothing to do."""
+        pass
 
     def correct(self, reading: Reading) -> None:
         pose, mean_velocity, gone, age, *_ = self.measurement

@@ -132,7 +132,7 @@ class FreePredictor:
         self._period, self._periods = sensor.surface.period, sensor.periods
 
     def prepare(self, command: Drive) -> None:
-        """Nothing to do: it knows of no commands."""
+        pass
 
     def place(self, worlds: Any, pose: np.ndarray, fallen: np.ndarray) -> None:
         self.state.pose[worlds], self.state.mean_velocity[worlds], self.state.fallen[worlds] = pose, 0.0, fallen

@@ -1,0 +1,72 @@
+"""Registries: names of the package, of a user, and of plug-ins that are found by entry points."""
+
+import subprocess
+import sys
+from importlib import metadata
+
+import pytest
+
+from vibgym import registry
+from vibgym.registry import Registry
+
+GROUP = "vibgym.test"
+
+
+@pytest.fixture
+def installed(monkeypatch):
+    """A plug-in package with three entry points, one of which cannot be imported."""
+    points = [
+        metadata.EntryPoint("ordered", "collections:OrderedDict", GROUP),
+        metadata.EntryPoint("broken", "no_such_package:Thing", GROUP),
+        metadata.EntryPoint("own", "collections:Counter", GROUP),
+    ]
+    monkeypatch.setattr(metadata, "entry_points", lambda group: [each for each in points if each.group == group])
+    registry._entry_points.cache_clear()
+    yield
+    registry._entry_points.cache_clear()
+
+
+def test_plug_ins_are_found_listed_and_imported_when_they_are_used(installed):
+    from collections import OrderedDict
+
+    names = Registry("thing", {"own": dict}, GROUP)
+    assert list(names) == ["own", "ordered", "broken"] and len(names) == 3
+    assert names["own"] is dict, "an entry point replaces nothing"
+    assert names.choose("thing", "ordered") is OrderedDict
+    with pytest.raises(ValueError, match="no_such_package"):
+        names.choose("thing", "broken")
+    with pytest.raises(ValueError, match="ordered"):
+        names.choose("thing", "order")
+    with pytest.raises(ValueError, match="ordered"):
+        names.register("ordered", dict)
+    assert "ordered" not in Registry("thing", {"own": dict})
+
+
+def test_a_checkout_with_older_metadata_warns_and_reads_its_own_entry_points(monkeypatch, tmp_path):
+    project = tmp_path / "pyproject.toml"
+    project.write_text(
+        f'[project]\nname = "vibgym"\n[project.entry-points."{GROUP}"]\nnew = "collections:OrderedDict"\n'
+    )
+    monkeypatch.setattr(registry, "PROJECT", project)
+    registry._entry_points.cache_clear()
+    names = Registry("thing", {}, GROUP)
+    with pytest.warns(UserWarning, match="pip install -e"):
+        assert "new" in names
+    project.write_text('[project]\nname = "another"\n')
+    registry._entry_points.cache_clear()
+    assert list(names) == []
+    registry._entry_points.cache_clear()
+
+
+def test_environments_without_plug_ins_read_no_metadata_and_import_none():
+    code = """
+import sys
+import gymnasium
+import vibgym
+from vibgym import registry
+
+registry._entry_points = lambda group: sys.exit("entry points are read")
+gymnasium.make("vibgym/Align-v0", sensor="pose")
+assert not [name for name in sys.modules if name.startswith("vibgym.plugins")]
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
