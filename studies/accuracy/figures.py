@@ -15,7 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from studies.accuracy import comparisons
 from studies.accuracy.friction_experiment import Experiment
 from studies.accuracy.ladder import SceneResult
-from studies.accuracy.orders import Order
+from studies.accuracy.model_checks import Order
 
 INK, MUTED, GRID = "#262c38", "#6c7380", "#e3e6ea"
 STYLES = {

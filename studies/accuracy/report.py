@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from studies.accuracy import auto, bound, comparisons, friction_experiment, hard_cases, ladder, orders, truth
+from studies.accuracy import comparisons, friction_experiment, hard_cases, ladder, model_checks, truth
 from studies.accuracy.candidates import Candidate, model_candidate
 from studies.accuracy.ladder import SceneResult
 from studies.accuracy.peers import peer_candidate
@@ -38,7 +38,7 @@ class BoundRow:
     """The planar model as it comes on a scene, beside the bound on its friction."""
 
     scene: str
-    bound: bound.Bound
+    bound: model_checks.Bound
     cost: float
 
 
@@ -57,10 +57,10 @@ class Report:
     settings: ReportSettings
     results: list[SceneResult]
     checks: list[truth.TruthCheck]
-    orders: list[orders.Order]
+    orders: list[model_checks.Order]
     bounds: list[BoundRow]
     headlines: list[comparisons.Headline]
-    auto: list[auto.AutoRow]
+    auto: list[model_checks.AutoRow]
     hard_cases: list[tuple[hard_cases.HardCase, hard_cases.Outcome]]
     friction: friction_experiment.Experiment | None
     rigid: dict[str, Any]
@@ -112,12 +112,12 @@ def run(prepared: Prepared, progress: Callable[[str], Any] = lambda text: None) 
             checked.append(truth.check_truth(scene, finest))
     if settings.orders:
         progress("orders of convergence")
-    found_orders = orders.measured_orders() if settings.orders else []
+    found_orders = model_checks.measured_orders() if settings.orders else []
     bounds = _bounds(results) if settings.bound else []
     promises = []
     for scene in prepared.scenes if settings.auto_tolerances else ():
         progress(f"{scene.name}: model='auto'")
-        promises += auto.auto_rows(scene, settings.auto_tolerances, finest)
+        promises += model_checks.auto_rows(scene, settings.auto_tolerances, finest)
     if settings.friction_experiment:
         progress("friction experiment")
     experiment = friction_experiment.experiment() if settings.friction_experiment else None
@@ -146,5 +146,7 @@ def _bounds(results: list[SceneResult]) -> list[BoundRow]:
         rows = [row for row in result.rows if row.candidate.method == "planar" and not row.candidate.knobs]
         for row in rows:
             scheme = planar_scheme(result.scene.surface, result.scene.part)
-            found.append(BoundRow(result.scene.name, bound.friction_bound(scheme.steps * scheme.substeps), row.cost))
+            found.append(
+                BoundRow(result.scene.name, model_checks.friction_bound(scheme.steps * scheme.substeps), row.cost)
+            )
     return found

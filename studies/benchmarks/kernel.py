@@ -18,7 +18,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from studies.accuracy.bound import friction_bound
+from studies.accuracy.model_checks import friction_bound
 
 START = "ace0233"  # the last commit before eight parts became one value
 ROUNDS = 9

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from studies.accuracy import auto, comparisons, errors, ladder, page
+from studies.accuracy import comparisons, errors, ladder, page
 from studies.accuracy.candidates import Candidate, Outcome, model_candidate, prepare_model
-from studies.accuracy.orders import fitted_order
+from studies.accuracy.model_checks import auto_rows, fitted_order
 from studies.accuracy.scenes import scenes_from
 from studies.accuracy.settings import TruthSettings
 from vibgym import Surface
@@ -265,7 +265,7 @@ def test_promises_kept_and_broken_are_told_apart(monkeypatch):
     monkeypatch.setattr(choice, "evidence", lambda: {"classes": classes})
     [scene] = scenes_from([{"name": "any", "worlds": 8, "periods": 30, "drive": {"kind": "random"}}])
     fine = TruthSettings(steps=64, substeps=2, pieces=2)
-    broken, kept, refused = auto.auto_rows(scene, [1e-5, 1e-6, 1e-7], fine)
+    broken, kept, refused = auto_rows(scene, [1e-5, 1e-6, 1e-7], fine)
     assert (broken.model, broken.held) == ("averaged", False) and broken.measured is not None and broken.measured > 1e-4
     assert (kept.model, kept.setting) == ("planar", "steps=24, substeps=2") and kept.promised == pytest.approx(
         1.5e-4 * 2.7e-3
