@@ -103,7 +103,7 @@ def measured_orders() -> list[Order]:
 STAGES = 4
 """Evaluations in a Runge-Kutta step."""
 
-ROUNDS = 9
+BOUND_ROUNDS = 9
 EVALUATIONS = 4000  # per lane and round
 
 
@@ -137,7 +137,7 @@ def friction_bound(steps: int) -> Bound:
     given = (moments, slip, turn, np.cos(angle), np.sin(angle))
     evaluate(*given, 1)
     times = []
-    for _ in range(ROUNDS):
+    for _ in range(BOUND_ROUNDS):
         began = time.perf_counter()
         evaluate(*given, EVALUATIONS)
         times.append((time.perf_counter() - began) / (EVALUATIONS * LANES))
@@ -145,7 +145,7 @@ def friction_bound(steps: int) -> Bound:
     return Bound(each, steps, 1e-3 * each * STAGES * steps)
 
 
-ROUNDS = 3
+AUTO_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def auto_rows(scene: Scene, tolerances: list[float], settings: TruthSettings) ->
         strayed = errors.strong_errors(outcome.pose, truth.pose, scene.part.radius)
         strayed[outcome.fallen != truth.fallen] = np.inf
         found_error = errors.spread(strayed)
-        times = [(timed(runner), timed(planar)) for _ in range(ROUNDS)]
+        times = [(timed(runner), timed(planar)) for _ in range(AUTO_ROUNDS)]
         cost, planar_cost = (
             1e6 * statistics.median(each) / (scene.worlds * short.periods) for each in zip(*times, strict=True)
         )

@@ -6,7 +6,6 @@ and phase, against a converged run; that run against a finer one and against poi
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -14,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.benchmarks import point_sampling
-from studies.kept import argument, show
+from studies.benchmarks import common, point_sampling
+from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.scene.parts import shipped_part
 
@@ -170,8 +169,7 @@ def speed_against_error(surface: Surface, keep: bool) -> None:
 
 def main() -> None:
     """Measure all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    argument(parser)
+    parser = common.parser(__doc__)
     keep = parser.parse_args().keep
     surface = Surface()
     steady_velocities(keep)

@@ -9,12 +9,12 @@ possible: the median, the largest, and how many are more. The bounds themselves 
 from __future__ import annotations
 
 import sys
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
+from studies.benchmarks import common
 from vibgym import checks
 from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
@@ -22,10 +22,6 @@ from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
 
 FIRST, BATCH = 8_000_000, 500
-HARDWARE: dict[str, dict[str, Any]] = {
-    "ideal": {},
-    "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
-}
 POLICIES = ("local_field", "vibgym/policies/trained/shipped/{task}.json")
 OPEN = {
     "Feed": "lanes", "FeedHeaps": "lanes", "Swap": "lanes", "SwapCrowded": "lanes", "Pack": "two_phases",
@@ -39,7 +35,7 @@ def measure_rates(task: str, hardware: str, policy: str, episodes: int) -> int:
     shares = []
     for first in range(0, episodes, BATCH):
         seeds = range(FIRST + first, FIRST + min(first + BATCH, episodes))
-        shares.append(rollout(policy, task, seeds=seeds, keep=Measures, **HARDWARE[hardware]).rate_over_bound)
+        shares.append(rollout(policy, task, seeds=seeds, keep=Measures, **common.HARDWARE[hardware]).rate_over_bound)
     share = np.concatenate(shares)
     beaten = int((share > 1.0).sum())
     print(
@@ -52,7 +48,7 @@ def measure_rates(task: str, hardware: str, policy: str, episodes: int) -> int:
 
 def measure(task: str, hardware: str, content: str, episodes: int) -> int:
     """Print one line; returns how many episodes beat the bound."""
-    settings = HARDWARE[hardware]
+    settings = common.HARDWARE[hardware]
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.replace("{task}", task.lower()), TaskInfo.of(env, task))
     env.close()
@@ -83,7 +79,7 @@ def main(arguments: list[str]) -> int:
     tasks = [checks.choice("task", each, known) for each in arguments if not each.isdigit()] or known
     beaten = 0
     for task in tasks:
-        for hardware in HARDWARE:
+        for hardware in common.HARDWARE:
             for policy in POLICIES if task not in OPEN else (OPEN[task],):
                 judge = measure_rates if task.startswith("Feed") else measure
                 beaten += judge(task, hardware, policy, episodes)

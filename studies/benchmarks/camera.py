@@ -6,7 +6,6 @@ distortion, blocks that cross each other's ways, and what a look takes.
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections.abc import Callable, Iterable
@@ -14,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.kept import show
 from studies.thesis.centroid_error import centre_errors, chain_errors
 from vibgym import Part, Surface
 from vibgym.physics.core.records import new_state
@@ -192,8 +192,7 @@ def statistical(worlds: int = 4096) -> list[Row]:
 
 def main() -> None:
     """Measure all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    argument(parser)
+    parser = common.parser(__doc__)
     keep = parser.parse_args().keep
     followed = [*identities("half", "grey"), *identities("all", "threshold")]
     rows = [*quantisation(), *calibration(), *accuracy(), *followed, *speed(), *statistical()]

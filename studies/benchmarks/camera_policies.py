@@ -8,7 +8,6 @@ whose 95 % interval leaves zero out.
 
 from __future__ import annotations
 
-import argparse
 import math
 from typing import Any, NamedTuple
 
@@ -18,7 +17,8 @@ import numpy as np
 from agents.evaluation.resampling import Interval, bootstrap
 from agents.evaluation.statistics import compare, quartiles, success_interval
 from agents.evaluation.tables import quantity
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.kept import show
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Outcomes, rollout
 from vibgym.policies.task_info import TaskInfo
@@ -133,11 +133,10 @@ def paired(first: np.ndarray, second: np.ndarray) -> Difference:
 
 def main() -> None:
     """Play all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=200, help="of each policy with each sensor")
     parser.add_argument("--tasks", nargs="+", default=list(POLICIES), choices=list(POLICIES))
     parser.add_argument("--cameras", nargs="+", default=list(CAMERAS), choices=list(CAMERAS))
-    argument(parser)
     asked = parser.parse_args()
     seeds = list(range(100_000, 100_000 + asked.episodes))
     lines, found = [], []

@@ -12,7 +12,6 @@ what else the machine does.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
@@ -21,6 +20,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+from studies.benchmarks import common
 
 ROOT = Path(__file__).resolve().parents[2]
 TARGETS = {"Rotate": 2.5, "Sort": 5.0}
@@ -77,7 +78,7 @@ def installed(wheel: Path | None, folder: Path) -> Path:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("tree", nargs="*", type=Path, help="other checkouts to compare with")
     parser.add_argument("--wheel", type=Path, help="instead of building this tree's")
     parser.add_argument("--rounds", type=int, default=5)

@@ -6,7 +6,6 @@ what it takes longer than the best classical one on the same seeds.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Mapping
@@ -14,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from agents.evaluation.tables import quantity, signed
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.kept import show
 
 HEADS = (
     "task",
@@ -60,9 +60,8 @@ def line(row: Mapping[str, Any], apart: Mapping[str, Any] | None) -> list[str]:
 
 def main() -> None:
     """Read, print, keep."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("--run", type=Path, default=Path("runs/agents-compared"), help="of make compare")
-    argument(parser)
     asked = parser.parse_args()
     found = json.loads((asked.run / "compare.json").read_text(encoding="utf-8"))
     apart = {(each["task"], each["hardware"], each["first"]): each for each in found["differences"]}

@@ -9,15 +9,15 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections.abc import Iterable
 
 import numpy as np
 
+from studies.benchmarks import common
 from studies.benchmarks.pile import deepest_overlap
-from studies.kept import argument, show
+from studies.kept import show
 from vibgym import Part, Simulator, Surface
 from vibgym.fields import radial, uniform
 from vibgym.scene.hulls import WALLS
@@ -125,8 +125,7 @@ def shorter_steps(keep: bool) -> None:
 
 def main() -> None:
     """Measure all."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    argument(parser)
+    parser = common.parser(__doc__)
     keep = parser.parse_args().keep
     closed_forms(keep)
     shorter_steps(keep)

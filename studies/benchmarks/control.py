@@ -13,7 +13,6 @@ what parts want.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -22,6 +21,7 @@ import gymnasium as gym
 import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
+from studies.benchmarks import common
 from vibgym import Simulator, Surface
 from vibgym.allocation import Allocator
 from vibgym.policies.classical.laws import LAWS
@@ -31,10 +31,6 @@ from vibgym.scene.parts import Part
 
 SURFACE = Surface()
 WORLDS, MOST_RATIO, MOST_ALONE = 256, 4.0, 1e-3
-HARDWARE: dict[str, dict[str, Any]] = {
-    "ideal": {},
-    "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
-}
 SIZES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 ROUNDS = 15
 
@@ -104,7 +100,7 @@ def control(steps: int, only: str) -> None:
     """Print a line for every controller."""
     print(f"{'':<44}{WORLDS} worlds: x simulated step (median)   us a world   one world: ms (95 %)")
     for task in ("Align", "Sort"):
-        for name, hardware in HARDWARE.items():
+        for name, hardware in common.HARDWARE.items():
             for policy in controllers():
                 title = f"{task:<6}{name:<11}{policy['kind']:<14}{policy['law']:<12}"
                 if only not in title:
@@ -121,21 +117,10 @@ def control(steps: int, only: str) -> None:
                 )
 
 
-def in_turn(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Median time of each call, s, measured in turn."""
-    took: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(ROUNDS + 1):
-        for name, call in calls.items():
-            began = time.perf_counter()
-            call()
-            took[name].append(time.perf_counter() - began)
-    return {name: float(np.median(each[1:])) for name, each in took.items()}
-
-
 def allocation() -> None:
     """Print what pushes take compared with a simulated period, by their size."""
     block, generator = Part.rectangle(0.050, 0.035, friction=0.58), np.random.default_rng(0)
-    sheet = TaskInfo.of(gym.make("vibgym/Align-v0", **HARDWARE["prototype"])).hardware
+    sheet = TaskInfo.of(gym.make("vibgym/Align-v0", **common.HARDWARE["prototype"])).hardware
     border = np.array([0.1, 0.06, -np.pi])
     poses = generator.uniform(border, [SURFACE.width, SURFACE.depth, 0.0] - border, (WORLDS, 3))
     velocities = generator.uniform(-1.0, 1.0, (WORLDS, 3)) * [0.2, 0.2, 6.0]
@@ -147,8 +132,8 @@ def allocation() -> None:
         calls: dict[str, Callable[[], object]] = {"a simulated period": lambda: simulator.advance(still, still)}  # noqa: B023
         calls.update(wishes(block, sheet, pose, generator))
         print(f"\n{worlds} worlds, one part, us a world")
-        for name, took in in_turn(calls).items():
-            print(f"  {name:<44}{1e6 * took / worlds:10.2f}")
+        for name, took in common.interleaved(calls, ROUNDS).items():
+            print(f"  {name:<44}{1e6 * float(np.median(took)) / worlds:10.2f}")
 
 
 def wishes(part: Part, sheet: Any, pose: np.ndarray, generator: np.random.Generator) -> dict[str, Callable[[], object]]:
@@ -165,7 +150,7 @@ def wishes(part: Part, sheet: Any, pose: np.ndarray, generator: np.random.Genera
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--steps", type=int, default=100, help="periods for each controller")
     parser.add_argument("--only", default="", help="lines that contain this")
     given = parser.parse_args()

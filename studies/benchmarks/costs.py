@@ -28,6 +28,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from studies.accuracy import figures
+from studies.benchmarks import common
 from vibgym import Part, Simulator, Surface, files
 
 PITCH = 0.09
@@ -146,7 +147,7 @@ td.number { text-align: right; font-variant-numeric: tabular-nums; }
 
 def main() -> None:
     """Measure and write the page; or, with ``--curve``, print one curve's points."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--output", type=Path, default=Path("runs/costs"))
     parser.add_argument("--quick", action="store_true", help="fewer sizes")
     parser.add_argument("--curve", choices=CURVES, help=argparse.SUPPRESS)

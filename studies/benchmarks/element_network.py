@@ -6,7 +6,6 @@ seeds, every training seed in ``results/policies``: success with its 95 % interv
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,6 +13,7 @@ import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
 from agents.evaluation.statistics import success_interval
+from studies.benchmarks import common
 from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
@@ -27,7 +27,7 @@ FIRST_SEED = 300_000
 
 def main() -> None:
     """Play and print."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--episodes", type=int, default=200)
     parser.add_argument("--policies", type=Path, nargs="+", help="instead of all element networks in results/policies")
     asked = parser.parse_args()

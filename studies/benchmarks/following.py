@@ -8,7 +8,6 @@ many episodes stayed within the task's tolerances.
 
 from __future__ import annotations
 
-import argparse
 import json
 from typing import Any, NamedTuple
 
@@ -16,7 +15,9 @@ import numpy as np
 
 import vibgym
 from agents.evaluation.tables import quantity
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.benchmarks.common import HARDWARE
+from studies.kept import show
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Episodes, worlds_of
 from vibgym.policies.task_info import TaskInfo
@@ -38,10 +39,6 @@ PATHS: dict[str, list[dict[str, Any]]] = {
     "circle, along": [{**CIRCLE, "heading": "along"}],
     "three parts": THREE,
     "three parts side by side": CLOSE,
-}
-HARDWARE: dict[str, dict[str, Any]] = {
-    "ideal": {},
-    "prototype": {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}},
 }
 
 
@@ -93,12 +90,11 @@ def line(found: Followed, tolerance: tuple[float, float]) -> list[str]:
 
 def main() -> None:
     """Play, print, keep."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("--worlds", type=int, default=20)
     parser.add_argument("--policy", default="pose", help="a name, or JSON")
     parser.add_argument("--hardware", nargs="*", default=list(HARDWARE), choices=list(HARDWARE))
     parser.add_argument("--paths", nargs="*", default=list(PATHS), choices=list(PATHS))
-    argument(parser)
     arguments = parser.parse_args()
     policy = json.loads(arguments.policy) if arguments.policy.startswith("{") else arguments.policy
     tolerance = vibgym.tasks.Follow.position_tolerance, vibgym.tasks.Follow.heading_tolerance

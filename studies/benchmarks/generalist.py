@@ -9,7 +9,6 @@ JSON mapping such as ``{"kind": "pose", "action": "wrench"}``.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 from agents.evaluation.resampling import Interval, bootstrap
 from agents.evaluation.statistics import exact
 from agents.training.outlines import TRAINING, UNSEEN, scenes
+from studies.benchmarks import common
 from vibgym import Part
 from vibgym.config import part_from
 from vibgym.policies.registry import make_policy
@@ -150,7 +150,7 @@ def policy_of(text: str) -> Any:
 
 def main(argv: Sequence[str] | None = None) -> None:
     """Play, and print a table for every policy and case."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("policies", nargs="+", metavar="POLICY", help="name, path of a trained one, or JSON mapping")
     parser.add_argument("--outlines", type=int, default=120, metavar="N")
     parser.add_argument("--episodes", type=int, default=16, metavar="N", help="with each outline")

@@ -7,14 +7,14 @@ one more simulation, which is at most one more step.
 
 from __future__ import annotations
 
-import argparse
-import statistics
-import time
+from functools import partial
 
 import gymnasium as gym
+import numpy as np
 
 import vibgym  # noqa: F401 - registers the environments
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.kept import show
 
 STEPS, WARM = 20, 2
 SCENES = (("Rotate", "element", 1024), ("Rotate", "patch", 1024), ("Sort", "patch", 128))
@@ -45,26 +45,23 @@ def measure(task: str, action: str, worlds: int, rounds: int) -> dict[str, str]:
     space = envs["ideal"].action_space
     space.seed(0)
     actions = [space.sample() for _ in range(4)]
-    took: dict[str, list[float]] = {name: [] for name in envs}
-    for _ in range(WARM + rounds):
-        for name, env in envs.items():
-            began = time.perf_counter()
-            for k in range(STEPS):
-                env.step(actions[k % 4])
-            took[name].append(time.perf_counter() - began)
+
+    def steps(env: gym.vector.VectorEnv) -> None:
+        for k in range(STEPS):
+            env.step(actions[k % 4])
+
+    took = common.interleaved({name: partial(steps, env) for name, env in envs.items()}, rounds, WARM)
     found = {}
     for name, times in took.items():
-        ratios = [each / ideal for each, ideal in zip(times[WARM:], took["ideal"][WARM:], strict=True)]
-        one = 1e6 * statistics.median(times[WARM:]) / STEPS / worlds
-        found[name] = f"{statistics.median(ratios):.2f} x ({one:.2f} us)"
+        one = 1e6 * float(np.median(times)) / STEPS / worlds
+        found[name] = f"{np.median(times / took['ideal']):.2f} x ({one:.2f} us)"
     return found
 
 
 def main() -> None:
     """Measure every scene."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__)
     parser.add_argument("--rounds", type=int, default=13, help=f"that count, after {WARM} that do not")
-    argument(parser)
     asked = parser.parse_args()
     found = [measure(*scene, asked.rounds) for scene in SCENES]
     scenes = [f"{task}, `{action}`, {worlds} worlds" for task, action, worlds in SCENES]

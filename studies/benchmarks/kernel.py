@@ -7,7 +7,6 @@ Beside it stands the bound: the same number of friction evaluations and nothing 
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import statistics
@@ -19,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.accuracy.model_checks import friction_bound
+from studies.benchmarks import common
 
 START = "ace0233"  # the last commit before eight parts became one value
 ROUNDS = 9
@@ -110,7 +110,7 @@ def position_errors(one: list[list[float]], other: list[list[float]]) -> tuple[f
 
 def main() -> None:
     """Print the comparison."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("commit", nargs="?", default=START)
     commit = parser.parse_args().commit
     root = Path(__file__).resolve().parents[2]

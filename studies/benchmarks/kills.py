@@ -7,7 +7,6 @@ and worlds have to be the same, bit for bit. After every kill every file that th
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import os
 import random
@@ -23,6 +22,7 @@ import yaml
 
 from agents.training import checkpoint
 from agents.training.progress import BEST
+from studies.benchmarks import common
 from vibgym.policies.trained.storage import load_set
 
 COMMON = {"judging": {"episodes": 4, "every": 20_000}, "checkpoint_steps": 4000}
@@ -107,7 +107,7 @@ def kills(name: str, count: int, folder: Path, generator: random.Random) -> tupl
 
 def main() -> None:
     """Kill, and compare."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--runs", nargs="+", default=list(RUNS), choices=list(RUNS))

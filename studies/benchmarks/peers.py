@@ -9,7 +9,6 @@ EnvPool and gym-pusht stand in an environment of their own (``make peers``).
 
 from __future__ import annotations
 
-import argparse
 import os
 import platform
 import statistics
@@ -24,6 +23,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 
 import vibgym
+from studies.benchmarks import common
 from vibgym import checks
 from vibgym.simulation.threads import available_threads
 
@@ -169,7 +169,7 @@ def others(python: Path | None) -> dict[str, Rate]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument(
         "--python", type=Path, default=PYTHON, help=f"that has EnvPool and gym-pusht; default: {PYTHON}"

@@ -10,7 +10,6 @@ any is.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from typing import Any, NamedTuple
@@ -18,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.evaluation.tables import quantity
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.kept import show
 from vibgym.envs import VibgymVectorEnv
 from vibgym.policies.measures import least_times
 from vibgym.policies.registry import make_policy
@@ -152,14 +152,13 @@ def row(held: Held) -> list[str]:
 
 def main() -> None:
     """Play, print, keep."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = common.parser(__doc__)
     parser.add_argument("--goals", type=int, default=200, help="of each case and part")
     parser.add_argument("--seed", type=int, default=9_000_000)
     parser.add_argument("--parts", nargs="+", default=list(PARTS))
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     parser.add_argument("--policy", type=json.loads, default={"kind": "local_field", "law": "pose"}, help="JSON")
     parser.add_argument("--images", action="store_true", help="take cameras' images instead of their statistics")
-    argument(parser)
     asked = parser.parse_args()
     TASKS.register("Stay", Stay)
     lines = []

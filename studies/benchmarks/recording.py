@@ -7,7 +7,6 @@ all back. Kernels are compiled beforehand.
 
 from __future__ import annotations
 
-import argparse
 import os
 import statistics
 import tempfile
@@ -20,13 +19,14 @@ from agents.recording.play import Recorder
 from agents.recording.record import kept_in, record
 from agents.recording.record_settings import load_settings
 from agents.recording.storage import FILE, write
+from studies.benchmarks import common
 
 CONFIG = Path("configs/recordings/align.yaml")
 
 
 def main() -> None:
     """Record several times, and print medians."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--config", type=Path, default=CONFIG)
     parser.add_argument("--rounds", type=int, default=5)
     asked = parser.parse_args()

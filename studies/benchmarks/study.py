@@ -22,6 +22,7 @@ import optuna
 
 from agents.tuning.study import NAME, STUDY
 from agents.tuning.trial import RESULT, read
+from studies.benchmarks import common
 
 DEFAULT = Path("configs/tuning/align.yaml")
 
@@ -76,7 +77,7 @@ def found_in(folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Tune, tune and kill, compare."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--config", type=Path, default=DEFAULT)
     parser.add_argument("--trials", type=int, help="instead of the file's")
     parser.add_argument("--processes", type=int, default=2)

@@ -7,7 +7,6 @@ of imitation on fresh steps of the law, the success of fresh episodes, and the m
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,8 @@ from agents.training.imitation import Imitation, ImitationSettings, experts
 from agents.training.ppo.algorithm import PPO
 from agents.training.ppo.hyperparameters import PPOSettings
 from agents.training.train_settings import TrainSettings
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.kept import show
 from vibgym.policies.rollout import rollout
 
 VARIANTS: dict[str, dict[str, Any]] = {
@@ -67,11 +67,10 @@ HEADS = ("samples", "the same after", "error of actions", "success", "of each se
 
 def main() -> None:
     """Learn, print, keep."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = common.parser(__doc__)
     parser.add_argument("--worlds", type=int, nargs="+", default=[16, 64], help="of the lessons")
     parser.add_argument("--steps", type=int, default=60, help="of each")
     parser.add_argument("--seeds", type=int, default=3)
-    argument(parser)
     asked = parser.parse_args()
     lines = []
     for worlds in asked.worlds:

@@ -7,7 +7,6 @@ state, with the same worlds, network sizes, minibatches and epochs: it says what
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable
 from typing import Any
@@ -22,6 +21,7 @@ import vibgym  # noqa: F401 - registers the environments
 from agents.training.ppo import algorithm
 from agents.training.ppo.hyperparameters import PPOSettings
 from agents.training.train_settings import TrainSettings
+from studies.benchmarks import common
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.simulation.threads import available_threads
 
@@ -86,7 +86,7 @@ CASES: dict[str, Callable[[], Callable[[], float]]] = {
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     asked = parser.parse_args()

@@ -6,7 +6,6 @@ from 300000, which nobody has tuned on.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -14,8 +13,9 @@ import numpy as np
 
 from agents.evaluation.statistics import quartiles
 from agents.evaluation.tables import number, quantity
-from studies.benchmarks.following import HARDWARE
-from studies.kept import argument, show
+from studies.benchmarks import common
+from studies.benchmarks.common import HARDWARE
+from studies.kept import show
 from vibgym.policies import rollout
 from vibgym.policies.measures import Measured, Measures
 
@@ -155,10 +155,9 @@ TABLES: dict[str, Callable[[int, bool], None]] = {"gaps": gaps, "pack": pack, "f
 
 def main() -> None:
     """Play, print, keep."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = common.parser(__doc__)
     parser.add_argument("--episodes", type=int, default=100, help="of most variants; of slow ones a share of it")
     parser.add_argument("--only", nargs="+", default=list(TABLES), choices=list(TABLES))
-    argument(parser)
     asked = parser.parse_args()
     for name in asked.only:
         TABLES[name](asked.episodes, asked.keep)

@@ -8,7 +8,6 @@ one episode on one machine says what starting costs. ``episodes.csv`` has to be 
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -21,6 +20,7 @@ from typing import Any
 
 import yaml
 
+from studies.benchmarks import common
 from vibgym.simulation.threads import available_threads
 
 POLICIES: list[Any] = [
@@ -73,7 +73,7 @@ def _to_one_processor() -> None:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = common.parser(__doc__, keep=False)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--episodes", type=int, default=200, help="of each policy on each machine")
     parser.add_argument("--machines", type=int, default=16)
