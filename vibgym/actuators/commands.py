@@ -32,7 +32,7 @@ class Commands:
         self._age = np.zeros(worlds, dtype=np.int64)  # commands of each world's episode
         self._world = np.arange(worlds)
 
-    def forget(self, worlds: Any) -> None:
+    def clear(self, worlds: Any) -> None:
         """Begin anew in ``worlds``."""
         self._age[worlds] = 0
 
@@ -43,7 +43,7 @@ class Commands:
             A drive whose rows are all that is on record, through the hardware pinned at an address.
         """
         if command.mode != self._mode:
-            raise checks.refuse("action", "commands of another form than before", "commands of one form")
+            raise checks.conflict("action: all commands of an environment must have the same form")
         slot = int(self._count[0] % self.room)
         for name, rows in self._rows.items():
             rows[slot * self.worlds : (slot + 1) * self.worlds] = getattr(command, name)

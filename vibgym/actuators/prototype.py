@@ -97,7 +97,7 @@ class PrototypeActuators(ActuatorStage):
         self.latency = checks.count("actuators.latency", given.latency, least=0, most=MOST_LATENCY)
         self._faults = dead, stuck = _places("dead", given.dead, surface, 2), _places("stuck", given.stuck, surface, 4)
         if {*map(tuple, dead[:, :2])} & {*map(tuple, stuck[:, :2])}:
-            raise checks.refuse("actuators.stuck", given.stuck, "elements that are not dead as well")
+            raise checks.conflict("actuators.stuck and actuators.dead must name different elements")
 
         def number(name: str, value: Any, **bounds: float) -> float:
             return checks.number(f"actuators.{name}", value, **bounds)
@@ -227,7 +227,7 @@ class PrototypeActuators(ActuatorStage):
 
     def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
         assert self._commands is not None
-        self._commands.forget(worlds)
+        self._commands.clear(worlds)
         self._hardware.record.source[worlds] = -1
         self._reached[worlds if self._lagging else slice(0)] = 0.0
         if len(worlds):
@@ -303,7 +303,7 @@ def _places(name: str, value: Any, surface: Surface, width: int) -> np.ndarray:
     )
     twice = len(np.unique(faults[:, :2], axis=0)) < len(faults)
     if not whole or not inside or twice:
-        allowed = f"different elements: rows 0 to {surface.rows - 1}, columns 0 to {surface.columns - 1}"
+        allowed = f"a list of different elements, rows 0 to {surface.rows - 1}, columns 0 to {surface.columns - 1}"
         raise checks.refuse(where, value, allowed)
     if width == 4:
         checks.array(f"{where} (amplitude)", faults[:, 2], (len(faults),), least=0.0, most=surface.max_amplitude)  # type: ignore[arg-type]
@@ -312,9 +312,9 @@ def _places(name: str, value: Any, surface: Surface, width: int) -> np.ndarray:
 
 def _check_dead_zone(where: str, dead_zone: float, limit: float) -> None:
     if dead_zone > 0.0 and dead_zone >= limit:
-        raise checks.refuse(where, f"a dead zone of {dead_zone:g} m", f"less than the limit, {limit:g} m")
+        raise checks.refuse(where, f"{dead_zone:g} m", f"less than the limit, {limit:g} m")
 
 
 def _check_shares(where: str, stuck: float, dead: float) -> None:
     if stuck + dead > 1.0:
-        raise checks.refuse(where, stuck, f"at most {1.0 - dead:g} beside a share of {dead:g} dead elements")
+        raise checks.refuse(where, stuck, f"at most {1.0 - dead:g} with a share of {dead:g} dead elements")

@@ -149,9 +149,9 @@ class Effects:
         for where, given in (("sensor", flat), ("sensor.effects", more)):
             for name in given:
                 if name not in EFFECTS:
-                    raise checks.refuse(where, f"the effect {name!r}", ", ".join(EFFECTS))
+                    raise checks.unknown(f"{where} effect", name, EFFECTS)
         for name in set(flat) & set(more):
-            raise checks.refuse("sensor.effects", f"the effect {name!r}", f"it once: there is sensor.{name} already")
+            raise checks.conflict(f"sensor.effects.{name} excludes sensor.{name}: set one of them")
         where = {**{name: f"sensor.{name}" for name in flat}, **{name: f"sensor.effects.{name}" for name in more}}
         given = {**flat, **more}
         self._stages = {name: make(sensor, where[name], given[name]) for name, make in EFFECTS.items() if name in given}

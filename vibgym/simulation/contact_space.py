@@ -68,8 +68,10 @@ class ContactSpace:
         self._made_of = (surface, tuple(parts), tuple(walls))
         materials = sorted({part.contact_friction for part in parts})
         if walls and len(materials) > MATERIALS:
-            allowed = f"at most {MATERIALS} different values of contact_friction on a surface with walls"
-            raise checks.refuse("parts", f"{len(materials)} values", allowed)
+            raise checks.conflict(
+                f"parts on a surface with walls have at most {MATERIALS} different values of contact_friction, got "
+                f"{len(materials)}"
+            )
         check_parts(parts)
         self._bodies, self._shapes, owner = [], [], [0]
         for part in parts:
@@ -175,7 +177,7 @@ def check_masses(argument: str, parts: Sequence[Part], masses: np.ndarray) -> No
     if ratio > MOST_MASS_RATIO:
         names = parts[heavy].name, parts[light].name
         got = f"part {heavy} ({names[0]!r}), {ratio:.3g} times as heavy as part {light} ({names[1]!r})"
-        allowed = f"mass ratios of at most {MOST_MASS_RATIO:g} where parts may touch one another"
+        allowed = f"masses with a ratio of at most {MOST_MASS_RATIO:g} where parts may touch one another"
         raise checks.refuse(argument, got, allowed)
 
 

@@ -216,12 +216,11 @@ def check_tipping(parts: Sequence[Part], factors: np.ndarray, where: str, model:
     ratio = factors * [part.tipping_ratio if part.height_is_known else 0.0 for part in parts]
     if ratio.size and ratio.max() > 1.0:
         part = parts[int(np.unravel_index(int(ratio.argmax()), ratio.shape)[1])]
-        way = f"friction times centre_height ({part.centre_height:g} m) is {ratio.max():.3g} of the way to its edge"
-        got = f"{part.name!r}, whose {way}"
-        allowed = (
-            f"at most 1 with model={model!r}, for friction alone tips it: use model='tilting', or give its true height"
+        raise checks.conflict(
+            f"{where}: friction alone tips {part.name!r} (friction times centre_height, {part.centre_height:g} m, is "
+            f"{ratio.max():.3g} of the distance to its edge, at most 1 with model={model!r}): use model='tilting', or give "
+            "its true height"
         )
-        raise checks.refuse(where, got, allowed)
 
 
 def conditions_of(
@@ -252,7 +251,7 @@ def conditions_of(
     found = Conditions(factor("friction", now.friction.shape), factor("mass", now.mass.shape), incline, patches)
     steep = ~(found.slope <= gravity * (1.0 + 1e-12))
     if steep.any():
-        allowed = f"accelerations (x, y) of at most {gravity:g} m/s^2 together, the table's gravity"
+        allowed = f"an acceleration (x, y) of at most {gravity:g} m/s^2, the table's gravity"
         raise checks.refuse(where.format("incline"), found.incline[steep][0].tolist(), allowed)
     return found
 

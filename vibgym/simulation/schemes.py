@@ -63,7 +63,7 @@ def planar_scheme(
         raise checks.refuse(
             "steps",
             cuts,
-            f"a whole number >= {FEWEST_STEPS} on several elements: fewer cuts a period miss what lies beneath",
+            f"a whole number >= {FEWEST_STEPS} on several elements",
         )
     inner = chosen("substeps", substeps, most=MOST_SUBSTEPS) or math.ceil(RUNGE_KUTTA_STEPS / cuts)
     if cuts * inner < FEWEST_STEPS and surface.horizontal_amplitude > 0.0:
@@ -120,8 +120,10 @@ def check_contact_steps(argument: str, surface: Surface, friction: float, inclin
     """
     needed = surface.period * math.sqrt((friction * surface.gravity + 0.5 * incline) / bend)
     if not needed <= MOST_STEPS:
-        allowed = f"friction that contacts can follow in {MOST_STEPS} steps of a period of {surface.period:g} s"
-        raise checks.refuse(argument, f"a friction of {friction:g}", allowed)
+        raise checks.conflict(
+            f"{argument}: contacts with a friction of {friction:g} require more than {MOST_STEPS} steps in a period of "
+            f"{surface.period:g} s"
+        )
 
 
 def averaged_scheme(
@@ -142,9 +144,7 @@ def check_sliding(
     needed = static_friction * (surface.gravity + surface.full_scale) + incline
     horizontal = surface.horizontal_amplitude * surface.angular_frequency**2
     if not horizontal > needed:
-        raise checks.refuse(
-            argument,
-            value,
-            f"scenes that always slide, a_h w^2 > static_friction (g + a_v w^2) + incline; here {horizontal:.4g} <= "
-            f"{needed:.4g} m/s^2: use model='planar', or lower max_amplitude",
+        raise checks.conflict(
+            f"{argument}={value!r} requires a part that always slides, a_h w^2 > static_friction (g + a_v w^2) + incline; here "
+            f"{horizontal:.4g} <= {needed:.4g} m/s^2: use model='planar', or lower max_amplitude"
         )

@@ -57,7 +57,7 @@ def refused(answers):
         ('{"do": "switch", "n": 1, "policy": "magic"}', "policy"),
         ('{"do": "open", "n": 1, "id": "Nothing"}', "id"),
         ('{"do": "open", "n": 1, "start": "abc"}', "start"),
-        ('{"do": "carry", "n": 1, "part": 0, "pose": [0.1, 0.1, 0]}', "a part in the hand"),
+        ('{"do": "carry", "n": 1, "part": 0, "pose": [0.1, 0.1, 0]}', "part"),
         ('{"do": "undo", "n": 1}', "nothing was done yet"),
         ('{"do": "record", "n": 1, "what": "gif"}', "nothing is being recorded"),
         ('{"do": "reset", "n": 1, "colour": "red"}', "colour"),

@@ -104,15 +104,14 @@ def assign_marks(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
             nearest = int(away.argmin())
             places[tuple(node)] = left[nearest]
             left = np.delete(left, nearest, axis=0)
-    allowed = f"one mark at each of {rows} x {columns} places"
     missing = np.argwhere(np.isnan(places[..., 0]))
     if len(missing):
         names = ", ".join(f"row {row} column {column}" for row, column in missing[:5])
         more = f" and {len(missing) - 5} more places" if len(missing) > 5 else ""
-        raise checks.refuse("template", f"no mark at {names}{more}", allowed)
+        raise checks.conflict(f"template: no mark at {names}{more}, of {rows} x {columns}")
     if len(left):
-        got = f"{len(left)} marks too many, one at column {left[0, 0]:.1f}, line {left[0, 1]:.1f} of the image"
-        raise checks.refuse("template", got, allowed)
+        at = f"column {left[0, 0]:.1f}, line {left[0, 1]:.1f}"
+        raise checks.conflict(f"template: {len(left)} marks too many for {rows} x {columns}, one at {at} of the image")
     return places
 
 

@@ -34,19 +34,19 @@ class Picture(NamedTuple):
 class CameraSensor(Sensor):
     """Measures poses in images of the surface.
 
-    Each look draws what the camera sees around the parts (their dark tops at their height, through perspective and distortion,
+    Each sample draws what the camera sees around the parts (dark tops at their height, through perspective and distortion,
     blurred, in uneven light, with noise, in eight bits), finds the objects in it, measures them, takes their centroids to the
     surface by a calibration with a template, and assigns objects to parts. A part that is cut off by the border of what is
     seen, or runs into another one, is not seen; ``info`` counts ``swaps`` (parts taken for others), ``merges`` and ``losses``
-    of each look. At an episode's start the camera is told where the parts are, so that it knows their names and heads from
-    tails. That a part has fallen off is told as well.
+    of each sample. At an episode's start the camera uses the true poses, for the identities of parts and their headings modulo
+    symmetry. Fallen parts are reported as gone.
 
     Args:
         surface, parts, worlds, periods: see :class:`Sensor`.
         statistical: no images, but their errors: a fixed function of the pose and white noise, with what :func:`fit_errors`
             finds in a sample of images for these parts and settings.
         **settings: of the camera, see :class:`vibgym.plugins.camera.setup.Settings`; ``delay``, ``rate`` and effects. Its own
-            ``noise`` is that of the pixels: noise of poses, if it shall have any besides, goes under ``effects``.
+            ``noise`` is that of the pixels: additional noise of poses goes under ``effects``.
 
     Attributes:
         setup: optics, calibration and what else follows from the settings.
@@ -120,8 +120,7 @@ class CameraSensor(Sensor):
             ValueError: :meth:`keep_pictures` has not been called.
         """
         if not self._pictures:
-            allowed = "with observation='camera', or after keep_pictures()"
-            raise checks.refuse("image()", "a camera that keeps no pictures", allowed)
+            raise checks.conflict("image() requires observation='camera', or keep_pictures() before the episode")
         picture, setup = self._pictures[0], self.setup
         images, bare = np.empty((self.worlds, *setup.shape), dtype=np.uint8), np.empty(setup.shape, dtype=np.float32)
         for w in range(self.worlds):

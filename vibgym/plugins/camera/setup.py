@@ -218,19 +218,19 @@ class Setup:
         if np.isfinite(frame).all():
             low, high = frame.min(axis=0), frame.max(axis=0)
             got += f": columns {low[0]:.0f} to {high[0]:.0f}, lines {low[1]:.0f} to {high[1]:.0f}"
-        allowed = f"height, position, tilt, lens and border that bring the surface into {columns} x {lines} px"
-        raise checks.refuse("sensor", got, allowed)
+        raise checks.conflict(
+            f"sensor: {got}; the image has {columns} x {lines} px: change height, position, tilt, lens or border"
+        )
 
     def _refuse_unfit(self, kinds: Sequence[Part]) -> None:
         """Refuse parts that the camera cannot see."""
         for part in kinds:
             if part.height > 0.5 * self.optics.place[2]:
                 got = f"{part.name}, {part.height:g} m high"
-                allowed = f"parts at most half as high as the camera, {self.optics.place[2]:g} m"
-                raise checks.refuse("parts", got, allowed)
+                raise checks.refuse("parts", got, f"at most half as high as the camera, {self.optics.place[2]:g} m")
             if self._inner(part) < 1.0:
                 got = f"{part.name}, {2e3 * room_inside(part):.3g} mm wide within"
-                allowed = f"parts that hold a circle of a pixel's radius, {1e3 * self._pixel():.3g} mm"
+                allowed = f"wide enough for a circle of a pixel's radius, {1e3 * self._pixel():.3g} mm"
                 raise checks.refuse("parts", got, allowed)
 
     def _pixel(self) -> float:

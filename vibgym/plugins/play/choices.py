@@ -116,7 +116,7 @@ def policy_for(name: str, info: TaskInfo) -> Policy:
     known = _named(info)
     made = _made(known[name], info) if name in known else None
     if made is None:
-        raise checks.refuse("policy", name, ", ".join(policies_of(info)))
+        raise checks.unknown("policy", name, policies_of(info))
     return made
 
 

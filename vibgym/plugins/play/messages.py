@@ -154,11 +154,11 @@ def parsed(text: str | bytes) -> Message:
         if first["type"].startswith("union_tag"):
             context = first.get("ctx", {})
             tags = context.get("expected_tags", "'open', 'pace', ..., see vibgym.plugins.play.messages")
-            raise checks.refuse("do", context.get("tag", "nothing"), tags) from None
+            raise checks.unknown("do", context.get("tag"), [tags]) from None
         if first["type"] == "json_invalid":
             raise checks.refuse("message", _shown(text), "a JSON object") from None
         got = first.get("input") if place != "message" else _shown(text)
-        raise checks.refuse(place, got, first["msg"]) from None
+        raise checks.conflict(f"{place}: {first['msg']}, got {got!r}") from None
 
 
 def _shown(text: str | bytes) -> str:

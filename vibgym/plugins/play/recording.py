@@ -108,7 +108,7 @@ class Recorder:
             raise extras.missing("an episode", error, "data") from None
         made = [each for each in self.segments if each.actions]
         if not made:
-            raise checks.refuse("record", "no step", "a recording with a step at least")
+            raise checks.conflict("record: the recording has no step")
         buffers = [
             EpisodeBuffer(
                 id=k,

@@ -60,7 +60,7 @@ def world_from(code: str) -> World:
         rows, columns = world.paint.shape[:2]
         where = paint[:, :2].astype(int)
         if not (np.isfinite(paint).all() and (where >= 0).all() and (where < [rows, columns]).all()):
-            raise checks.refuse("paint", "elements beside the table", f"{rows} x {columns} elements")
+            raise checks.refuse("paint", "others", f"elements of the table, {rows} x {columns}")
         for each, phasor in zip(where, checks.array("paint", paint[:, 2:], paint[:, 2:].shape), strict=True):
             world.draw(each[None], np.clip(phasor, -1.0, 1.0))
     except (KeyError, TypeError, OverflowError) as error:

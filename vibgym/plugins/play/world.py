@@ -115,7 +115,7 @@ class World:
             ValueError: it is in the hand already.
         """
         if part in self.held:
-            raise checks.refuse("part", part, "a part that is not in the hand")
+            raise checks.refuse("part", part, "a part that is not held")
         self.held[part] = self.core.simulator.state.pose[0, part].copy()
         self._hold(part, self.held[part])
 
@@ -126,7 +126,7 @@ class World:
             ValueError: it is not in the hand.
         """
         if part not in self.held:
-            raise checks.refuse("part", part, f"a part in the hand: {sorted(self.held) or 'none'}")
+            raise checks.refuse("part", part, f"a held part ({sorted(self.held) or 'none'})")
         self.held[part] = pose
         self._hold(part, pose)
 
@@ -212,7 +212,7 @@ class World:
             ValueError: settings that do not fit; nothing has changed.
         """
         if settings.policy not in self.policies:
-            raise checks.refuse("policy", settings.policy, ", ".join(self.policies))
+            raise checks.unknown("policy", settings.policy, self.policies)
         if settings.arguments() == self.settings.arguments():
             policy = policy_for(settings.policy, self._about)
         else:

@@ -124,7 +124,7 @@ class AbovePlane(Model):
     """Base of the models whose parts are rigid bodies above the plane.
 
     Attributes:
-        attitudes: live arrays of the parts besides the state.
+        attitudes: live arrays of the parts in addition to the state.
         pinned: the same for kernels.
         step: s.
     """
@@ -153,10 +153,10 @@ class AbovePlane(Model):
         """Refuse unknown modes, and tilts beyond :data:`STEEPEST`."""
         mode, lean = values["mode"], np.hypot(values["lean"][..., 0], values["lean"][..., 1])
         if not ((mode >= 0) & (mode < len(MODES))).all():
-            allowed = f"numbers from 0 to {len(MODES) - 1}: {', '.join(MODES)}"
+            allowed = f"0 to {len(MODES) - 1} ({', '.join(MODES)})"
             raise checks.refuse("state['mode']", int(mode[(mode < 0) | (mode >= len(MODES))][0]), allowed)
         if lean.max(initial=0.0) > STEEPEST:
-            raise checks.refuse("state['lean']", float(lean.max()), f"rotations by at most {STEEPEST:g} rad")
+            raise checks.refuse("state['lean']", float(lean.max()), f"at most {STEEPEST:g} rad")
 
     def begin(self, worlds: Any) -> None:
         for values in self.attitudes:
