@@ -141,8 +141,8 @@ def choose(
         kinds = [each for each in evidence()["classes"] if each["kind"] == scene.kind]
         raise checks.conflict(
             f"model='auto' requires a scene ({scene.kind}) with mu g / (a_h w^2) <= {max(each['eps'] for each in kinds):g} "
-            f"and a size of part and element >= {min(each['scale'] for each in kinds):g} of the table's way per period; here {scene.eps:.3g} and "
-            f"{scene.scale:.3g}: use model='planar' and set its steps"
+            f"and a size of part and element >= {min(each['scale'] for each in kinds):g} of the "
+            f"table's displacement per period; here {scene.eps:.3g} and {scene.scale:.3g}: use model='planar' and set its steps"
         )
     rows = sorted(found["rows"], key=lambda row: cost_of(row, periods_per_call))
     able = [
