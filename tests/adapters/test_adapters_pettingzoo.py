@@ -42,6 +42,17 @@ def test_agents_of_parts_that_come_and_go_stay():
     assert any(each["present"] for each in infos.values())
 
 
+def test_ids_of_registered_environments_are_names(monkeypatch):
+    entry = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
+    mine = gym.envs.registration.EnvSpec("MySort-v3", kwargs={"task": "Sort"}, max_episode_steps=9, **entry)
+    monkeypatch.setitem(gym.registry, "MySort-v3", mine)
+    for name in ("Sort", "vibgym/Sort-v0", "MySort-v3"):
+        env = vibgym.parallel_env(name)
+        assert len(env.reset(seed=0)[0]) == 6
+    with pytest.raises(ValueError, match="name"):
+        vibgym.parallel_env("Juggle")
+
+
 @pytest.mark.parametrize("action", ["wrench", "patch"])
 def test_agents_get_their_part_of_everything(action):
     settings = {"randomize": {"parts": [3, 3]}, "slots": 8, "action": action, "max_episode_steps": 6}

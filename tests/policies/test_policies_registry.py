@@ -1,6 +1,7 @@
 """How policies are made from names, mappings, files and objects."""
 
 import math
+import pathlib
 import subprocess
 import sys
 
@@ -61,21 +62,12 @@ def test_a_controller_of_ones_own_has_a_name(monkeypatch):
 
 
 @pytest.mark.parametrize("policy, named", [
-    ("magic", f"policy.kind.*magic.*{', '.join(map(repr, CONTROLLERS))}"),
-    ("local_fields", "policy.kind.*local_fields.*'local_field'"),
-    (3, "policy.*3"), (None, "policy.*None"), ({}, "policy.kind.*None"), ({"kind": 3}, "policy.kind"),
-    ({"kind": "zero", "colour": 1}, "policy 'zero'.*colour"),
-    ({"kind": "local_field", "response": -1}, "response.*-1"),
-    ({"kind": "local_field", "braking": 1.5}, "braking.*1.5"),
-    ({"kind": "local_field", "approach": "fast"}, "approach.*fast"),
-    ({"kind": "local_field", "info": 1}, "policy 'local_field'"),
-    ({"kind": "open_loop", "turn_rate": 0}, "turn_rate"), ({"kind": "open_loop", "gather_time": math.nan}, "gather_time"),
-    ({"kind": "open_loop", "centring": 2}, "centring"), ({"kind": "random", "seed": -1}, "seed"),
-    ({"kind": "random", "seed": "x"}, "seed"),
-    ({"kind": "trained"}, "policy 'trained'.*'path'"), ({"kind": "trained", "path": 3}, "policy.path.*3"),
-    ({"kind": "trained", "path": "x.json", "colour": 1}, "policy 'trained'.*colour"),
-    ("nowhere/policy.json", "path.*nowhere/policy.json"),
-    ({"kind": "trained", "path": "nowhere/{task}.json"}, "path.*nowhere/align.json"),
+    ("magic", "policy.kind"), (3, "policy"), ({}, "policy.kind"), ({"kind": "zero", "colour": 1}, "colour"),
+    ({"kind": "local_field", "response": -1}, "response"), ({"kind": "local_field", "law": "loudest"}, "law"),
+    ({"kind": "open_loop", "turn_rate": 0}, "turn_rate"), ({"kind": "random", "seed": "x"}, "seed"),
+    ({"kind": "trained"}, "path"), ({"kind": "trained", "path": 3}, "policy.path"),
+    ("nowhere/policy.json", "nowhere/policy.json"), (pathlib.Path("nowhere/policy.json"), "nowhere/policy.json"),
+    ({"kind": "trained", "path": "nowhere/{task}.json"}, "nowhere/align.json"),
 ])  # fmt: skip
 def test_bad_policies_are_refused(policy, named):
     with pytest.raises(ValueError, match=named) as error:
@@ -83,30 +75,26 @@ def test_bad_policies_are_refused(policy, named):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("policy, named", [
-    ({"kind": "local_field", "law": "loudest"}, "law.*loudest.*'local'"),
-    ({"kind": "local_field", "response": 0}, "response"), ({"kind": "planner", "braking": 2}, "braking"),
-    ({"kind": "local_field", "margin": -1}, "margin"), ({"kind": "planner", "safe": 0}, "safe"),
-    ({"kind": "planner", "soft": -1}, "soft"), ({"kind": "planner", "hard": math.nan}, "hard"),
-    ({"kind": "planner", "yielding": 1.5}, "yielding"), ({"kind": "planner", "calm": 0}, "calm"),
-    ({"kind": "planner", "faithful": -1}, "faithful"), ({"kind": "planner", "edge": 0}, "edge"),
-    ({"kind": "planner", "inset": -0.1}, "inset"),
-    ({"kind": "planner", "colour": 1}, "law 'local'.*colour.*response"),
-])  # fmt: skip
-def test_bad_arguments_are_refused(policy, named):
-    with pytest.raises(ValueError, match=named) as error:
-        make_policy(policy, info_of("Sort"))
-    assert "\n" not in str(error.value)
+@pytest.mark.parametrize(
+    "setting", ["margin", "safe", "soft", "hard", "yielding", "calm", "faithful", "edge", "inset", "colour"]
+)
+def test_bad_arguments_of_the_planner_are_refused(setting):
+    with pytest.raises(ValueError, match=setting):
+        make_policy({"kind": "planner", setting: -1.0}, info_of("Sort"))
 
 
-@pytest.mark.parametrize("name, task, allowed", [
-    ("open_loop", "Sort", "one part with a goal pose"), ("open_loop", "Singulate", "one part with a goal pose"),
-    ("open_loop", "Follow", "one part with a goal pose"),
-])  # fmt: skip
-def test_policies_say_which_tasks_they_do_not_serve(name, task, allowed):
-    with pytest.raises(ValueError, match=f"policy '{name}'.*{task}.*tasks.*{allowed}") as error:
-        make_policy(name, info_of(task))
-    assert "\n" not in str(error.value)
+@pytest.mark.parametrize("task", ["Sort", "Singulate", "Follow"])
+def test_open_loop_refuses_tasks_that_it_does_not_serve(task):
+    with pytest.raises(ValueError, match=task):
+        make_policy("open_loop", info_of(task))
+
+
+def test_the_file_of_a_trained_policy_may_be_a_path():
+    path = pathlib.Path(vibgym.__file__).parent / "policies/trained/shipped/align.json"
+    env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
+    seen, _ = env.reset(seed=0)
+    actions = [make_policy(each, env).predict(seen)[0] for each in (path, str(path), {"kind": "trained", "path": path})]
+    assert (actions[0] == actions[1]).all() and (actions[0] == actions[2]).all()
 
 
 # -- environments ------------------------------------------------------------------------------------------------------

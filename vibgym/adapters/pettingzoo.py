@@ -15,6 +15,7 @@ from pettingzoo import ParallelEnv, parallel_registry, register
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts
+from vibgym.envs.named import environment_id
 from vibgym.envs.observations import PartsObservation
 from vibgym.envs.options import Keywords
 from vibgym.envs.reset_options import KEYS
@@ -25,10 +26,10 @@ from vibgym.registration import ENVIRONMENTS
 def parallel_env(
     name: str, *, max_episode_steps: int | None = None, render_mode: str | None = None, **options: Unpack[Keywords]
 ) -> PartsParallelEnv:
-    """An environment of the package whose agents are its parts.
+    """Make an environment whose agents are its parts.
 
     Args:
-        name: such as ``"Sort"``, for ``vibgym/Sort-v0``.
+        name: id of a registered environment, such as ``"vibgym/Sort-v0"``, or ``"Sort"`` for that.
         max_episode_steps: instead of the environment's own limit.
         render_mode, options: as for :class:`vibgym.envs.VibgymEnv`, but ``observation``. ``action`` is one that has a
             share for every part: ``"wrench"`` (default), ``"patch"``, ``"field"``.
@@ -36,11 +37,13 @@ def parallel_env(
     Raises:
         ValueError: there is no such environment, or a bad setting.
     """
-    checks.choice("name", name, tuple(ENVIRONMENTS))
+    name = environment_id(name, "name")
+    if name not in gym.registry:
+        raise checks.unknown("name", name, [spec.id for spec in gym.registry.values() if spec.namespace == "vibgym"])
     if "observation" in options:
-        raise checks.refuse("observation", options["observation"], "nothing: agents see by parts")
+        raise checks.conflict("observation cannot be set for parallel_env: agents observe by parts")
     keywords = {"action": "wrench", **options, "observation": "parts", "render_mode": render_mode}
-    made = gym.make(f"vibgym/{name}-v0", max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
+    made = gym.make(name, max_episode_steps=max_episode_steps, disable_env_checker=True, **keywords)
     return PartsParallelEnv(made)
 
 

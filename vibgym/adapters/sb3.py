@@ -171,7 +171,22 @@ class VecEnv(vec_env.VecEnv):
         return [values[world] for world in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        return [False] * len(list(self._get_indices(indices)))
+        """Whether each world has a wrapper of this class; SB3's ``Monitor`` wraps single environments only."""
+        wrapped = [has for env in self.envs for has in [_is_wrapped(env, wrapper_class)] * env.num_envs]
+        return self._of(wrapped, indices)
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """Return an image (height, width, 3) of each world; the environments need ``render_mode="rgb_array"``."""
+        return [image for env in self.envs for image in env.render() or [None] * env.num_envs]
+
+
+def _is_wrapped(env: Any, cls: Any) -> bool:
+    """Return whether a wrapper of this class is around an environment."""
+    while env is not env.unwrapped:
+        if isinstance(env, cls):
+            return True
+        env = env.env
+    return False
 
 
 def _knowing(env: Any, name: str) -> Any:

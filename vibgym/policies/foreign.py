@@ -1,77 +1,162 @@
-"""Bridges: to models that have ``predict`` alone, such as those of Stable-Baselines3, and to environments of another action."""
+"""Adapters for models with ``predict`` alone, such as those of Stable-Baselines3, and for another action."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
 from vibgym import checks
 from vibgym.envs.actions import ACTIONS
+from vibgym.envs.observations import OBSERVATIONS
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import element_code
 
+DICTIONARIES = {
+    frozenset({"observation", "achieved_goal", "desired_goal"}): "goal",
+    frozenset({"parts", "mask"}): "parts",
+    frozenset({"parts", "mask", "state"}): "parts_and_state",
+}
+"""Observation by the keys of its dictionary."""
+
 
 class ModelPolicy:
-    """A model as a policy that reads ``"state"`` observations.
+    """A model as a policy.
 
     Args:
-        model: has ``predict``; where it has ``action_space`` or ``observation_space``, their shapes must fit.
+        model: object with ``predict``. Its ``action_space`` and ``observation_space``, where it has them, must fit the task.
         info: task and scene.
-        action: the environment's ``action=`` that the model speaks; None: its own attribute ``action``, or, where it has none,
-            the one that its ``action_space`` fits.
-        usual: which one, where several fit.
+        action: the environment's ``action=``; None: the model's attribute ``action``, else the action that fits its
+            ``action_space``.
+        observation: the environment's ``observation=``; None: the model's attribute ``observation``, else the observation
+            that fits its ``observation_space``, first that of the environment of ``info``.
+        usual: action to choose if several fit.
 
     Raises:
-        ValueError: the model's spaces fit no action or observation, or several actions, so that it must be told which.
+        ValueError: the model's spaces fit no action or observation, or several.
     """
 
-    observation = "state"
+    def __init__(
+        self,
+        model: Any,
+        info: TaskInfo,
+        *,
+        action: str | None = None,
+        observation: str | None = None,
+        usual: str | None = None,
+    ) -> None:
+        self.model = model
+        self.action = _action_of(model, info, action, usual)
+        self.observation = _observation_of(model, info, observation)
+        self._space = getattr(model, "observation_space", None)
+        if not isinstance(self._space, spaces.Space):
+            self._space = info.observation_space if self.observation == info.observation else None
 
-    def __init__(self, model: Any, info: TaskInfo, *, action: str | None = None, usual: str | None = None) -> None:
-        self.model, kind = model, type(model).__name__
-        checks.choice("policy.observation", getattr(model, "observation", "state"), ("state",))
-        seen = getattr(getattr(model, "observation_space", None), "shape", (info.layout.size,))
-        if seen != (info.layout.size,):
-            allowed = f"shape {(info.layout.size,)}, the state observation of {info.name}"
-            raise checks.refuse("policy", f"{kind} that reads observations of shape {seen}", allowed)
-        action = getattr(model, "action", None) if action is None else action
-        if action is not None:
-            ACTIONS.choose("policy.action", action)
-        shape = getattr(getattr(model, "action_space", None), "shape", None)
-        known = {name: make(info.surface, info.parts) for name, make in ACTIONS.items()}
-        fitting = [name for name, each in known.items() if shape in ((each.size,), each.shape)]
-        if shape is None and action is not None:
-            fitting = [action]
-        got = f"{kind} with actions of shape {shape}"
-        if not fitting or action not in (None, *fitting):
-            shapes = {name: (each.size,) for name, each in known.items() if action in (None, name)}
-            raise checks.refuse("policy", got, f"attributes 'action' and 'observation', or an action_space of {shapes}")
-        if action is None and usual in fitting:
-            action = usual
-        if action is None and len(fitting) > 1:
-            which = " or ".join(f"'action': {name!r}" for name in fitting)
-            allowed = f"{{'policy': model, {which}}}, or an attribute 'action': both would fit"
-            raise checks.refuse("policy", got, allowed)
-        self.action = fitting[0] if action is None else action
+    def check(self, space: spaces.Space) -> None:
+        """Raise if the model does not read observations of this space.
+
+        Raises:
+            ValueError: it has an ``observation_space`` of other shapes.
+        """
+        own = getattr(self.model, "observation_space", None)
+        if own is not None and not _fits(own, space):
+            raise _misfit(self.model, _shapes(space))
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """The model's action, flat."""
+        """Return the model's action as (n,) or (batch, n), and its state."""
         action, state = self.model.predict(observation, state, episode_start, deterministic)
-        return np.reshape(action, (*np.shape(observation)[:-1], -1)), state
+        return np.reshape(action, (*self._batch_shape(observation), -1)), state
+
+    def _batch_shape(self, observation: Any) -> tuple[int, ...]:
+        """Return () for one observation and (batch,) for a batch."""
+        if isinstance(observation, Mapping):
+            name = next(iter(observation))
+            axes = len(self._space[name].shape) if isinstance(self._space, spaces.Dict) else 1
+            shape = np.shape(observation[name])
+        else:
+            axes, shape = len(getattr(self._space, "shape", None) or (0,)), np.shape(observation)
+        return shape[: len(shape) - axes]
+
+
+def _action_of(model: Any, info: TaskInfo, action: str | None, usual: str | None) -> str:
+    """Return the action of a model; see :class:`ModelPolicy`."""
+    action = getattr(model, "action", None) if action is None else action
+    if action is not None:
+        ACTIONS.choose("policy.action", action)
+    shape = getattr(getattr(model, "action_space", None), "shape", None)
+    known = {name: make(info.surface, info.parts) for name, make in ACTIONS.items()}
+    fitting = [name for name, each in known.items() if shape in ((each.size,), each.shape)]
+    if shape is None and action is not None:
+        fitting = [action]
+    got = f"{type(model).__name__} with actions of shape {shape}"
+    if not fitting or action not in (None, *fitting):
+        shapes = {name: (each.size,) for name, each in known.items() if action in (None, name)}
+        raise checks.refuse("policy", got, f"a model with an attribute 'action', or an action_space of {shapes}")
+    if action is None and usual in fitting:
+        action = usual
+    if action is None and len(fitting) > 1:
+        which = " or ".join(f"'action': {name!r}" for name in fitting)
+        raise checks.refuse(
+            "policy", got, f"{{'policy': model, {which}}}, or have an attribute 'action': both would fit"
+        )
+    return fitting[0] if action is None else action
+
+
+def _observation_of(model: Any, info: TaskInfo, observation: str | None) -> str:
+    """Return the observation of a model; see :class:`ModelPolicy`."""
+    observation = getattr(model, "observation", None) if observation is None else observation
+    if observation is not None:
+        OBSERVATIONS.choose("policy.observation", observation)
+    space = getattr(model, "observation_space", None)
+    if space is None:
+        return observation or info.observation
+    if observation in (None, info.observation) and _fits(space, info.observation_space):
+        return info.observation
+    if isinstance(space, spaces.Dict):
+        found = DICTIONARIES.get(frozenset(space.spaces))
+    else:
+        found = "state" if getattr(space, "shape", None) == (info.layout.size,) else None
+    if observation in (None, found) and found is not None:
+        return found
+    if observation in (None, "state"):
+        raise _misfit(model, f"shape {(info.layout.size,)}, the state observation of {info.name}")
+    return observation  # pictures, and observations of users: checked against the environment's
+
+
+def _misfit(model: Any, allowed: str) -> checks.Refused:
+    shapes = _shapes(model.observation_space)
+    return checks.refuse(
+        "policy", f"{type(model).__name__} that reads observations of {shapes}", f"one that reads {allowed}"
+    )
+
+
+def _shapes(space: Any) -> str:
+    """Return the shapes of a space, or of the entries of a dictionary, as text."""
+    if isinstance(space, spaces.Dict):
+        return str({name: each.shape for name, each in space.items()})
+    return f"shape {getattr(space, 'shape', None)}"
+
+
+def _fits(own: Any, space: Any) -> bool:
+    """Return whether two spaces have the same shapes; SB3 moves the channels of images first."""
+    if isinstance(own, spaces.Dict) or isinstance(space, spaces.Dict):
+        both = isinstance(own, spaces.Dict) and isinstance(space, spaces.Dict)
+        return both and own.keys() == space.keys() and all(_fits(own[name], space[name]) for name in space)
+    one, other = getattr(own, "shape", None), getattr(space, "shape", None)
+    channels_first = other is not None and len(other) == 3 and one == (other[2], *other[:2])
+    return one is not None and (one == other or channels_first)
 
 
 class InElements:
-    """A policy that speaks ``"phasor"``, for an environment that was made with ``action="element"``.
+    """A policy with ``"phasor"`` actions, for an environment that was made with ``action="element"``.
 
     Args:
-        policy: it.
-
-    Attributes:
-        policy: likewise.
+        policy: with ``"phasor"`` actions.
     """
 
     action = "element"
@@ -82,7 +167,7 @@ class InElements:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """The same phasors by amplitude and phase."""
+        """Return the same phasors as amplitude and phase."""
         phasors, state = self.policy.predict(observation, state, episode_start, deterministic)
         coded = element_code(phasors.reshape(-1, 1, phasors.shape[-1] // 2, 2))
         return coded.reshape(phasors.shape), state

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -63,9 +64,9 @@ def file_of(path: Any, info: TaskInfo) -> Path:
     Raises:
         ValueError: no text.
     """
-    if not isinstance(path, str):
+    if not isinstance(path, str | os.PathLike):
         raise checks.refuse("policy.path", path, "the path of a policy's JSON file")
-    return Path(path.replace("{task}", info.name.lower()))
+    return Path(str(path).replace("{task}", info.name.lower()))
 
 
 def trained(info: TaskInfo, *, path: str) -> Policy:
@@ -205,8 +206,8 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
       "vibgym/policies/trained/shipped/{task}.json"}``: ``{task}`` is replaced by the task's name in lower case.
     - ``"learned"``, or ``{"kind": "learned", "hardware": "prototype", "variant": "cloned", "action": "wrench"}``: the agent
       that is shipped for this task and hardware.
-    - ``{"policy": model, "action": name}``: a model that has ``predict`` alone, and the actions that it speaks; see
-      :class:`vibgym.policies.foreign.ModelPolicy`. One that has both ``action`` and ``observation`` is a policy as it is.
+    - ``{"policy": model, "action": name, "observation": name}``: a model with ``predict`` alone; see
+      :class:`vibgym.policies.foreign.ModelPolicy`. An object with ``action`` and ``observation`` is a policy already.
 
     What a policy speaks and reads says ``policy.action`` and ``policy.observation``: an environment is made with these. Where
     ``env`` has an action already and the policy knows several, it speaks that one.
@@ -225,6 +226,8 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     if hasattr(policy, "predict"):
         known = hasattr(policy, "action") and hasattr(policy, "observation")
         return policy if known else ModelPolicy(policy, info, usual=spoken)
+    if isinstance(policy, os.PathLike):
+        policy = {"kind": "trained", "path": os.fspath(policy)}
     if isinstance(policy, str):
         policy = {"kind": "trained", "path": policy} if policy.endswith(".json") else {"kind": policy}
     if not isinstance(policy, Mapping):
@@ -232,8 +235,8 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     arguments = dict(policy)
     if "policy" in arguments:
         model = arguments.pop("policy")
-        if not hasattr(model, "predict") or not set(arguments) <= {"action"}:
-            allowed = "'policy', an object with predict(), and 'action', what it speaks"
+        if not hasattr(model, "predict") or not set(arguments) <= {"action", "observation"}:
+            allowed = "a mapping with 'policy', an object with predict(), and perhaps 'action' and 'observation'"
             raise checks.refuse("policy", dict(policy), allowed)
         return ModelPolicy(model, info, usual=spoken, **arguments)
     kind = arguments.pop("kind", None)

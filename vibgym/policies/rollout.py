@@ -17,6 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.named import batch_of, environment_id
+from vibgym.policies.foreign import ModelPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
@@ -258,6 +259,8 @@ def rollout(
     acting, spoken = _acting(policy, name, environment, numbers[0])
     env = worlds_of(name, len(numbers), **{**environment, **spoken})
     try:
+        if isinstance(acting, ModelPolicy):
+            acting.check(env.single_observation_space)
         return run(acting, env, numbers, task, keep=keep, progress=progress)
     finally:
         env.close()

@@ -55,6 +55,8 @@ class TaskInfo:
     lead: int = 0  # periods after the present of which measurements tell: what an estimator predicts
     # keyword arguments, as given, of an environment with this task and scene: for policies that simulate
     scene: Mapping[str, Any] = field(default_factory=dict)
+    observation: str = "state"  # the environment's ``observation=``
+    observation_space: Any = None  # of one world
 
     @classmethod
     def of(cls, env: Any, name: str | None = None) -> TaskInfo:
@@ -105,6 +107,8 @@ class TaskInfo:
             flows=task.flows,
             goal_moves=task.goal_moves,
             lead=base.measurement_lead,
+            observation=base.core.options.observation,
+            observation_space=getattr(env, "single_observation_space", None) or getattr(env, "observation_space", None),
             scene=copy.deepcopy({name: getattr(base.core.options, name) for name in SCENE}),
         )
 

@@ -49,11 +49,11 @@ def test_they_reach_the_goal(name, most, hardware, task):
     assert outcome.success == 60 and outcome.time < most
 
 
-def test_pid_without_anti_windup_overshoots_and_reaches_less():
-    settings = {"kind": "pid", "anti_windup": True}
-    with_it = episodes(make_policy(settings, info_of("Transport")), "Transport", 30)
-    without = episodes(make_policy("pid", info_of("Transport")), "Transport", 30)
-    assert with_it.success == 30 and without.success < 28
+def test_pid_reaches_goals_with_anti_windup_by_default():
+    for task in ("Transport", "Align"):
+        assert episodes(make_policy("pid", info_of(task)), task, 30).success == 30
+    without = make_policy({"kind": "pid", "anti_windup": False}, info_of("Transport"))
+    assert episodes(without, "Transport", 30).success < 28
 
 
 @pytest.mark.parametrize("name", ["pose", "lqr"])

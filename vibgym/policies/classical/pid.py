@@ -148,13 +148,13 @@ class PidLaw(Law):
 
     Args:
         info: task, scene and step time.
-        poles, late, anti_windup: of :class:`Pid`.
+        poles, late, anti_windup: of :class:`Pid`; the thesis has no anti-windup.
 
     Raises:
         ValueError: a bad argument.
     """
 
-    def __init__(self, info: TaskInfo, *, poles: Any = POLES, late: bool = True, anti_windup: bool = False) -> None:
+    def __init__(self, info: TaskInfo, *, poles: Any = POLES, late: bool = True, anti_windup: bool = True) -> None:
         self.pid = Pid(info.step_time, poles=poles, late=late, anti_windup=anti_windup)
         self.lead = self.pid.gains.derivative / self.pid.gains.proportional
         self.symmetry = np.array([part.symmetry for part in info.parts])
