@@ -76,7 +76,7 @@ class ModelPolicy:
         """Return () for one observation and (batch,) for a batch."""
         if isinstance(observation, Mapping):
             name = next(iter(observation))
-            axes = len(self._space[name].shape) if isinstance(self._space, spaces.Dict) else 1
+            axes = len(self._space[name].shape or ()) if isinstance(self._space, spaces.Dict) else 1
             shape = np.shape(observation[name])
         else:
             axes, shape = len(getattr(self._space, "shape", None) or (0,)), np.shape(observation)
