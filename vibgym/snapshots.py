@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -46,6 +47,25 @@ def put_back(live: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -
     """Overwrite live arrays with those that :func:`restored` gave."""
     for name, mine in live.items():
         mine[...] = values[name]
+
+
+def generator_state(generator: np.random.Generator) -> dict[str, Any]:
+    """Return the state of a generator, as plain values."""
+    return copy.deepcopy(dict(generator.bit_generator.state))
+
+
+def generator_from(name: str, state: Any) -> np.random.Generator:
+    """Return a generator with a state of :func:`generator_state`.
+
+    Raises:
+        ValueError: an invalid state.
+    """
+    generator = np.random.Generator(np.random.PCG64())
+    try:
+        generator.bit_generator.state = copy.deepcopy(state)
+    except (TypeError, ValueError, LookupError, AttributeError, OverflowError, RecursionError):
+        raise checks.refuse(name, state, "the state of a PCG64 generator, as get_state() gave it") from None
+    return generator
 
 
 class Live:

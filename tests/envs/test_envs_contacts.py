@@ -9,7 +9,7 @@ from shapely.ops import nearest_points
 
 from tests.envs.helpers import assert_same, batch
 from vibgym import Part, Simulator, Surface
-from vibgym.envs.layout import RowLayout
+from vibgym.envs.features import RowLayout
 
 FELT = {"sensor": {"kind": "ideal", "tell": ["contacts"]}}
 

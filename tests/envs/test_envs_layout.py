@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch, single
-from vibgym.envs.layout import Layout
+from vibgym.envs.features import Layout
 
 CASES = [
     ("Rotate", {}), ("Align", {}), ("Transport", {}), ("Sort", {"slots": 8}), ("Singulate", {"randomize": {"parts": [2, 6]}}),

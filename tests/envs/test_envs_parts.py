@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import assert_same, batch, single
-from vibgym.envs.features import NEIGHBOUR, NEIGHBOURS, OWN
-from vibgym.envs.layout import RowLayout
+from vibgym.envs.features import NEIGHBOUR, NEIGHBOURS, OWN, RowLayout
 from vibgym.physics.contacts.hulls import all_gaps
 
 DISC = {"shape": "disc", "radius": 0.020, "friction": 0.6, "name": "disc"}

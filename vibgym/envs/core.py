@@ -18,18 +18,15 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
-from vibgym.config import part_from, surface_from
+from vibgym.config import surface_from
 from vibgym.envs.actions import ACTIONS, all_finite_in_blocks, check_command, copy_finite
-from vibgym.envs.base import Observation, RowObservation, Writer
 from vibgym.envs.disturbances import Disturbances
 from vibgym.envs.info import BatchInformation, WorldInformation
-from vibgym.envs.limits import longest_paths, step_limit
-from vibgym.envs.observations import OBSERVATIONS, check_batch
-from vibgym.envs.options import Options
+from vibgym.envs.observations import OBSERVATIONS, Observation, RowObservation, Writer, check_batch
+from vibgym.envs.options import Options, longest_paths, parts_from, step_limit, task_settings
 from vibgym.envs.randomization import Randomization
 from vibgym.envs.reset_options import StartOverride
 from vibgym.physics.core.drive import Drive, all_phasors
-from vibgym.scene.parts import Part
 from vibgym.sensing import TOLD, sensing_from
 from vibgym.sensing.measurement import Measurement, new_measurement
 from vibgym.simulation import MODELS, Conditions, Simulator
@@ -43,9 +40,6 @@ NONE = np.zeros(0, dtype=np.int64)
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
 """What a world takes at least: its generator, what is known of each part, and spaces, actions and drives of the elements."""
-
-NAMED = ("start", "zones", "slots", "paths", "randomize")
-"""Settings of tasks that are keyword arguments of the environment; the others come as ``task_settings``."""
 
 MOST_PERIODS = 1_000_000
 """In a step: eleven hours in the world."""
@@ -104,7 +98,7 @@ class Core:
         cls = TASKS.choose("task", options.task)
         self.options = options
         self.surface = surface_from(options.surface)
-        self.parts = _parts_from(options.parts, cls)
+        self.parts = parts_from(options.parts, cls)
         numbers = BYTES_OF_ELEMENT * self.surface.rows * self.surface.columns
         self.worlds = checks.fitting("num_envs", worlds, BYTES_OF_WORLD + BYTES_OF_PART * len(self.parts) + numbers)
         self.periods = checks.count("periods_per_step", options.periods_per_step, most=MOST_PERIODS)
@@ -112,7 +106,7 @@ class Core:
         names = cls.RANDOMIZED, self.actuators.VARIED
         self.randomization = Randomization(options.randomize, *names, self.surface, self.parts)
         self.actuators.vary(self.randomization.actuators)
-        settings, weights = _task_settings(options, cls, self.randomization.task)
+        settings, weights = task_settings(options, cls, self.randomization.task)
         self.task: Task = checks.made("task", cls, (self.surface, self.parts), settings)
         self.task.weigh(weights)
         self.action = ACTIONS.choose("action", options.action)(self.surface, self.parts)
@@ -589,40 +583,6 @@ class Core:
             "shown_terms": self.terms,
             "shown_part_terms": self.part_terms,
         }
-
-
-def _parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
-    """The parts of a world from the keyword argument."""
-    parts = task.DEFAULT_PARTS if parts is None else parts
-    one = task.MOST_PARTS == 1
-    if isinstance(parts, str) or not isinstance(parts, Sequence) or not parts or (len(parts) != 1 and one):
-        allowed = "a list with one part" if one else "a list of parts"
-        raise checks.refuse("parts", parts, f"{allowed}: a shipped part's name or a mapping")
-    return tuple(part_from(part, "parts" if one else f"parts[{k}]") for k, part in enumerate(parts))
-
-
-def _task_settings(
-    options: Options, cls: type[Task], randomize: Mapping[str, Any]
-) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Keyword arguments of the task: those that the environment names, where the task has them, and the task's own.
-
-    ``randomize``: the task's share of it. Also the weights of reward terms, which every task has, whatever its arguments.
-    """
-    settings = {name: getattr(options, name) for name in NAMED if name != "randomize"}
-    settings = {
-        name: value for name, value in {**settings, "randomize": randomize or None}.items() if value is not None
-    }
-    known = checks.keywords(cls)
-    for name in settings:
-        if name not in known:
-            own = ", ".join(each for each in known if each in NAMED)
-            raise checks.conflict(f"{name} cannot be set for task {options.task!r} (its settings: {own or 'none'})")
-    more = {} if options.task_settings is None else options.task_settings
-    known = tuple(dict.fromkeys((*known, "weights")))
-    if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
-        raise checks.refuse("task_settings", more, f"a mapping with keys among {', '.join(known)}, each once")
-    own = {name: value for name, value in more.items() if name != "weights"}
-    return {**settings, **own}, more.get("weights", {})
 
 
 def _identity(options: Options, core: Core) -> str:

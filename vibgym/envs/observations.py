@@ -1,24 +1,101 @@
-"""Observations: what a policy gets to see of a measurement, flat, by parts, as a goal dictionary or as a picture."""
+"""Observations: what policies get of a measurement, flat, by parts, as a goal dictionary or as an image."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym.envs.base import Observation, RowObservation, Writer
-from vibgym.envs.images import ImageObservation
-from vibgym.envs.layout import Layout, RowLayout
+from vibgym.envs.features import Layout, RowLayout
 from vibgym.envs.writing import pinned_scene, write_goals, write_mask, write_rows
 from vibgym.kernels.reference import bound
 from vibgym.registry import Registry
+from vibgym.rendering.raster import Marks, rasterise
 from vibgym.sensing import Measurement, Sensor
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import Episode, Relations
+
+PIXELS = 6  # along an element, in an image
+KIND_VALUES = (255, 170, 85)
+"""Brightness of the first, second and third kind in an image."""
+
+Writer = Callable[[np.ndarray, np.ndarray], None]
+
+
+class Observation(ABC):
+    """Base: the space of one world and a fresh batch of observations.
+
+    An observation of your own is a subclass; ``vibgym.envs.OBSERVATIONS.register`` gives it a name.
+
+    Args:
+        task: with its surface and parts.
+
+    Attributes:
+        layout: of the state observation, also where another one is handed out.
+
+    Raises:
+        ValueError: the task has no such observation.
+    """
+
+    goal_reward: bool = False
+    """Whether the reward is that of a goal observation (GoalEnv)."""
+
+    beside: bool = True
+    """Whether it can also be had beside another one, from any step on; not if a sensor has to note something for it."""
+
+    def __init__(self, task: Task) -> None:
+        self.task = task
+        self.layout = Layout(task.surface, task.parts, task.features, task.slots)
+
+    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - most get all that they need with every measurement
+        """Get to know the sensor, once, before anything else is asked.
+
+        Raises:
+            ValueError: the sensor has not what this observation shows.
+        """
+
+    @property
+    @abstractmethod
+    def space(self) -> spaces.Space:
+        """Space of one world."""
+
+    @abstractmethod
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        """A fresh batch of observations.
+
+        Args:
+            measurement: what is known of the parts.
+            relations: how they stand to their goals and to one another, by the measured poses.
+            episode: of which goals and present parts are known.
+        """
+
+
+class RowObservation(Observation):
+    """Base of observations that kernels write world by world, so that a block of worlds is observed where it was advanced."""
+
+    @abstractmethod
+    def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
+        """A batch with nothing in it yet: the arrays that are written, and what is handed out when they have been."""
+
+    @abstractmethod
+    def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
+        """What writes the arrays of a batch, one for each of them, called with an index array of worlds and the array.
+
+        They have working arrays of their own: those of several calls of this may be at work at the same time, on different
+        worlds. The records are those of :meth:`observe`; their arrays are looked at whenever a writer is called.
+        """
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        worlds = len(measurement.pose)
+        arrays, batch = self.fresh(worlds)
+        for write, array in zip(self.writers(measurement, relations, episode), arrays, strict=True):
+            write(np.arange(worlds), array)
+        return batch
 
 
 def written(task: Task, layout: Layout, measurement: Measurement, relations: Relations, episode: Episode) -> Writer:
@@ -131,6 +208,51 @@ class GoalObservation(StateObservation):
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
         goals = (bound(write_goals, self.low, self.high, pose) for pose in (measurement.pose, episode.goal))
         return [*super().writers(measurement, relations, episode), *goals]
+
+
+class ImageObservation(Observation):
+    """uint8 image (rows x 6, columns x 6, 3), row 0 at the largest y.
+
+    Channel 0: the parts, 255 for the first kind, 170 for the second and 85 for the third. Channel 1: the zones, with the
+    values of their kinds, or the parts' outlines at their goal poses; their value is that of the kind, or for unwrapped
+    headings 128 plus the remaining turn (128 levels to two full turns), which a picture of the goal pose alone could not show.
+    Channel 2: checkerboard of the elements, and the parts' heading marks.
+    """
+
+    def __init__(self, task: Task) -> None:
+        super().__init__(task)
+        values = np.array(KIND_VALUES, dtype=np.uint8)
+        outlines = [np.array(part.outline) for part in task.parts]
+        zones = np.zeros((0, 4)) if task.zones is None else task.zones
+        self.marks = Marks(
+            outline=np.concatenate(outlines),
+            first=np.cumsum([0, *(len(outline) for outline in outlines)]),
+            value=values[task.kind],
+            zone=zones,
+            zone_value=values[: len(zones)],
+        )
+        self._unwrapped = task.has_heading and all(task.heading_period(part) == 0.0 for part in task.parts)
+        self.shape = (task.surface.rows * PIXELS, task.surface.columns * PIXELS, 3)
+
+    @property
+    def space(self) -> spaces.Space:
+        return spaces.Box(0, 255, self.shape, np.uint8)
+
+    def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
+        surface, pose = self.task.surface, measurement.pose
+        image = np.empty((len(pose), *self.shape), dtype=np.uint8)
+        shown = np.zeros(pose.shape[:2], dtype=np.uint8)
+        if self.task.has_goal:
+            shown[:] = self.marks.value
+            if self._unwrapped:
+                level = np.rint(128.0 + relations.error[..., 2] * (127.0 / (4.0 * math.pi)))
+                shown[:] = np.clip(level, 1.0, 255.0)
+            shown[:, ~self.task.asked] = 0  # of these there is nothing to show
+        rasterise(
+            pose, episode.present, episode.goal, shown, self.marks,
+            surface.rows, surface.columns, surface.element_size, PIXELS, image,
+        )  # fmt: skip
+        return image
 
 
 def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int) -> None:

@@ -13,7 +13,7 @@ from vibgym import checks
 from vibgym.actuators import DataSheet
 from vibgym.config import json_values
 from vibgym.envs.core import Core
-from vibgym.envs.layout import Numbers, RowLayout
+from vibgym.envs.features import Numbers, RowLayout
 from vibgym.envs.reset_options import StartOverride, parse_reset_options
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
@@ -110,7 +110,7 @@ class SharedInterface:
     def parts_layout(self) -> tuple[Numbers, ...]:
         """What the numbers of a row of the observation by parts mean, in order; the same for every part.
 
-        :class:`vibgym.envs.layout.RowLayout` turns numbers back into quantities.
+        :class:`vibgym.envs.features.RowLayout` turns numbers back into quantities.
         """
         return RowLayout.of(self.core.task).rows
 

@@ -11,12 +11,11 @@ import numpy as np
 from gymnasium.utils import seeding
 
 from vibgym import checks
-from vibgym.envs import generators
 from vibgym.envs.core import Core
 from vibgym.envs.info import WorldInformation
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.shared import SharedInterface, frames_per_second
-from vibgym.snapshots import check_keys
+from vibgym.snapshots import check_keys, generator_from, generator_state
 
 RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
@@ -194,7 +193,7 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit, generator included. Pictures' trails are not part of it."""
-        return {**self.core.get_state(), "generator": generators.state_of(self.np_random), "steps": self._steps}
+        return {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what :meth:`get_state` gave on an environment with the same settings.
@@ -205,7 +204,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         names = (*Core.STATE, "generator", "steps")
         check_keys("state", state, names)
         steps = checks.count("state['steps']", state["steps"], least=0)
-        generator = generators.generator_from("state['generator']", state["generator"])
+        generator = generator_from("state['generator']", state["generator"])
         self.core.set_state({name: state[name] for name in Core.STATE})
         self.np_random, self._steps, self._closed = generator, steps, False
         if self._viewer is not None:

@@ -13,13 +13,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
-from vibgym.envs import generators
 from vibgym.envs.core import Core
-from vibgym.envs.limits import MOST_EPISODE
-from vibgym.envs.options import Keywords, Options
+from vibgym.envs.options import MOST_EPISODE, Keywords, Options
 from vibgym.envs.reset_options import StartOverride
 from vibgym.envs.shared import SharedInterface, frames_per_second
-from vibgym.snapshots import check_keys, copied, put_back, restored
+from vibgym.snapshots import check_keys, copied, generator_from, generator_state, put_back, restored
 
 
 class VibgymVectorEnv(SharedInterface, VectorEnv):
@@ -210,7 +208,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
 
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit, generators included. Pictures' trails are not part of it."""
-        own = [None if each is None else generators.state_of(each) for each in self._generators]
+        own = [None if each is None else generator_state(each) for each in self._generators]
         return {**self.core.get_state(), "generators": own, **copied(self._counters())}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -226,7 +224,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         if not isinstance(given, list | tuple) or len(given) != self.num_envs:
             raise checks.refuse("state['generators']", given, f"a list of {self.num_envs}")
         own = [
-            None if each is None else generators.generator_from(f"state['generators'][{world}]", each)
+            None if each is None else generator_from(f"state['generators'][{world}]", each)
             for world, each in enumerate(given)
         ]
         self.core.set_state({name: state[name] for name in Core.STATE})

@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature
-from vibgym.envs.layout import Layout
+from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature, Layout
 from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import Layout as Memory
 from vibgym.kernels.reference import Pinned

@@ -13,8 +13,8 @@ import numpy as np
 from vibgym import Part, Surface, checks
 from vibgym.actuators import DataSheet
 from vibgym.allocation.allocator import strongest
-from vibgym.envs.layout import Layout
-from vibgym.envs.limits import step_limit
+from vibgym.envs.features import Layout
+from vibgym.envs.options import step_limit
 from vibgym.scene.sliding import Sliding, sliding_of
 
 SCENE = (

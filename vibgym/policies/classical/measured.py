@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from vibgym import checks
-from vibgym.envs.layout import Layout
+from vibgym.envs.features import Layout
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.episode import PREVIEW
 

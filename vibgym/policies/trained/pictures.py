@@ -9,7 +9,7 @@ import numpy as np
 
 from vibgym import Part, Surface, checks
 from vibgym.envs.actions import ACTIONS
-from vibgym.envs.images import PIXELS
+from vibgym.envs.observations import PIXELS
 from vibgym.policies.trained.coding import BY_PART, Seen
 from vibgym.policies.trained.networks.shape import Picture
 

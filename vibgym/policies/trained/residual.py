@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.envs.layout import Numbers
+from vibgym.envs.features import Numbers
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.networks.shape import NEIGHBOUR
