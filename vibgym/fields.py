@@ -2,13 +2,13 @@
 
 A squeeze line may move on while parts are on it: :class:`MovingSqueeze` has a field for every time.
 
-A field says for every point in which direction, and how strongly, the surface shall push there. Sampled at the elements'
-centres it becomes the elements' motion: strength is amplitude, direction is phase::
+A field gives direction and strength of the push at every point. Sampled at the elements' centres it gives the elements'
+motion: strength is amplitude, direction is phase::
 
     field = radial(0.4, 0.1) + 0.5 * tangential(0.4, 0.1)
     simulator.advance(*field.drive(surface), periods=50)
 
-Positions and strengths may be arrays that broadcast with (rows, columns), for instance (worlds, 1, 1): one field a world.
+Positions and strengths may be arrays that broadcast with (rows, columns), for instance (worlds, 1, 1): one field per world.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ DEFAULT_REACH = 0.026
 
 
 def lead_angle(surface: Surface, friction: float) -> float:
-    """Angle by which the push of a vibrating element runs ahead of its first-order direction, rad.
+    """Return the angle by which the push of a vibrating element leads its first-order direction, rad.
 
-    To first order in ``eps = mu g / (a_h w^2)`` the direction does not depend on friction; measured, a part at rest is
-    pushed off by about ``1.6 atan(eps)``.
+    To first order in ``eps = mu g / (a_h w^2)`` the direction does not depend on friction; in simulation, a part at rest is
+    pushed at about ``1.6 atan(eps)``.
     """
     checks.instance("surface", surface, Surface)
     friction = checks.number("friction", friction, least=0.0)
@@ -89,7 +89,7 @@ class Field:
 
         Args:
             surface: the table.
-            friction: of the part, to correct the push's direction by :func:`lead_angle`; None leaves it as it is.
+            friction: of the part, to correct the push's direction by :func:`lead_angle`; None: no correction.
         """
         checks.instance("surface", surface, Surface)
         x, y = surface.element_centres()

@@ -1,4 +1,4 @@
-"""Registers the environments with Gymnasium."""
+"""Registration of the environments with Gymnasium."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TEE = {
         [-WIDE, LONG - 2 * BAR], [-STEM, LONG - 2 * BAR],
     ],
 }  # fmt: skip
-"""72 mm wide and long, with bar and stem of 24 mm; on a soft foot, which takes what the elements do."""
+"""72 mm wide and long, with bar and stem of 24 mm; on a soft foot that absorbs the elements' motion."""
 
 PUSHING = {"task": "Push", "parts": [PUSHER, PUSHER, TEE], "walls": ["left", "right", "bottom", "top"]}
 
@@ -41,11 +41,11 @@ ENVIRONMENTS: dict[str, tuple[int, dict[str, Any]]] = {
     "Feed": (1500, {"task": "Feed"}),
     "FeedHeaps": (1500, {"task": "Feed", "parts": BLOCKS * 9, "task_settings": {"heap": 6}}),
 }
-"""Limit, in oscillation periods (steps, with one a step), and keyword arguments of each environment."""
+"""Limit in oscillation periods (steps, with one period per step), and keyword arguments of each environment."""
 
 
 def register_environments() -> None:
-    """Register ``vibgym/<name>-v0`` once, however often it is called."""
+    """Register ``vibgym/<name>-v0``; repeated calls have no effect."""
     for environment, (limit, settings) in ENVIRONMENTS.items():
         name = f"vibgym/{environment}-v0"
         if name not in gym.registry:
@@ -55,7 +55,7 @@ def register_environments() -> None:
                 vector_entry_point="vibgym.envs:VibgymVectorEnv",
                 max_episode_steps=limit,
                 kwargs={**settings, "max_episode_periods": limit},
-                # It refuses what would be out of order itself, and is tested against Gymnasium's checks.
+                # The environments check the order of calls themselves, and are tested with Gymnasium's checker.
                 disable_env_checker=True,
                 order_enforce=False,
             )

@@ -1,4 +1,4 @@
-"""Snapshots: copies of live arrays, checked before they take the arrays' place again."""
+"""Snapshots: copies of live arrays, validated before they are restored."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from vibgym import checks
 
 
 def copied(live: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Copies of live arrays."""
+    """Return copies of live arrays."""
     return {name: values.copy() for name, values in live.items()}
 
 
 def check_keys(argument: str, state: Any, names: tuple[str, ...]) -> None:
-    """Refuse what is not a mapping with exactly these keys."""
+    """Raise ValueError unless ``state`` is a mapping with exactly these keys."""
     if not isinstance(state, Mapping) or set(state) != set(names):
         got = sorted(map(str, state)) if isinstance(state, Mapping) else state
         raise checks.refuse(argument, got, f"a mapping with exactly the keys {', '.join(names) or '(none)'}")
 
 
 def restored(argument: str, live: Mapping[str, np.ndarray], state: Any) -> dict[str, np.ndarray]:
-    """The arrays of ``state``, checked against the live ones: keys, shapes, types; all numbers finite.
+    """Return the arrays of ``state``, validated against the live ones: keys, shapes, types, finite values.
 
     Raises:
-        ValueError: names the first fault.
+        ValueError: an invalid snapshot; names the first fault.
     """
     check_keys(argument, state, tuple(live))
     result = {}
@@ -44,7 +44,7 @@ def restored(argument: str, live: Mapping[str, np.ndarray], state: Any) -> dict[
 
 
 def put_back(live: Mapping[str, np.ndarray], values: Mapping[str, np.ndarray]) -> None:
-    """Overwrite live arrays with those that :func:`restored` gave."""
+    """Overwrite live arrays with those of :func:`restored`."""
     for name, mine in live.items():
         mine[...] = values[name]
 
@@ -69,23 +69,23 @@ def generator_from(name: str, state: Any) -> np.random.Generator:
 
 
 class Live:
-    """Base of what is part of a snapshot by its live arrays."""
+    """Base class of components whose live arrays are part of a snapshot."""
 
     SNAPSHOT: ClassVar[str]
-    """Key of a snapshot under which they stand."""
+    """Key in a snapshot."""
 
     def live(self) -> dict[str, np.ndarray]:
-        """All live arrays of a snapshot."""
+        """Return all live arrays."""
         return {}
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything needed to go on bit for bit."""
+        """Return copies of the live arrays."""
         return copied(self.live())
 
     def check_state(self, state: Any) -> dict[str, np.ndarray]:
-        """What :meth:`get_state` gave, checked; for :meth:`set_state`."""
+        """Return validated arrays of a snapshot, for :meth:`set_state`."""
         return restored(f"state[{self.SNAPSHOT!r}]", self.live(), state)
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from a checked state."""
+        """Restore a validated state."""
         put_back(self.live(), state)

@@ -1,4 +1,4 @@
-"""Actions: flat float32 boxes in [-1, 1], and what each one commands."""
+"""Actions: flat float32 boxes in [-1, 1], and the commands that they are decoded to."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from vibgym.snapshots import Live
 
 
 def patch_size(surface: Surface, parts: Sequence[Part]) -> int:
-    """Elements along a side of the square patch that always covers any of ``parts``, wherever its centre lies."""
+    """Return the side, in elements, of the smallest square patch that covers any of ``parts`` at any position."""
     across = math.ceil(2.0 * max(part.radius for part in parts) / surface.element_size) + 1
     return min(across, max(surface.rows, surface.columns))
 
@@ -48,11 +48,11 @@ FLOAT32 = np.dtype(np.float32)
 
 @borrowing
 def all_finite(values):
-    """Whether all of ``values`` (worlds, size) are finite."""
+    """Return whether all of ``values`` (worlds, size) are finite."""
     bad = 0
     for w in range(values.shape[0]):
         for k in range(values.shape[1]):
-            bad |= not (abs(values[w, k]) < math.inf)  # a loop without an exit, which is vectorised
+            bad |= not (abs(values[w, k]) < math.inf)  # without an early exit the loop is vectorised
     return bad == 0
 
 
@@ -116,18 +116,18 @@ def check_command(name: str, command: Any, surface: Surface, worlds: int) -> Dri
 
 
 class Action(Live, ABC):
-    """Base: what the numbers mean, the flat space, the check, and the command.
+    """Base class of actions: shape, flat space, validation, and command.
 
-    An action of your own is a subclass with ``shape`` and :meth:`command`; ``vibgym.envs.ACTIONS.register`` gives it a name.
-    What it remembers from step to step is in :meth:`live`: arrays (worlds, ...), zeros where an episode begins.
+    A custom action is a subclass with ``shape`` and :meth:`command`; ``vibgym.envs.ACTIONS.register`` gives it a name.
+    State that it keeps between steps is in :meth:`live`: arrays (worlds, ...), which are zero when an episode begins.
 
     Args:
         surface: the table.
         parts: the parts of a world.
 
     Attributes:
-        shape: says what the numbers mean; the space is flat, in C order of it.
-        size: how many numbers.
+        shape: of an action; the space is flat, in C order.
+        size: numbers of an action.
     """
 
     SNAPSHOT = "action"
@@ -135,28 +135,28 @@ class Action(Live, ABC):
     shape: tuple[int, ...]
 
     by_part: ClassVar[bool] = False
-    """Whether the first axis of ``shape`` is that of the parts, so that every part has its share of the numbers."""
+    """Whether the first axis of ``shape`` is that of the parts."""
 
     def __init__(self, surface: Surface, parts: Sequence[Part]) -> None:
         self.surface = surface
         self.parts = tuple(parts)
         self.full_scale = surface.full_scale
-        self._shapes: dict[int | None, tuple[tuple[int, ...], ...]] = {}  # that are allowed, by the number of worlds
+        self._shapes: dict[int | None, tuple[tuple[int, ...], ...]] = {}  # accepted shapes, by number of worlds
         self._size = 0  # once shapes are known
         self._drive: Drive | None = None  # the last command
 
     @property
     def size(self) -> int:
-        """How many numbers an action has."""
+        """Numbers of an action."""
         return math.prod(self.shape)
 
     @property
     def space(self) -> spaces.Box:
-        """Flat box of one world: most learners take no other."""
+        """Flat box of one world; most learners require one."""
         return spaces.Box(-1.0, 1.0, (self.size,), np.float32)
 
     def check(self, action: Any, worlds: int | None) -> np.ndarray:
-        """The batch as contiguous float32 (worlds, size).
+        """Return a batch as contiguous float32 (worlds, size).
 
         Args:
             action: (worlds, size) or (worlds, ...) with :attr:`shape` for the rest.
@@ -171,7 +171,7 @@ class Action(Live, ABC):
         return values
 
     def shaped(self, action: Any, worlds: int | None) -> np.ndarray:
-        """:meth:`check`, but for finite numbers: float32 is not looked at, see :func:`all_finite`.
+        """Return a batch like :meth:`check`, without the check of float32 values for NaN and infinity.
 
         Raises:
             ValueError: wrong shape, not numbers; of other types than float32 also NaN or infinity.
@@ -192,30 +192,30 @@ class Action(Live, ABC):
         return np.array(values, dtype=np.float32, order="C").reshape(-1, self._size)
 
     def not_finite(self, action: Any) -> checks.Refused:
-        """The error for an action with numbers that are not finite."""
+        """Return the error for an action with values that are not finite."""
         values = np.asarray(action)
         bad = np.argwhere(~np.isfinite(values))[0].tolist()
         return checks.refuse("action", f"{float(values[tuple(bad)])} at {bad}", "finite numbers")
 
     def resolve_limits(self, sheet: DataSheet, worlds: int) -> dict[str, np.ndarray]:
-        """Get to know what the elements can do, once, before the first command.
+        """Take the limits of the elements into account; called once, before the first command.
 
         Args:
-            sheet: what is known of the elements beforehand.
+            sheet: nominal properties of the elements.
             worlds: number of worlds.
 
         Returns:
-            What ``info["commanded"]`` says, live arrays (worlds, ...); nothing, unless an action has more to tell.
+            Live arrays (worlds, ...) for ``info["commanded"]``, by name.
         """
         return {}
 
     @abstractmethod
     def command(self, values: np.ndarray, measurement: Measurement) -> Drive:
-        """What a checked batch asks of the elements.
+        """Return the drive that a batch of actions commands.
 
         Args:
-            values: (worlds, size).
-            measurement: where the parts are, as far as is known; nothing is commanded for those that are gone, or not driven.
+            values: (worlds, size) float32, finite.
+            measurement: of the parts; nothing is commanded for those that are gone, or not driven.
         """
 
 
@@ -248,7 +248,7 @@ class Phasor(Action):
 class Patch(Action):
     """(parts, k, k, 2): phasors of the k x k elements around each part, rows first; all others at rest.
 
-    k suits the largest part. An element in several patches obeys the part whose centre is nearest to the element's centre,
+    k suits the largest part. An element in several patches belongs to the part whose centre is nearest to the element's centre,
     of parts equally near the one with the lower index. Parts that are gone command nothing.
     """
 
@@ -277,7 +277,7 @@ class Field(Action):
     """(parts, 6): strengths of the fields around each part: uniform x, y, squeeze x, y, radial, tangential.
 
     The fields are those of :mod:`vibgym.fields` centred on the part, with a reach of half the patch (k / 2 elements, k for
-    the largest part). Every element obeys the part whose centre is nearest to the element's centre, of parts equally near
+    the largest part). Every element belongs to the part whose centre is nearest to the element's centre, of parts equally near
     the one with the lower index. Parts that are gone command nothing.
     """
 
@@ -301,20 +301,20 @@ class Field(Action):
 
 
 class Wrench(Action):
-    """(parts, 3): wanted mean acceleration of each part, x, y and angular; the elements under the parts are found for it.
+    """(parts, 3): mean acceleration of each part, x, y and angular, allocated to the elements under it.
 
-    1 stands for what all elements at full amplitude give a part at rest: ``mu a_v w^2 / 2`` (2.9 m/s^2 on the prototype with mu
-    0.58), over the radius of gyration for the third. Wanted is what the part shall get: the drag of friction at its measured
-    velocity is made up for (:mod:`vibgym.allocation.frictional`), so that zeros keep it going. What is more than the elements
-    can do is cut down. Parts that share elements are served together (:mod:`vibgym.allocation.allocator`), within dead zone and
-    limit of the data sheet.
+    1 is the acceleration of a part at rest by all elements at full amplitude: ``mu a_v w^2 / 2`` (2.9 m/s^2 on the prototype
+    with mu 0.58), divided by the radius of gyration for the third. Friction drag at the measured velocity is compensated
+    (:mod:`vibgym.allocation.frictional`), so zeros keep the velocity. Commands beyond the actuator limits are scaled down.
+    Parts that share elements are allocated together (:mod:`vibgym.allocation.allocator`), within dead zone and limit of the
+    data sheet.
 
-    Elements rest under a part that cannot be served, and ``info["commanded"]["unserved"]`` (parts,) says why, by the index of
-    :data:`REASONS`. A subclass leaves parts alone by :meth:`left_out`, and ``super().command`` allocates for the others.
+    Elements rest under a part without an allocation; ``info["commanded"]["unserved"]`` (parts,) gives the reason as an index
+    of :data:`REASONS`. A subclass excludes parts by :meth:`left_out`.
 
     Attributes:
-        allocator: :class:`vibgym.allocation.Allocator` of the scene, once the limits of the elements are known.
-        scale: (parts, 3) what 1 stands for, m/s^2, m/s^2, rad/s^2.
+        allocator: :class:`vibgym.allocation.Allocator` of the scene.
+        scale: (parts, 3) accelerations of an action of 1, m/s^2, m/s^2, rad/s^2.
 
     Raises:
         ValueError: a part that can stick to the surface, where averages over a period do not hold.
@@ -337,7 +337,7 @@ class Wrench(Action):
         return {"unserved": self._unserved}
 
     def left_out(self, measurement: Measurement) -> np.ndarray:
-        """Parts (worlds, parts) bool that are left alone, whatever the action says: none, unless a subclass says which."""
+        """Return the parts (worlds, parts) bool that are excluded from the allocation; by default none."""
         return np.zeros_like(measurement.gone)
 
     def live(self) -> dict[str, np.ndarray]:
@@ -363,11 +363,11 @@ REASONS = (
     "served", "gone: absent, fallen, or not driven", "its centre is beside the surface", "it may stick at this velocity",
     "left out by the action",
 )  # fmt: skip
-"""Why elements rest under a part whatever ``action="wrench"`` says, see :class:`Wrench`."""
+"""Why elements rest under a part, see :class:`Wrench`."""
 
 SERVED, GONE, BESIDE, STICKS, LEFT_OUT = range(len(REASONS))
 
 ACTIONS: Registry[type[Action]] = Registry(
     "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench}
 )
-"""Actions by name; ``ACTIONS.register(name, cls)`` adds one of your own."""
+"""Actions by name; ``ACTIONS.register(name, cls)`` adds a custom one."""

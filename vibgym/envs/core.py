@@ -39,10 +39,10 @@ from vibgym.tasks.scoring import Stage as Kernel
 NONE = np.zeros(0, dtype=np.int64)
 
 BYTES_OF_WORLD, BYTES_OF_PART, BYTES_OF_ELEMENT = 2000, 1000, 64
-"""What a world takes at least: its generator, what is known of each part, and spaces, actions and drives of the elements."""
+"""Least memory of a world: its generator, arrays of the parts, and actions and drives of the elements."""
 
 MOST_PERIODS = 1_000_000
-"""In a step: eleven hours in the world."""
+"""Of a step: eleven hours of simulated time."""
 
 
 class Stage(NamedTuple):
@@ -80,10 +80,10 @@ class Core:
         stages: of a step, in order.
         term_names, terms: names of the reward terms, and their values (worlds, terms).
         part_terms: their values for each part alone, (worlds, parts, terms).
-        step_limit: steps after which episodes are truncated; None: not here.  longest: s that paths of an episode may last.
+        step_limit: steps after which episodes are truncated, or None.  longest: s, longest path of an episode.
 
     Raises:
-        ValueError: a bad setting.
+        ValueError: an invalid setting.
     """
 
     STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
@@ -127,7 +127,7 @@ class Core:
         )  # fmt: skip
         if self.task.flows and not self.sensing.sensor.renews:
             raise checks.conflict(
-                f"sensor {options.sensor!r} does not support task {self.task.name!r}: parts arrive and leave"
+                f"sensor {options.sensor!r} does not support parts that arrive and leave (task {self.task.name!r})"
             )
         self.task.features = (*self.task.features, *(name for each in self.sensing.tell for name in TOLD[each]))
         self.observation = self._observation("observation", options.observation)
@@ -144,7 +144,7 @@ class Core:
         state = self.simulator.state
         self.scoring = self.task.scoring(state, self.periods)
         self.episode, self.relations = self.scoring.episode, self.scoring.relations
-        # A sensor that tells the truth needs no relations of its own.
+        # An exact sensor needs no relations by measured poses.
         self._measured = self.relations
         if self.sensing.exact:
             self.sensing.reset(NONE, state, np.zeros((0, 0)))
@@ -165,10 +165,10 @@ class Core:
         self._checked = False  # the first batch of observations, against their space
 
     def _choose_reward(self, weights: Mapping[str, Any]) -> None:
-        """Who rewards: kernels what is shipped, a task with a reward of its own, or the goal of the observation.
+        """Select the reward source: built-in kernel, task override or goal reward.
 
         Raises:
-            ValueError: terms of the task's own that cannot be weighed, or weights beside a goal's reward.
+            ValueError: reward terms without a weight, or weights with a goal reward.
         """
         worlds, parts = self.worlds, len(self.parts)
         self.term_names: tuple[str, ...] = tuple(self.task.made_of)
@@ -185,8 +185,11 @@ class Core:
             self._own_reward = own = OwnReward(self.task, self.scoring, state, self.periods, self._all_phasors, weights)
             self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
 
-    BOUND = ("information", "report", "observations", "stages", "_arrays", "_blocks", "_now", "_after_advance")
-    """Attributes that are bound to the core's own arrays."""
+    BOUND = (
+        "information", "report", "observations", "stages", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline",
+        "_measurement",
+    )  # fmt: skip
+    """Attributes that hold addresses or views of the core's arrays; copies create them again."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name not in self.BOUND}
@@ -237,7 +240,7 @@ class Core:
 
     @property
     def draws(self) -> int:
-        """Uniform numbers that an episode's start takes from its world's generator."""
+        """Uniform numbers that a reset draws from a world's generator."""
         draws = self.task.draws + self.actuators.draws + self.sensing.draws + self.randomization.draws
         return draws if self.disturbances is None else draws + self.disturbances.draws
 
@@ -247,10 +250,10 @@ class Core:
         """Begin new episodes in ``worlds`` (index array), each drawn from its own generator.
 
         Args:
-            override: what a caller sets of the start.
+            override: reset options that replace drawn values.
 
         Raises:
-            ValueError: a start that cannot be; nothing has changed but the generators.
+            ValueError: an invalid start; only the generators have changed.
         """
         draws = self.draws
         uniform = np.array([generator.random(draws) for generator in generators])
@@ -271,31 +274,31 @@ class Core:
         self.relate(worlds)
 
     def put(self, worlds: np.ndarray, start: Start, velocity: Any, mean_velocity: Any = 0.0) -> None:
-        """Put parts down in ``worlds`` (index array), at rest or in motion, and begin to score them there.
+        """Place the parts of ``worlds`` (index array), at rest or in motion, and start scoring.
 
-        With ideal actuators and sensor that is all there is to a start: so simulations go on from what a policy has measured.
+        With ideal actuators and sensor this is a complete reset; planners use it to continue from a measured state.
 
         Args:
             velocity, mean_velocity: (n, parts, 3) at this instant, and over the last period, m/s, m/s, rad/s.
         """
         self.simulator.place(worlds, start.pose, velocity, mean_velocity, ~start.present)
         self.scoring.begin(worlds, start)
-        if self.terms is not self.episode.terms:  # which have just been set
+        if self.terms is not self.episode.terms:  # those have just been set
             self.terms[worlds], self.part_terms[worlds] = 0.0, 0.0
         for remembered in self.action.live().values():
             remembered[worlds] = 0
         self.began = True
 
     def _idle_velocity(self, factors: np.ndarray) -> np.ndarray:
-        """(parts, 3) of parts that slide in place on elements at rest, with these factors (parts,) on their friction."""
+        """Return velocities (parts, 3) of parts that slide in place on elements at rest, with friction factors (parts,)."""
         pairs = zip(factors.tolist(), self.parts, strict=True)
         return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
 
     def _check_extremes(self) -> None:
-        """Refuse ranges of conditions whose ends the model does not cover, in whatever combination they may be drawn."""
+        """Refuse ranges of ``randomize`` that include conditions outside the model's validity, in any combination."""
         parts, lowest = len(self.parts), {name: low for name, (low, _) in self.randomization.ranges.items()}
         highest = {name: high for name, (_, high) in self.randomization.ranges.items()}
-        # One part as heavy as may be and the others as light, for every part in turn.
+        # The largest mass ratios: each part at its heaviest while the others are at their lightest.
         mass = np.where(np.eye(parts, dtype=bool), highest.get("mass", 1.0), lowest.get("mass", 1.0))
         incline = [self.surface.gravity * np.sin(highest.get("incline", 0.0)), 0.0]
         friction = np.full((parts, parts), highest.get("friction", 1.0))
@@ -305,7 +308,7 @@ class Core:
             self.simulator.check_conditions(rows, rows._asdict(), "randomize[{!r}]")
 
     def start_of(self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
-        """The start that a reset draws, with what the caller sets of it."""
+        """Return the start of a reset from uniform numbers (n, task.draws) and reset options."""
         if override is None:
             return self.task.start(uniform)
         return override.start(self.task, self.simulator, worlds, uniform)
@@ -490,17 +493,17 @@ class Core:
         self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(present, reward[:, None], 0.0)
 
     def observe(self) -> Any:
-        """A fresh batch of observations."""
+        """Return a new batch of observations."""
         return self.observation.observe(self.sensing.measurement, self._measured, self.episode)
 
     def observed(self, kind: str) -> Any:
-        """A fresh batch of another observation of the same instant.
+        """Return a new batch of another observation of the same instant.
 
         Args:
-            kind: as for ``observation=``. It is built once and kept.
+            kind: as for ``observation=``.
 
         Raises:
-            ValueError: there is no such observation, or the task or the sensor has it not.
+            ValueError: an unknown observation, or one that task or sensor do not support.
         """
         name = checks.choice("kind", kind, OBSERVATIONS)
         if name not in self._observations:
@@ -511,7 +514,7 @@ class Core:
         return self._observations[name].observe(self.sensing.measurement, self._measured, self.episode)
 
     def _observation(self, argument: str, kind: Any) -> Observation:
-        """An observation by its name, given as ``argument``."""
+        """Create an observation by its name; ``argument`` is named in errors."""
         observation = OBSERVATIONS.choose(argument, kind)(self.task)
         observation.watch(self.sensing.sensor)
         return observation
@@ -525,11 +528,11 @@ class Core:
         return check_command(self.options.action, command, self.surface, self.worlds)
 
     def phasors(self, world: int) -> np.ndarray:
-        """(rows, columns, 2) phasors of the last step as fractions of full scale; zeros before the first."""
+        """Return phasors (rows, columns, 2) of the last step as fractions of full scale; zeros before the first step."""
         return self._all_phasors(world, 1)[0]
 
     def _all_phasors(self, first: int = 0, worlds: int | None = None) -> np.ndarray:
-        """Those of the worlds from ``first`` on, (worlds, rows, columns, 2)."""
+        """Return phasors (worlds, rows, columns, 2) of ``worlds`` worlds from ``first`` on; None: all."""
         phasors = np.zeros((worlds or self.worlds, self.surface.rows, self.surface.columns, 2))
         if self.drive is not None and self.surface.full_scale > 0.0:
             all_phasors(self.drive, phasors, first)
@@ -537,7 +540,7 @@ class Core:
         return phasors
 
     def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit, but the generators."""
+        """Return a snapshot without the generators."""
         return {
             "environment": self.identity,
             "simulator": self.simulator.get_state(),
@@ -549,10 +552,10 @@ class Core:
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`get_state` gave, on a core with the same settings.
+        """Restore a snapshot of a core with the same settings.
 
         Raises:
-            ValueError: a state of another environment, or a damaged one; nothing has changed.
+            ValueError: a snapshot of another environment or with invalid values; nothing has changed.
         """
         check_keys("state", state, self.STATE)
         if not isinstance(state["environment"], str) or state["environment"] != self.identity:
@@ -562,7 +565,7 @@ class Core:
         action = self.action.check_state(state["action"])
         actuators = self.actuators.check_state(state["actuators"])
         sensor = self.sensing.check_state(state["sensor"])
-        self.simulator.set_state(state["simulator"])  # checks before it changes anything, and is the last that can fail
+        self.simulator.set_state(state["simulator"])  # the last call that can raise, before it changes anything
         put_back(self._progress(), episode)
         self.action.set_state(action)
         self.actuators.set_state(actuators)
@@ -574,7 +577,7 @@ class Core:
         self.drive, self.began = None, began
 
     def _progress(self) -> dict[str, np.ndarray]:
-        """Live arrays of the episodes."""
+        """Return live arrays of the episodes."""
         return {
             **self.episode._asdict(),
             **self.relations._asdict(),
@@ -586,7 +589,7 @@ class Core:
 
 
 def _identity(options: Options, core: Core) -> str:
-    """What makes two environments the same, as JSON: their states fit each other."""
+    """Return the settings that a snapshot depends on, as JSON."""
 
     def plain(value: Any) -> Any:
         return value.tolist() if isinstance(value, np.ndarray | np.generic) else repr(value)
@@ -602,7 +605,7 @@ def _identity(options: Options, core: Core) -> str:
 
 
 def _difference(theirs: Any, mine: str) -> tuple[str, str]:
-    """The first setting in which a state's environment differs, and what this one has."""
+    """Return the first setting that differs, in the snapshot and here."""
     try:
         other, own = json.loads(theirs), json.loads(mine)
         name = next(key for key in own if other.get(key) != own[key])

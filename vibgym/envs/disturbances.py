@@ -1,4 +1,4 @@
-"""``randomize={"disturbance": ...}``: parts are struck at random while an episode runs.
+"""``randomize={"disturbance": ...}``: impulse disturbances at random times of an episode.
 
 With ``model="tilting"`` a struck part is let go from a tilt; with the others it gets a kick that has the statistics of what
 that leads to (:mod:`vibgym.physics.planar.kick`). ``info`` says which parts were struck in a step, and by what tilt.

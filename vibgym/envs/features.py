@@ -1,9 +1,8 @@
-"""The one table of what observations say of a part: which quantity, on which scale, coded how, and in which form.
+"""Features of observations: one table of quantities, scales and codings, and layouts that locate and decode them.
 
-The kernels that write observations (:mod:`vibgym.envs.writing`), the layouts that read them (:mod:`vibgym.envs.layout`) and the
-tables of the documentation all come from it. There are two forms. ``"state"`` is flat, a block of numbers for each part.
-``"parts"`` has a row for each part, seen from that part, in units that do not depend on the size of the surface, so that a
-policy for one goes on another: what is far away is a tanh of its distance. Only the place on the surface does depend on it.
+The kernels of :mod:`vibgym.envs.writing`, the layouts and the documentation use the same table. The form ``"state"`` is flat,
+with a block of numbers per part. The form ``"parts"`` has a row per part, relative to that part, in units that do not depend
+on the size of the surface (except ``position``), so that policies transfer between surfaces.
 """
 
 from __future__ import annotations
@@ -27,14 +26,14 @@ SPIN, ROW_SPIN = 10.0, 25.0  # rad/s in the state observation, and in rows: a li
 AGE_SCALE = 10.0  # periods
 SIGMA_SCALES = (0.001, math.pi / 180.0)  # m, rad
 NEIGHBOURS = 5
-"""The nearest other parts of which a row tells."""
+"""Nearest other parts in a row."""
 
 CODINGS = ("linear", "tanh", "place", "cell", "direction", "flag")
-"""How a quantity becomes a number, see :class:`Feature`."""
+"""Codings of quantities, see :class:`Feature`."""
 
 
 def scales_of(surface: Surface) -> dict[str, float | tuple[float, ...]]:
-    """What of a surface may be a feature's scale, m and m/s, by name."""
+    """Return named scales that depend on the surface, m and m/s."""
     speed = max(surface.table_speed, LEAST_SPEED)
     return {
         "table speed": speed,
@@ -51,15 +50,14 @@ class Feature(NamedTuple):
 
     Attributes:
         name: of the feature.
-        quantity: what of the part it tells, see :mod:`vibgym.envs.writing`.
-        width: how many numbers it has.
+        quantity: of the part, see :mod:`vibgym.envs.writing`.
+        width: number of values.
         meaning: in words.
         unit: of a number 1, in words.
-        scale: the quantity, in SI units, that a number 1 stands for, one for all numbers or one for each, or the name
-            of one in :func:`scales_of`; for tanh its argument's.
-        coding: how a quantity becomes a number: ``"linear"`` (over the scale, limited to the range), ``"tanh"`` (of the
-            quantity over the scale), ``"place"`` (from the least to the largest place), ``"cell"`` (likewise, within an
-            element), ``"direction"`` or ``"flag"`` (as they are).
+        scale: quantity in SI units at a value of 1 (for tanh, of its argument): one, one per value, or a name in
+            :func:`scales_of`.
+        coding: ``"linear"`` (quantity / scale, clipped), ``"tanh"`` (of quantity / scale), ``"place"`` (-1 to 1 over the
+            surface), ``"cell"`` (-1 to 1 over an element), ``"direction"`` or ``"flag"`` (unchanged).
         forms: observations that have it, ``"state"``, ``"parts"`` or both.
     """
 
@@ -73,7 +71,7 @@ class Feature(NamedTuple):
     forms: tuple[str, ...] = ("state", "parts")
 
     def scales(self, surface: Surface) -> tuple[float, ...]:
-        """(width,) the scale of each number."""
+        """Return the scales (width,)."""
         scale = scales_of(surface)[self.scale] if isinstance(self.scale, str) else self.scale
         return scale if isinstance(scale, tuple) else (scale,) * self.width
 
@@ -137,13 +135,13 @@ TABLE = (
     Feature("contact_impulse", "pushed", 2, "tanh of (impulse of its contacts with parts and walls over the last period / "
             "(its mass x table speed)), x and y", "1", "table speed", "tanh"),
 )  # fmt: skip
-"""All features of a part itself, in the order in which they stand in a block or row."""
+"""All features of a part itself, in the order of a block or row."""
 
 FEATURES = tuple(each for each in TABLE if "state" in each.forms)
 """Features of a block of the state observation."""
 
 OWN = tuple(each for each in TABLE if "parts" in each.forms)
-"""Features that a row has of the part itself."""
+"""Features of a row about the part itself."""
 
 NEIGHBOUR = (
     Feature("there", "there", 1, "1: there is such a part; all its other numbers are 0 where there is none", "1", 1.0, "flag"),
@@ -159,19 +157,19 @@ NEIGHBOUR = (
     Feature("turn", "turn", 1, "tanh of its own goal minus heading in 0.5 rad", "1", COARSE_TURN, "tanh"),
     Feature("way", "way", 2, "tanh of its own way to its goal or zone in 50 mm, x and y", "1", COARSE, "tanh"),
 )  # fmt: skip
-"""Features of a neighbour, each of which stands in a row as ``"neighbour_1_there"``, ..., the nearest first."""
+"""Features of a neighbour; their names in a row are ``"neighbour_1_there"``, ..., the nearest first."""
 
 PUSHED = ("way_far", "turn")
-"""Features of neighbours where some parts have to be pushed by others."""
+"""Features of neighbours in tasks with parts that others have to push."""
 
 ROW = (
     *OWN,
     *(each._replace(name=f"neighbour_{k}_{each.name}") for k in range(1, NEIGHBOURS + 1) for each in NEIGHBOUR),
 )
-"""All features of a row, in the order in which they stand there."""
+"""All features of a row, in order."""
 
 OPTIONAL = ("kind", "arrived", "age", "sigma", "contact_normal", "contact_impulse")
-"""In a row where they are in a block of the state observation."""
+"""Features of a row only if the state observation has them."""
 
 TURNS = ("turn", "turn_coarse", "turn_fine", "turn_finest")
 MOTIONS = ("goal_velocity", "goal_spin", "way_ahead", "turn_ahead")
@@ -179,16 +177,15 @@ TURNING = ("goal_spin", "turn_ahead")
 
 
 class Numbers(NamedTuple):
-    """What some numbers mean: a row of ``env.unwrapped.observation_layout``, or of ``parts_layout``.
+    """A feature in an observation: an entry of ``env.unwrapped.observation_layout``, or of ``parts_layout``.
 
     Attributes:
         name: of the feature.
-        part: whose it is; None for slots without a part, whose numbers are always 0, and in ``parts_layout``, which is the
-            same for all.
-        start, width: where its numbers stand.
-        unit: of a number 1, in words.
-        scale: (width,) the quantity, in SI units, that a number 1 stands for; for tanh its argument's.
-        range: least and largest number.
+        part: index of the part; None for empty slots, whose values are 0, and in ``parts_layout``.
+        start, width: first value and number of values.
+        unit: of a value of 1, in words.
+        scale: (width,) quantity in SI units at a value of 1; for tanh, of its argument.
+        range: least and largest value.
         meaning: in words.
         coding: see :class:`vibgym.envs.features.Feature`.
     """
@@ -209,17 +206,17 @@ class Layout:
 
     Args:
         surface, parts: the scene.
-        features: names of features, see :data:`TABLE`.
+        features: names, see :data:`TABLE`.
         slots: number of blocks.
 
     Attributes:
-        table: these features, in the order in which they stand in a block.
-        block: numbers in a block.  size: of all blocks.
-        rows: every number's meaning, in order.
+        table: these features, in order.
+        block: values of a block.  size: of all blocks.
+        rows: features of all blocks, in order.
     """
 
     TABLE: ClassVar[tuple[Feature, ...]] = FEATURES
-    """All features that there are, in the order in which they stand in a block."""
+    """All features, in the order of a block."""
 
     def __init__(self, surface: Surface, parts: Sequence[Part], features: Sequence[str], slots: int) -> None:
         self.surface, self.parts, self.features, self.slots = surface, tuple(parts), tuple(features), slots
@@ -252,7 +249,7 @@ class Layout:
         )
 
     def numbers(self, observation: np.ndarray, name: str) -> np.ndarray:
-        """The numbers of a feature, (..., parts, width), as they stand in observations (..., size)."""
+        """Return the values of a feature, (..., parts, width), in observations (..., size)."""
         row = self._row(name)
         return self._blocks(observation)[..., : len(self.parts), row.start : row.start + row.width]
 
@@ -260,11 +257,11 @@ class Layout:
         return next(each for each in self._block if each.name == name)
 
     def _blocks(self, observation: np.ndarray) -> np.ndarray:
-        """The blocks of observations, (..., slots, block)."""
+        """Return the blocks of observations, (..., slots, block)."""
         return observation.reshape(*observation.shape[:-1], self.slots, self.block)
 
     def quantity(self, observation: np.ndarray, name: str) -> np.ndarray:
-        """The quantity behind a feature, (..., parts, width) in SI units: the coding undone.
+        """Decode a feature to quantities (..., parts, width) in SI units.
 
         Args:
             observation: (..., size).
@@ -286,7 +283,7 @@ class Layout:
 
 
 class RowLayout(Layout):
-    """The observation by parts of a scene: a row of the same features for each part, (slots, block).
+    """The observation by parts of a scene: a row of the same features per part, (slots, block).
 
     ``numbers`` and ``quantity`` take observations (..., slots, block). ``rows`` are those of one part.
     """
@@ -295,7 +292,7 @@ class RowLayout(Layout):
 
     @classmethod
     def of(cls, task: Task) -> RowLayout:
-        """The layout of a task's parts, once its features are known."""
+        """Return the layout of a task's parts."""
         return cls(task.surface, task.parts, row_features(task), task.slots)
 
     def _rows(self) -> tuple[Numbers, ...]:
@@ -306,7 +303,7 @@ class RowLayout(Layout):
 
 
 def row_features(task: Task) -> tuple[str, ...]:
-    """Names of the features that a row of a task's parts has."""
+    """Return the names of the features of a task's rows."""
     without = {name for name in OPTIONAL if name not in task.features}
     if not task.has_heading:
         without.update(TURNS)

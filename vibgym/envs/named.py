@@ -1,4 +1,4 @@
-"""Environments by the names that calls and files have for them, a user's own among them."""
+"""Environments by id or short name, custom ones included."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from vibgym.tasks import TASKS
 
 
 def environment_id(task: Any, field: str = "task") -> str:
-    """The id under which Gymnasium knows an environment of vibgym: what is given, or ``vibgym/Sort-v0`` for ``Sort``.
+    """Return the Gymnasium id of an environment: ``vibgym/Sort-v0`` for ``Sort``; ids are returned unchanged.
 
     Args:
-        task: an id, or a short name, or the name in :data:`vibgym.tasks.TASKS` of a task without an environment, which stays.
-        field: of the settings that it comes from, for errors.
+        task: an id, a short name, or a name in :data:`vibgym.tasks.TASKS` without a registered environment (unchanged).
+        field: name of the setting, for errors.
 
     Raises:
-        ValueError: there is none, or it is none of vibgym's.
+        ValueError: not registered, or not an environment of vibgym.
     """
     name = task if task in gym.registry else f"vibgym/{task}-v0"
     if not isinstance(task, str) or name not in gym.registry:
@@ -36,14 +36,14 @@ def environment_id(task: Any, field: str = "task") -> str:
 
 
 def batch_of(task: str, **arguments: Any) -> Any:
-    """The batch environment of this name.
+    """Create a vector environment.
 
     Args:
         task: see :func:`environment_id`.
         **arguments: of the environment.
 
     Raises:
-        ValueError: there is none, or arguments that it refuses or does not have.
+        ValueError: an unknown environment or argument, or an invalid value.
     """
     name = environment_id(task)
     try:

@@ -20,7 +20,7 @@ from vibgym.sensing import Measurement, Sensor
 from vibgym.tasks import PoseTask, Task
 from vibgym.tasks.episode import Episode, Relations
 
-PIXELS = 6  # along an element, in an image
+PIXELS = 6  # per side of an element
 KIND_VALUES = (255, 170, 85)
 """Brightness of the first, second and third kind in an image."""
 
@@ -28,35 +28,35 @@ Writer = Callable[[np.ndarray, np.ndarray], None]
 
 
 class Observation(ABC):
-    """Base: the space of one world and a fresh batch of observations.
+    """Base class of observations: the space of one world, and a batch from a measurement.
 
-    An observation of your own is a subclass; ``vibgym.envs.OBSERVATIONS.register`` gives it a name.
+    A custom observation is a subclass; ``vibgym.envs.OBSERVATIONS.register`` gives it a name.
 
     Args:
         task: with its surface and parts.
 
     Attributes:
-        layout: of the state observation, also where another one is handed out.
+        layout: of the state observation.
 
     Raises:
-        ValueError: the task has no such observation.
+        ValueError: a task that does not support the observation.
     """
 
     goal_reward: bool = False
     """Whether the reward is that of a goal observation (GoalEnv)."""
 
     beside: bool = True
-    """Whether it can also be had beside another one, from any step on; not if a sensor has to note something for it."""
+    """Whether it can be computed beside another observation; not if the sensor has to record data for it."""
 
     def __init__(self, task: Task) -> None:
         self.task = task
         self.layout = Layout(task.surface, task.parts, task.features, task.slots)
 
-    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - most get all that they need with every measurement
-        """Get to know the sensor, once, before anything else is asked.
+    def watch(self, sensor: Sensor) -> None:  # noqa: B027 - most need the measurement alone
+        """Take the sensor into account; called once, before anything else.
 
         Raises:
-            ValueError: the sensor has not what this observation shows.
+            ValueError: a sensor that does not support the observation.
         """
 
     @property
@@ -66,28 +66,28 @@ class Observation(ABC):
 
     @abstractmethod
     def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
-        """A fresh batch of observations.
+        """Return a new batch of observations, arrays (worlds, ...).
 
         Args:
-            measurement: what is known of the parts.
-            relations: how they stand to their goals and to one another, by the measured poses.
-            episode: of which goals and present parts are known.
+            measurement: of the parts.
+            relations: errors and gaps by the measured poses.
+            episode: goals, and which parts are present.
         """
 
 
 class RowObservation(Observation):
-    """Base of observations that kernels write world by world, so that a block of worlds is observed where it was advanced."""
+    """Base class of observations that kernels write world by world, on the thread that has advanced them."""
 
     @abstractmethod
     def fresh(self, worlds: int) -> tuple[list[np.ndarray], Any]:
-        """A batch with nothing in it yet: the arrays that are written, and what is handed out when they have been."""
+        """Return an uninitialised batch: the arrays that writers fill, and the batch made of them."""
 
     @abstractmethod
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
-        """What writes the arrays of a batch, one for each of them, called with an index array of worlds and the array.
+        """Return a function ``write(worlds, array)`` per array of a batch; ``worlds`` is an index array.
 
-        They have working arrays of their own: those of several calls of this may be at work at the same time, on different
-        worlds. The records are those of :meth:`observe`; their arrays are looked at whenever a writer is called.
+        Each call returns writers with scratch memory of their own, for use on several threads. The arguments are those of
+        :meth:`observe`; their arrays are live.
         """
 
     def observe(self, measurement: Measurement, relations: Relations, episode: Episode) -> Any:
@@ -99,7 +99,7 @@ class RowObservation(Observation):
 
 
 def written(task: Task, layout: Layout, measurement: Measurement, relations: Relations, episode: Episode) -> Writer:
-    """What writes a layout of a task's parts into (worlds, slots, block) float32; zeros where no part is."""
+    """Return a function that writes a layout of a task's parts into (worlds, slots, block) float32."""
     return bound(write_rows, pinned_scene(task, layout, relations, episode), *measurement)
 
 
@@ -119,13 +119,12 @@ class StateObservation(RowObservation):
 
 
 class PartsObservation(RowObservation):
-    """Dictionary of ``parts``, a row of numbers in [-1, 1] for each slot, and ``mask``, 1 where there is a part.
+    """Dictionary of ``parts``, a row of numbers in [-1, 1] per slot, and ``mask``, 1 where a part is present.
 
-    Rows of parts that are not there, and of slots without a part, are all 0. Part p has row p, whose numbers the table in
-    :mod:`vibgym.envs.features` explains.
+    Part p has row p; rows of absent parts and empty slots are 0.
 
     Attributes:
-        row_layout: what the numbers of a row mean.
+        row_layout: features of a row.
     """
 
     def __init__(self, task: Task) -> None:
@@ -150,7 +149,7 @@ class PartsObservation(RowObservation):
 
 
 class PartsAndState(RowObservation):
-    """The dictionary of ``"parts"``, and the flat ``state`` besides: for a policy of two that read one each."""
+    """The dictionary of ``"parts"`` with a further key ``state``, for residual policies on a classical controller."""
 
     def __init__(self, task: Task) -> None:
         super().__init__(task)
@@ -182,8 +181,9 @@ class GoalObservation(StateObservation):
         super().__init__(task)
         if not isinstance(task, PoseTask):
             have = ", ".join(repr(name) for name, each in OBSERVATIONS.items() if each.beside and not each.goal_reward)
-            why = "'goal' is for a PoseTask: one part, and a goal pose that stays"
-            raise checks.refuse("observation", "goal", f"{have} ({why})")
+            raise checks.conflict(
+                f"observation 'goal' requires a task with one part and a fixed goal pose; others: {have}"
+            )
         n, surface = task.goal_size(), task.surface
         self.low = np.array([-0.1, -0.1, -self.TURN_LIMIT], dtype=np.float32)[:n]
         self.high = np.array([surface.width + 0.1, surface.depth + 0.1, self.TURN_LIMIT], dtype=np.float32)[:n]
@@ -194,7 +194,7 @@ class GoalObservation(StateObservation):
         return spaces.Dict({"observation": super().space, "achieved_goal": next(goals), "desired_goal": next(goals)})
 
     def reached(self, pose: np.ndarray) -> np.ndarray:
-        """Poses (worlds, parts, 3) as goals (worlds, goal_size)."""
+        """Return goals (worlds, goal_size) of poses (worlds, parts, 3)."""
         goals = np.empty((len(pose), len(self.low)), dtype=np.float32)
         write_goals(self.low, self.high, pose, np.arange(len(pose)), goals)
         return goals
@@ -215,7 +215,7 @@ class ImageObservation(Observation):
 
     Channel 0: the parts, 255 for the first kind, 170 for the second and 85 for the third. Channel 1: the zones, with the
     values of their kinds, or the parts' outlines at their goal poses; their value is that of the kind, or for unwrapped
-    headings 128 plus the remaining turn (128 levels to two full turns), which a picture of the goal pose alone could not show.
+    headings 128 plus the heading error (128 levels to two full turns).
     Channel 2: checkerboard of the elements, and the parts' heading marks.
     """
 
@@ -247,7 +247,7 @@ class ImageObservation(Observation):
             if self._unwrapped:
                 level = np.rint(128.0 + relations.error[..., 2] * (127.0 / (4.0 * math.pi)))
                 shown[:] = np.clip(level, 1.0, 255.0)
-            shown[:, ~self.task.asked] = 0  # of these there is nothing to show
+            shown[:, ~self.task.asked] = 0
         rasterise(
             pose, episode.present, episode.goal, shown, self.marks,
             surface.rows, surface.columns, surface.element_size, PIXELS, image,

@@ -1,4 +1,4 @@
-"""The keyword arguments of environments, once: for single and vector ones, specs, settings files and snapshots."""
+"""Keyword arguments of environments: defaults, names, and checks that combine several of them."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from vibgym.sensing import Sensor
 from vibgym.tasks import Task
 
 NAMED = ("start", "zones", "slots", "paths", "randomize")
-"""Settings of tasks that are keyword arguments of the environment; the others come as ``task_settings``."""
+"""Settings of tasks that are keyword arguments of the environment; others are in ``task_settings``."""
 
 MOST_EPISODE = 10**12
 """Steps or periods of an episode."""
 
 
 class Keywords(TypedDict, total=False):
-    """Keyword arguments of :class:`Options` but the task, for type checkers: ``**options: Unpack[Keywords]``."""
+    """Keyword arguments of :class:`Options` except the task, for type checkers: ``**options: Unpack[Keywords]``."""
 
     surface: str | Mapping[str, Any] | Surface
     parts: Sequence[Any] | None
@@ -45,7 +45,7 @@ class Keywords(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Options:
-    """What an environment is made of, see :class:`vibgym.envs.VibgymEnv`; values as they are given, checked by the core."""
+    """Settings of an environment, see :class:`vibgym.envs.VibgymEnv`; the core checks their values."""
 
     task: str
     surface: str | Mapping[str, Any] | Surface = "prototype"
@@ -67,38 +67,38 @@ class Options:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Names of all options but the task."""
+        """Return the names of all options except the task."""
         return tuple(field.name for field in fields(cls))[1:]
 
     @classmethod
     def from_mapping(cls, name: str, mapping: Mapping[str, Any], more: tuple[str, ...] = ()) -> Options:
-        """The options in a mapping; those that it does not name are the defaults.
+        """Return the options in a mapping, with defaults for missing keys.
 
         Args:
-            name: what errors call the mapping.
-            more: other keys that its owner takes, for errors.
+            name: of the mapping, for errors.
+            more: further keys, for errors.
 
         Raises:
-            ValueError: no mapping, no task, or a key that no environment has.
+            ValueError: not a mapping, no task, or an unknown key.
         """
-        known = ", ".join((*cls.names(), *more))
+        known = (*cls.names(), *more)
         if not isinstance(mapping, Mapping) or "task" not in mapping:
-            raise checks.refuse(name, mapping, f"a mapping with 'task' and keys among {known}")
-        unknown = [each for each in mapping if each not in ("task", *cls.names())]
-        if unknown:
-            raise checks.refuse(name, sorted(map(str, unknown)), known)
+            raise checks.refuse(name, mapping, f"a mapping with 'task' and keys among {', '.join(known)}")
+        for key in mapping:
+            if key not in ("task", *cls.names()):
+                raise checks.unknown(f"key of {name}", key, known)
         return cls(**mapping)
 
     def of_state(self) -> dict[str, Any]:
-        """Those that a snapshot depends on, by name: all but the limit, which ends an episode and changes nothing in it."""
+        """Return the options that a snapshot depends on: all except the limit of an episode."""
         return {name: value for name, value in vars(self).items() if name != "max_episode_periods"}
 
 
 def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
-    """Steps after which an episode is truncated by the environment itself.
+    """Return the steps after which the environment truncates an episode, or None.
 
-    With one period a step that is left to Gymnasium's limit in steps, which users may change. With longer steps that limit, the
-    same number, would be one on another time.
+    With one period per step, Gymnasium's ``max_episode_steps`` applies, which users may change. With longer steps the same
+    number of steps would be a longer time.
     """
     if max_episode_periods is None:
         return None
@@ -107,11 +107,10 @@ def step_limit(periods_per_step: int, max_episode_periods: Any) -> int | None:
 
 
 def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_episode_periods: int | None) -> float:
-    """s that the paths of an episode may last.
+    """Return the longest duration of an episode's paths, s.
 
     Raises:
-        ValueError: a machine of which an episode shows nothing, or that does nothing in it (a delay or a latency that lasts as
-            long), a hold that lasts longer, or paths that do with it.
+        ValueError: a sensor delay, an actuator latency, a hold or paths that do not fit in an episode.
     """
     if max_episode_periods is None:
         return math.inf
@@ -129,7 +128,7 @@ def longest_paths(task: Task, actuators: ActuatorStage, sensor: Sensor, max_epis
 
 
 def parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
-    """The parts of a world from the keyword argument."""
+    """Return the parts of a world from the keyword argument, or the task's default parts."""
     parts = task.DEFAULT_PARTS if parts is None else parts
     one = task.MOST_PARTS == 1
     if isinstance(parts, str) or not isinstance(parts, Sequence) or not parts or (len(parts) != 1 and one):
@@ -141,9 +140,12 @@ def parts_from(parts: Any, task: type[Task]) -> tuple[Part, ...]:
 def task_settings(
     options: Options, cls: type[Task], randomize: Mapping[str, Any]
 ) -> tuple[dict[str, Any], Mapping[str, Any]]:
-    """Keyword arguments of the task: those that the environment names, where the task has them, and the task's own.
+    """Return the keyword arguments of the task, and the weights of its reward terms.
 
-    ``randomize``: the task's share of it. Also the weights of reward terms, which every task has, whatever its arguments.
+    Args:
+        options: of the environment; those in :data:`NAMED` go to tasks that have them.
+        cls: of the task.
+        randomize: the keys of ``randomize`` that the task draws itself.
     """
     settings = {name: getattr(options, name) for name in NAMED if name != "randomize"}
     settings = {
@@ -157,6 +159,6 @@ def task_settings(
     more = {} if options.task_settings is None else options.task_settings
     known = tuple(dict.fromkeys((*known, "weights")))
     if not isinstance(more, Mapping) or any(name not in known or name in settings for name in more):
-        raise checks.refuse("task_settings", more, f"a mapping with keys among {', '.join(known)}, each once")
+        raise checks.refuse("task_settings", more, f"a mapping with keys among {', '.join(known)}, not set elsewhere")
     own = {name: value for name, value in more.items() if name != "weights"}
     return {**settings, **own}, more.get("weights", {})

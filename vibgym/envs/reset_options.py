@@ -1,4 +1,4 @@
-"""What a caller may want of an episode's start: ``reset(options={"pose", "goal", "paths", "parts"})``."""
+"""Options of a reset: ``reset(options={"pose": ..., "goal": ..., "paths": ..., "parts": ...})``."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ KEYS = ("pose", "goal", "paths", "parts")
 
 @dataclass(frozen=True)
 class StartOverride:
-    """What a caller sets of the start of episodes in all worlds; what is None is drawn as ever.
+    """Values that replace drawn ones at the start of episodes in all worlds; None: drawn.
 
     Attributes:
         pose: (worlds, parts, 3) x, y (m), heading (rad).
         goal: (worlds, parts, 3) likewise, for tasks with goal poses.
-        present: (worlds, parts) bool, which parts are there.
-        draw: :meth:`vibgym.tasks.Task.start`, or what the task has in its place for paths of the caller's.
+        present: (worlds, parts) bool, which parts are present.
+        draw: :meth:`vibgym.tasks.Task.start`, or the task's method for given paths.
     """
 
     pose: np.ndarray | None
@@ -33,10 +33,10 @@ class StartOverride:
     draw: Callable[[np.ndarray, np.ndarray | None], Start]
 
     def start(self, task: Task, simulator: Simulator, worlds: np.ndarray, uniform: np.ndarray) -> Start:
-        """The start of ``worlds`` (index array), with that in its place.
+        """Return the start of ``worlds`` (index array) with these values.
 
         Raises:
-            ValueError: parts off the surface, overlapping one another or a wall, or where the task does not begin.
+            ValueError: parts off the surface, overlapping one another or a wall, or where the task cannot start.
         """
         present = None if self.present is None else self.present[worlds]
         start = self.draw(uniform, present)
@@ -52,24 +52,23 @@ class StartOverride:
 def parse_reset_options(
     options: Any, task: Task, worlds: int, longest: float, more: tuple[str, ...] = ()
 ) -> StartOverride | None:
-    """What the options of a reset set of the start; None where they set nothing.
+    """Parse the options of a reset; None if they set nothing of the start.
 
     Args:
-        options: as the caller gave them.
-        longest: s that paths may last.
-        more: other options that are known.
+        options: of the call.
+        longest: duration of paths, s.
+        more: further known names.
 
     Raises:
-        ValueError: an unknown option, or a bad value: names the option, its value and what is allowed.
+        ValueError: an unknown option, or an invalid value.
     """
     if options is None:
         return None
-    known = ", ".join((*KEYS, *more))
     if not isinstance(options, Mapping):
-        raise checks.refuse("options", options, f"None or a mapping with keys among {known}")
+        raise checks.refuse("options", options, f"None or a mapping with keys among {', '.join((*KEYS, *more))}")
     for name in options:
         if name not in (*KEYS, *more):
-            raise checks.refuse("options", f"the key {name!r}", f"keys among {known}")
+            raise checks.unknown("key of options", name, (*KEYS, *more))
     given = {name: value for name, value in options.items() if value is not None and name in KEYS}
     if not given:
         return None
@@ -78,14 +77,12 @@ def parse_reset_options(
     draw = task.start
     if "pose" in given:
         if task.flows:
-            raise checks.refuse(
-                "options['pose']", given["pose"], f"nothing for {task.name}, whose parts come through an inlet"
-            )
+            raise checks.conflict(f"options['pose'] cannot be set for {task.name}: its parts arrive at an inlet")
         pose = _on_surface("options['pose']", given["pose"], shape, task)
     if "goal" in given:
         if not task.has_goal or task.goal_moves:
-            why = "whose goals move" if task.goal_moves else "which has no goal poses"
-            raise checks.refuse("options['goal']", given["goal"], f"nothing for {task.name}, {why}")
+            why = "its goals move" if task.goal_moves else "it has no goal poses"
+            raise checks.conflict(f"options['goal'] cannot be set for {task.name}: {why}")
         goal = _goals(given["goal"], shape, task)
     if "paths" in given:
         draw = task.starts_along("options['paths']", given["paths"], longest)
@@ -101,7 +98,7 @@ def _on_surface(name: str, value: Any, shape: tuple[int, ...], task: Task) -> np
 
 
 def _goals(value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:
-    """Goal poses; where headings do not count, positions will do."""
+    """Return goal poses; positions suffice where headings do not count."""
     name = "options['goal']"
     try:
         width = np.shape(value)[-1:]
@@ -113,7 +110,7 @@ def _goals(value: Any, shape: tuple[int, ...], task: Task) -> np.ndarray:
 
 
 def _present(value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """Which parts are there, from a list of their numbers or from booleans."""
+    """Return which parts are present, from a list of indices or from booleans."""
     name, parts = "options['parts']", shape[1]
     allowed = f"different numbers of parts from 0 to {parts - 1}, at least one, or booleans that broadcast to {shape}"
     try:

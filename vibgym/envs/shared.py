@@ -1,4 +1,4 @@
-"""What single and vector environments have in common besides the core: public knowledge of the scene, and the truth."""
+"""Interface that single and vector environments share: the scene, layouts of observations, and the true state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vibgym.tasks import Task
 
 
 class Truth(NamedTuple):
-    """The true state of all worlds, for those who judge and draw; policies do not get it. Copies."""
+    """The true state of all worlds, for evaluation and rendering; copies."""
 
     pose: np.ndarray  # (worlds, parts, 3) m, m, rad
     velocity: np.ndarray  # (worlds, parts, 3) at this instant, m/s, m/s, rad/s
@@ -35,7 +35,7 @@ class Truth(NamedTuple):
 
 
 class SharedInterface:
-    """Properties of single and vector environments alike.
+    """Properties of single and vector environments.
 
     Attributes:
         core: the batched core.
@@ -46,7 +46,7 @@ class SharedInterface:
 
     @property
     def spec(self) -> EnvSpec | None:
-        """Specification by which Gymnasium made the environment; its keyword arguments are JSON values."""
+        """Gymnasium's specification of the environment; its keyword arguments are JSON values."""
         return self._spec
 
     @spec.setter
@@ -73,22 +73,22 @@ class SharedInterface:
 
     @property
     def task(self) -> Task:
-        """What is asked of the parts: tolerances, kinds, zones."""
+        """The task: goals, tolerances, kinds, zones."""
         return self.core.task
 
     @property
     def data_sheet(self) -> DataSheet:
-        """What is known of the actuators beforehand: nominal dead zone, limit, latency; nothing that an episode draws."""
+        """Nominal properties of the actuators: dead zone, limit, latency; not those drawn for an episode."""
         return self.core.actuators.data_sheet
 
     @property
     def measurement_lead(self) -> int:
-        """Periods after the present of which measurements tell: the actuators' latency where an estimator predicts, else 0."""
+        """Periods by which measurements are ahead: the actuators' latency if an estimator predicts, else 0."""
         return self.core.sensing.lead
 
     @property
     def action_shape(self) -> tuple[int, ...]:
-        """What the numbers of an action mean, such as (parts, k, k, 2); the space is flat, and ``step`` takes either."""
+        """Shape of an action, such as (parts, k, k, 2); the space is flat, and ``step`` takes arrays of either shape."""
         return self.core.action.shape
 
     @property
@@ -98,36 +98,33 @@ class SharedInterface:
 
     @property
     def step_time(self) -> float:
-        """s that one step lasts in the world."""
+        """Simulated time of a step, s."""
         return self.core.surface.period * self.core.periods
 
     @property
     def observation_layout(self) -> tuple[Numbers, ...]:
-        """What every number of the state observation means: name, width, unit, scale, range, part and place, in order."""
+        """Features of the state observation in order: name, part, start, width, unit, scale, range."""
         return self.core.observation.layout.rows
 
     @property
     def parts_layout(self) -> tuple[Numbers, ...]:
-        """What the numbers of a row of the observation by parts mean, in order; the same for every part.
+        """Features of a row of the observation by parts in order, the same for every part.
 
-        :class:`vibgym.envs.features.RowLayout` turns numbers back into quantities.
+        :class:`vibgym.envs.features.RowLayout` decodes them to quantities.
         """
         return RowLayout.of(self.core.task).rows
 
     def observed(self, kind: str) -> Any:
-        """Another observation of the same instant, such as ``"state"`` beside ``observation="parts"``.
-
-        So an expert that reads one observation can be asked while a learner acts by another.
+        """Return another observation of the same instant, for instance for an expert that reads another one than the learner.
 
         Args:
-            kind: as for ``observation=``, but ``"camera"``, for which a camera has to keep pictures from the start.
+            kind: as for ``observation=``, except ``"camera"``.
 
         Returns:
-            One observation, or a batch, as the environment's own observation is; of the episode that the last ``reset`` or
-            ``step`` has shown.
+            One observation, or a batch.
 
         Raises:
-            ValueError: there is no such observation, or the task has it not.
+            ValueError: an unknown observation, or one that the task does not support.
             gymnasium.error.ResetNeeded: no episode has begun.
         """
         if not self.core.began:
@@ -135,18 +132,18 @@ class SharedInterface:
         return self._own(self.core.observed(kind))
 
     def _check_open(self, closed: bool) -> None:
-        """Refuse a step of an environment that has been closed, or in which no episode has begun."""
+        """Refuse a step of a closed environment, or before the first reset."""
         if closed:
             raise gym.error.ClosedEnvironmentError("step(): the environment is closed; reset() opens it again")
         if not self.core.began:
             raise gym.error.ResetNeeded("call reset() before step()")
 
     def _override(self, options: Any, more: tuple[str, ...] = ()) -> StartOverride | None:
-        """What the options of a reset set of the start; ``more`` are known besides."""
+        """Parse the options of a reset; ``more`` are further names."""
         return parse_reset_options(options, self.core.task, self.core.worlds, self.core.longest, more)
 
     def _own(self, seen: Any) -> Any:
-        """A batch of observations as this environment hands them out."""
+        """Return a batch of observations in the form of this environment."""
         return seen
 
     @property
@@ -164,19 +161,19 @@ class SharedInterface:
         )  # fmt: skip
 
     def phasors(self, world: int = 0) -> np.ndarray:
-        """(rows, columns, 2) what the elements of a world did last, as fractions of full scale; zeros before the first step."""
+        """Return phasors (rows, columns, 2) of a world's elements in the last step, as fractions of full scale."""
         return self.core.phasors(checks.count("world", world, least=0, most=self.core.worlds - 1))
 
     def paths(self, world: int = 0) -> list[np.ndarray]:
-        """Lines (n, 2), m, along which the goals of a world's parts move, one for each part; none where goals stay."""
+        """Return lines (n, 2), m, along which the goals of a world's parts move, one per part; none if goals are fixed."""
         return self.core.scoring.lines(checks.count("world", world, least=0, most=self.core.worlds - 1))
 
     def caption(self, world: int = 0) -> str:
-        """One line on how the task stands in a world, for pictures."""
+        """Return a line on the progress of a world, for images."""
         world = checks.count("world", world, least=0, most=self.core.worlds - 1)
         return self.core.task.caption(self.core.relations, self.core.episode, world)
 
 
 def frames_per_second(core: Core) -> int:
-    """Steps a second in the world, at least 1: ``metadata["render_fps"]``."""
+    """Return steps per simulated second, at least 1: ``metadata["render_fps"]``."""
     return round(1.0 / (core.surface.period * core.periods)) or 1

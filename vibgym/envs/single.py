@@ -1,4 +1,4 @@
-"""The single environment: one world of the core behind the Gymnasium interface."""
+"""The single environment: one world with the Gymnasium interface."""
 
 from __future__ import annotations
 
@@ -135,18 +135,18 @@ class VibgymEnv(SharedInterface, gym.Env):
         """Begin an episode.
 
         Args:
-            seed: of this and the following episodes; None goes on with the generator.
-            options: what to set of the start instead of drawing it: ``"pose"``, broadcastable to (parts, 3): x, y (m), heading
-                (rad); ``"goal"``, likewise, for tasks with goal poses; ``"paths"``, a list with a mapping for each part, for
-                Follow; ``"parts"``, numbers of those that are there, or booleans.
+            seed: of this and the following episodes; None continues the generator.
+            options: values that replace drawn ones: ``"pose"``, broadcastable to (parts, 3): x, y (m), heading (rad);
+                ``"goal"``, likewise, for tasks with goal poses; ``"paths"``, a list with a mapping per part, for Follow;
+                ``"parts"``, indices of the present parts, or booleans.
 
         Raises:
-            ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.
+            ValueError: an invalid seed, option or start; nothing has changed.
         """
         if seed is not None:
             seed = checks.count("seed", seed, least=0)
         override = self._override(options)
-        if override is not None:  # try it first: a start that cannot be must change nothing
+        if override is not None:  # try it first: an invalid start must change nothing
             generator = seeding.np_random(seed)[0] if seed is not None else copy.deepcopy(self.np_random)
             uniform = generator.random((1, self.core.task.draws))
             self.core.start_of(_FIRST, uniform, override)
@@ -177,11 +177,10 @@ class VibgymEnv(SharedInterface, gym.Env):
 
     @property
     def compute_reward(self) -> Any:
-        """Reward of reaching one goal when another was asked for, single or batched (GoalEnv).
+        """Compute the reward for achieved and desired goals, single or batched (GoalEnv).
 
-        See :meth:`vibgym.tasks.PoseTask.compute_reward`. It works on the goals of observations, which a sensor may blur; the
-        reward of a step is the same function of the truth. Only with ``observation="goal"``: learners take an environment that
-        has it for a GoalEnv.
+        See :meth:`vibgym.tasks.PoseTask.compute_reward`. Only with ``observation="goal"``: learners detect a GoalEnv by it.
+        Goals of observations are measured; the reward of a step is the same function of the true state.
         """
         if not self.core.observation.goal_reward:
             raise AttributeError("compute_reward: only with observation='goal'")
@@ -192,14 +191,14 @@ class VibgymEnv(SharedInterface, gym.Env):
         return float(reward) if reward.ndim == 0 else reward
 
     def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit, generator included. Pictures' trails are not part of it."""
+        """Return a snapshot that continues bit for bit, generator included; trails of images are not part of it."""
         return {**self.core.get_state(), "generator": generator_state(self.np_random), "steps": self._steps}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`get_state` gave on an environment with the same settings.
+        """Restore a snapshot of an environment with the same settings.
 
         Raises:
-            ValueError: a state of another environment, or a damaged one; nothing has changed.
+            ValueError: a snapshot of another environment or with invalid values; nothing has changed.
         """
         names = (*Core.STATE, "generator", "steps")
         check_keys("state", state, names)
@@ -211,7 +210,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._viewer.begin(0)
 
     def render(self) -> np.ndarray | None:
-        """The picture for ``"rgb_array"``; ``"human"`` draws by itself."""
+        """Return the image for ``"rgb_array"``; ``"human"`` draws at every step."""
         if not self.core.began:
             raise gym.error.ResetNeeded("call reset() before render()")
         if self.render_mode is None:
@@ -221,7 +220,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one; stepping goes on after a reset only."""
+        """Close the window. Stepping requires a reset afterwards."""
         self._closed = True
         if self._viewer is not None:
             self._viewer.close()

@@ -1,4 +1,4 @@
-"""The native vector environment: all worlds of the core in one kernel call."""
+"""The native vector environment: all worlds are advanced in one kernel call."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vibgym.snapshots import check_keys, copied, generator_from, generator_state
 
 
 class VibgymVectorEnv(SharedInterface, VectorEnv):
-    """``num_envs`` worlds of one task; the same numbers, bit for bit, as that many single environments.
+    """``num_envs`` worlds of one task; results are bit-identical to as many single environments.
 
     Args:
         task, surface ... max_episode_periods: as for :class:`vibgym.envs.VibgymEnv`.
@@ -32,7 +32,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         render_mode: None or ``"rgb_array"``.
 
     Raises:
-        ValueError: a bad setting.
+        ValueError: an invalid setting.
     """
 
     metadata: dict[str, Any] = {
@@ -89,12 +89,12 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         """Begin episodes in all worlds, or in those of ``options["reset_mask"]``.
 
         Args:
-            seed: world k gets ``seed + k``, or entry k of a sequence; None goes on with the world's generator.
+            seed: world k gets ``seed + k``, or entry k of a sequence; None continues the world's generator.
             options: ``"reset_mask"``, bool (num_envs,); ``"pose"``, ``"goal"`` and ``"parts"`` as for a single environment,
                 broadcastable to (num_envs, parts, 3) and (num_envs, parts); ``"paths"``, the same in all of these worlds.
 
         Raises:
-            ValueError: a bad seed, an unknown option or a start that cannot be; nothing has changed.
+            ValueError: an invalid seed, option or start; nothing has changed.
         """
         override = self._override(options, ("reset_mask",))
         mask = self._reset_mask(options)
@@ -102,7 +102,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         for world, each in enumerate(self._seeds(seed)):
             if mask[world] and (each is not None or fresh[world] is None):
                 fresh[world] = seeding.np_random(each)[0]
-        if override is not None:  # try it first: a start that cannot be must change nothing
+        if override is not None:  # try it first: an invalid start must change nothing
             worlds = np.flatnonzero(mask)
             drawn = [copy.deepcopy(fresh[world]).random(self.core.task.draws) for world in worlds]  # type: ignore[union-attr]
             self.core.start_of(worlds, np.array(drawn), override)
@@ -115,12 +115,12 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return self.core.observations, self.core.information.read(self.core.report, None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance all worlds by one step; finished ones are treated as the autoreset mode says."""
+        """Advance all worlds by one step; finished ones are reset according to ``autoreset_mode``."""
         core = self.core
         self._check_open(self.closed)
         given, actions = actions, core.action.shaped(actions, self.num_envs)
         if self._viewer is not None:
-            actions = actions.copy()  # the pictures are of this step, whatever the caller does to the array
+            actions = actions.copy()  # images show this step even if the caller changes the array
         waiting = self._finished.copy()
         if self.autoreset_mode is AutoresetMode.DISABLED and waiting.any():
             raise gym.error.ResetNeeded(
@@ -152,7 +152,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return core.observations, reward, terminated, truncated, {**final, **core.information.read(core.report)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """One picture a world for ``"rgb_array"``."""
+        """Return one image per world for ``"rgb_array"``."""
         if self._viewer is None:
             gym.logger.warn("render(): the environment was made without render_mode; allowed: 'rgb_array'")
             return None
@@ -166,13 +166,10 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return self.core.task.compute_reward  # type: ignore[attr-defined]
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """A method's result, or an attribute, once for every world.
-
-        All worlds share one environment: what it says of all together, one for each world, is handed out one by one, and
-        anything else to every world.
+        """Return a method's result, or an attribute, once per world: sequences with one entry per world are split.
 
         Raises:
-            ValueError: there is no such public name.
+            ValueError: no public method or attribute of this name.
         """
         value = self._attribute(name)
         if callable(value):
@@ -182,15 +179,15 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return (value,) * self.num_envs
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """An attribute, once for every world; see :meth:`call`."""
+        """Return an attribute, once per world."""
         value = self._attribute(name)
         return (value,) * self.num_envs
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute. All worlds share one environment: of a list or tuple, one for each world, all must be equal.
+        """Set an attribute of the environment, which all worlds share: values of a list or tuple must be equal.
 
         Raises:
-            ValueError: there is no such public attribute, or values differ.
+            ValueError: no public attribute of this name, or values that differ.
         """
         if callable(self._attribute(name)) or isinstance(getattr(type(self), name, None), property):
             raise checks.refuse("name", name, "an attribute that can be set, no method or property")
@@ -207,15 +204,15 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return getattr(self, name)
 
     def get_state(self) -> dict[str, Any]:
-        """Everything needed to go on bit for bit, generators included. Pictures' trails are not part of it."""
+        """Return a snapshot that continues bit for bit, generators included; trails of images are not part of it."""
         own = [None if each is None else generator_state(each) for each in self._generators]
         return {**self.core.get_state(), "generators": own, **copied(self._counters())}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what :meth:`get_state` gave on an environment with the same settings and number of worlds.
+        """Restore a snapshot of an environment with the same settings and number of worlds.
 
         Raises:
-            ValueError: a state of another environment, or a damaged one; nothing has changed.
+            ValueError: a snapshot of another environment or with invalid values; nothing has changed.
         """
         counters = tuple(self._counters())
         check_keys("state", state, (*Core.STATE, "generators", *counters))
@@ -243,7 +240,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             self._viewer.close()
 
     def _begin(self, mask: np.ndarray, override: StartOverride | None = None) -> np.ndarray:
-        """Begin episodes; returns the index of their worlds."""
+        """Begin episodes in the worlds of ``mask``; return their indices."""
         worlds = np.flatnonzero(mask)
         own = [self._generators[world] for world in worlds.tolist()]
         self.core.reset(worlds, own, override)  # type: ignore[arg-type]
@@ -255,7 +252,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return worlds
 
     def _begin_anew(self, mask: np.ndarray) -> None:
-        """Begin episodes in the worlds whose last ones have ended, and show where they begin."""
+        """Begin episodes in the worlds of ``mask``, and update observations and info."""
         self.core.refresh(self._begin(mask))
 
     def _seeds(self, seed: Any) -> Sequence[int | None]:
@@ -283,7 +280,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         return mask
 
     def _objects(self, observations: Any, mask: np.ndarray) -> np.ndarray:
-        """Copies of the observations of the worlds in ``mask`` one by one, None elsewhere, as Gymnasium has final ones."""
+        """Return copies of the observations of the worlds in ``mask``, None elsewhere, in Gymnasium's form of ``final_obs``."""
         result = np.full(self.num_envs, None, dtype=object)
         for world in np.flatnonzero(mask):
             if isinstance(observations, dict):

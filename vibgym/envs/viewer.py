@@ -1,4 +1,4 @@
-"""From an environment's state to a picture: the only place where environments meet rendering."""
+"""Images of an environment's state."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibgym.rendering import Scenery, Side, Window, Zone
 
 
 def scenery_of(env: SharedInterface) -> Scenery:
-    """What pictures of an environment's task show, from what is public of it; for films as well."""
+    """Return the static content of images of an environment."""
     surface, task = env.surface, env.task
     zones = () if task.zones is None else zip(task.kinds, task.zones.tolist(), strict=True)
     return Scenery(
@@ -56,7 +56,7 @@ def side_of(env: SharedInterface, world: int) -> Side | None:
 
 
 class Viewer:
-    """Draws worlds of an environment and keeps their trails."""
+    """Draws worlds of an environment, with the trails of their parts."""
 
     def __init__(self, env: SharedInterface, title: str, worlds: int = 1) -> None:
         self.env = env
@@ -66,7 +66,7 @@ class Viewer:
         self.trails: list[list[np.ndarray]] = [[] for _ in range(worlds)]  # (parts, 2) at each step
 
     def begin(self, world: int) -> None:
-        """Forget the trails of a world whose episode starts."""
+        """Clear the trails of a world whose episode starts."""
         self.trails[world] = []
         self.follow(world)
 
@@ -77,7 +77,7 @@ class Viewer:
         del trail[: -self.scenery.trail]
 
     def frame(self, world: int) -> np.ndarray:
-        """uint8 (height, width, 3) picture of a world."""
+        """Return an image (height, width, 3) uint8 of a world."""
         core, episode = self.env.core, self.env.core.episode
         pose = core.simulator.state.pose[world]
         trail = np.array(self.trails[world]).reshape(-1, *pose[:, :2].shape)
@@ -94,5 +94,5 @@ class Viewer:
         self.window.show(self.frame(world))
 
     def close(self) -> None:
-        """Close the window, if one is open."""
+        """Close the window."""
         self.window.close()

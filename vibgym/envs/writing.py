@@ -1,8 +1,7 @@
-"""Kernels that write observations: what is known of a part, in SI units, and the numbers that a layout makes of it.
+"""Kernels that write observations: quantities of a part in SI units, encoded according to a layout.
 
-Every quantity of the table of features has its place in a list of numbers for each part. The kernels fill in what changes,
-and a :class:`Program`, made from a layout, says which of them is coded how, number by number of a block or row. A feature that
-tells a quantity in another way is a line of the table; a new quantity is a line of a kernel here as well.
+Kernels compute a list of quantities per part; a :class:`Program`, made from a layout, encodes them value by value. A new
+feature of a known quantity is a line of the table in :mod:`vibgym.envs.features`; a new quantity also needs a kernel here.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ from vibgym.tasks.episode import PREVIEW, Episode, Relations
 
 
 def places_of(features: Sequence[Feature]) -> dict[str, int]:
-    """Where each quantity's numbers begin in the list of all, and under ``""`` how many these are."""
+    """Return the offset of each quantity in the list of all, and under ``""`` the length of the list."""
     widths = {each.quantity: each.width for each in features}
     return dict(zip((*widths, ""), np.cumsum([0, *widths.values()]).tolist(), strict=True))
 
 
 OF_PART, OF_NEIGHBOUR = places_of(TABLE), places_of(NEIGHBOUR)
 
-# Places of what changes, as the kernels' constants.
+# Offsets of quantities that change, as constants of the kernels.
 POSITION, HEADING, WAY, TURN = (OF_PART[name] for name in ("position", "heading", "way", "turn"))
 VELOCITY, SPIN, BORDERS, ZONE = (OF_PART[name] for name in ("velocity", "spin", "borders", "zone"))
 GAP, TOWARDS, AGE, SIGMA = (OF_PART[name] for name in ("gap", "neighbour", "age", "sigma"))
@@ -48,15 +47,15 @@ LINEAR, TANH, PLACE, CELL = (CODINGS.index(name) for name in ("linear", "tanh", 
 
 
 class Program(NamedTuple):
-    """How the numbers of a block, a row or a neighbour come from quantities, each (numbers,)."""
+    """Encoding of the values of a block, a row or a neighbour, arrays (values,)."""
 
-    source: np.ndarray  # int64, which number of the quantities
+    source: np.ndarray  # int64, index in the list of quantities
     coding: np.ndarray  # int64, of CODINGS
-    scale: np.ndarray  # SI units that a number 1 stands for
+    scale: np.ndarray  # SI units at a value of 1
 
 
 class Scene(NamedTuple):
-    """What the kernels need besides the measurement, pinned in memory."""
+    """Data of the kernels except the measurement, pinned in memory."""
 
     relations: Relations  # of the measured poses
     present: np.ndarray  # (worlds, parts) bool
@@ -67,10 +66,10 @@ class Scene(NamedTuple):
     size: np.ndarray  # (2,) m, of the surface
     hulls: Hulls
     program: Program  # of the part itself
-    others: Program  # of a neighbour; of no numbers where a row has none
-    touch: int  # 1: contacts are told of
-    coarse: int  # where a row's "way_coarse" stands, which is the "way" of others' neighbour
-    known: np.ndarray  # scratch: (parts, numbers) quantities of each part, those that stay filled in; ...
+    others: Program  # of a neighbour; empty if a row has none
+    touch: int  # 1: with features of contacts
+    coarse: int  # offset of "way_coarse" in a row, copied as "way" of a neighbour
+    known: np.ndarray  # scratch: (parts, values) quantities of each part, constant ones filled in; ...
     seen: np.ndarray  # ... (numbers,) of a neighbour; ...
     placed: np.ndarray  # ... as hulls.corner; ...
     nearest: np.ndarray  # ... (parts, NEIGHBOURS) int64, nearest first, -1: none; ...
@@ -88,7 +87,7 @@ def _unit(value):
 
 @borrowing
 def write_numbers(program, quantities, row):
-    """Write the numbers (n,) of a row that ``program`` makes of quantities."""
+    """Write encoded quantities to a row (n,)."""
     source, codings, scales = program.source, program.coding, program.scale
     for k in range(source.shape[0]):
         value, coding = quantities[source[k]], codings[k]
@@ -106,7 +105,7 @@ def write_numbers(program, quantities, row):
 
 @borrowing
 def look_at_part(scene, pose, velocity, age, sigma, w, p, known):
-    """Fill in what changes of the quantities of a part.
+    """Compute the quantities of a part.
 
     Args:
         pose, velocity: (parts, 3) of the world.  age: (parts,).  sigma: (parts, 3).
@@ -141,7 +140,7 @@ def look_at_part(scene, pose, velocity, age, sigma, w, p, known):
 
 @borrowing
 def touch_part(scene, pose, pushed, w, p, known):
-    """Fill in the quantities of a part's contacts.
+    """Compute the quantities of a part's contacts.
 
     Args:
         pose: (parts, 3) of the world.  pushed: (parts, 2) likewise.
@@ -158,7 +157,7 @@ def touch_part(scene, pose, pushed, w, p, known):
 
 @borrowing
 def note_neighbour(gaps, nearest, gap, other):
-    """Note a part at a distance ``gap`` (m) in the lists (NEIGHBOURS,) of the nearest; equally near ones go after."""
+    """Insert a part at a distance ``gap`` (m) into the sorted lists (NEIGHBOURS,) of the nearest, after equal ones."""
     place = NEIGHBOURS
     while place > 0 and gap < gaps[place - 1]:
         place -= 1
@@ -170,9 +169,9 @@ def note_neighbour(gaps, nearest, gap, other):
 
 @borrowing
 def rank_neighbours(scene, pose, gone, world):
-    """List every part's nearest others by the distance between outlines; parts that are not there or gone have none.
+    """List every part's nearest others by the distance between outlines; absent parts have none.
 
-    A pair whose circles are farther apart than the last in both lists is not looked at.
+    Pairs whose bounding circles are farther apart than the last entries of both lists are skipped.
     """
     hulls, placed, here = scene.hulls, scene.placed, scene.present[world]
     for i in range(pose.shape[1]):
@@ -195,7 +194,7 @@ def rank_neighbours(scene, pose, gone, world):
 
 @borrowing
 def write_neighbours(scene, pose, velocity, p, rows):
-    """Write what row ``p`` says of its neighbours, whose own rows have been written.
+    """Write the neighbours of row ``p``, after the rows of the neighbours themselves.
 
     Args:
         pose, velocity: (parts, 3) of the world.  rows: (slots, size) of the world.
@@ -226,7 +225,7 @@ def write_rows(pinned, pose, mean_velocity, gone, age, sigma, pushed, worlds, ou
         pinned: address of a pinned :class:`Scene`.
         pose, mean_velocity, gone, age, sigma, pushed: measured, see :class:`vibgym.sensing.Measurement`.
         worlds: (n,) index.
-        out: (worlds, slots, size) float32, overwritten; zeros where no part is.
+        out: (worlds, slots, size) float32, overwritten; zeros for absent parts.
     """
     scene = scene_at(pinned)
     present = scene.present
@@ -250,7 +249,7 @@ def write_rows(pinned, pose, mean_velocity, gone, age, sigma, pushed, worlds, ou
 
 @borrowing
 def write_mask(present, worlds, mask):
-    """Write which slots (worlds, slots) of some worlds have a part, by ``present`` (worlds, parts)."""
+    """Write the mask (worlds, slots) of present parts (worlds, parts) of some worlds."""
     for k in range(worlds.shape[0]):
         w = worlds[k]
         for slot in range(mask.shape[1]):
@@ -259,7 +258,7 @@ def write_mask(present, worlds, mask):
 
 @borrowing
 def write_goals(low, high, pose, worlds, goals):
-    """Write poses (worlds, parts, 3) of the first parts of some worlds, within bounds, as goals (worlds, numbers)."""
+    """Write poses (worlds, parts, 3) of the first parts of some worlds, clipped, as goals (worlds, values)."""
     for k in range(worlds.shape[0]):
         w = worlds[k]
         for number in range(goals.shape[1]):
@@ -267,11 +266,11 @@ def write_goals(low, high, pose, worlds, goals):
 
 
 def pinned_scene(task: Task, layout: Layout, relations: Relations, episode: Episode) -> Pinned[Scene]:
-    """What the kernels need to write a layout of a task's parts; the arrays of ``relations`` and ``episode`` are live."""
+    """Return the data that kernels need to write a layout; the arrays of ``relations`` and ``episode`` are live."""
     surface, parts = task.surface, task.parts
     own = tuple(each for each in layout.table if each in TABLE)
     others = _program(tuple(each for each in NEIGHBOUR if f"neighbour_1_{each.name}" in layout), OF_NEIGHBOUR, surface)
-    # A neighbour's way is in its own row, coded.
+    # A neighbour's way is copied from its own row, encoded.
     others.coding[others.source >= THEIR_WAY] = CODINGS.index("flag")
     coarse = next((row.start for row in layout.rows if row.name == "way_coarse"), -1)
     zones = np.zeros((len(parts), 4)) if task.zones is None else task.zones[task.kind]
@@ -298,7 +297,7 @@ def pinned_scene(task: Task, layout: Layout, relations: Relations, episode: Epis
 
 
 def _program(features: Sequence[Feature], places: dict[str, int], surface: Surface) -> Program:
-    """How these features come from quantities at these places."""
+    """Return the encoding of features from quantities at these offsets."""
     numbers = [
         (places[each.quantity] + k, CODINGS.index(each.coding), scale)
         for each in features
@@ -311,7 +310,7 @@ def _program(features: Sequence[Feature], places: dict[str, int], surface: Surfa
 
 
 def _unchanging(parts: Sequence[Part], kind: np.ndarray) -> np.ndarray:
-    """(parts, numbers) quantities of parts, with those filled in that never change."""
+    """Return quantities (parts, values) with constant ones filled in."""
     known = np.zeros((len(parts), OF_PART[""]))
     for row, part, number in zip(known, parts, kind, strict=True):
         row[OF_PART["present"]] = row[OF_PART["kind"] + number] = 1.0
