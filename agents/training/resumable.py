@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from vibgym.envs import generators
+from vibgym.snapshots import generator_from, generator_state
 
 
 class Resumable:
@@ -32,7 +32,7 @@ class Resumable:
             "updates": model._n_updates,
             "episodes": model._episode_num,
             "torch": torch.get_rng_state().numpy(),
-            "action_space": generators.state_of(model.action_space.np_random),
+            "action_space": generator_state(model.action_space.np_random),
             "observation": model._last_obs,
             "starts": model._last_episode_starts,
             "worlds": model.get_env().get_state(),  # also after lessons alone: resets leave some of it as it was
@@ -56,7 +56,7 @@ class Resumable:
         window = model._stats_window_size
         model.ep_info_buffer = deque((dict(zip("rlt", each, strict=True)) for each in state["lately"]), maxlen=window)
         model.ep_success_buffer = deque(state["succeeded"], maxlen=window)
-        model.action_space._np_random = generators.generator_from("action_space", state["action_space"])
+        model.action_space._np_random = generator_from("action_space", state["action_space"])
         torch.set_rng_state(torch.from_numpy(np.array(state["torch"])))
 
     def own_state(self) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from gymnasium import spaces
 from stable_baselines3.common.buffers import ReplayBuffer
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 
-from vibgym.envs import generators
+from vibgym.snapshots import generator_from, generator_state
 
 STORED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -53,7 +53,7 @@ class Replay(ReplayBuffer):
             "stored": stored,
             "position": self.pos,
             "full": self.full,
-            "generator": generators.state_of(self.generator),
+            "generator": generator_state(self.generator),
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
@@ -61,4 +61,4 @@ class Replay(ReplayBuffer):
         self.pos, self.full = state["position"], state["full"]
         for name in STORED:
             getattr(self, name)[: self.size()] = state["stored"][name]
-        self.generator = generators.generator_from("buffer", state["generator"])
+        self.generator = generator_from("buffer", state["generator"])
