@@ -64,13 +64,11 @@ def test_all_notebooks_are_tested_small_and_say_nothing_of_a_machine():
 
 
 def test_the_kept_training_learns():
-    curve = [line for line in shown(read("train_in_three_minutes"))[0].splitlines() if " steps: success" in line]
     before, after = (
         line for line in shown(read("train_in_three_minutes"))[0].splitlines() if line[:6] in ("before", "after ")
     )
     success = [float(line.split("success")[1].split("%")[0]) for line in (before, after)]
     assert success[0] < 20.0 and success[1] >= 95.0
-    assert float(curve[-1].split(" s,")[0]) < 180.0  # s: the three minutes
 
 
 @pytest.mark.parametrize("name, package, extra", [

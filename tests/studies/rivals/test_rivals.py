@@ -188,9 +188,8 @@ def test_the_plate_serves_by_turns_where_there_are_zones():
     env = batch_of(environment_id("Transport"), num_envs=1, action="plate")
     info = TaskInfo.of(env)
     env.close()
-    with pytest.raises(ValueError, match="tasks with zones") as error:
+    with pytest.raises(ValueError, match="by turns"):
         ByTurnsPolicy(info, "plate")
-    assert "\n" not in str(error.value)
 
 
 def test_new_lines_replace_those_of_their_task():
