@@ -1,1 +1,1 @@
-"""The laboratory: measures, proves and replicates; nobody needs it to use vibgym."""
+"""Measurements, benchmarks and replications; not needed to use vibgym."""

@@ -1,7 +1,7 @@
 """Tables that studies and benchmarks print, and keep for the pages when they are asked to: ``--keep``.
 
 A kept table is a file in ``results/tables``: its cells as they are printed, the command that made it, when, at which commit and
-on what processor. ``make docs`` writes those tables into the pages, so that nobody types them.
+on what processor. ``make docs`` writes those tables into the pages, so that no table is typed by hand.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def show(
         heads: of the columns.
         rows: cells as they are to be read, as many in each as there are heads.
         keep: whether to.
-        about: where the figures come from, if it is another run: what :func:`agents.provenance.provenance` has said there, and
+        about: where the figures come from, if it is another run: the result of :func:`agents.provenance.provenance` there, and
             the ``command``.
 
     Raises:

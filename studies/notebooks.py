@@ -42,7 +42,7 @@ def executed(notebook: Any, *, go_on: bool = False, env: dict[str, str] | None =
     Args:
         notebook: as nbformat reads it; the checkout's vibgym is what it imports.
         go_on: keep errors as outputs.
-        env: environment variables of its kernel, besides those of this process.
+        env: environment variables of its kernel, in addition to those of this process.
         **parameters: values for names in the cell that is tagged "parameters".
 
     Raises:
@@ -85,7 +85,7 @@ def tidied(notebook: Any) -> Any:
 
 
 def renew(name: str, folder: Path = FOLDER) -> int:
-    """Execute a notebook at full size and write it into ``folder``; returns its bytes.
+    """Execute a notebook at full size and write it into ``folder``; return its bytes.
 
     Raises:
         Refused: its outputs are too large, or name a place of this machine; the file is as it was.
@@ -105,12 +105,12 @@ def renew(name: str, folder: Path = FOLDER) -> int:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the arguments."""
     parser.add_argument("names", nargs="*", metavar="NAME", help="of notebooks; without, all of them")
 
 
 def run(asked: argparse.Namespace) -> int:
-    """Renew notebooks; returns the exit code."""
+    """Renew notebooks; return the exit code."""
     from nbclient.exceptions import CellExecutionError
 
     for name in asked.names:
@@ -133,7 +133,7 @@ COMMAND = Command(arguments, run, "directory for the notebooks, instead of where
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     description = "Executes the notebooks, with pictures and figures kept in them."
     return command_line.run("python -m studies.notebooks", description, COMMAND, argv, extra="notebooks")
 

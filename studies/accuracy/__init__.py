@@ -3,5 +3,5 @@
 ``python -m studies.accuracy CONFIG`` draws error against cost on shipped scenes or your own; see ``configs/accuracy``.
 
 Needs the extra ``accuracy`` (SciPy, shapely, and for the page jinja2, matplotlib); the MuJoCo peer needs the extra
-``mujoco`` besides.
+``mujoco`` as well.
 """

@@ -20,7 +20,7 @@ def progress(text: str) -> None:
 
 
 def accuracy_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the arguments."""
     command_line.config(parser, "YAML file, see configs/accuracy/")
 
 
@@ -47,7 +47,7 @@ COMMAND = Command(accuracy_arguments, accuracy, "directory for what is written, 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     description = "Error against cost of the models, on shipped scenes or your own."
     return command_line.run("python -m studies.accuracy", description, COMMAND, argv, extra="accuracy")
 

@@ -169,7 +169,7 @@ def why_missing(result: SceneResult, method: str) -> str:
 
 @dataclass(frozen=True)
 class Choice:
-    """The cheapest settings for one tolerance on one scene: ``row`` of all that are ours, and by method (None: no one)."""
+    """The cheapest settings for one tolerance on one scene: ``row`` of all that are ours, and by method (None: none)."""
 
     weak: bool
     tolerance: float

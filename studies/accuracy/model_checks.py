@@ -157,7 +157,7 @@ class AutoRow:
         refused: what the simulator says where it has nothing good enough, or "".
         model, setting, reason: its choice.
         promised, measured: m, median over worlds of how far the part's outline strays in 25 periods.
-        promised_95, measured_95: the same for the 95th percentile, which is told and not promised.
+        promised_95, measured_95: the same for the 95th percentile, which is reported without a promise.
         cost, planar_cost: us per period, world and core, of the choice and of the planar model as it comes.
         held: whether the measured median is within the tolerance.
     """

@@ -54,7 +54,7 @@ def page(report: Report) -> str:
 
 
 def write(report: Report, output: Path) -> Path:
-    """Write report.html, results.csv and results.json into a directory, all or none; returns the page's path."""
+    """Write report.html, results.csv and results.json into a directory, all or none; return the page's path."""
     contents = (csv_text(report), json_text(report), page(report))
     files.write_together({output / name: content for name, content in zip(FILES, contents, strict=True)})
     return output / "report.html"

@@ -154,7 +154,7 @@ class Scene:
 
     @property
     def slides(self) -> bool:
-        """Whether the part slides all the time, whatever the elements do."""
+        """Whether the part slides all the time under any drive."""
         return self.surface.slides_permanently(self.part.static_friction)
 
     @property

@@ -1,4 +1,4 @@
-"""Does any policy beat a bound?  ``python -m studies.benchmarks.bound [episodes] [task ...]``, 10 000 episodes if not said.
+"""Does any policy beat a bound?  ``python -m studies.benchmarks.bound [episodes] [task ...]``, 10 000 episodes by default.
 
 As many episodes of every policy on every task, on ideal and on prototype hardware, with seeds that no training and no report
 uses. Printed are the median of time over bound, the smallest, how many steps the fastest episode took above its bound, and how
@@ -31,7 +31,7 @@ OPEN = {
 
 
 def measure_rates(task: str, hardware: str, policy: str, episodes: int) -> int:
-    """Print one line of a task whose parts come and go; returns how many episodes beat the bound."""
+    """Print one line of a task whose parts come and go; return how many episodes beat the bound."""
     shares = []
     for first in range(0, episodes, BATCH):
         seeds = range(FIRST + first, FIRST + min(first + BATCH, episodes))
@@ -47,7 +47,7 @@ def measure_rates(task: str, hardware: str, policy: str, episodes: int) -> int:
 
 
 def measure(task: str, hardware: str, content: str, episodes: int) -> int:
-    """Print one line; returns how many episodes beat the bound."""
+    """Print one line; return how many episodes beat the bound."""
     settings = common.HARDWARE[hardware]
     env = gym.make_vec(f"vibgym/{task}-v0", num_envs=1, **settings)
     policy = make_policy(content.replace("{task}", task.lower()), TaskInfo.of(env, task))

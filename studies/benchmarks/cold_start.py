@@ -39,9 +39,9 @@ def first_step(action):
     env.step(env.action_space.sample())
 
 first_step("element")
-told, spent = time.time(), time.process_time()
+finished, spent = time.time(), time.process_time()
 first_step("field")
-print(json.dumps([told, spent, time.time() - told, time.process_time() - spent]))
+print(json.dumps([finished, spent, time.time() - finished, time.process_time() - spent]))
 assert vibgym.__file__.startswith(sys.argv[2] if sys.argv[2:] else sys.prefix), vibgym.__file__
 """
 
@@ -60,8 +60,8 @@ def probe(python: Path, task: str, cache: str, *tree: Path) -> list[list[float]]
         [python, "-c", PROBE, task, *map(str, tree)], cwd=cache, env=environment, text=True, check=True,
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    told, spent, *further = json.loads(done.stdout)
-    return [[told - began, spent], further]
+    finished, spent, *further = json.loads(done.stdout)
+    return [[finished - began, spent], further]
 
 
 def installed(wheel: Path | None, folder: Path) -> Path:

@@ -244,7 +244,7 @@ def machine() -> dict[str, str]:
 
 
 def check(chosen: str, path: Path) -> int:
-    """Compare with the file; returns the number of scenes that differ."""
+    """Compare with the file; return the number of scenes that differ."""
     stored = json.loads(path.read_text(encoding="utf-8"))
     if stored["machine"] != machine():
         print(f"written on another machine: {stored['machine']}, here {machine()}", file=sys.stderr)

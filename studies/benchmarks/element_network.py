@@ -1,6 +1,6 @@
 """The element networks on surfaces they were not trained on: ``python -m studies.benchmarks.element_network``.
 
-One small network speaks for every element, so what was trained on 8 x 8 elements acts on any surface as it is. Align, fresh
+The network is shared by all elements, so a policy trained on 8 x 8 elements runs on any surface unchanged. Align, fresh
 seeds, every training seed in ``results/policies``: success with its 95 % interval, median time to goal, multiples of the bound.
 """
 

@@ -1,7 +1,7 @@
 """Trainings that are killed again and again end as one that never was: ``python -m studies.benchmarks.kills``.
 
 One run of PPO and one of SAC are trained whole. Then the same command is started anew, over and over, and killed by SIGKILL
-after a random time, until it has been killed so many times as asked for; the last sitting runs to the end. Weights, optimizers
+after a random time, until it has been killed so many times as asked for; the last session runs to the end. Weights, optimizers
 and worlds have to be the same, bit for bit. After every kill every file that the run has written has to load.
 """
 
@@ -49,8 +49,8 @@ RUNS = {
         "sac": {"learning_starts": 3000, "gradient_steps": 2, "buffer_size": 20_000, "net": [64, 64]},
     },
 }
-STEPS_A_SITTING = {"ppo": 6000, "sac": 3000}
-"""About as many as a sitting of a second or two comes to: so many kills need so many steps."""
+STEPS_PER_SESSION = {"ppo": 6000, "sac": 3000}
+"""About as many as a session of a second or two comes to: so many kills need so many steps."""
 
 
 def digest(run: Path) -> str:
@@ -67,14 +67,14 @@ def digest(run: Path) -> str:
     return found.hexdigest()
 
 
-def sitting(config: Path, run: Path) -> subprocess.Popen[bytes]:
+def session(config: Path, run: Path) -> subprocess.Popen[bytes]:
     """The command, in a group of its own."""
     command = [sys.executable, "-m", "agents", "train", str(config), "--output", str(run), "--quiet"]
     return subprocess.Popen(command, env={**os.environ, "OMP_NUM_THREADS": "1"}, start_new_session=True)
 
 
 def until_done(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a sitting that nobody kills."""
+    """Wait for a session that is not killed."""
     if process.wait() != 0:
         raise SystemExit(f"the training ended with {process.returncode}")
 
@@ -82,14 +82,14 @@ def until_done(process: subprocess.Popen[bytes]) -> None:
 def kills(name: str, count: int, folder: Path, generator: random.Random) -> tuple[bool, int]:
     """Whether the broken run ended as the whole one, and how many kills hit it at work."""
     config = folder / f"{name}.yaml"
-    config.write_text(yaml.safe_dump({**COMMON, **RUNS[name], "steps": STEPS_A_SITTING[name] * count}))
+    config.write_text(yaml.safe_dump({**COMMON, **RUNS[name], "steps": STEPS_PER_SESSION[name] * count}))
     whole, broken = folder / f"{name}-whole", folder / f"{name}-broken"
     began = time.perf_counter()
-    until_done(sitting(config, whole))
+    until_done(session(config, whole))
     seconds = time.perf_counter() - began
     hit = 0
     for number in range(count):
-        process = sitting(config, broken)
+        process = session(config, broken)
         # From before the first import to well into the training: a start takes about 5 s.
         time.sleep(generator.uniform(0.0, 8.0))
         if process.poll() is None:
@@ -99,7 +99,7 @@ def kills(name: str, count: int, folder: Path, generator: random.Random) -> tupl
         elif process.returncode != 0:
             raise SystemExit(f"{name}: the training ended with {process.returncode} after {number} kills")
         digest(broken)
-    until_done(sitting(config, broken))
+    until_done(session(config, broken))
     same = digest(whole) == digest(broken)
     print(f"{name}: {count} kills, {hit} at work; the whole run took {seconds:.0f} s; same weights: {same}", flush=True)
     return same, hit

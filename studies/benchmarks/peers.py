@@ -52,10 +52,10 @@ class Peer:
         for worker in self._workers:
             worker.stdin.write(f"{SECONDS}\n")  # type: ignore[union-attr]
             worker.stdin.flush()  # type: ignore[union-attr]
-        said = [worker.stdout.readline() for worker in self._workers]  # type: ignore[union-attr]
-        if not all(said):
+        rates = [worker.stdout.readline() for worker in self._workers]  # type: ignore[union-attr]
+        if not all(rates):
             raise RuntimeError(f"{self._name} ended: try {' '.join(map(str, self._workers[0].args))}")  # type: ignore[arg-type]
-        return sum(map(float, said))
+        return sum(map(float, rates))
 
     def close(self) -> None:
         """End its processes."""

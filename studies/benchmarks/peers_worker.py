@@ -52,7 +52,7 @@ def envpool(worlds, threads):
 
 
 def main():
-    """Answer until nobody asks any more."""
+    """Answer requests until stdin is closed."""
     kind, *arguments = sys.argv[1:]
     step = {"pusht": pusht, "envpool": envpool}[kind](*arguments)
     for line in sys.stdin:

@@ -27,7 +27,7 @@ from studies.benchmarks import common
 DEFAULT = Path("configs/tuning/align.yaml")
 
 
-def sitting(asked: argparse.Namespace, folder: Path) -> subprocess.Popen[bytes]:
+def session(asked: argparse.Namespace, folder: Path) -> subprocess.Popen[bytes]:
     """The command, in a group of its own."""
     command = [sys.executable, "-m", "agents", "tune", str(asked.config), "--output", str(folder), "--quiet"]
     command += ["--processes", str(asked.processes)]
@@ -37,7 +37,7 @@ def sitting(asked: argparse.Namespace, folder: Path) -> subprocess.Popen[bytes]:
 
 
 def until_done(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a sitting that nobody kills."""
+    """Wait for a session that is not killed."""
     try:
         if process.wait() != 0:
             raise SystemExit(f"the tuning ended with {process.returncode}")
@@ -47,7 +47,7 @@ def until_done(process: subprocess.Popen[bytes]) -> None:
 
 
 def killed(process: subprocess.Popen[bytes]) -> bool:
-    """Kill a sitting with all that it has started; False: it had ended."""
+    """Kill a session with all that it has started; False: it had ended."""
     if process.poll() is not None:
         return False
     os.killpg(process.pid, signal.SIGKILL)
@@ -93,7 +93,7 @@ def main() -> None:
             if (each / STUDY).exists():
                 raise SystemExit(f"{each}: holds a study; remove it")
         began = time.monotonic()
-        until_done(sitting(asked, whole))
+        until_done(session(asked, whole))
         seconds = time.monotonic() - began
         mine = found_in(whole)
         states = [each["state"].name for each in mine["trials"]]
@@ -105,12 +105,12 @@ def main() -> None:
         instants = sorted(generator.uniform(0.0, seconds) for _ in range(asked.kills))
         began, hit = time.monotonic(), 0
         for before, instant in zip([0.0, *instants], instants, strict=False):
-            process = sitting(asked, broken)
+            process = session(asked, broken)
             time.sleep(instant - before)
             hit += killed(process)
             done = len(list(broken.glob(f"trial-*/{RESULT}")))
             print(f"  killed after {(time.monotonic() - began) / 60:.1f} min: {done} trials done", flush=True)
-        until_done(sitting(asked, broken))
+        until_done(session(asked, broken))
         total = time.monotonic() - began
         print(
             f"killed {hit} times: {total / 60:.1f} min, of which {(total - seconds) / 60:.1f} were lost by it "

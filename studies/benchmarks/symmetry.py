@@ -45,10 +45,10 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
     env = PPO(settings).make_env()
     model = PPO(settings).make_model(env)
     teachers = experts(settings.imitation, settings.action, settings.seed, env)
-    lessons = Imitation(model.policy, teachers, settings.imitation, seed)
-    for _ in lessons.rounds():
+    imitation = Imitation(model.policy, teachers, settings.imitation, seed)
+    for _ in imitation.rounds():
         pass
-    scene = lessons.scenes[0]
+    scene = imitation.scenes[0]
     scene.begin(10**6 + seed)
     fresh = scene.collect(model.policy, 40, 0.1, 0.0)
     with torch.no_grad():
@@ -68,7 +68,7 @@ HEADS = ("samples", "the same after", "error of actions", "success", "of each se
 def main() -> None:
     """Learn, print, keep."""
     parser = common.parser(__doc__)
-    parser.add_argument("--worlds", type=int, nargs="+", default=[16, 64], help="of the lessons")
+    parser.add_argument("--worlds", type=int, nargs="+", default=[16, 64], help="worlds of the expert's episodes")
     parser.add_argument("--steps", type=int, default=60, help="of each")
     parser.add_argument("--seeds", type=int, default=3)
     asked = parser.parse_args()

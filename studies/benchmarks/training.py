@@ -2,7 +2,7 @@
 
 Rollouts, values, updates and logs count, in the middle of a training, without imitation and learning curves. Every case is
 measured several times in turn with the others; printed are medians. ``plain`` is Stable-Baselines3's own PPO on the flat
-state, with the same worlds, network sizes, minibatches and epochs: it says what our loop is worth, whatever the machine.
+state, with the same worlds, network sizes, minibatches and epochs: a baseline for our loop on any host.
 """
 
 from __future__ import annotations

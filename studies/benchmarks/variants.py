@@ -1,7 +1,7 @@
 """Tasks in other sizes and patterns than those that are registered: ``python -m studies.benchmarks.variants [--episodes 100]``.
 
 Pack with other gaps, starts and headings, Feed with more and fewer parts, and what planning by simulation (``mpc``) does. Seeds
-from 300000, which nobody has tuned on.
+from 300000, which were not used for tuning.
 """
 
 from __future__ import annotations

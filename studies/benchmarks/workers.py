@@ -82,7 +82,7 @@ def main() -> None:
     whole, hardly = settings(asked.episodes, asked.machines), settings(1, 1)
     times: dict[str, list[float]] = {way: [] for way in asked.ways}
     starts: dict[str, list[float]] = {way: [] for way in asked.ways}
-    said: set[bytes] = set()
+    distinct: set[bytes] = set()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         for way in asked.ways:  # kernels, the disk's cache
@@ -92,7 +92,7 @@ def main() -> None:
                 starts[way].append(evaluated(way, hardly, folder)[0])
                 seconds, episodes = evaluated(way, whole, folder)
                 times[way].append(seconds)
-                said.add(episodes)
+                distinct.add(episodes)
                 print(f"round {number + 1}: {way}, {seconds:.1f} s, start {starts[way][-1]:.1f} s", flush=True)
     count = asked.machines * len(POLICIES)
     print(f"\n{available_threads()} processors; {count} pieces of {asked.episodes} episodes; medians of {asked.rounds}")
@@ -104,8 +104,8 @@ def main() -> None:
             f"{way:<28}{total:7.1f} s{one / total:7.2f}{TARGETS.get(way, ''):>8}{start:7.1f} s{total - start:7.1f} s"
             f"{(one - first) / (total - start):7.2f}"
         )
-    print(f"same episodes: {len(said) == 1}")
-    raise SystemExit(0 if len(said) == 1 else 1)
+    print(f"same episodes: {len(distinct) == 1}")
+    raise SystemExit(0 if len(distinct) == 1 else 1)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Writes the pieces of the documentation that are made when it is built."""
+"""Write the pieces of the documentation that are made when it is built."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibgym import files
 
 
 def write(docs: Path) -> int:
-    """Write tables and pages of environments into the directory of pages; returns how many files have changed."""
+    """Write tables and pages of environments into the directory of pages; return how many files have changed."""
     return replace({**tables(docs), **environment_pages(docs)})
 
 
@@ -31,7 +31,7 @@ def environment_pages(docs: Path) -> dict[Path, str]:
 
 
 def replace(contents: Mapping[Path, str]) -> int:
-    """Write what differs from the files that are there, which Sphinx need not read again otherwise; returns how many."""
+    """Write what differs from the files that are there, which Sphinx need not read again otherwise; return how many."""
     fresh = {
         path: text for path, text in contents.items() if not path.exists() or path.read_text(encoding="utf-8") != text
     }

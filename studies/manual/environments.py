@@ -1,4 +1,4 @@
-"""A page for each registered environment, from its code: what is asked, actions, observations, rewards, baselines."""
+"""A page for each registered environment, from its code: task, actions, observations, rewards, baselines."""
 
 from __future__ import annotations
 
@@ -10,12 +10,87 @@ import gymnasium as gym
 import numpy as np
 
 from agents.evaluation.tables import markdown
-from studies.manual.baselines import baselines
-from studies.manual.figures_file import ROOT
-from studies.manual.said import ACTIONS_SAID, TERMS_SAID, spoken
+from studies.manual import open_tasks
+from studies.manual.figures_file import ROOT, table
+from studies.manual.published import BOUND, ERRORS, ONE, SEVERAL, TIME, TOGETHER, report
+from studies.manual.trained import HEADS, lines_of
 from vibgym import checks
 from vibgym.envs import ACTIONS, OBSERVATIONS, VibgymEnv
 from vibgym.registration import ENVIRONMENTS
+from vibgym.tasks.episode import QUANTITIES
+
+ACTION_MEANINGS = {
+    "element": "amplitude and phase of every element",
+    "phasor": "amplitude x (cos, sin) phase of every element",
+    "patch": "the same of the elements around each part",
+    "field": "strengths of six basic fields around each part",
+    "wrench": "wanted acceleration of each part, x, y and angular, in units of what the elements can give",
+}
+
+TERM_MEANINGS = {
+    "distance": "by how much the mean distance has shrunk, per 100 mm",
+    "approach": "by how much tanh(mean distance / 10 mm) has shrunk",
+    "turn": "by how much the mean heading error has shrunk, per rad",
+    "alignment": "by how much tanh(heading error / 0.15 rad) has shrunk",
+    "inside": "change of the share of parts whose centre is at its goal",
+    "within": "1 while all parts are where and as they should be",
+    "clearance": "change of the mean of min(distance to the nearest part / what is asked, 1)",
+    "time": "-1 every period",
+    "success": "1 on success",
+    "fallen": "-1 if a part has fallen",
+    "good": "1 for a part that has left as it should",
+    "faulty": "-1 for a part that has left otherwise",
+}
+"""Of each of :data:`vibgym.tasks.episode.QUANTITIES`."""
+
+if TERM_MEANINGS.keys() != set(QUANTITIES):
+    raise RuntimeError(f"words are missing for {sorted(TERM_MEANINGS.keys() ^ set(QUANTITIES))}")
+
+
+def as_markdown(text: str) -> str:
+    """A paragraph of a docstring in Markdown: roles and literals as code."""
+    text = re.sub(r":\w+:`~?\.?(?:[\w.]*\.)?(\w+)`", r"`\1`", text)
+    return re.sub(r"``(.+?)``", r"`\1`", text).replace("|", "\\|")
+
+
+PATHS = ("path_error_median_m", "heading_error_median_rad")
+
+
+def baselines(name: str) -> str:
+    """Tables of all that is known of ``vibgym/<name>-v0``, with their dates, or where to get figures."""
+    pieces = [*_reported(name), *_scored(name), *_trained(name)]
+    if not pieces:
+        return (
+            f'None are published. `vibgym.policies.rollout("planner", "vibgym/{name}-v0", seeds=range(100))` '
+            "plays the planner's, and takes any other policy."
+        )
+    return "\n\n".join(pieces)
+
+
+def _reported(name: str) -> list[str]:
+    """Of ``results/report``: a table for each machine."""
+    found = []
+    for hardware in dict.fromkeys(place.hardware for place in report().places if place[:2] == ("report", name)):
+        names = (TIME, BOUND, *ERRORS) if name in ONE else TOGETHER if name in SEVERAL else PATHS
+        found.append(
+            f"On *{hardware}* hardware (`make report`, {report().day}):\n\n{table(report(), [name], hardware, names)}"
+        )
+    return found
+
+
+def _scored(name: str) -> list[str]:
+    """Of ``results/open``: one table for both machines."""
+    table = open_tasks.of(name)
+    head = f"One of the [open tasks](../open-tasks.md) (`python -m agents score`, {open_tasks.found()}):"
+    return [f"{head}\n\n{table}"] if table else []
+
+
+def _trained(name: str) -> list[str]:
+    """Of ``results/agents.csv``."""
+    lines = lines_of(name)
+    head = "Agents that were [trained](../trained.md) for it, each training on fresh episodes:"
+    return [f"{head}\n\n{markdown(HEADS, lines)}"] if lines else []
+
 
 DOCS = ROOT / "docs"
 INFO_MEANING = {
@@ -93,7 +168,7 @@ def _asked(env: VibgymEnv) -> tuple[str, list[str]]:
     first, *others = re.split(
         r"\n\n", re.split(r"^(?:Args|Attributes|Raises):$", text, maxsplit=1, flags=re.M)[0].strip()
     )
-    return spoken(first), [spoken(each) for each in others]
+    return as_markdown(first), [as_markdown(each) for each in others]
 
 
 def _more(env: VibgymEnv) -> list[str]:
@@ -132,7 +207,7 @@ def _actions(env: VibgymEnv) -> str:
     lines = []
     for name, action in ACTIONS.items():
         made = action(env.surface, env.parts)
-        lines.append([f"`{name}`", str(tuple(made.shape)), str(made.size), ACTIONS_SAID[name]])
+        lines.append([f"`{name}`", str(tuple(made.shape)), str(made.size), ACTION_MEANINGS[name]])
     return markdown(("`action=`", "shape", "numbers", "meaning"), lines)
 
 
@@ -165,10 +240,10 @@ def _state(env: VibgymEnv) -> str:
     ]
     table = markdown(("index", "feature", "meaning", "unit of 1"), lines)
     slots = env.task.slots
-    told = (
+    blocks = (
         "" if slots == 1 else f" The observation has {slots} such blocks, part p in block p, from number {size} x p on."
     )
-    return f"`env.unwrapped.observation_layout` says the same with scales and ranges.{told}\n\n{table}"
+    return f"`env.unwrapped.observation_layout` says the same with scales and ranges.{blocks}\n\n{table}"
 
 
 def _rows(env: VibgymEnv) -> str:
@@ -194,5 +269,5 @@ def _information(env: VibgymEnv) -> str:
 
 def _rewards(env: VibgymEnv) -> str:
     task = env.task
-    lines = [[term, TERMS_SAID[task.made_of[term]], f"{weight:g}"] for term, weight in task.weights.items()]
+    lines = [[term, TERM_MEANINGS[task.made_of[term]], f"{weight:g}"] for term, weight in task.weights.items()]
     return markdown(("term", "what it counts, at most 1 in magnitude", "weight"), lines)

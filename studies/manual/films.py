@@ -38,7 +38,7 @@ POLICIES = {
     "PackFull": "two_phases", "Push": "push", "PushAny": "push", "Sort": "pose", "SortTwelve": "pose",
     "SortThreeKinds": "pose", "SortCrowded": "pose", "Singulate": "learned",
 }  # fmt: skip
-"""Who plays; the law *pose* where nothing else is said."""
+"""Policy by environment; by default *pose*."""
 
 
 def write(directory: Path, names: Sequence[str] | None = None) -> Iterator[Path]:

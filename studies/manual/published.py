@@ -69,11 +69,13 @@ def effects() -> str:
     cases = list(dict.fromkeys(place.hardware for place in places))
     policies = list(dict.fromkeys(place.policy for place in places))
     found = {case: report().of("Align", case, "effects") for case in cases}
-    lines = [[SAID.get(case, case), *(with_time(found[case].get(policy)) for policy in policies)] for case in cases]
+    lines = [
+        [CASE_NAMES.get(case, case), *(with_time(found[case].get(policy)) for policy in policies)] for case in cases
+    ]
     return markdown(("Align: effect", *policies), lines)
 
 
-SAID = {
+CASE_NAMES = {
     "dead zone": "dead zone: nothing below 0.1 mm",
     "latency": "latency of one period",
     "noise": "noise of 0.1 mm and 0.2 deg",

@@ -11,7 +11,7 @@ BEGIN, END = "<!-- results: written by python -m studies.manual readme -->", "<!
 
 
 def write(path: Path) -> str:
-    """Renew the table; returns what became of the file.
+    """Renew the table; return what became of the file.
 
     Raises:
         ValueError: there is no such file, or the marks are not in it.

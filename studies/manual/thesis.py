@@ -19,7 +19,7 @@ COLOURS = 64
 
 
 def write(directory: Path, names: Sequence[str] | None = None) -> Path:
-    """Draw the figures (all of them, or those of ``names``) and write the page's piece; returns its path.
+    """Draw the figures (all of them, or those of ``names``) and write the page's piece; return its path.
 
     Raises:
         ValueError: an unknown figure.  vibgym.files.WriteError: it cannot be written.

@@ -17,7 +17,7 @@ from vibgym import checks, files
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the arguments."""
     parser.add_argument("--tag", metavar="TAG", help="of the release, which must be v and the version")
     parser.add_argument(
         "--extras", default="play", metavar="NAMES", help="installed with it (default: play); play,learn for SAC, too"
@@ -82,7 +82,7 @@ COMMAND = Command(arguments, run, "directory for sdist and wheel, instead of dis
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     description = "Builds sdist and wheel, looks into both, and runs the examples with each on every Python."
     return command_line.run("python -m studies.release", description, COMMAND, argv, extra="dev")
 

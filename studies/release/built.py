@@ -25,23 +25,23 @@ BESIDE = (
 
 
 def project() -> dict[str, Any]:
-    """What pyproject.toml says of the project."""
+    """Return the project table of pyproject.toml."""
     return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 def versions_agree(tag: str | None, tell: Tell) -> str:
-    """The version, which pyproject.toml, package, changelog, citation and, where there is one, the tag tell alike."""
+    """Return the version after checking that pyproject.toml, package, changelog, citation and tag agree on it."""
     version = project()["version"]
-    told = {
+    places = {
         "vibgym/__init__.py": r'^__version__ = "(.+)"$',
         "CHANGELOG.md": r"^## \[(.+?)\]",
         "CITATION.cff": r"^version: (\S+)$",
     }
-    for name, pattern in told.items():
+    for name, pattern in places.items():
         found = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.M)
         require(found and found[1] == version, f"version in {name}", found[1] if found else "none")
     require(tag is None or tag == f"v{version}", "tag", f"{tag}, where pyproject.toml has {version}")
-    tell(Row("version", "pyproject.toml and beside", f"{version}, {len(told) + 1 + (tag is not None)} places"))
+    tell(Row("version", "pyproject.toml and beside", f"{version}, {len(places) + 1 + (tag is not None)} places"))
     return version
 
 

@@ -30,7 +30,7 @@ class Failed(RuntimeError):
 
 
 def require(holds: object, what: str, found: object) -> None:
-    """Go on only if a check holds.
+    """Raise an error unless a check holds.
 
     Raises:
         Failed: it does not.
@@ -40,7 +40,7 @@ def require(holds: object, what: str, found: object) -> None:
 
 
 def same(what: str, found: Iterable[str], expected: Iterable[str]) -> None:
-    """Two sets of names are the same; else the first few that differ are told."""
+    """Require that two sets of names are equal; an error lists the first differences."""
     found, expected = set(found), set(expected)
     missing, more = sorted(expected - found), sorted(found - expected)
     require(not missing and not more, what, f"missing {missing[:3]}, too many {more[:3]}")
@@ -58,7 +58,7 @@ def ran(what: str, command: Sequence[object], cwd: Path, more: Mapping[str, str]
         done = subprocess.run(words, cwd=cwd, env={**own, **(more or {})}, capture_output=True, text=True, timeout=1800)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise Failed(f"{what}: {error}") from None
-    last = (done.stderr.strip() or done.stdout.strip() or "it said nothing").splitlines()[-1]
+    last = (done.stderr.strip() or done.stdout.strip() or "no output").splitlines()[-1]
     require(done.returncode == 0, what, f"exit code {done.returncode}, {last}")
     return done.stdout, done.stderr
 

@@ -56,12 +56,12 @@ def try_on(minor: str, distribution: Path, version: str, extras: str, folder: Pa
     """Install a distribution in an empty environment of a Python and run the examples, far from the checkout.
 
     Args:
-        minor: version of Python; where there is none, that is told.
+        minor: version of Python; if it is not installed, a row reports that.
         distribution: sdist or wheel. Kernels come with the wheel; what is built from the sdist compiles them.
         version: that it must have.
         extras: of the package, with commas between.
         folder: for environment and kernels; kernels are kept for the next distribution on the same Python.
-        tell: is told what was found.
+        tell: receives a row per result.
 
     Raises:
         Failed: something did.
@@ -82,8 +82,8 @@ def try_on(minor: str, distribution: Path, version: str, extras: str, folder: Pa
     settings = {"VIBGYM_SHIP": "0"}
     ran(f"{where}: pip install", [*pip, "install", "--quiet", "-c", ROOT / "constraints.txt", wanted], folder, settings)
     ran(f"{where}: pip check", [*pip, "check"], folder)
-    said, _ = ran(f"{where}: import vibgym", [python, "-W", "error", "-c", FOUND], home)
-    require(said.split() == [version, "True"], f"{where}: import vibgym", said)
+    printed, _ = ran(f"{where}: import vibgym", [python, "-W", "error", "-c", FOUND], home)
+    require(printed.split() == [version, "True"], f"{where}: import vibgym", printed)
     tell(Row("installation", where, f"vibgym[{extras}], {time.perf_counter() - began:.0f} s"))
     if (ROOT / "vibgym" / "plugins" / "play").exists():
         ran(f"{where}: python -m vibgym play --help", [python, "-m", "vibgym", "play", "--help"], home)
@@ -100,9 +100,9 @@ def run_examples(python: Path, where: str, minor: str, extras: str, folder: Path
     own = minor == f"{sys.version_info[0]}.{sys.version_info[1]}"
     for name in able:
         began = time.perf_counter()
-        _, told = ran(f"{where}: examples/{name}.py", [python, f"{name}.py", EXAMPLES[name][0]], place, cache)
+        _, printed = ran(f"{where}: examples/{name}.py", [python, f"{name}.py", EXAMPLES[name][0]], place, cache)
         if own and where.endswith("wheel"):
-            require("compiling" not in told, f"{where}: kernels of the wheel, in examples/{name}.py", told)
+            require("compiling" not in printed, f"{where}: kernels of the wheel, in examples/{name}.py", printed)
         tell(Row(f"examples/{name}.py", where, f"runs, {time.perf_counter() - began:.0f} s"))
     for name in others:
         tell(Row(f"examples/{name}.py", where, f"not tried: needs the extra {EXAMPLES[name][1]}, see --extras"))

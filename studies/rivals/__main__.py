@@ -35,7 +35,7 @@ def figures(arguments: argparse.Namespace) -> None:
         checks.choice("--task", each, tuple(EPISODES))
     path = (arguments.output or Path()) / FIGURES
     chosen = {task: EPISODES[task] for task in EPISODES if task in (arguments.task or EPISODES)}
-    found = rows(chosen, told=(lambda _: None) if arguments.quiet else lambda text: print(text, flush=True))
+    found = rows(chosen, report=(lambda _: None) if arguments.quiet else lambda text: print(text, flush=True))
     print(f"table: {written(path, merged(read(path), found))}")
 
 
@@ -70,7 +70,7 @@ ENTRIES = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     return command_line.run_one_of(
         "python -m studies.rivals", "Compare the segmented surface with Table 1.1's other machines.", ENTRIES, argv
     )

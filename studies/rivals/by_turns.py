@@ -72,7 +72,7 @@ class Prices:
 
 
 class Bill(NamedTuple):
-    """What places of rest are judged by, the same in all worlds."""
+    """Parameters of the price of places of rest, the same in all worlds."""
 
     low: np.ndarray  # (parts, 2) m, of the zones ...
     high: np.ndarray
@@ -146,7 +146,7 @@ def promise(bill, effect, slope, most):
 
 @borrowing
 def near_pairs(bill, rest, present, one, other):
-    """Write the pairs that may come too near in a step into ``one`` and ``other``; returns their number."""
+    """Write the pairs that may come too near in a step into ``one`` and ``other``; return their number."""
     pairs = 0
     for p in range(rest.shape[0]):
         for q in range(p):

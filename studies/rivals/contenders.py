@@ -20,7 +20,7 @@ OWN_SPEED = 0.100
 
 
 class Contender(NamedTuple):
-    """A machine as it is compared."""
+    """A machine and its settings in the comparison."""
 
     title: str
     action: str  # of the environment

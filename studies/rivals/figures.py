@@ -53,21 +53,21 @@ def row_of(name: str, task: str, own: Measured, first: Measured) -> dict[str, An
 def rows(
     episodes: Mapping[str, int] = EPISODES,
     names: Sequence[str] = tuple(CONTENDERS),
-    told: Callable[[str], Any] = lambda _: None,
+    report: Callable[[str], Any] = lambda _: None,
 ) -> list[dict[str, Any]]:
     """All lines of the table.
 
     Args:
         episodes: of each task.
-        names: of :data:`.contenders.CONTENDERS`, besides the first.
-        told: called with a line of text for every result.
+        names: of :data:`.contenders.CONTENDERS`, in addition to the first.
+        report: called with a line of text for every result.
     """
     result = []
     for task, count in episodes.items():
         first = played("segmented", task, count)
         for name in dict.fromkeys(("segmented", *names)):
             row = row_of(name, task, first if name == "segmented" else played(name, task, count), first)
-            told(
+            report(
                 f"{task} {name}: {100.0 * row['success']:.1f} %, {row['time_median']:.2f} s, x {row['time_ratio']:.2f}"
             )
             result.append(row)

@@ -31,7 +31,7 @@ def merged(old: Sequence[Row], new: Sequence[Row]) -> list[Row]:
 
 
 def written(path: Path, lines: Sequence[Row]) -> Path:
-    """Write a table; returns its path."""
+    """Write a table; return its path."""
     output_directory(path.parent)
     write_atomically(path, csv_text(lines))
     return path

@@ -15,7 +15,7 @@ from agents.command_line import Command
 
 
 def sensorless_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the arguments."""
     command_line.config(parser, "YAML file, see configs/sensorless.yaml")
     parser.add_argument("--page", type=Path, metavar="PATH", help="of the page, instead of sensorless.md in DIR")
 
@@ -37,7 +37,7 @@ COMMAND = Command(sensorless_arguments, sensorless, "directory of the schedules,
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     return command_line.run("python -m studies.sensorless", "Find sensorless schedules.", COMMAND, argv)
 
 

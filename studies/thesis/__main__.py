@@ -12,7 +12,7 @@ from agents.command_line import Command
 
 
 def thesis_arguments(parser: argparse.ArgumentParser) -> None:
-    """What it takes."""
+    """Add the arguments."""
     command_line.some(parser, "--figure")
 
 
@@ -27,7 +27,7 @@ COMMAND = Command(thesis_arguments, thesis, "directory of the page, instead of r
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
+    """Run the command line; return the exit code."""
     return command_line.run("python -m studies.thesis", "Draw the thesis's figures beside ours.", COMMAND, argv)
 
 

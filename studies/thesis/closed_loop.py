@@ -53,7 +53,7 @@ class Response(NamedTuple):
 
 
 class Plant(Protocol):
-    """What is controlled; arrays (worlds, 1, 3)."""
+    """Controlled system; arrays (worlds, 1, 3)."""
 
     period: float
     worlds: int
@@ -108,7 +108,7 @@ class ReducedPlant:
 
 
 class RealPlant:
-    """Parts in the planar simulator, on elements that all do the same, as far as they do what they are told.
+    """Parts in the planar simulator, on elements that are all commanded alike.
 
     Args:
         part: on the prototype's surface.
@@ -116,7 +116,7 @@ class RealPlant:
         limit: m, largest amplitude; None: where parts would lift off.
         noise: m, standard deviation of measured positions.
         seed: of noise and machines.
-        **actuators: settings of :class:`vibgym.actuators.PrototypeActuators`; by default elements do all that they are told.
+        **actuators: settings of :class:`vibgym.actuators.PrototypeActuators`; by default elements realise every command.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class RealPlant:
         self._mean = np.zeros((worlds, 1, 3))
 
     def measured(self) -> np.ndarray:
-        """Positions at the beginning of the period, with noise; the heading's place is zero, nobody turns parts here."""
+        """Positions at the beginning of the period, with noise; the heading is set to zero, as it is not controlled."""
         position = self.simulator.pose + self.noise * self.generator.normal(size=(self.worlds, 1, 3))
         position[..., 2] = 0.0
         return position
@@ -160,22 +160,22 @@ class RealPlant:
         assert surface.max_amplitude is not None
         x, y = (found.push[:, :, k, None] for k in range(2))
         amplitude = np.minimum(np.hypot(x, y), 1.0) * surface.max_amplitude
-        told, phase = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
-        for drive, periods in self.actuators.apply(polar_drive(told, phase, surface.angular_frequency)):
+        commanded, phase = (np.broadcast_to(each, self._shape) for each in (amplitude, np.arctan2(-x, -y)))
+        for drive, periods in self.actuators.apply(polar_drive(commanded, phase, surface.angular_frequency)):
             self.simulator.run(drive, periods)
         self._mean = self.simulator.mean_velocity
         return found.acceleration, amplitude[:, 0, 0]
 
 
 class Controller(Protocol):
-    """What asks for accelerations; arrays (worlds, 1, 3)."""
+    """Controller that outputs accelerations; arrays (worlds, 1, 3)."""
 
     def wanted(self, target: np.ndarray, position: np.ndarray, estimate: Estimate) -> np.ndarray:
         """Accelerations, from set and measured positions and from what the observer says."""
         ...
 
     def applied(self, given: np.ndarray) -> None:
-        """Told what comes of it."""
+        """Receive the acceleration after saturation."""
         ...
 
 

@@ -32,7 +32,7 @@ from studies.thesis.figure import Comparison, Figure, Picture, Table
 from studies.thesis.rim import Course, follow
 
 CIRCLES = (1e-5, 1e-4)
-"""Radii of the table's motion besides the real one, m."""
+"""Radii of the table's motion that are compared with the real one, m."""
 
 STEPS, ARCS = (2e-4, 1e-4, 5e-5), (math.inf, 0.3, 0.03)
 """s and rad, of RK4."""

@@ -13,7 +13,7 @@ PAGE = "replicate.html"
 
 
 def write(output: Path, names: Sequence[str] | None = None) -> Path:
-    """Draw the figures (all of them, or those of ``names``) and write the page into a directory; returns its path.
+    """Draw the figures (all of them, or those of ``names``) and write the page into a directory; return its path.
 
     Raises:
         ValueError: an unknown figure.  vibgym.files.WriteError: it cannot be written.

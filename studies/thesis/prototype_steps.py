@@ -64,8 +64,8 @@ def responses(
     return step_response(made, plant, step, SECONDS, Observer(period))
 
 
-def said(values: np.ndarray, unit: str = "mm") -> str:
-    """Median over machines, and least to largest."""
+def median_range(values: np.ndarray, unit: str = "mm") -> str:
+    """Format the median over machines, and the smallest to the largest."""
     low, middle, high = np.percentile(1e3 * values, [0.0, 50.0, 100.0])
     return f"{middle:.1f} {unit} ({low:.1f} to {high:.1f})"
 
@@ -106,7 +106,7 @@ def draw() -> Figure:
             Comparison(
                 "State space: velocity of the last 10 s, hard dead zone",
                 "24 mm/s and 20 mm/s",
-                f"parts rest; the observer believes {said(believed, 'mm/s')}",
+                f"parts rest; the observer believes {median_range(believed, 'mm/s')}",
                 "a part that is held e away misleads the observer by 0.58 e a second: 16 mm/s at 26.8 mm, 3 mm/s at 5.9 mm",
             ),
         ),
@@ -140,8 +140,11 @@ def _varied(runs: Mapping[tuple[str, str], Response]) -> tuple[Table, dict[tuple
             narrow[form, width] = 1e3 * float(np.median(both["state space"].residual(STEP, LAST)))
             rows.append(
                 (form, f"{1e3 * width:.3f} mm", f"{100.0 * float(np.median(both['PID'].overshoot(STEP))):.0f} %")
-                + tuple(said(both[name].residual(STEP, LAST)) for name in CONTROLLERS)
-                + (said(both["PID"].unrest(LAST), "mm/s"), said(both["state space"].unrest(LAST), "mm/s"))
+                + tuple(median_range(both[name].residual(STEP, LAST)) for name in CONTROLLERS)
+                + (
+                    median_range(both["PID"].unrest(LAST), "mm/s"),
+                    median_range(both["state space"].unrest(LAST), "mm/s"),
+                )
             )
     table = Table(
         f"A step of 0.2 m on {MACHINES} machines: medians, and least to largest in brackets.",

@@ -259,7 +259,7 @@ class Course:
 def follow(
     rim: Rim, state: np.ndarray, duration: float, *, sampled: float = 1e-4, step: float = STEP, arc: float = ARC
 ) -> Course:
-    """The motion from a state (10,), told every ``sampled`` seconds, until it ends or the cylinder lies on its side.
+    """Integrate the motion from a state (10,), sampled every ``sampled`` s, until it ends or the cylinder lies on its side.
 
     Sliding equations alone where ``rim.friction`` is finite: that an edge sticks where its slip comes to 0 is not simulated.
 

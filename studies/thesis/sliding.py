@@ -121,11 +121,11 @@ def simulated_velocity(surface: Surface, friction: float, amplitude: Any, phase:
         friction: of the part.
         amplitude, phase: (n,) m and rad, of the element's vertical motion.
     """
-    told = np.asarray(amplitude, dtype=float)[:, None, None]
+    commanded = np.asarray(amplitude, dtype=float)[:, None, None]
     one = replace(surface, rows=1, columns=1, element_size=LARGE, max_amplitude=None)
     part = Part.rectangle(0.050, 0.035, friction=friction)
-    simulator = Simulator(one, part, worlds=len(told))
+    simulator = Simulator(one, part, worlds=len(commanded))
     simulator.reset([0.5 * LARGE, 0.5 * LARGE, 0.0])
     rate = friction * one.gravity / (2.0 * one.table_speed)
-    simulator.advance(told, np.asarray(phase, dtype=float)[:, None, None], math.ceil(DECAY / (rate * one.period)))
+    simulator.advance(commanded, np.asarray(phase, dtype=float)[:, None, None], math.ceil(DECAY / (rate * one.period)))
     return simulator.mean_velocity[:, 0, :2]

@@ -37,7 +37,7 @@ class Squeezed:
     Attributes:
         time: (k,) s.
         pose: (k, worlds, 3) m, rad, not wrapped.
-        symmetry: the heading is told modulo ``2 pi / symmetry``, as the thesis does with half a turn.
+        symmetry: headings count modulo ``2 pi / symmetry``, as the thesis does with half a turn.
     """
 
     time: np.ndarray

@@ -26,7 +26,7 @@ SETTLE, MEAN = 30, 5
 def steady_velocity(
     part: Part, amplitude: Sequence[float] | np.ndarray, *, dead_zone: float = 0.0, form: str = "hard"
 ) -> np.ndarray:
-    """Mean speeds (n,) m/s of a part on elements that are all told one of ``amplitude`` (n,) m, through a dead zone.
+    """Mean speeds (n,) m/s of a part on elements that are all commanded with one of ``amplitude`` (n,) m, through a dead zone.
 
     Args:
         part: on the prototype's surface.
@@ -34,16 +34,18 @@ def steady_velocity(
         dead_zone: m.
         form: among :data:`vibgym.physics.core.hardware.FORMS`.
     """
-    surface, told = Surface(), np.asarray(amplitude, dtype=np.float64)
-    shape = (len(told), surface.rows, surface.columns)
-    command = polar_drive(np.broadcast_to(told[:, None, None], shape), np.full(shape, PHASE), surface.angular_frequency)
+    surface, commanded = Surface(), np.asarray(amplitude, dtype=np.float64)
+    shape = (len(commanded), surface.rows, surface.columns)
+    command = polar_drive(
+        np.broadcast_to(commanded[:, None, None], shape), np.full(shape, PHASE), surface.angular_frequency
+    )
     actuators = PrototypeActuators(
-        surface, len(told), 1, dead_zone=dead_zone, dead_zone_form=form, latency=0, gain_spread=0.0, phase_spread=0.0,
+        surface, len(commanded), 1, dead_zone=dead_zone, dead_zone_form=form, latency=0, gain_spread=0.0, phase_spread=0.0,
         seed=0,
     )  # fmt: skip
     actuators.prepare(command)
-    actuators.reset(np.arange(len(told)), np.zeros((len(told), 0)))
-    simulator = Simulator(surface, part, worlds=len(told))
+    actuators.reset(np.arange(len(commanded)), np.zeros((len(commanded), 0)))
+    simulator = Simulator(surface, part, worlds=len(commanded))
     simulator.reset([0.1, 0.5 * surface.depth, 0.0], [*surface.idle_velocity(part.friction), 0.0])
     places = []
     for periods in (SETTLE, MEAN):
@@ -73,8 +75,8 @@ def draw() -> Figure:
     style(axes, xlabel="commanded amplitude of all elements, mm", ylabel="steady velocity, m/s")
     axes.set_xlim(0, 0.4)
     axes.legend(frameon=False, fontsize=7.5, labelcolor=MUTED)
-    told = [1e-3 * each for each in IN_TABLE]
-    speeds = [steady_velocity(part, told, dead_zone=width, form=form) for width, form in ways.values()]
+    commanded = [1e-3 * each for each in IN_TABLE]
+    speeds = [steady_velocity(part, commanded, dead_zone=width, form=form) for width, form in ways.values()]
     rows = tuple(
         (f"{each:.2f} mm", *(f"{1e3 * one:.1f} mm/s" for one in row))
         for each, row in zip(IN_TABLE, np.transpose(speeds).tolist(), strict=True)

@@ -34,7 +34,7 @@ STUDIES = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the study that is named; returns the exit code."""
+    """Run the study that is named; return the exit code."""
     words = list(sys.argv[1:] if argv is None else argv)
     if len(words) != 1 or words[0] not in STUDIES:
         print(checks.refuse("NAME", " ".join(words), f"one of {', '.join(STUDIES)}"), file=sys.stderr)

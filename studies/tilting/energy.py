@@ -1,7 +1,7 @@
 """Whether the drive is all that gives a rigid part energy: ``python -m studies.tilting energy``.
 
-Every step's impulses do work at the velocities of what they push from: table and plates. What the part's energy grows by
-besides is made by the scheme, or by ramps, which lift what slides up them without braking it. The kernels run as plain Python
+Every step's impulses do work at the velocities of what they push from: table and plates. Any further growth of the part's
+energy is made by the scheme, or by ramps, which lift what slides up them without braking it. The kernels run as plain Python
 here, so that their impulses can be watched; a process of its own, for that is chosen at import.
 """
 
@@ -25,8 +25,8 @@ class Balance(NamedTuple):
     """J/kg, sums over all steps of a motion."""
 
     given: float  # work of table and plates that was positive
-    made: float  # what energy grew by besides, over steps in which it did
-    lost: float  # what it fell by besides, over the others
+    made: float  # further growth of energy, over steps in which it did
+    lost: float  # further loss of energy, over the others
     most: float  # the most that all steps up to any other made or lost: a process that only loses has none
 
 
@@ -84,18 +84,18 @@ def balance(name: str, share: float, tilt: float, restitution: float, periods: i
     finally:
         kernels.take_step, kernels.resolve_contacts = take_step, resolve
     gained, given = np.array(steps).T
-    besides = gained - given
-    total = np.concatenate([[0.0], np.cumsum(besides)])
+    excess = gained - given
+    total = np.concatenate([[0.0], np.cumsum(excess)])
     most = float((total - np.minimum.accumulate(total)).max())
     return Balance(
-        float(given[given > 0].sum()), float(besides[besides > 0].sum()), -float(besides[besides < 0].sum()), most
+        float(given[given > 0].sum()), float(excess[excess > 0].sum()), -float(excess[excess < 0].sum()), most
     )
 
 
 def table() -> None:
     """Print a line a case."""
     print(
-        "part, share of amplitude, tilt, restitution: work of the drive, made and lost besides, most made in a row, J/kg"
+        "part, share of amplitude, tilt, restitution: work of the drive, excess made and lost, most made in a row, J/kg"
     )
     for name, share, tilt in CASES:
         for restitution in RESTITUTION:

@@ -214,7 +214,7 @@ def _simulate(
     points, stiffness, mass, inertia, inverse, friction, damping, c, s, size, ramp, amplitude, w, gravity, highest, state, rows,
     per, h, quiet,
 ):  # fmt: skip
-    """Fill ``rows`` with states (position, attitude, velocity, spin); returns landing, spin then, largest tilt, toppled.
+    """Fill ``rows`` with states (position, attitude, velocity, spin); return landing, spin then, largest tilt, toppled.
 
     The momentum about the centre of mass is what is integrated, so that a free body keeps it exactly.
     """
