@@ -31,3 +31,6 @@ def tilting(
     from vibgym.plugins.tilting.multibody import TiltingMultibody  # imports pymunk
 
     return TiltingMultibody(setup, planar_schemes(setup.surface, kinds_of(setup.parts)[0], setup.walls), scheme)
+
+
+__all__ = ["RAMP", "RESTITUTION", "STEPS", "Tilting", "tilting"]
