@@ -118,7 +118,7 @@ BAD = [
 @pytest.mark.parametrize("task, settings, message", BAD, ids=lambda each: str(each)[:50])
 def test_bad_settings_are_one_error_that_names_them(task, settings, message):
     for make in (lambda: single(task, **settings), lambda: batch(task, 2, **settings)):
-        with pytest.raises(ValueError, match=f"^{message}") as error:
+        with pytest.raises(ValueError, match=message) as error:
             make()
         assert "\n" not in str(error.value)
 
