@@ -233,8 +233,8 @@ def test_experts_that_cannot_teach_are_refused(tmp_path, capsys, expert, named):
     ("field}", "field, observation: state}", "observation"),
     ("worlds: 8", "worlds: 2\nscenes: [{}, {}, {}]", "worlds"),
     ("worlds: 8", "worlds: 8\nscenes: [{}, {sensor: {kind: pose, tell: [age]}}]", "scenes"),
-    ("worlds: 8", "worlds: 8\nscenes: [{word: 1}]", "environment: keyword arguments"),
-    ("field}", "field, word: 1}", "environment: keyword arguments"),
+    ("worlds: 8", "worlds: 8\nscenes: [{word: 1}]", "environment: unknown key of keyword arguments"),
+    ("field}", "field, word: 1}", "environment: unknown key of keyword arguments"),
 ])  # fmt: skip
 def test_settings_that_do_not_go_together_are_refused(tmp_path, capsys, old, new, named):
     config = tmp_path / "bad.yaml"
