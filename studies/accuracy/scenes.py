@@ -328,7 +328,7 @@ def _fields(given: list[Any], where: str) -> fields.Field:
             checks.number(f"{at}.{name}", value)
         for name in names:
             if name not in arguments and name not in ("strength", "reach"):
-                raise checks.refuse(f"{at}.{name}", "nothing", f"needed for a field of kind {kind!r}")
+                raise checks.missing(f"{at}.{name}", f"required for a field of kind {kind!r}")
         field = makers[kind](**arguments)
         total = field if total is None else total + field
     assert total is not None
@@ -342,13 +342,13 @@ def _success(given: Any, part: Part, where: str) -> Callable[[np.ndarray], np.nd
     if (wanted.point is None) == (wanted.line is None):
         raise checks.refuse(where, given, "either 'point' or 'line'")
     if wanted.within is None and wanted.heading_within is None:
-        raise checks.refuse(f"{where}.within", "nothing", "a distance, or 'heading_within' an angle")
+        raise checks.missing(f"{where}.within", "or 'heading_within'")
     if wanted.heading_within is not None and (wanted.line is None or part.symmetry == 0):
         raise checks.refuse(
             f"{where}.heading_within", wanted.heading_within, "only with 'line' and a part that is no disc"
         )
     if wanted.point is not None and wanted.within is None:
-        raise checks.refuse(f"{where}.within", "nothing", "a distance, with 'point'")
+        raise checks.missing(f"{where}.within", "required with 'point'")
 
     def met(pose: np.ndarray) -> np.ndarray:
         good = np.isfinite(pose).all(axis=1)
