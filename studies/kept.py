@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import markdown
 from agents.provenance import provenance
 from vibgym.files import output_directory, write_atomically
 

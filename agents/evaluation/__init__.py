@@ -1,22 +1,20 @@
-"""Seeded rollouts of policies on tasks, their statistics, and the report."""
+"""Evaluation of policies on seeded episodes: reports, comparisons, scores, verification of published results, data sheets.
 
-from agents.evaluation.log import Rollout
-from agents.evaluation.records import Trial
-from agents.evaluation.report.effects import Effects
-from agents.evaluation.report.evaluate import evaluate, write
-from agents.evaluation.report.prepare import Evaluation, Gif, prepare
-from agents.evaluation.report.results import Results
-from agents.evaluation.report.texts_of_results import summary_table
+One path: settings -> runs (:mod:`.run`) -> one table of episodes (:mod:`.table`) -> statistics (:mod:`.statistics`) -> a view
+(:mod:`.report`, :mod:`.compare`, :mod:`.score`, :mod:`.published`, :mod:`.verify`, :mod:`.datasheet`).
+"""
+
+from agents.evaluation.films import Rollout
+from agents.evaluation.report import Gif, prepare, summary_table, write
+from agents.evaluation.run import Prepared, Results, evaluate
 from agents.evaluation.settings import EvaluationSettings, load_settings, settings_from
 
 __all__ = [
-    "Effects",
-    "Evaluation",
     "EvaluationSettings",
     "Gif",
+    "Prepared",
     "Results",
     "Rollout",
-    "Trial",
     "evaluate",
     "load_settings",
     "prepare",

@@ -12,20 +12,19 @@ from agents.command_line import Command
 from vibgym import checks
 
 PUBLISHED = Path("results/report")
+SUITE = Path("configs/suite/open.yaml")
 FIGURES = "verification.csv"
-"""In the directory of a verification: all figures and their intervals."""
+"""Written by ``verify``: all figures and their intervals."""
 
 
-def compare_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``compare`` takes, and ``evaluate`` too."""
+def _compare_arguments(parser: argparse.ArgumentParser) -> None:
     command_line.config(parser)
     parser.add_argument("--episodes", type=int, metavar="N", help="episodes of each policy on each task")
     command_line.side_by_side(parser, processes=False)
 
 
-def evaluate_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``evaluate`` takes."""
-    compare_arguments(parser)
+def _evaluate_arguments(parser: argparse.ArgumentParser) -> None:
+    _compare_arguments(parser)
     parser.add_argument(
         "--gif", nargs=3, metavar=("TASK", "POLICY", "PATH"), help="also write the film of this pair as a GIF file"
     )
@@ -34,146 +33,96 @@ def evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 def evaluate(arguments: argparse.Namespace) -> None:
     """Run an evaluation, write its files and print the summary."""
-    from agents import evaluation
+    from agents.evaluation import report, run
+    from agents.evaluation.settings import EvaluationSettings
 
-    settings, gif = _settings(evaluation, arguments), None
+    settings, gif = _settings(EvaluationSettings, arguments), None
     if arguments.gif is None and arguments.gif_hardware is not None:
-        raise checks.refuse("--gif-hardware", arguments.gif_hardware, "nothing without --gif")
+        raise checks.conflict("--gif-hardware requires --gif")
     if arguments.gif is not None:
         task, policy, path = arguments.gif
-        gif = evaluation.Gif(task, policy, Path(path), arguments.gif_hardware)
+        gif = report.Gif(task, policy, Path(path), arguments.gif_hardware)
     with checks.within(arguments.config):
-        prepared = evaluation.prepare(settings, gif)
-        held = _held(settings)
-    with held:
-        results = evaluation.evaluate(prepared, arguments.quiet, arguments.ray)
-        page = evaluation.write(results, prepared.film, arguments.quiet)
-    print(f"{evaluation.summary_table(results)}\n\nreport: {page}")
+        prepared = report.prepare(settings, gif)
+        lock = _lock(settings)
+    with lock:
+        results = run.evaluate(prepared, arguments.quiet, arguments.ray)
+        page = report.write(results, arguments.quiet)
+    print(f"{report.summary_table(results)}\n\nreport: {page}")
 
 
 def compare(arguments: argparse.Namespace) -> None:
     """Run a comparison, write its files and print the summary."""
-    from agents.evaluation import comparison
+    from agents.evaluation import compare as comparison
+    from agents.evaluation import run
+    from agents.evaluation.settings import ComparisonSettings
 
-    settings = _settings(comparison, arguments)
+    settings = _settings(ComparisonSettings, arguments)
     with checks.within(arguments.config):
         prepared = comparison.prepare(settings)
-        held = _held(settings)
-    with held:
-        found = comparison.compare(prepared, arguments.quiet, arguments.ray)
-        page = comparison.write(found)
-    print(f"{comparison.summary_table(found)}\n\npage: {page}")
+        lock = _lock(settings)
+    with lock:
+        results = run.evaluate(prepared, arguments.quiet, arguments.ray)
+        page = comparison.write(results)
+    print(f"{comparison.summary_table(results)}\n\npage: {page}")
 
 
-def _settings(room: Any, arguments: argparse.Namespace) -> Any:
-    """Of the file, with what the command says instead."""
+def _settings(kind: Any, arguments: argparse.Namespace) -> Any:
+    """Return the settings of the file, with options of the command line."""
     output = None if arguments.output is None else str(arguments.output)
-    return room.load_settings(arguments.config, arguments.episodes, output)
+    return kind.load(arguments.config, arguments.episodes, output)
 
 
-def _held(settings: Any) -> Any:
-    """The directory is this run's until its files are written."""
+def _lock(settings: Any) -> Any:
+    """Return the lock of the output directory, held."""
     from agents import locks
 
     return command_line.entered(locks.one_run(Path(settings.output), f"{settings.where}.output"))
 
 
-def publish_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``publish`` takes."""
-    command_line.config(parser, "YAML file of the evaluation")
-    parser.add_argument("--run", type=Path, metavar="DIR", help="the evaluation's files, instead of its 'output'")
-
-
-def publish(arguments: argparse.Namespace) -> None:
-    """Keep what an evaluation has found."""
-    from agents.evaluation import verification
-
-    record = verification.publish(arguments.config, arguments.run, arguments.output or PUBLISHED)
-    print(f"published: {record}")
-
-
-def verify_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``verify`` takes."""
-    parser.add_argument("published", type=Path, nargs="?", default=PUBLISHED, metavar="DIR", help="see publish")
-    parser.add_argument("--episodes", type=int, default=20, metavar="N", help="fresh ones of each policy in each place")
-    parser.add_argument("--again", type=int, default=5, metavar="N", help="published ones of each, played again")
-    parser.add_argument("--first-seed", type=int, metavar="N", help="of the fresh ones, instead of the next one")
-    for option in ("--task", "--policy"):
-        command_line.some(parser, option)
-    command_line.side_by_side(parser)
-
-
-def verify(arguments: argparse.Namespace) -> int:
-    """Play a sample of published results and say whether each figure comes out again."""
-    from agents.evaluation import verification
-    from vibgym import files
-
-    asked = verification.Asked(
-        arguments.episodes, arguments.again, arguments.first_seed, arguments.task, arguments.policy
-    )
-    checks.count("--processes", arguments.processes, most=256)
-    published = verification.load_published(arguments.published)
-    if arguments.output is not None:
-        files.output_directory(arguments.output, "--output")
-        files.output_files([arguments.output / FIGURES], "--output")
-    found = verification.verify(published, asked, arguments.processes, arguments.quiet, arguments.ray)
-    if arguments.output is not None:
-        files.write_atomically(arguments.output / FIGURES, verification.figures_csv(found))
-    print(verification.report_of(found))
-    return 0 if found.holds else 1
-
-
-SUITE = Path("configs/suite/open.yaml")
-
-
-def score_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``score`` takes."""
+def _score_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "config", type=Path, nargs="?", default=SUITE, metavar="CONFIG", help=f"the suite, else {SUITE}"
+        "config", type=Path, nargs="?", default=SUITE, metavar="CONFIG", help=f"suite (default: {SUITE})"
     )
     parser.add_argument(
-        "--policy", type=Path, metavar="FILE", help="your own, YAML or JSON as 'policies' have it: score it alone"
+        "--policy", type=Path, metavar="FILE", help="score this policy alone: YAML or JSON, as an entry of 'policies'"
     )
-    parser.add_argument(
-        "--episodes", type=int, metavar="N", help="of each policy on each task, instead of the protocol's"
-    )
+    parser.add_argument("--episodes", type=int, metavar="N", help="of each policy on each task")
     command_line.side_by_side(parser, processes=False)
 
 
 def score(arguments: argparse.Namespace) -> None:
-    """Play a suite, or go on where it was left, write its scores and print them."""
-    from agents.evaluation import suite
+    """Play a suite, or the rest of it, write the scores and print them."""
+    from agents.evaluation import score as suite
+    from agents.evaluation.settings import SuiteSettings
 
-    settings = _settings(suite, arguments)
+    settings = _settings(SuiteSettings, arguments)
     if arguments.policy is not None:
         settings = settings.entered_by(arguments.policy)
     with checks.within(arguments.policy or arguments.config):
         prepared = suite.prepare(settings)
-        held = _held(settings)
-    with held:
-        found = suite.score(prepared, arguments.quiet, arguments.ray)
-        page = suite.write(found)
-    print(f"{suite.summary(found)}\n\npage: {page}")
+        lock = _lock(settings)
+    with lock:
+        results = suite.score(prepared, arguments.quiet, arguments.ray)
+        page = suite.write(results)
+    print(f"{suite.summary(*suite.rows(results))}\n\npage: {page}")
 
 
-def datasheet_arguments(parser: argparse.ArgumentParser) -> None:
-    """What ``datasheet`` takes."""
+def _datasheet_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "config", type=Path, nargs="?", metavar="CONFIG", help="YAML file, see configs/datasheets; else the prototype's"
+        "config", type=Path, nargs="?", metavar="CONFIG", help="see configs/datasheets (default: the prototype)"
     )
     parser.add_argument("--episodes", type=int, metavar="N", help="of each measurement")
 
 
 def datasheet(arguments: argparse.Namespace) -> None:
-    """Measure what a surface does with a part, write the sheet and print its lines."""
+    """Measure a surface with a part, write the sheet and print its lines."""
     from agents.evaluation import datasheet as sheets
+    from agents.evaluation.settings import DatasheetSettings
     from vibgym import files
 
-    output = None if arguments.output is None else str(arguments.output)
-    settings = sheets.load_settings(arguments.config, arguments.episodes, output)
-    files.output_files(
-        [files.output_directory(Path(settings.output), "datasheet.output") / sheets.PAGE], "datasheet.output"
-    )
+    settings, field = _settings(DatasheetSettings, arguments), "datasheet.output"
+    files.output_files([files.output_directory(Path(settings.output), field) / sheets.PAGE], field)
     with contextlib.ExitStack() as where:
         if arguments.config is not None:
             where.enter_context(checks.within(arguments.config))
@@ -182,13 +131,55 @@ def datasheet(arguments: argparse.Namespace) -> None:
     print(f"{sheets.summary(found)}\n\npage: {page}")
 
 
-OUTPUT = "directory for what is written, instead of the file's"
+def _publish_arguments(parser: argparse.ArgumentParser) -> None:
+    command_line.config(parser, "YAML file of the evaluation")
+    parser.add_argument("--run", type=Path, metavar="DIR", help="the evaluation's files (default: its 'output')")
+
+
+def publish(arguments: argparse.Namespace) -> None:
+    """Publish the figures and episodes of an evaluation."""
+    from agents.evaluation.published import publish
+
+    print(f"published: {publish(arguments.config, arguments.run, arguments.output or PUBLISHED)}")
+
+
+def _verify_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("published", type=Path, nargs="?", default=PUBLISHED, metavar="DIR", help="see publish")
+    parser.add_argument("--episodes", type=int, default=20, metavar="N", help="new ones of each policy in each place")
+    parser.add_argument("--again", type=int, default=5, metavar="N", help="published ones of each, played again")
+    parser.add_argument(
+        "--first-seed", type=int, metavar="N", help="of the new ones (default: after the last published)"
+    )
+    for option in ("--task", "--policy"):
+        command_line.some(parser, option)
+    command_line.side_by_side(parser)
+
+
+def verify(arguments: argparse.Namespace) -> int:
+    """Play a sample of published results; the exit code is 1 if a figure cannot be reproduced."""
+    from agents.evaluation import published, verify
+    from vibgym import files
+
+    sample = verify.Sample(arguments.episodes, arguments.again, arguments.first_seed, arguments.task, arguments.policy)
+    checks.count("--processes", arguments.processes, most=256)
+    known = published.load(arguments.published)
+    if arguments.output is not None:
+        files.output_directory(arguments.output, "--output")
+        files.output_files([arguments.output / FIGURES], "--output")
+    found = verify.verify(known, sample, arguments.processes, arguments.quiet, arguments.ray)
+    if arguments.output is not None:
+        files.write_atomically(arguments.output / FIGURES, verify.figures_csv(found))
+    print(verify.report_of(found))
+    return 0 if found.holds else 1
+
+
+OUTPUT = "output directory (default: that of the file)"
 
 COMMANDS = {
-    "evaluate": Command(evaluate_arguments, evaluate, OUTPUT),
-    "compare": Command(compare_arguments, compare, OUTPUT),
-    "score": Command(score_arguments, score, OUTPUT),
-    "datasheet": Command(datasheet_arguments, datasheet, OUTPUT),
-    "publish": Command(publish_arguments, publish, f"directory for what is kept, instead of {PUBLISHED}"),
-    "verify": Command(verify_arguments, verify, f"directory of {FIGURES}: all figures and their intervals"),
+    "evaluate": Command(_evaluate_arguments, evaluate, OUTPUT),
+    "compare": Command(_compare_arguments, compare, OUTPUT),
+    "score": Command(_score_arguments, score, OUTPUT),
+    "datasheet": Command(_datasheet_arguments, datasheet, OUTPUT),
+    "publish": Command(_publish_arguments, publish, f"directory of published results (default: {PUBLISHED})"),
+    "verify": Command(_verify_arguments, verify, f"directory of {FIGURES}: all figures and their intervals"),
 }

@@ -1,24 +1,46 @@
-"""Intervals, quartiles and paired comparisons.
+"""Confidence intervals and paired differences of episodes.
 
-Intervals of means come from the bootstrap (bias-corrected and accelerated, ``scipy.stats.bootstrap``). Where all values are
-equal, as when every episode succeeds, resampling them says nothing and would show an interval of zero width: success
-rates then get the exact (Clopper-Pearson) interval of a binomial proportion, other means none.
+Intervals of means and interquartile means of one policy use ``scipy.stats.bootstrap`` (bias-corrected and accelerated). Where
+all values are equal, resampling cannot estimate the spread: success rates then have the exact (Clopper-Pearson) interval.
+
+Several training runs of one policy form a table (runs, episodes). All runs share starts and goals, so its cells are not
+independent: runs and episodes are resampled separately (Owen, "The pigeonhole bootstrap", Annals of Applied Statistics 1,
+2007).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from agents.evaluation.resampling import Interval, bootstrap, drawn, mean_of, percentiles
+from vibgym.policies.measures import Measured
 from vibgym.policies.rollout import Outcomes
+
+RNG_SEED = 20021
+"""Seed of all resampling, so that results are reproducible."""
+
+CUT = 0.25
+"""Fraction that an interquartile mean drops at either end."""
+
+BATCH_CELLS = 2_000_000
+"""Cells resampled at a time: 16 MB."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Confidence interval and its method, such as "BCa bootstrap" or "Clopper-Pearson"."""
+
+    low: float
+    high: float
+    method: str
 
 
 class Quartiles(NamedTuple):
-    """25, 50 and 75 % of a sample; nan of an empty one."""
+    """Quartiles of a sample; nan if it is empty."""
 
     lower: float
     median: float
@@ -26,111 +48,217 @@ class Quartiles(NamedTuple):
 
 
 @dataclass(frozen=True)
-class PairedComparison:
-    """Two policies on the same seeds of a task and the same hardware; differences are first minus second."""
+class Estimate:
+    """Difference of two policies, first minus second.
 
-    task: str
-    hardware: str
-    first: str
-    second: str
-    episodes: int
-    success_difference: float
-    success_interval: Interval
-    both: int  # seeds on which both succeed
-    time_difference: float  # s, mean over those; nan if there are none
-    time_interval: Interval | None  # None if there are fewer than two, or all differences are equal
+    Attributes:
+        value: nan without a pair.
+        interval: None where all pairs differ by the same amount.
+    """
 
-    def turned(self) -> PairedComparison:
-        """The same comparison with the policies in the other order."""
-        time = self.time_interval
-        return replace(
-            self,
-            first=self.second,
-            second=self.first,
-            success_difference=-self.success_difference,
-            success_interval=self.success_interval.negative(),
-            time_difference=-self.time_difference,
-            time_interval=None if time is None else time.negative(),
+    value: float
+    interval: Interval | None
+
+    @property
+    def clear(self) -> bool:
+        """Whether the interval excludes zero."""
+        return self.interval is not None and (self.interval.low > 0.0 or self.interval.high < 0.0)
+
+    def negative(self) -> Estimate:
+        """Return the estimate with the policies exchanged."""
+        flipped = self.interval and Interval(-self.interval.high, -self.interval.low, self.interval.method)
+        return Estimate(-self.value, flipped)
+
+
+def bootstrap(values: np.ndarray, level: float, resamples: int, statistic: Callable[..., Any] = np.mean) -> Interval:
+    """Return the bootstrap interval of a statistic of ``values`` (n,), which must not all be equal.
+
+    BCa is undefined for some very uneven samples; the percentile interval is used then.
+    """
+    for method in ("BCa", "percentile"):
+        result = stats.bootstrap(
+            (values,),
+            statistic,
+            confidence_level=level,
+            n_resamples=resamples,
+            batch=1000,
+            method=method,
+            rng=np.random.default_rng(RNG_SEED),
         )
+        low, high = (float(each) for each in result.confidence_interval)
+        if np.isfinite([low, high]).all():
+            return Interval(low, high, f"{method} bootstrap")
+    raise ArithmeticError(f"the bootstrap of {len(values)} values has no finite interval")
+
+
+def pigeonhole(statistic: Callable[..., np.ndarray], tables: Sequence[np.ndarray], draws: int) -> np.ndarray:
+    """Return a statistic of resampled tables (draws,): training runs and episodes are drawn separately, with replacement.
+
+    Args:
+        statistic: of arrays (batch, runs x episodes), one for each table, along the last axis.
+        tables: (runs, episodes) each, resampled with the same draws.
+        draws: number of resamples.
+    """
+    runs, episodes = tables[0].shape
+    rows = np.random.default_rng([RNG_SEED, 1]).integers(runs, size=(draws, runs))[:, :, None]
+    columns = np.random.default_rng([RNG_SEED, 0]).integers(episodes, size=(draws, episodes))[:, None, :]
+    batch = max(1, BATCH_CELLS // (runs * episodes))
+    found = []
+    for start in range(0, draws, batch):
+        some = slice(start, start + batch)
+        cells = [each[rows[some], columns[some]].reshape(-1, runs * episodes) for each in tables]
+        found.append(statistic(*cells))
+    return np.concatenate(found)
+
+
+def percentiles(draws: np.ndarray, level: float, runs: int) -> Interval:
+    """Return the percentile interval of resampled statistics (draws,); nan is ignored."""
+    low, high = np.nanquantile(draws, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    over = "runs and episodes" if runs > 1 else "episodes"
+    return Interval(float(low), float(high), f"percentile bootstrap over {over}")
+
+
+def interval_of(
+    table: np.ndarray, level: float, resamples: int, statistic: Callable[..., Any] = np.mean
+) -> Interval | None:
+    """Return the interval of a statistic of ``table`` (runs, episodes); None where all its cells are equal."""
+    runs = len(table)
+    if np.ptp(table) < 1e-9:
+        return None
+    if runs == 1:
+        return bootstrap(table[0], level, resamples, statistic)
+    return percentiles(pigeonhole(lambda cells: statistic(cells, axis=-1), [table], resamples), level, runs)
 
 
 def exact(successes: int, episodes: int, level: float) -> Interval:
-    """Clopper-Pearson interval of a proportion."""
+    """Return the Clopper-Pearson interval of a proportion."""
     found = stats.binomtest(successes, episodes).proportion_ci(level, method="exact")
     return Interval(float(found.low), float(found.high), "Clopper-Pearson")
 
 
 def success_interval(success: np.ndarray, level: float, resamples: int) -> Interval:
-    """Interval of a success rate from ``success``, bool, (episodes,) or (runs, episodes).
+    """Return the interval of a success rate from ``success``, bool, (episodes,) or (runs, episodes).
 
-    Where all runs do alike in all episodes it is the exact one of as many episodes as one run has: runs on the same episodes
-    are no more of them.
+    If all runs succeed or fail in all episodes, it is the exact interval of one run: runs share their episodes.
     """
     table = np.atleast_2d(success)
-    runs, episodes = table.shape
     if table.all() or not table.any():
-        return exact(int(table[0].sum()), episodes, level)
-    if runs == 1:
-        return bootstrap(table[0].astype(np.float64), level, resamples)
-    return percentiles(drawn(mean_of(table), runs, episodes, resamples), level, runs)
-
-
-def difference_interval(first: np.ndarray, second: np.ndarray, level: float, resamples: int) -> Interval:
-    """Interval of the difference of two success rates from paired outcomes, each (n,) bool.
-
-    Pairs are resampled whole. If all differences are equal the exact interval stands in: without any seed on which the
-    outcomes differ, the rate of such seeds in either direction is below its upper bound.
-    """
-    difference = first.astype(np.float64) - second.astype(np.float64)
-    if np.ptp(difference) > 0.0:
-        return bootstrap(difference, level, resamples)
-    n, sign = len(difference), float(difference[0])
-    if sign == 0.0:
-        bound = exact(0, n, level).high
-        return Interval(-bound, bound, "Clopper-Pearson")
-    bound = exact(n, n, level).low
-    return Interval(min(sign * bound, sign), max(sign * bound, sign), "Clopper-Pearson")
+        return exact(int(table[0].sum()), table.shape[1], level)
+    found = interval_of(table.astype(np.float64), level, resamples)
+    assert found is not None
+    return found
 
 
 def median_interval(sample: np.ndarray, level: float) -> Interval:
-    """Exact confidence interval of a median from ``sample`` (n,): between two values of the sample (Conover, "Practical
-    nonparametric statistics", 1999, section 3.2). One of few values that has too low a level is the whole sample."""
+    """Return the exact interval of a median from order statistics of ``sample`` (n,).
+
+    Conover, "Practical nonparametric statistics", 1999, section 3.2. For small samples it is the whole range.
+    """
     ordered, tail = np.sort(sample), 0.5 - 0.5 * level
     below = max(int(stats.binom.ppf(tail, len(sample), 0.5)) - 1, 0)
     return Interval(float(ordered[below]), float(ordered[len(sample) - 1 - below]), "order statistics")
 
 
 def quartiles(values: np.ndarray) -> Quartiles:
-    """Quartiles of the finite ``values``."""
+    """Return the quartiles of the finite ``values``."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return Quartiles(np.nan, np.nan, np.nan)
     return Quartiles(*(float(each) for each in np.percentile(finite, [25.0, 50.0, 75.0])))
 
 
-def compare(
-    hardware: str, names: tuple[str, str], first: Outcomes, second: Outcomes, level: float, resamples: int
-) -> PairedComparison:
-    """Compare two policies seed by seed.
+def iqm(values: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Return the interquartile mean: without the lowest and highest quarter, each rounded down to whole values.
+
+    Agarwal et al., "Deep reinforcement learning at the edge of the statistical precipice", NeurIPS 2021.
+    """
+    return stats.trim_mean(values, CUT, axis=axis)
+
+
+def success_difference(first: np.ndarray, second: np.ndarray, level: float, resamples: int) -> Estimate:
+    """Return the paired difference of success rates of ``first`` (runs, episodes) and ``second`` (1, episodes), bool.
+
+    If all pairs are equal, the interval is exact: the rate of seeds with different outcomes is below its upper bound.
+    """
+    gap = first.astype(np.float64) - second
+    value = float(gap.mean())
+    if np.ptp(gap) > 0.0:
+        return Estimate(value, interval_of(gap, level, resamples))
+    episodes, sign = gap.shape[1], float(gap[0, 0])
+    if sign == 0.0:
+        bound = exact(0, episodes, level).high
+        return Estimate(value, Interval(-bound, bound, "Clopper-Pearson"))
+    bound = exact(episodes, episodes, level).low
+    return Estimate(value, Interval(min(sign * bound, sign), max(sign * bound, sign), "Clopper-Pearson"))
+
+
+def mean_difference(gap: np.ndarray, level: float, resamples: int) -> Estimate:
+    """Return the mean of paired differences ``gap`` (runs, episodes); nan marks pairs that are left out."""
+    values = gap[np.isfinite(gap)]
+    value = float(values.mean()) if len(values) else float("nan")
+    # Times are multiples of the step time, so equal ones differ by rounding only.
+    if len(values) < 2 or np.ptp(values) < 1e-9:
+        return Estimate(value, None)
+    if len(gap) == 1:
+        return Estimate(value, bootstrap(values, level, resamples))
+    return Estimate(value, percentiles(pigeonhole(_finite_mean, [gap], resamples), level, len(gap)))
+
+
+def _finite_mean(cells: np.ndarray) -> np.ndarray:
+    counted = np.isfinite(cells)
+    count = counted.sum(axis=-1)
+    total = np.where(counted, cells, 0.0).sum(axis=-1)
+    return np.divide(total, count, out=np.full(len(cells), np.nan), where=count > 0)
+
+
+def iqm_difference(first: np.ndarray, second: np.ndarray, level: float, resamples: int) -> Estimate:
+    """Return the difference of interquartile means of ``first`` (runs, episodes) and ``second`` (1, episodes)."""
+    runs = len(first)
+    second = np.repeat(second, runs, axis=0)  # of the same size, so that both drop quarters of the same size
+    value = float(iqm(first.ravel()) - iqm(second.ravel()))
+    draws = pigeonhole(lambda one, other: iqm(one) - iqm(other), [first, second], resamples)
+    return Estimate(value, None if np.ptp(draws) < 1e-9 else percentiles(draws, level, runs))
+
+
+def paired(first: Outcomes, second: Outcomes, level: float, resamples: int) -> dict[str, Any]:
+    """Compare two policies seed by seed: ``success`` and ``time`` (both succeed) as :class:`Estimate`, ``both`` as count.
 
     Raises:
         ValueError: the rollouts are not of the same task and seeds.
     """
     if (first.task, first.seeds) != (second.task, second.seeds):
-        raise ValueError(f"{names[0]} and {names[1]}: a paired comparison needs the same task and the same seeds")
-    both = first.success & second.success
-    times = (first.time_to_goal - second.time_to_goal)[both]
-    # Times are whole steps: equal ones differ by rounding at most.
-    spread = len(times) > 1 and np.ptp(times) > 1e-9
-    return PairedComparison(
-        task=first.task,
-        hardware=hardware,
-        first=names[0],
-        second=names[1],
-        episodes=len(first.seeds),
-        success_difference=float(first.success.mean() - second.success.mean()),
-        success_interval=difference_interval(first.success, second.success, level, resamples),
-        both=int(both.sum()),
-        time_difference=float(times.mean()) if len(times) else float("nan"),
-        time_interval=bootstrap(times, level, resamples) if spread else None,
+        raise ValueError("a paired comparison needs the same task and the same seeds")
+    times = (first.time_to_goal - second.time_to_goal)[None]  # nan unless both succeed
+    return {
+        "success": success_difference(first.success[None], second.success[None], level, resamples),
+        "both": int(np.isfinite(times).sum()),
+        "time": mean_difference(times, level, resamples),
+    }
+
+
+def episode_scores(found: Measured) -> np.ndarray:
+    """Return scores in [0, 1] (episodes,); nan where no bound is known.
+
+    Least possible time over time to goal, 0 without success (success weighted by path length, Anderson et al., "On evaluation
+    of embodied navigation agents", 2018, with times for lengths). Where parts come and go: good parts over their bound.
+    """
+    if np.isfinite(found.rate_bound).all():
+        return found.rate_over_bound
+    return np.where(found.success, found.bound / np.where(found.success, found.time_to_goal, 1.0), 0.0 * found.bound)
+
+
+def suite_score(tasks: Sequence[np.ndarray]) -> float:
+    """Return the interquartile mean of the tasks' mean scores, each from (episodes,)."""
+    return float(iqm(np.array([scores.mean() for scores in tasks])))
+
+
+def suite_interval(tasks: Sequence[np.ndarray], level: float, resamples: int) -> Interval | None:
+    """Return the interval of :func:`suite_score`: episodes are resampled within each task; None where all are equal."""
+    if all(np.ptp(scores) < 1e-12 for scores in tasks):
+        return None
+    rng = np.random.default_rng(RNG_SEED)
+    means = np.stack(
+        [scores[rng.integers(len(scores), size=(resamples, len(scores)))].mean(axis=1) for scores in tasks]
     )
+    low, high = np.quantile(iqm(means, axis=0), [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    return Interval(float(low), float(high), "stratified percentile bootstrap over episodes")

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluation.resampling import bootstrap
-from agents.evaluation.statistics import success_interval
+from agents.evaluation.statistics import bootstrap, success_interval
 from agents.training.judging import FILE as CURVE
 from agents.training.judging import RATE, rank, usual
 from agents.training.train import POLICY

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.resampling import Interval, bootstrap
-from agents.evaluation.statistics import compare, quartiles, success_interval
-from agents.evaluation.tables import quantity
+from agents.evaluation import statistics
+from agents.evaluation.statistics import Interval, bootstrap, quartiles, success_interval
+from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies.registry import make_policy
@@ -99,10 +99,10 @@ class Difference(NamedTuple):
 
 def differences(camera: Outcomes, twin: Outcomes) -> list[Difference]:
     """One for each of the quantities."""
-    found = compare("", ("camera", "statistics"), camera, twin, LEVEL, RESAMPLES)
+    found = statistics.paired(camera, twin, LEVEL, RESAMPLES)
     return [
-        Difference(found.success_difference, found.success_interval),
-        Difference(found.time_difference, found.time_interval),
+        Difference(found["success"].value, found["success"].interval),
+        Difference(found["time"].value, found["time"].interval),
         paired(camera.position_error, twin.position_error),
         paired(camera.heading_error, twin.heading_error),
     ]

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.evaluation.tables import quantity, signed
+from agents.evaluation.table import quantity, signed
 from studies.benchmarks import common
 from studies.kept import show
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import vibgym
-from agents.evaluation.tables import quantity
+from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.benchmarks.common import HARDWARE
 from studies.kept import show

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.resampling import Interval, bootstrap
-from agents.evaluation.statistics import exact
+from agents.evaluation.statistics import Interval, bootstrap, exact
 from agents.training.outlines import TRAINING, UNSEEN, scenes
 from studies.benchmarks import common
 from vibgym import Part

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.evaluation.tables import quantity
+from agents.evaluation.table import quantity
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.envs import VibgymVectorEnv

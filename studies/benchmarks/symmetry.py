@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents.evaluation.tables import quantity
+from agents.evaluation.table import quantity
 from agents.training.imitation import Imitation, ImitationSettings, experts
 from agents.training.ppo.algorithm import PPO
 from agents.training.ppo.hyperparameters import PPOSettings

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.evaluation.statistics import quartiles
-from agents.evaluation.tables import number, quantity
+from agents.evaluation.table import number, quantity
 from studies.benchmarks import common
 from studies.benchmarks.common import HARDWARE
 from studies.kept import show

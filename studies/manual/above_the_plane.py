@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import markdown
 from studies.manual.figures_file import RESULTS, Published, with_time
 
 STRUCK = {

@@ -9,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import markdown
 from studies.manual import open_tasks
 from studies.manual.figures_file import ROOT, table
 from studies.manual.published import BOUND, ERRORS, ONE, SEVERAL, TIME, TOGETHER, report

@@ -10,8 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
-from agents.evaluation.quantities import BY_NAME
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import BY_NAME, markdown
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "results"

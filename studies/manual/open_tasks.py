@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Collection, Mapping
 
-from agents.evaluation.tables import markdown, number, quantity
+from agents.evaluation.table import markdown, number, quantity
 from studies.manual.figures_file import NOTHING, RESULTS, rows
 
 OPEN = RESULTS / "open"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import markdown
 from studies.manual import above_the_plane, open_tasks, rivals
 from studies.manual.figures_file import RESULTS, Published, table, with_time
 from studies.manual.trained import trained

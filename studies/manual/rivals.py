@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import markdown
 from studies.manual.figures_file import ROOT, rows
 from studies.rivals.contenders import CONTENDERS
 from studies.rivals.figures import EPISODES

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import markdown
 from studies.thesis.figure import Figure
 from studies.thesis.figures import FIGURES
 from vibgym import files

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from agents.evaluation.tables import markdown
+from agents.evaluation.table import markdown
 from studies.manual.figures_file import NOTHING, RESULTS, rows
 
 HEADS = ("agent", "success", "time to goal", "time / bound", "collisions", "good a minute", "steps", "minutes")

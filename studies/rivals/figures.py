@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.evaluation.resampling import interval_of
-from agents.evaluation.statistics import success_interval
+from agents.evaluation.statistics import interval_of, success_interval
 from studies.rivals.contenders import CONTENDERS, policy_of, scene_of
 from vibgym.policies.measures import Measured, Measures
 from vibgym.policies.rollout import rollout

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.evaluation.animation import gif
+from agents.evaluation.films import gif
 from vibgym import Simulator, Surface
 from vibgym.fields import MovingSqueeze
 from vibgym.files import output_directory, write_atomically

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from agents.evaluation.cost import measure
 
 from agents import evaluation
-from agents.evaluation.cost import measure
 from vibgym import Surface
 
 STATE_ERROR = slice(8, 10)  # tanh of goal minus centre in 50 mm, see the environment's table

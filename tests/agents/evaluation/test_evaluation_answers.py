@@ -4,6 +4,7 @@ import dataclasses
 import re
 
 from agents.evaluation.records import Row
+
 from agents.evaluation.report import answers, report_page
 
 

@@ -3,9 +3,9 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from agents.evaluation.records import Trial
 
 from agents import evaluation
-from agents.evaluation.records import Trial
 from tests.policies.helpers import FRESH, POSE_TASKS
 from vibgym import Surface, envs
 from vibgym.policies.measures import Measures, least_times

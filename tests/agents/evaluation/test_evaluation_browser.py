@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from agents.evaluation.records import Trial
 
 from agents.evaluation import film
-from agents.evaluation.records import Trial
 from tests.browser import LOOKS, chromium, faults, watch
 
 

@@ -5,11 +5,11 @@ import re
 
 import numpy as np
 import pytest
+from agents.evaluation.log import Log
+from agents.evaluation.report.effects import cell_of
 
 from agents import evaluation
 from agents.evaluation import tables
-from agents.evaluation.log import Log
-from agents.evaluation.report.effects import cell_of
 from tests.agents.evaluation.conftest import Pusher, Shepherd, Still
 from vibgym.policies.rollout import Ends, Outcomes, rollout
 

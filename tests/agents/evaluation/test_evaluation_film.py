@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 import pytest
+from agents.evaluation.records import Trial
 
 from agents.evaluation import animation, film
-from agents.evaluation.records import Trial
 from vibgym.rendering import Side, colours
 
 BYTES = 25_000

@@ -4,10 +4,10 @@ import csv
 
 import numpy as np
 import pytest
+from agents.evaluation.log import Log
 
 from agents import evaluation
 from agents.evaluation import animation
-from agents.evaluation.log import Log
 from tests.envs.helpers import single
 from vibgym.envs.viewer import scenery_of
 from vibgym.policies.registry import make_policy

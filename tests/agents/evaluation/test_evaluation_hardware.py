@@ -5,11 +5,11 @@ import json
 
 import numpy as np
 import pytest
-
-from agents import evaluation
 from agents.evaluation.entries import laid_over, with_sensor
 from agents.evaluation.log import Log
 from agents.evaluation.records import Trial
+
+from agents import evaluation
 from tests.agents.evaluation.conftest import Pusher, Still
 from vibgym.policies.rollout import rollout
 

@@ -6,10 +6,10 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-
-from agents import evaluation
 from agents.evaluation.records import Trial
 from agents.evaluation.report.load import Loaded, loaded_row
+
+from agents import evaluation
 from vibgym.tasks.episode import EVENTS
 
 FEEDING = {

@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from agents.evaluation.records import Trial
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
@@ -17,7 +18,6 @@ from PIL import Image
 from agents import evaluation
 from agents.evaluation import animation
 from agents.evaluation.figures import new_figure
-from agents.evaluation.records import Trial
 from agents.evaluation.report import plots_of_episodes, report_page
 
 

@@ -5,7 +5,6 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-
 from agents.evaluation.log import WATCHED_AMONG, farthest_goal
 from agents.evaluation.records import Trial
 

@@ -10,12 +10,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import shapely
+from agents.evaluation.log import SERIES, Log
+from agents.evaluation.records import Trial
 from shapely import affinity
 
 from agents import evaluation
 from agents.evaluation import animation
-from agents.evaluation.log import SERIES, Log
-from agents.evaluation.records import Trial
 from tests.agents.evaluation.conftest import Shepherd
 from vibgym.policies.rollout import rollout
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from agents.evaluation.records import Trial
+from agents.evaluation.statistics import bootstrap
 from scipy import stats
 
-from agents.evaluation.records import Trial
-from agents.evaluation.resampling import bootstrap
 from agents.evaluation.statistics import compare, difference_interval, quartiles, success_interval
 
 LEVEL, RESAMPLES = 0.95, 9999

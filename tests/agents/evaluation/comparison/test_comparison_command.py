@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from agents.evaluation.comparison.curves import read_curve
 
 from agents import __main__ as command
 from agents.evaluation import comparison
-from agents.evaluation.comparison.curves import read_curve
 from tests.commands import refusal
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION

@@ -5,13 +5,13 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
-
 from agents.evaluation.comparison.paired import difference
 from agents.evaluation.comparison.power import detectable_mean, detectable_normal, detectable_success, power_of_success
 from agents.evaluation.comparison.profiles import profile
 from agents.evaluation.comparison.sample import Sample
-from agents.evaluation.resampling import drawn, interval_of, iqm, iqm_of, mean_of, mean_where, weights
+from agents.evaluation.statistics import drawn, interval_of, iqm, iqm_of, mean_of, mean_where, weights
+from scipy import stats
+
 from agents.evaluation.statistics import success_interval
 from vibgym.policies.rollout import OWN_FACTS
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-
-from agents import __main__ as command
 from agents.evaluation.jobs import Job
 from agents.evaluation.suite import load_settings
 from agents.evaluation.suite.scores import episode_scores, suite_interval, suite_score
+
+from agents import __main__ as command
 
 SMALL = {
     "tasks": ["Transport", "Align", "Feed"],

@@ -1,0 +1,346 @@
+"""Plots of the pages: paths, errors over time, arrivals, learning curves, parts a minute."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle, Rectangle
+from matplotlib.ticker import MaxNLocator
+
+from agents.evaluation import figures
+from agents.evaluation.curves import Curve
+from agents.evaluation.figures import (
+    FAILURE,
+    INK,
+    POLICY_COLOURS,
+    SUCCESS,
+    kind_colour,
+    name_lines,
+    new_figure,
+    png,
+    style,
+)
+from agents.evaluation.films import Rollout
+from agents.evaluation.run import Results
+from agents.evaluation.table import RATES
+from vibgym.policies.task_info import TaskInfo
+from vibgym.rendering import Scenery
+from vibgym.scene import Surface
+
+COLOURS = {"good": "#0b7a75", "tilted": "#b8860b", "close": "#2f6fde", "wrong": "#8a4fbf", "lost": "#d1572a"}
+"""Of what became of parts that come and go."""
+
+WORTH_SHOWING = 0.05
+"""Time axes end with the last success of policies with at least this success rate."""
+
+SHOWN = 30
+"""Episodes in a trajectory plot: the first ones."""
+
+MAPPED = 4
+"""Episodes on a map of several parts: the first ones; more lines would hide each other."""
+
+FLOOR = 0.1
+"""mm and degrees at which the logarithmic axes of errors begin."""
+
+
+def trajectories(rollout: Rollout, task: TaskInfo, scenery: Scenery) -> bytes:
+    """Paths of the first episodes on the surface, to scale, and below them how they went on over time."""
+    shown = ("position_error", "heading_error") if task.has_goal else ("parts_done", "clearance")
+    panels = [(PANELS[name], values) for name in shown if (values := rollout.over_time(name)) is not None]
+    height = height_of_map(task.surface)
+    figure = new_figure(6.2, height + 1.5)
+    grid = figure.add_gridspec(2, max(len(panels), 1), height_ratios=[height, 1.5])
+    _map(figure.add_subplot(grid[0, :]), rollout, task, scenery)
+    for column, (draw, values) in enumerate(panels):
+        axes = figure.add_subplot(grid[1, column])
+        draw(axes, rollout, task, values[:SHOWN])
+        axes.set(xlim=(0.0, float(rollout.steps[:SHOWN].max()) * rollout.step_time))
+    return png(figure)
+
+
+def outcome_colours(rollout: Rollout) -> list[str]:
+    """Of the first episodes."""
+    return [SUCCESS if each else FAILURE for each in rollout.success[:SHOWN]]
+
+
+def height_of_map(surface: Surface) -> float:
+    """Of a map 6.2 inches wide, inches."""
+    return 5.75 * (surface.depth + surface.element_size) / (surface.width + surface.element_size) + 0.32
+
+
+def draw_table(axes: Axes, surface: Surface) -> None:
+    """The surface from above, in mm."""
+    size, edge = (1e3 * surface.width, 1e3 * surface.depth), 1e3 * surface.element_size
+    axes.add_patch(Rectangle((0, 0), *size, facecolor="#f7f8f9", edgecolor="#474e5c", linewidth=1.0, zorder=0))
+    lines: list[Any] = [[(edge * j, 0), (edge * j, size[1])] for j in range(1, surface.columns)]
+    lines += [[(0, edge * i), (size[0], edge * i)] for i in range(1, surface.rows)]
+    axes.add_collection(LineCollection(lines, colors="#e0e3e8", linewidths=0.5, zorder=1))
+    margin = 0.5 * edge
+    style(axes)
+    axes.grid(False)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g} mm")
+    axes.set_yticks([])  # the same scale
+    axes.set(xlim=(-margin, size[0] + margin), ylim=(-margin, size[1] + margin), aspect="equal")
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def draw_path(axes: Axes, points: np.ndarray, colour: Any) -> None:
+    """A path (k, 2), mm, with a ring at its start and a dot at its end."""
+    axes.plot(*points.T, color=colour, linewidth=0.9, alpha=0.75, zorder=3, solid_capstyle="round")
+    axes.plot(*points[0], "o", color=colour, markersize=2.6, markerfacecolor="white", markeredgewidth=0.8, zorder=4)
+    axes.plot(*points[-1], ".", color=colour, markersize=3.4, zorder=5)
+
+
+def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None:
+    """One part's paths are coloured by their outcomes, those of several by their kinds."""
+    several = len(task.parts) > 1
+    for zone in scenery.zones:
+        low, size = 1e3 * np.array(zone.low), 1e3 * (np.array(zone.high) - zone.low)
+        tint = kind_colour(zone.kind)
+        axes.add_patch(Rectangle(tuple(low), *size, facecolor=(*tint, 0.14), edgecolor="none", zorder=1.5))
+        dashed: dict[str, Any] = {"fill": False, "edgecolor": tint, "linewidth": 0.9, "linestyle": (0, (4, 2))}
+        axes.add_patch(Rectangle(tuple(low), *size, **dashed, zorder=2))
+    outcomes = outcome_colours(rollout)
+    most = 1 if task.flows else MAPPED if several else SHOWN
+    for episode in range(min(most, len(rollout.seeds))):
+        for part, kind in enumerate(task.kind):
+            points = 1e3 * rollout.poses[episode, :, part, :2]
+            there = np.flatnonzero(np.isfinite(points[:, 0]))
+            if not len(there):
+                continue
+            points = points[there[0] : there[-1] + 1]  # a line has a gap where nobody was in the slot
+            draw_path(axes, points, kind_colour(kind) if several else outcomes[episode])
+            if task.has_goal:
+                centre = tuple(1e3 * rollout.goals[episode, part, :2])
+                ring: dict[str, Any] = {"fill": False, "edgecolor": INK, "linewidth": 0.6, "zorder": 4}
+                axes.add_patch(Circle(centre, 1e3 * task.position_tolerance, **ring))
+    draw_table(axes, task.surface)
+
+
+def _distances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    _errors(axes, rollout, 1e3 * values, 1e3 * task.position_tolerance)
+    style(axes, xlabel="time (s)", ylabel="distance (mm)")
+
+
+def _turns(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    _errors(axes, rollout, np.degrees(values), math.degrees(task.heading_tolerance))
+    style(axes, xlabel="time (s)", ylabel="heading error (deg)")
+
+
+def _shares(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    present = in_play(rollout, task)[:SHOWN]
+    _lines(axes, rollout, 100.0 * values / present[:, None], alpha=0.5, drawstyle="steps-post")
+    axes.set(ylim=(-4.0, 104.0))
+    style(axes, xlabel="time (s)", ylabel="parts done (%)")
+
+
+def in_play(rollout: Rollout, task: TaskInfo) -> np.ndarray:
+    """(episodes,) parts of an episode: those at its start, or all that may come."""
+    there = np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
+    return np.full(len(there), len(task.parts)) if task.flows else there
+
+
+def _clearances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray) -> None:
+    clearances = 1e3 * values
+    _lines(axes, rollout, np.maximum(clearances, 0.0), alpha=0.5)
+    finite = clearances[np.isfinite(clearances)]
+    top = max(float(finite.max()) if finite.size else 0.0, 10.0)
+    if task.apart is not None:
+        top = max(top, 1.3e3 * task.apart)
+        axes.axhspan(1e3 * task.apart, 1.05 * top, color=SUCCESS, alpha=0.10, linewidth=0)
+    axes.set(ylim=(-0.03 * top, 1.05 * top))
+    style(axes, xlabel="time (s)", ylabel="smallest distance (mm)")
+
+
+PANELS = {"position_error": _distances, "heading_error": _turns, "parts_done": _shares, "clearance": _clearances}
+"""How each of :data:`agents.evaluation.log.SERIES` is drawn."""
+
+
+def _errors(axes: Axes, rollout: Rollout, errors: np.ndarray, tolerance: float) -> None:
+    _lines(axes, rollout, np.maximum(errors, FLOOR), alpha=0.6)
+    axes.axhspan(FLOOR, tolerance, color=SUCCESS, alpha=0.10, linewidth=0)
+    top = max(float(np.nanmax(errors)), 10.0 * tolerance)
+    axes.set(yscale="log", ylim=(FLOOR, 1.4 * top))
+    axes.minorticks_off()
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+
+
+def _lines(axes: Axes, rollout: Rollout, values: np.ndarray, **drawn: Any) -> None:
+    """Values (episodes, steps) over time, coloured by the outcomes."""
+    for each, colour in zip(values, outcome_colours(rollout), strict=True):
+        axes.plot(times(rollout), each, color=colour, linewidth=0.8, **drawn)
+
+
+def times(rollout: Rollout) -> np.ndarray:
+    """(most steps + 1,) s."""
+    return np.arange(rollout.poses.shape[1]) * rollout.step_time
+
+
+def policy_colour(results: Results, name: str) -> str:
+    """Return the colour of a policy, the same throughout the report."""
+    names = [each.name for each in results.settings.entries()]
+    return POLICY_COLOURS[names.index(name) % len(POLICY_COLOURS)]
+
+
+def arrivals(results: Results, task: str, hardware: str) -> bytes:
+    """Share of the episodes at the goal by a time, and of the parts that are done where they are counted, for every policy."""
+    rollouts = {name: results.rollout(task, hardware, name) for name in results.policies_of(task, hardware)}
+    if results.tasks[task].flows:
+        return _rates(results, rollouts)
+    done = {name: each.over_time("parts_done") for name, each in rollouts.items()}
+    figure = new_figure(8.6, 2.8)
+    counted = all(each is not None for each in done.values())
+    left, *others = figure.subplots(1, 2 if counted else 1, squeeze=False)[0]
+    end = _draw_arrivals(left, results, rollouts)
+    for axes in others:
+        for name, rollout in rollouts.items():
+            present = np.isfinite(rollout.poses[:, 0, :, 0]).sum(axis=1)
+            share = 100.0 * _held(done[name] / present[:, None], rollout.steps).mean(axis=0)
+            shown = {"color": policy_colour(results, name), "linewidth": 1.9, "drawstyle": "steps-post"}
+            axes.plot(times(rollout), share, **shown)
+        axes.set(xlim=(0.0, end), ylim=(-2.0, 103.0))
+        style(axes, xlabel="time (s)", ylabel="parts done, mean (%)")
+    name_lines(figure, left.get_lines())
+    return png(figure)
+
+
+def _rates(results: Results, rollouts: Mapping[str, Rollout]) -> bytes:
+    """Parts a minute by what became of them, a bar for every policy."""
+    figure = new_figure(8.6, 0.9 + 0.34 * len(rollouts))
+    axes, left = figure.subplots(), np.zeros(len(rollouts))
+    for name, event in RATES.items():
+        rates = np.array([each.fact(name).mean() for each in rollouts.values()])
+        axes.barh(list(rollouts), rates, left=left, color=COLOURS[event], height=0.66, label=event)
+        left += rates
+    axes.invert_yaxis()
+    style(axes, xlabel="parts a minute")
+    figure.legend(loc="outside lower center", ncols=len(RATES), frameon=False, fontsize=8, labelcolor=INK)
+    return png(figure)
+
+
+def _held(values: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """``values`` (episodes, most steps + 1), from the end of each episode on its last one."""
+    last = values[np.arange(len(steps)), steps]
+    return np.where(np.arange(values.shape[1]) > steps[:, None], last[:, None], values)
+
+
+def _draw_arrivals(axes: Axes, results: Results, rollouts: dict[str, Rollout]) -> float:
+    """The curves of the left plot; returns where the time axis ends, s."""
+    episodes = len(next(iter(rollouts.values())).seeds)
+    end = float(times(next(iter(rollouts.values())))[-1])
+    arrived = {name: np.sort(each.time_to_goal[each.success]) for name, each in rollouts.items()}
+    # A few late successes would squeeze the rest into a corner; the legend has all of them.
+    last = [float(each[-1]) for each in arrived.values() if len(each) >= WORTH_SHOWING * episodes]
+    shown = min(end, 1.08 * max(last, default=end))
+    for name, at in arrived.items():
+        share = 100.0 * np.arange(len(at) + 1) / episodes
+        axes.step(
+            [0.0, *at, end],
+            [*share, share[-1]],
+            where="post",
+            color=policy_colour(results, name),
+            linewidth=1.9,
+            label=f"{name} ({share[-1]:.1f} %)",
+        )
+    axes.set(xlim=(0.0, shown), ylim=(-2.0, 103.0))
+    style(axes, xlabel="time to goal, hold included (s)", ylabel="episodes at the goal (%)")
+    return shown
+
+
+LINE_COLOURS = (*POLICY_COLOURS[1:], POLICY_COLOURS[0])
+"""The grey last: in reports it is that of the policy that does nothing."""
+
+PATTERNS: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (1, 1.2)))
+"""Of lines, when there are more policies than colours."""
+
+IMITATION = (0, (3, 1.6))
+"""Pattern of a learning curve while a law is imitated."""
+
+
+def look_of(name: str, names: Sequence[str]) -> dict[str, Any]:
+    """Colour and pattern of a policy's lines, the same on the whole page."""
+    index = list(names).index(name)
+    return {
+        "color": LINE_COLOURS[index % len(LINE_COLOURS)],
+        "linestyle": PATTERNS[index // len(LINE_COLOURS) % len(PATTERNS)],
+    }
+
+
+def draw_curves(curves: Mapping[str, Mapping[int | None, Curve]], names: Sequence[str]) -> bytes:
+    """Success rate and median time to goal over the steps of training: a line for every run, a colour for every policy."""
+    figure = new_figure(8.6, 3.0)
+    left, right = figure.subplots(1, 2)
+    most = 1
+    for name, runs in curves.items():
+        for curve in runs.values():
+            most = max(most, int(curve.steps[-1]))
+            _draw_run(left, curve, 100.0 * curve.success, look_of(name, names)["color"])
+            _draw_run(right, curve, curve.time_to_goal, look_of(name, names)["color"])
+    for axes in (left, right):
+        axes.xaxis.set_major_formatter(lambda value, _: steps_text(value))
+        axes.set(xlim=(0.0, 1.02 * most))
+    left.set(ylim=(-2.0, 103.0))
+    right.set(ylim=(0.0, None))
+    style(left, xlabel="environment steps", ylabel="success (%)")
+    style(right, xlabel="environment steps", ylabel="median time to goal (s)")
+    name_lines(
+        figure, [Line2D([], [], color=look_of(name, names)["color"], linewidth=1.6, label=name) for name in curves]
+    )
+    return png(figure)
+
+
+def _draw_run(axes: Axes, curve: Curve, values: np.ndarray, colour: str) -> None:
+    """One run, phase by phase; each begins where the one before has ended."""
+    for start, end in phases(curve.phase):
+        some = slice(max(start - 1, 0), end)
+        pattern = IMITATION if curve.phase[start] == "imitation" else "-"
+        axes.plot(curve.steps[some], values[some], color=colour, linewidth=1.2, alpha=0.85, linestyle=pattern)
+    axes.plot(curve.steps[-1], values[-1], ".", color=colour, markersize=4.0)
+
+
+def phases(phase: Sequence[str]) -> list[tuple[int, int]]:
+    """First and last index plus one of every stretch of equal phases."""
+    starts = [k for k in range(len(phase)) if k == 0 or phase[k] != phase[k - 1]]
+    return list(zip(starts, [*starts[1:], len(phase)], strict=True))
+
+
+def steps_text(steps: float) -> str:
+    """ "3 M", "250 k"."""
+    if steps >= 999_500:
+        return f"{steps / 1e6:.3g} M"
+    return f"{steps / 1e3:.3g} k" if steps >= 1000 else f"{steps:.0f}"
+
+
+def throughput(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """Draw parts a minute against the number of parts for every policy, by what became of them, and the bound."""
+    names = list(dict.fromkeys(row["policy"] for row in rows))
+    figure = new_figure(2.9 * max(len(names), 2), 3.0)
+    all_axes = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    for axes, name in zip(all_axes, names, strict=True):
+        _curves(axes, [row for row in rows if row["policy"] == name])
+        style(axes, xlabel="parts in play", title=name)
+    all_axes[0].set_ylabel("parts a minute")
+    name_lines(figure, all_axes[0].get_lines())
+    return png(figure)
+
+
+def _curves(axes: Axes, rows: list[Mapping[str, Any]]) -> None:
+    counts = [row["parts"] for row in rows]
+    axes.plot(counts, [row["bound"] for row in rows], "--", color=figures.MUTED, linewidth=1.0, label="bound")
+    for event, colour in COLOURS.items():
+        values = np.array([row[event] for row in rows])
+        width = 1.9 if event == "good" else 1.1
+        axes.plot(counts, values, "o-", color=colour, linewidth=width, markersize=3.2, label=event)
+    low = [row["good"] if row["good_low"] != row["good_low"] else row["good_low"] for row in rows]
+    high = [row["good"] if row["good_high"] != row["good_high"] else row["good_high"] for row in rows]
+    axes.fill_between(counts, low, high, color=COLOURS["good"], alpha=0.18, linewidth=0)
+    axes.set_xticks(counts)
+    axes.set_ylim(bottom=0.0)

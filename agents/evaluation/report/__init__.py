@@ -1,1 +1,0 @@
-"""The report of an evaluation: every policy on every task and hardware, effects, cost, films."""

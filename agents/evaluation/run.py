@@ -1,0 +1,374 @@
+"""From settings to runs, built and checked before anything is simulated, and from runs to the table of episodes."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+from tqdm import tqdm
+
+from agents import parallel
+from agents.evaluation.films import Log, Rollout
+from agents.evaluation.settings import (
+    Case,
+    EffectsSettings,
+    EvaluationSettings,
+    HardwareEntry,
+    PolicyEntry,
+    RunSettings,
+    laid_over,
+    with_sensor,
+)
+from agents.evaluation.table import EFFECTS, LOAD, REPORT, Place, Table
+from agents.provenance import policy_files, provenance
+from vibgym import checks
+from vibgym.envs.named import environment_id
+from vibgym.envs.viewer import scenery_of
+from vibgym.files import output_directory, output_files
+from vibgym.imports import taking_part
+from vibgym.policies.measures import Measures
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import CONTROLLERS, make_policy
+from vibgym.policies.rollout import Ends, Outcomes, rollout, worlds_of
+from vibgym.policies.task_info import TaskInfo
+from vibgym.rendering import Scenery
+from vibgym.scene import Surface
+
+
+@dataclass(frozen=True)
+class Run:
+    """Episodes of one policy on one task and hardware.
+
+    Attributes:
+        place: labels in the table.
+        training_seed: of the policy, if it was trained several times.
+        task: as in the settings.
+        info: public information on the task.
+        seeds: of the episodes.
+        environment: arguments other than action and observation.
+        content: argument of :func:`vibgym.policies.registry.make_policy`.
+        recorder: what is recorded, see :func:`vibgym.policies.rollout.rollout`.
+        policy: None until :meth:`made`, and in transfer to a worker process.
+    """
+
+    place: Place
+    training_seed: int | None
+    task: str
+    info: TaskInfo
+    seeds: list[int]
+    environment: dict[str, Any]
+    content: Any
+    recorder: type[Ends] = Measures
+    policy: Policy | None = None
+
+    def made(self) -> Run:
+        """Return the run with its policy."""
+        return replace(self, policy=make_policy(self.content, self.info, self.seeds[0]))
+
+    def play(self, quiet: bool) -> Any:
+        """Return what the recorder keeps of the episodes."""
+        name = f"{self.task:>9} {self.place.policy:<12}"
+        with tqdm(total=len(self.seeds), desc=name, unit="ep", disable=quiet) as bar:
+            asked = {"seeds": self.seeds, "keep": self.recorder, "progress": bar.update}
+            return rollout(self.policy, self.task, **asked, **self.environment)
+
+    @property
+    def plain(self) -> bool:
+        """Whether a worker process can play it: the policy is plain data, and workers can make the environment."""
+        spec = gym.registry.get(environment_id(self.task))
+        own = spec is None or spec.namespace != "vibgym"
+        plain = isinstance(self.content, str) or (isinstance(self.content, Mapping) and "policy" not in self.content)
+        return plain and (not own or bool(taking_part()))
+
+    @property
+    def order(self) -> tuple[bool, int]:
+        """Sort key: tasks for one part first (each kernel is compiled once), then the longest."""
+        parts = len(self.info.parts)
+        return parts > 1, -len(self.seeds) * parts * (self.info.step_limit or 1)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """Checked settings and their runs: environments and policies exist, and the output directory is writable.
+
+    Attributes:
+        tasks: public information by task, on the settings' own environment.
+        scenery: what pictures of each task show.
+        refused: place -> why the policy cannot run there, where that is no error.
+        curves: (task, policy) -> training seed -> learning curve.
+        film: run and path of the film that is written as a GIF.
+    """
+
+    settings: Any
+    tasks: dict[str, TaskInfo]
+    runs: tuple[Run, ...]
+    scenery: dict[str, Scenery] = field(default_factory=dict)
+    refused: dict[Place, str] = field(default_factory=dict)
+    curves: dict[tuple[str, str], dict[int | None, Any]] = field(default_factory=dict)
+    film: tuple[Place, Path] | None = None
+
+
+@dataclass(frozen=True)
+class Results:
+    """Everything that was found: the table of episodes, and of each run what its recorder kept."""
+
+    prepared: Prepared
+    table: Table
+    rollouts: dict[tuple[Place, int | None], Any]
+    provenance: dict[str, Any]
+
+    @property
+    def settings(self) -> Any:
+        """The settings."""
+        return self.prepared.settings
+
+    @property
+    def tasks(self) -> dict[str, TaskInfo]:
+        """Public information by task."""
+        return self.prepared.tasks
+
+    @property
+    def surface(self) -> Surface:
+        """The vibrating surface, the same in all tasks."""
+        return next(iter(self.tasks.values())).surface
+
+    def hardware_of(self, task: str | None = None) -> list[str]:
+        """Return the hardware models that the task (or any) ran on, in the order of the settings."""
+        ran = {run.place.hardware for run in self.prepared.runs if self._main(run) and task in (None, run.place.task)}
+        return [name for name in self.settings.named_hardware() if name in ran]
+
+    def policies_of(self, task: str, hardware: str) -> list[str]:
+        """Return the names of the policies that ran there."""
+        found = [run.place.policy for run in self.prepared.runs if run.place[:3] == (REPORT, task, hardware)]
+        return list(dict.fromkeys(found))
+
+    def rollout(self, task: str, hardware: str, policy: str) -> Rollout:
+        """Return what was recorded of a policy on a task."""
+        return self.rollouts[Place(REPORT, task, hardware, policy), None]
+
+    @staticmethod
+    def _main(run: Run) -> bool:
+        return run.place.study == REPORT
+
+
+def run_all(
+    runs: Sequence[Run],
+    processes: int,
+    ray: str | None = None,
+    quiet: bool = False,
+    play: Callable[[Run, bool], Any] = Run.play,
+) -> list[Any]:
+    """Play runs in parallel and return their results in order.
+
+    Args:
+        runs: those whose policy is an object are played in this process.
+        processes: worker processes on this host.
+        ray: address of a Ray cluster, or None.
+        quiet: no progress bars.
+        play: function of a run and ``quiet``; it must be importable by workers.
+    """
+    alone = ray is None and parallel.usable(processes) == 1
+    elsewhere = [] if alone else sorted((k for k, run in enumerate(runs) if run.plain), key=lambda k: runs[k].order)
+    found: list[Any] = [None if k in elsewhere else play(run, quiet) for k, run in enumerate(runs)]
+    items = [(play, replace(runs[k], policy=None)) for k in elsewhere]
+    with tqdm(total=len(items), desc="running policies", unit="run", disable=quiet or alone) as bar:
+        for k, each in zip(
+            elsewhere, parallel.run(_made_and_played, items, workers=processes, ray=ray, done=bar.update), strict=True
+        ):
+            found[k] = each
+    return found
+
+
+def _made_and_played(play: Callable[[Run, bool], Any], run: Run) -> Any:
+    return play(run.made(), True)
+
+
+def evaluate(
+    prepared: Prepared,
+    quiet: bool = False,
+    ray: str | None = None,
+    play: Callable[[Run, bool], Any] = Run.play,
+) -> Results:
+    """Play all runs; see :func:`run_all`. Writes nothing."""
+    runs = prepared.runs
+    # Before the runs: files may change meanwhile.
+    origin = provenance() | {"policy_files": policy_files((run.content, run.info.name) for run in runs)}
+    found: list[Outcomes] = run_all(runs, prepared.settings.processes, ray, quiet, play)
+    tables = [Table.of(each, run.place, run.training_seed) for run, each in zip(runs, found, strict=True)]
+    kept = {(run.place, run.training_seed): each for run, each in zip(runs, found, strict=True)}
+    return Results(prepared, Table.joined(tables), kept, origin)
+
+
+def writable(settings: RunSettings, names: Iterable[str]) -> None:
+    """Raise ValueError unless files of these names can be written into the output directory."""
+    where = f"{settings.where}.output"
+    directory = output_directory(Path(settings.output), where)
+    output_files((directory / name for name in names), where)
+
+
+class Infos:
+    """Public information on environments, each of which is made once."""
+
+    def __init__(self) -> None:
+        self._known: list[tuple[str, dict[str, Any], TaskInfo]] = []
+
+    def of(self, task: str, environment: dict[str, Any], where: str) -> TaskInfo:
+        """Return the information on an environment; errors begin with ``where``."""
+        for name, arguments, info in self._known:
+            if (name, arguments) == (task, environment):
+                return info
+        with checks.within(where):
+            env = worlds_of(task, 1, **environment)
+        info = TaskInfo.of(env)
+        env.close()
+        self._known.append((task, environment, info))
+        return info
+
+
+def main_runs(
+    settings: RunSettings, recorder: type[Ends] = Log
+) -> tuple[dict[str, TaskInfo], dict[str, Scenery], list[Run]]:
+    """Return the tasks, their scenery and the runs of every policy on every task and hardware that it serves.
+
+    Raises:
+        ValueError: a bad environment setting, an unknown or unfitting policy, or a task or hardware without any policy.
+    """
+    where, infos = settings.where, Infos()
+    entries, hardware = settings.entries(), settings.hardware_entries()
+    tasks: dict[str, TaskInfo] = {}
+    scenery: dict[str, Scenery] = {}
+    runs: list[Run] = []
+    for task in settings.tasks:
+        with checks.within(f"{where}.environment"):
+            env = worlds_of(task, 1, **settings.environment)
+        tasks[task], scenery[task] = TaskInfo.of(env), scenery_of(env.unwrapped)  # type: ignore[arg-type]
+        env.close()
+        serving = [each for each in entries if each.tasks is not None or serves(each.content, tasks[task])]
+        for machine in hardware:
+            those = [each for each in serving if machine.runs(each, task)]
+            runs += _runs(settings, infos, tasks[task], (task, machine), those, recorder)
+        if not any(run.place.task == task for run in runs):
+            raise checks.conflict(f"{where}.tasks: no policy serves {task!r}")
+    for entry in entries:
+        if not any(run.place.policy == entry.name for run in runs):
+            raise checks.conflict(f"{where}.policies: {entry.name!r} serves none of {', '.join(tasks)}")
+    for machine in hardware:
+        if not any(run.place.hardware == machine.name for run in runs):
+            raise checks.conflict(f"{where}.hardware.{machine.name}: no policy runs on it")
+    return tasks, scenery, runs
+
+
+def _runs(
+    settings: RunSettings,
+    infos: Infos,
+    info: TaskInfo,
+    where: tuple[str, HardwareEntry],
+    entries: list[PolicyEntry],
+    recorder: type[Ends],
+) -> Iterator[Run]:
+    """Yield the runs on one task and hardware."""
+    task, machine = where
+    environment = laid_over(settings.environment, machine.arguments)
+    if machine.arguments and entries:
+        info = infos.of(task, environment, f"{settings.where}.hardware.{machine.name}")
+    seeds = settings.seed_list(task, machine.episodes)
+    there = task if settings.hardware is None else f"{task}, {machine.name}"
+    for entry in entries:
+        place = Place(REPORT, task, machine.name, entry.name)
+        for seed in entry.seeds:
+            with checks.within(f"{settings.where}.policies ({entry.name} on {there})"):
+                yield Run(place, seed, task, info, seeds, environment, entry.run(seed), recorder).made()
+
+
+def study_runs(
+    settings: RunSettings, study: EffectsSettings, label: str, where: str, infos: Infos, recorder: type[Ends] = Ends
+) -> Iterator[tuple[Case, str, list[Run] | ValueError]]:
+    """Yield case, policy and its runs, or the error if it cannot act there, for every cell of a study.
+
+    Raises:
+        ValueError: an environment that cannot be made.
+    """
+    entries = {each.name: each for each in settings.entries()}
+    for case in study.tested(where):
+        environment = laid_over(settings.environment, case.arguments)
+        infos.of(case.task, environment, f"{where}.cases.{case.name}")
+        for column in study.columns(where, list(entries)):
+            entry, there = entries[column.policy], f"{where}.policies ({column.name} in {case.name})"
+            own = with_sensor(environment, column.sensor)
+            info, seeds = infos.of(case.task, own, there), settings.seed_list(case.task, study.episodes)
+            place = Place(label, study.task, case.name, column.name)
+            runs: list[Run] = []
+            try:
+                for seed in entry.seeds:
+                    run = Run(place, seed, case.task, info, seeds, own, entry.run(seed), recorder).made()
+                    runs.append(run)
+                    assert run.policy is not None
+                    spoken = {"action": run.policy.action, "observation": run.policy.observation}
+                    worlds_of(case.task, 1, **{**own, **spoken}).close()
+            except ValueError as error:
+                yield case, column.name, checks.Refused(f"{there}: {error}")
+                continue
+            yield case, column.name, runs
+
+
+def effects_runs(settings: EvaluationSettings) -> list[Run]:
+    """Return the runs of the study of effects, case after case; none without one."""
+    if settings.effects is None:
+        return []
+    found: list[Run] = []
+    for _, _, runs in study_runs(settings, settings.effects, EFFECTS, "evaluation.effects", Infos()):
+        if isinstance(runs, ValueError):
+            raise runs
+        found += runs
+    return found
+
+
+def load_runs(settings: EvaluationSettings) -> list[Run]:
+    """Return the runs of the study of throughput: every policy with every number of parts, kinds in turn.
+
+    Raises:
+        ValueError: a task without flow, more parts than fit, or an unfitting policy.
+    """
+    asked, infos, where = settings.under_load, Infos(), "evaluation.under_load"
+    if asked is None:
+        return []
+    info = infos.of(asked.task, settings.environment, where)
+    if not info.flows:
+        raise checks.refuse(f"{where}.task", asked.task, "a task in which parts come and go")
+    kinds = [info.parts[info.kind.index(kind)].to_dict() for kind in range(len(info.kinds))]
+    contents = {each.name: each.content for each in settings.entries()}
+    seeds, found = settings.seed_list(asked.task, asked.episodes), []
+    for name in asked.policies:
+        for count in sorted(asked.parts):
+            environment = {**settings.environment, "parts": [kinds[k % len(kinds)] for k in range(count)]}
+            own = infos.of(asked.task, environment, f"{where}.parts.{count}")
+            place = Place(LOAD, asked.task, str(count), name)
+            with checks.within(f"{where}.policies ({name}, {count} parts)"):
+                found.append(Run(place, None, asked.task, own, seeds, environment, contents[name]).made())
+    return found
+
+
+def serves(content: Any, info: TaskInfo) -> bool:
+    """Return whether a policy without ``tasks`` runs on this one: a controller if it can be made with its defaults, any other
+    always (making it raises the error)."""
+    kind = content.get("kind") if isinstance(content, Mapping) else content
+    if not isinstance(kind, str) or kind not in CONTROLLERS or kind in ("trained", "residual", "schedule", "by_task"):
+        return True
+    try:
+        make_policy(kind, info)
+    except ValueError:
+        return False
+    return True
+
+
+def described(prepared: Prepared) -> dict[str, str]:
+    """Return the first line of each policy's docstring by name, without markup."""
+    first = {run.place.policy: run.policy for run in reversed(prepared.runs) if run.place.study == REPORT}
+    order = dict.fromkeys(run.place.policy for run in prepared.runs if run.place.study == REPORT)
+    return {
+        name: (inspect.getdoc(first[name]) or "").partition("\n")[0].replace("`", "").replace('"', "") for name in order
+    }
