@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from agents.evaluation.cost import measure
 
 from agents import evaluation
-from vibgym import Surface
 
 STATE_ERROR = slice(8, 10)  # tanh of goal minus centre in 50 mm, see the environment's table
 
@@ -102,7 +100,7 @@ class LazyShepherd(Shepherd):
 
 @pytest.fixture(scope="session")
 def several(tmp_path_factory):
-    """Results on tasks for several parts beside one for one part, and a small measurement of the cost of a period."""
+    """Results on tasks for several parts, and on one for one part."""
     directory: Path = tmp_path_factory.mktemp("several") / "report"
     settings = evaluation.settings_from(
         {
@@ -116,18 +114,10 @@ def several(tmp_path_factory):
             "task_episodes": {"Sort": 6},
             "first_seed": 300,
             "resamples": 200,
-            "cost_per_period": True,
             "output": str(directory),
         }
     )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("agents.evaluation.cost.measure_alone", small_cost)
-        return evaluation.evaluate(evaluation.prepare(settings), quiet=True)
-
-
-def small_cost(quiet):
-    """Up to four parts on the prototype."""
-    return measure(quiet, counts=(1, 2, 4), surfaces=[Surface()], policies=["local_field"], repetitions=2)
+    return evaluation.evaluate(evaluation.prepare(settings), quiet=True)
 
 
 @pytest.fixture(scope="session")

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from agents.evaluation.records import Trial
 
-from agents.evaluation import film
+from agents.evaluation import films
 from tests.browser import LOOKS, chromium, faults, watch
 
 
@@ -45,7 +44,7 @@ def test_a_film_plays_and_pauses(opened, found, written):
     page = opened(written / "report.html")
     card = page.locator("[id='card-Align-ideal-pusher']")
     label = card.locator("figure.film img").get_attribute("alt")
-    assert label == f"Film of pusher on Align, seed {found.rollouts[Trial('Align', 'ideal', 'pusher')].film.seed}"
+    assert label == f"Film of pusher on Align, seed {found.rollout('Align', 'ideal', 'pusher').film.seed}"
     button, said = card.locator("button"), card.locator(".said")
     assert button.inner_text().startswith("Play") and said.inner_text()
     before = card.locator("figure.film img").bounding_box()
@@ -72,8 +71,7 @@ def test_a_film_plays_and_pauses(opened, found, written):
 
 def test_the_browser_reads_what_was_recorded(opened, several, written_several):
     page = opened(written_several / "report.html")
-    trial = Trial("Sort", "ideal", "shepherd")
-    recorded = several.rollouts[trial].film
+    recorded = several.rollout("Sort", "ideal", "shepherd").film
     figure = page.locator("[id='card-Sort-ideal-shepherd'] figure.film")
     content = figure.evaluate(
         """async figure => {
@@ -81,7 +79,7 @@ def test_the_browser_reads_what_was_recorded(opened, several, written_several):
             return [film.poses.map(part => part.map(each => [...each])), film.captions];
         }"""
     )
-    shown = film.frames_shown(recorded)
+    shown = films.frames_shown(recorded)
     poses = np.array(content[0]).transpose(2, 0, 1)
     there = recorded.present[shown]
     error = poses - recorded.poses[shown]

@@ -22,102 +22,32 @@ GOOD = {
 EFFECTS = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
 
 BAD = {
-    "unknown key": ({"taks": ["Rotate"]}, ["taks", "tasks"]),
-    "unknown task": ({"tasks": ["Stack"]}, ["tasks.0", "Stack", "Rotate", "Sort"]),
-    "task of wrong type": ({"tasks": [3]}, ["tasks.0", "3"]),
-    "task twice": ({"tasks": ["Align", "Align"]}, ["tasks", "Align", "once"]),
-    "no tasks": ({"tasks": []}, ["tasks"]),
-    "unknown policy": ({"policies": ["fuzzy"]}, ["policies (fuzzy on Rotate)", "fuzzy", "local_field"]),
-    "tasks of wrong type": ({"policies": [{"kind": "zero", "tasks": "Rotate"}]}, ["policies.0.tasks", "list"]),
-    "no tasks of a policy": ({"policies": [{"kind": "zero", "tasks": []}]}, ["policies.0.tasks", "list"]),
-    "unhashable task": ({"policies": [{"kind": "zero", "tasks": [[1]]}]}, ["policies.0.tasks", "[1]"]),
-    "task of a policy twice": (
-        {"policies": [{"kind": "zero", "tasks": 2 * ["Rotate"]}]},
-        ["policies.0.tasks", "different"],
-    ),
-    "task that does not run": (
-        {"policies": [{"kind": "zero", "tasks": ["Align"]}]},
-        ["policies.0.tasks", "Align", "Rotate"],
-    ),
-    "policy that does not serve": (
-        {"tasks": ["Rotate", "Sort"], "policies": ["zero", {"kind": "open_loop", "tasks": ["Sort"]}]},
-        ["policies (open_loop on Sort)", "Sort"],
-    ),
-    "policy that serves nothing": ({"tasks": ["Sort"], "policies": ["zero", "open_loop"]}, ["open_loop", "Sort"]),
-    "task without a policy": (
-        {"tasks": ["Rotate", "Sort"], "policies": [{"kind": "zero", "tasks": ["Rotate"]}]},
-        ["policies", "zero", "serves Sort"],
-    ),
-    "object that is none": ({"policies": [{"policy": "zero"}]}, ["policies.0", "predict()"]),
-    "episodes of another task": ({"task_episodes": {"Align": 2}}, ["task_episodes", "Align", "Rotate"]),
-    "episodes of wrong type": ({"task_episodes": {"Rotate": "many"}}, ["task_episodes.Rotate", "many"]),
-    "more episodes than seeds": (
-        {"seeds": [1, 2], "episodes": None, "first_seed": None, "task_episodes": {"Rotate": 3}},
-        ["task_episodes.Rotate", "3", "2"],
-    ),
-    "zones without a task for them": ({"environment": {"zones": {}}}, ["environment", "zones"]),
-    "unknown argument": ({"policies": [{"kind": "zero", "gain": 1}]}, ["gain"]),
-    "argument out of range": ({"policies": [{"kind": "local_field", "braking": 7}]}, ["braking", "7", "<= 1"]),
-    "policy of wrong type": ({"policies": [3]}, ["policies.0", "3", "kind"]),
-    "name twice": ({"policies": ["zero", {"name": "zero", "kind": "random"}]}, ["policies.1.name", "zero"]),
-    "missing weights": ({"policies": [{"kind": "trained", "path": "nowhere/{task}.json"}]}, ["nowhere/rotate.json"]),
-    "wrong type": ({"episodes": "many"}, ["episodes", "many", "integer"]),
-    "too few": ({"episodes": 0}, ["episodes", "0", "1"]),
-    "negative seed": ({"seeds": [-1], "episodes": None, "first_seed": None}, ["seeds.0", "-1", ">= 0"]),
-    "seeds and episodes": ({"seeds": [1, 2]}, ["episodes", "seeds"]),
-    "environment key": ({"environment": {"action": "patch"}}, ["environment", "action", "surface"]),
-    "environment value": ({"environment": {"parts": ["brick"]}}, ["parts", "brick", "steel_block"]),
-    "surface value": ({"environment": {"surface": {"rows": -3}}}, ["rows", "-3"]),
-    "no hardware": ({"hardware": {}}, ["evaluation.hardware", "{}", "at least 1"]),
-    "hardware that is none": ({"hardware": {"a": "prototype"}}, ["evaluation.hardware.a", "'prototype'", "'actuators'"]),
-    "hardware of another key": ({"hardware": {"a": {"walls": []}}}, ["evaluation.hardware.a", "walls", "'sensor'"]),
-    "hardware without a name": ({"hardware": {"": {}}}, ["evaluation.hardware", "''", "printable"]),
-    "hardware of an unknown kind": (
-        {"hardware": {"a": {"actuators": "magic"}}},
-        ["evaluation.hardware.a: actuators", "magic", "'prototype'"],
-    ),
-    "hardware with an unknown setting": (
-        {"hardware": {"a": {"actuators": {"kind": "prototype", "rust": 1}}}},
-        ["evaluation.hardware.a", "rust", "dead_zone"],
-    ),
-    "hardware for another task": ({"hardware": {"a": {"tasks": ["Sort"]}}}, ["evaluation.hardware.a.tasks", "Rotate"]),
-    "hardware without episodes": ({"hardware": {"a": {"episodes": 0}}}, ["evaluation.hardware.a.episodes", "0"]),
-    "hardware that nothing runs on": (
-        {"hardware": {"a": {}, "b": {}}, "policies": [{"kind": "zero", "hardware": ["a"]}]},
-        ["evaluation.hardware.b", "a policy runs on"],
-    ),
-    "unknown hardware of a policy": (
-        {"hardware": {"a": {}}, "policies": [{"kind": "zero", "hardware": ["ideal"]}]},
-        ["policies.0.hardware", "ideal", "among a"],
-    ),
-    "effects that are none": ({"effects": "all"}, ["evaluation.effects", "all"]),
-    "effects without cases": ({"effects": {**EFFECTS, "cases": {}}}, ["evaluation.effects.cases", "{}"]),
-    "effects on another task": ({"effects": {**EFFECTS, "task": "Align"}}, ["evaluation.effects.task", "Rotate"]),
-    "effects on an unknown policy": (
-        {"effects": {**EFFECTS, "policies": ["learned"]}},
-        ["evaluation.effects.policies.0", "learned", "'zero'", "'steered'"],
-    ),
-    "effects on a policy twice": (
-        {"effects": {**EFFECTS, "policies": ["zero", {"policy": "zero"}]}},
-        ["evaluation.effects.policies.1.name", "zero", "no other"],
-    ),
-    "an effect of another key": (
-        {"effects": {**EFFECTS, "cases": {"dust": {"surface": {}}}}},
-        ["evaluation.effects.cases.dust", "surface", "'actuators'"],
-    ),
-    "an effect that no environment has": (
-        {"effects": {**EFFECTS, "cases": {"dust": {"actuators": {"kind": "prototype", "dust": 1}}}}},
-        ["evaluation.effects.cases.dust: actuators", "dust", "dead_zone"],
-    ),
-    "a sensor setting that no sensor has": (
-        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "sensor": {"zoom": 2}}]}},
-        ["evaluation.effects.policies (zero in none): sensor", "zoom"],
-    ),
-    "a key of a policy of the study": (
-        {"effects": {**EFFECTS, "policies": [{"policy": "zero", "actuators": "ideal"}]}},
-        ["evaluation.effects.policies.0", "actuators", "'sensor'"],
-    ),
-    "confidence": ({"confidence": 95}, ["confidence", "95"]),
+    'unknown key': ({'taks': ['Rotate']}, ['taks']),
+    'unknown task': ({'tasks': ['Stack']}, ['tasks.0', 'Stack']),
+    'task twice': ({'tasks': ['Align', 'Align']}, ['tasks', 'Align']),
+    'unknown policy': ({'policies': ['fuzzy']}, ['policies (fuzzy on Rotate)', 'fuzzy']),
+    'task that does not run': ({'policies': [{'kind': 'zero', 'tasks': ['Align']}]}, ['policies.0.tasks', 'Align']),
+    'policy that does not serve': ({'tasks': ['Rotate', 'Sort'], 'policies': ['zero', {'kind': 'open_loop', 'tasks': ['Sort']}]}, ['policies (open_loop on Sort)']),
+    'policy that serves nothing': ({'tasks': ['Sort'], 'policies': ['zero', 'open_loop']}, ['open_loop', 'Sort']),
+    'task without a policy': ({'tasks': ['Rotate', 'Sort'], 'policies': [{'kind': 'zero', 'tasks': ['Rotate']}]}, ['evaluation.tasks', 'Sort']),
+    'object that is none': ({'policies': [{'policy': 'zero'}]}, ['policies.0']),
+    'more episodes than seeds': ({'seeds': [1, 2], 'episodes': None, 'first_seed': None, 'task_episodes': {'Rotate': 3}}, ['task_episodes.Rotate', '3']),
+    'unknown argument': ({'policies': [{'kind': 'zero', 'gain': 1}]}, ['gain']),
+    'argument out of range': ({'policies': [{'kind': 'local_field', 'braking': 7}]}, ['braking', '7']),
+    'name twice': ({'policies': ['zero', {'name': 'zero', 'kind': 'random'}]}, ['policies.1.name', 'zero']),
+    'missing weights': ({'policies': [{'kind': 'trained', 'path': 'nowhere/{task}.json'}]}, ['nowhere/rotate.json']),
+    'too few': ({'episodes': 0}, ['episodes', '0']),
+    'seeds and episodes': ({'seeds': [1, 2]}, ['episodes', 'seeds']),
+    'environment key': ({'environment': {'action': 'patch'}}, ['environment', 'action']),
+    'environment value': ({'environment': {'parts': ['brick']}}, ['parts', 'brick']),
+    'hardware of another key': ({'hardware': {'a': {'walls': []}}}, ['evaluation.hardware.a', 'walls']),
+    'hardware of an unknown kind': ({'hardware': {'a': {'actuators': 'magic'}}}, ['evaluation.hardware.a: actuators', 'magic']),
+    'hardware that nothing runs on': ({'hardware': {'a': {}, 'b': {}}, 'policies': [{'kind': 'zero', 'hardware': ['a']}]}, ['evaluation.hardware.b']),
+    'unknown hardware of a policy': ({'hardware': {'a': {}}, 'policies': [{'kind': 'zero', 'hardware': ['ideal']}]}, ['policies.0.hardware', 'ideal']),
+    'effects on an unknown policy': ({'effects': {'task': 'Rotate', 'policies': ['learned'], 'cases': {'none': {}}}}, ['evaluation.effects.policies.0', 'learned']),
+    'an effect that no environment has': ({'effects': {'task': 'Rotate', 'policies': ['zero'], 'cases': {'dust': {'actuators': {'kind': 'prototype', 'dust': 1}}}}}, ['evaluation.effects.cases.dust: actuators', 'dust']),
+    'a sensor setting that no sensor has': ({'effects': {'task': 'Rotate', 'policies': [{'policy': 'zero', 'sensor': {'zoom': 2}}], 'cases': {'none': {}}}}, ['evaluation.effects.policies (zero in none): sensor', 'zoom']),
+    'confidence': ({'confidence': 95}, ['confidence', '95']),
 }  # fmt: skip
 
 
@@ -181,7 +111,7 @@ BAD_PLACES = {
 
 @pytest.mark.parametrize("case", BAD_PLACES)
 def test_bad_places(case, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("agents.evaluation.evaluate", lambda *_: pytest.fail("runs"))
+    monkeypatch.setattr("agents.evaluation.run.evaluate", lambda *_: pytest.fail("runs"))
     make, named = BAD_PLACES[case]
     path = saved(tmp_path, GOOD)
     option, place = make(tmp_path)
@@ -208,11 +138,11 @@ def test_a_second_evaluation_in_a_directory_is_refused(tmp_path, capsys):
 
 
 def test_a_full_disk_leaves_the_old_report_and_its_film(tmp_path, capsys, monkeypatch):
-    from agents.evaluation.report import report_page
+    from agents.evaluation import report
 
     path, film = saved(tmp_path, GOOD, policies=[{"name": "=still", "kind": "zero"}]), tmp_path / "film" / "hero.gif"
     arguments = ["evaluate", str(path), "--episodes", "2", "--gif", "Rotate", "=still", str(film), "--quiet"]
-    monkeypatch.setattr(report_page, "page", lambda *_: "first")  # drawing takes most of the time
+    monkeypatch.setattr(report, "page", lambda *_: "first")  # drawing takes most of the time
     assert command.main(arguments) == 0
     before = {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()}
     assert len(before) == 5
@@ -226,7 +156,7 @@ def test_a_full_disk_leaves_the_old_report_and_its_film(tmp_path, capsys, monkey
         fill_the_disk(monkeypatch, room=3)
         return "second"
 
-    monkeypatch.setattr(report_page, "page", late)
+    monkeypatch.setattr(report, "page", late)
     assert command.main(arguments) == 1
     assert "No space left" in said_in_one_line(capsys)
     assert {each: each.read_bytes() for folder in ("out", "film") for each in (tmp_path / folder).iterdir()} == before
@@ -249,7 +179,7 @@ def test_interruption(tmp_path, capsys, monkeypatch):
     def interrupted(*arguments):
         raise KeyboardInterrupt
 
-    for place in ("evaluate", "prepare"):
+    for place in ("run.evaluate", "report.prepare"):
         monkeypatch.setattr(f"agents.evaluation.{place}", interrupted)
         assert command.main(["evaluate", str(saved(tmp_path, GOOD)), "--quiet"]) == 130
         line = capsys.readouterr().err

@@ -8,7 +8,7 @@ import pytest
 
 from agents.__main__ import main
 from agents.evaluation import datasheet
-from agents.evaluation.datasheet import limits, page
+from agents.evaluation.settings import DatasheetSettings
 from tests.browser import chromium, faults_at_all_sizes, watch
 from vibgym import Part, Surface
 from vibgym.actuators import DataSheet
@@ -23,7 +23,7 @@ def sheet(tmp_path_factory):
     """Of the prototype with a square part whose height is known."""
     part = {"shape": "rectangle", "length_mm": 40, "width_mm": 40, "friction": 0.58, "height_mm": 20, "name": "<block>"}
     output = str(tmp_path_factory.mktemp("datasheet"))
-    return datasheet.measure(datasheet.settings_from({"part": part, "episodes": 8, "output": output}), quiet=True)
+    return datasheet.measure(DatasheetSettings.checked({"part": part, "episodes": 8, "output": output}), quiet=True)
 
 
 @pytest.fixture(scope="module")
@@ -53,17 +53,17 @@ def test_measured_rates_keep_the_bounds(sheet):
 
 
 def test_a_part_on_a_single_element_cannot_be_turned():
-    scale = limits.smallest_scale(SURFACE, SQUARE, IDEAL)
+    scale = datasheet.smallest_scale(SURFACE, SQUARE, IDEAL)
     assert 26.0 < 40.0 * scale < 30.0  # mm: a little more than an element
     for factor, turns in ((0.95, False), (1.05, True)):
         part = Part.polygon(factor * scale * SQUARE.outline, friction=0.58)
-        assert bool(limits.reach_of(SURFACE, part, IDEAL).min() >= limits.TURNABLE) is turns
-    assert math.isnan(limits.smallest_scale(SURFACE, Part.rectangle(0.01, 0.01, friction=0.58), IDEAL))
+        assert bool(datasheet.reach_of(SURFACE, part, IDEAL).min() >= datasheet.TURNABLE) is turns
+    assert math.isnan(datasheet.smallest_scale(SURFACE, Part.rectangle(0.01, 0.01, friction=0.58), IDEAL))
 
 
 def test_what_an_episode_does_not_say_is_left_out():
-    assert page._middle(np.array([math.nan, 1.0, 3.0, 2.0]), 1e3, 0, "mm/s") == "2000 mm/s (1500 to 2500)"
-    assert page._most(np.array([math.nan]), 1.0, "°") == "–"
+    assert datasheet._middle(np.array([math.nan, 1.0, 3.0, 2.0]), 1e3, 0, "mm/s") == "2000 mm/s (1500 to 2500)"
+    assert datasheet._most(np.array([math.nan]), 1.0, "°") == "–"
 
 
 def test_the_page_is_one_of_a4_without_scripts(written, tmp_path):
@@ -126,7 +126,7 @@ def test_a_missing_file_is_one_line(tmp_path, capfd):
 
 def test_a_disc_has_no_heading(tmp_path):
     part = {"shape": "disc", "radius_mm": 20, "friction": 0.5}
-    settings = datasheet.settings_from({"part": part, "episodes": 8, "output": str(tmp_path)})
+    settings = DatasheetSettings.checked({"part": part, "episodes": 8, "output": str(tmp_path)})
     found = datasheet.measure(settings, quiet=True)
     assert found.turn_speed is None and found.heading is None and "Rotate" not in found.reached
     text = datasheet.summary(found)

@@ -8,9 +8,8 @@ import math
 
 import numpy as np
 import pytest
-from agents.evaluation.records import Trial
 
-from agents.evaluation import animation, film
+from agents.evaluation import films
 from vibgym.rendering import Side, colours
 
 BYTES = 25_000
@@ -24,20 +23,23 @@ def read(text):
         lists = content.get(name, [])
         series = [np.cumsum(each + [0] * (content["frames"] - len(each))) for each in lists]
         values = np.array(series).T.reshape(content["frames"], -1, 3)
-        content[name] = values / (film.PER_METRE, film.PER_METRE, film.PER_RADIAN)
+        content[name] = values / (films.PER_METRE, films.PER_METRE, films.PER_RADIAN)
     return content
 
 
 def watched(found):
-    return [(trial, one.film, found.scenery[trial.task], one.step_time) for trial, one in found.rollouts.items()]
+    return [
+        (place, one.film, found.prepared.scenery[place.task], one.step_time)
+        for (place, _), one in found.rollouts.items()
+    ]
 
 
 @pytest.mark.parametrize("several_parts", [False, True])
 def test_poses_come_back(several_parts, request):
     results = request.getfixturevalue("several" if several_parts else "found")
     for _, each, scenery, step_time in watched(results):
-        content, shown = read(film.packed(each, scenery, step_time)), film.frames_shown(each)
-        assert content["frames"] == len(shown) <= film.MOST_FRAMES
+        content, shown = read(films.packed(each, scenery, step_time)), films.frames_shown(each)
+        assert content["frames"] == len(shown) <= films.MOST_PAGE_FRAMES
         assert shown[0] == 0 and shown[-1] == len(each.poses) - 1
         there = each.present[shown]
         for name in ("poses", "goals") if scenery.goal_size else ("poses",):
@@ -51,16 +53,16 @@ def test_poses_come_back(several_parts, request):
 def test_a_film_is_small(found, several):
     for results in (found, several):
         for trial, each, scenery, step_time in watched(results):
-            assert len(film.packed(each, scenery, step_time)) < BYTES, trial
+            assert len(films.packed(each, scenery, step_time)) < BYTES, trial
 
 
 def test_elements_come_back_with_their_colours(found):
     _, each, scenery, step_time = watched(found)[1]
-    content, shown = read(film.packed(each, scenery, step_time)), film.frames_shown(each)
+    content, shown = read(films.packed(each, scenery, step_time)), films.frames_shown(each)
     for k, frame in list(enumerate(shown))[:: max(1, len(shown) // 5)]:
-        codes = np.array([ord(text[k if len(text) > 1 else 0]) for text in content["field"]]) - film.REST - 1
-        strength = np.where(codes < 0, 0.0, (1 + codes // film.PHASES) / film.AMPLITUDES)
-        phase = (codes % film.PHASES) * 2.0 * np.pi / film.PHASES
+        codes = np.array([ord(text[k if len(text) > 1 else 0]) for text in content["field"]]) - films.REST_CODE - 1
+        strength = np.where(codes < 0, 0.0, (1 + codes // films.PHASES) / films.AMPLITUDES)
+        phase = (codes % films.PHASES) * 2.0 * np.pi / films.PHASES
         seen = colours.element_colours(strength[:, None] * np.stack([np.cos(phase), np.sin(phase)], axis=-1))
         wanted = colours.element_colours(each.phasors[frame]).reshape(-1, 3)
         assert len(seen) == scenery.rows * scenery.columns
@@ -69,26 +71,26 @@ def test_elements_come_back_with_their_colours(found):
 
 
 def test_who_is_absent_or_waits_beside_the_table_is_not_there(several):
-    each, scenery = several.rollouts[Trial("Sort", "ideal", "shepherd")].film, several.scenery["Sort"]
+    each, scenery = several.rollout("Sort", "ideal", "shepherd").film, several.prepared.scenery["Sort"]
     present, poses = each.present.copy(), each.poses.copy()
     present[:, 0], present[2:4, 1], poses[5:, 2, 0], poses[1, 3] = False, False, 30.0, math.nan
     changed = dataclasses.replace(each, present=present, poses=poses)
-    there = read(film.packed(changed, scenery, 0.04))["there"]
+    there = read(films.packed(changed, scenery, 0.04))["there"]
     assert set(there[0]) == {"0"} and there[1].startswith("110011")
     assert there[2].startswith("1111100") and there[3].startswith("1011")
 
 
 def test_the_view_from_the_side(found):
-    each, scenery = found.rollouts[Trial("Align", "ideal", "pusher")].film, found.scenery["Align"]
+    each, scenery = found.rollout("Align", "ideal", "pusher").film, found.prepared.scenery["Align"]
     side = Side([np.array([[0.1, 0.05, 1e-4], [0.12, 0.05, -2e-4], [0.11, 0.07, 0.0]])], np.array([[0.1, 0.126, 3e-4]]))
     tilting = dataclasses.replace(each, sides=(side,) * len(each.sides))
-    plates, (bottom,) = read(film.packed(tilting, scenery, 0.04))["sides"][0]
+    plates, (bottom,) = read(films.packed(tilting, scenery, 0.04))["sides"][0]
     assert plates == [1000, 1260, 30] and bottom == [1000, 10, 1200, -20, 1100, 0]
-    picture, (width, height) = animation.still(tilting, scenery)
-    flat = animation.still(each, scenery)
-    assert (width, height) == (flat[1][0], flat[1][1] + animation.SIDE) and len(picture) < 40_000
+    picture, (width, height) = films.still(tilting, scenery)
+    flat = films.still(each, scenery)
+    assert (width, height) == (flat[1][0], flat[1][1] + films.SIDE) and len(picture) < 40_000
 
 
 def test_the_same_film_is_packed_alike(found):
     _, each, scenery, step_time = watched(found)[2]
-    assert film.packed(each, scenery, step_time) == film.packed(each, scenery, step_time)
+    assert films.packed(each, scenery, step_time) == films.packed(each, scenery, step_time)

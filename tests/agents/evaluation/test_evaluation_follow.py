@@ -4,10 +4,10 @@ import csv
 
 import numpy as np
 import pytest
-from agents.evaluation.log import Log
 
 from agents import evaluation
-from agents.evaluation import animation
+from agents.evaluation import films, report
+from agents.evaluation.films import Log
 from tests.envs.helpers import single
 from vibgym.envs.viewer import scenery_of
 from vibgym.policies.registry import make_policy
@@ -28,8 +28,8 @@ def test_films_show_where_the_goal_is_at_each_instant():
     assert (np.diff(film.goals[:, 0, 1]) >= 0).all() and (film.goals[:, 0, 2] == film.goals[0, 0, 2]).all()
     assert film.paths[0][-1] == pytest.approx([0.1, 0.11])
     scenery = scenery_of(env.unwrapped)
-    painter = animation.painter_for(scenery, 400)
-    first, later = (animation.picture(film, scenery, frame, painter) for frame in (0, 30))
+    painter = films.painter_for(scenery, 400)
+    first, later = (films.picture(film, scenery, frame, painter) for frame in (0, 30))
     assert (first != later).any()
 
 
@@ -41,7 +41,7 @@ def test_films_of_parts_that_may_tilt_show_them_from_the_side():
         env = single("Align", model=model)
         policy = make_policy("pose", TaskInfo.of(env))
         film = rollout(policy, "Align", seeds=[1], keep=Log, model=model).film
-        frames[model], _ = animation.frames_of(film, scenery_of(env.unwrapped), 0.04, 400)
+        frames[model], _ = films.frames_of(film, scenery_of(env.unwrapped), 0.04, 400)
     flat, above = (frames[model][0] for model in ("planar", "tilting"))
     assert len({frame.shape for frame in frames["tilting"]}) == 1
     assert above.shape == (flat.shape[0] + height, *flat.shape[1:]) and (above[: len(flat)] == flat).all()
@@ -56,7 +56,7 @@ def test_path_errors_are_those_of_the_poses(tmp_path):
     }  # fmt: skip
     results = evaluation.evaluate(evaluation.prepare(evaluation.settings_from(settings)), quiet=True)
     page = evaluation.write(results, quiet=True).read_text()
-    by_trial = {(trial.task, trial.policy): found for trial, found in results.rollouts.items()}
+    by_trial = {(place.task, place.policy): found for (place, _), found in results.rollouts.items()}
     run = by_trial["Follow", "pose"]
     film, away = run.film, np.linalg.norm(run.film.poses[1:, 0, :2] - run.film.goals[1:, 0, :2], axis=-1)
     watched = run.seeds.index(film.seed)
@@ -65,11 +65,11 @@ def test_path_errors_are_those_of_the_poses(tmp_path):
     assert (by_trial["Follow", "zero"].path_error > 0.01).all()
     assert np.isnan(by_trial["Transport", "pose"].path_error).all()
 
-    row = next(row for row in results.rows if (row.task, row.policy) == ("Follow", "pose"))
-    assert row.path_error_median_m == np.median(run.path_error)
+    row = next(row for row in report.rows(results) if (row["task"], row["policy"]) == ("Follow", "pose"))
+    assert row["path_error_median_m"] == np.median(run.path_error)
     tables = evaluation.summary_table(results).split("\n\n")
     assert ["path error" in table for table in tables] == ["Follow" in table for table in tables] == [False, True]
-    assert f"{1e3 * row.path_error_median_m:.2f} mm" in tables[1] and "Path error (rms)" in page
+    assert f"{1e3 * row['path_error_median_m']:.2f} mm" in tables[1] and "Path error (rms)" in page
     with (tmp_path / "episodes.csv").open() as file:
         rows = [each for each in csv.DictReader(file) if (each["task"], each["policy"]) == ("Follow", "pose")]
     assert [float(each["path_error_m"]) for each in rows] == run.path_error.tolist()

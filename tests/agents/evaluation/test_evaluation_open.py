@@ -6,10 +6,9 @@ import json
 import gymnasium as gym
 import numpy as np
 import pytest
-from agents.evaluation.records import Trial
-from agents.evaluation.report.load import Loaded, loaded_row
 
 from agents import evaluation
+from agents.evaluation import report
 from vibgym.tasks.episode import EVENTS
 
 FEEDING = {
@@ -33,10 +32,10 @@ def feeding(tmp_path_factory):
 
 def test_rates_are_those_that_info_said_last(feeding):
     found, directory = feeding
-    rollout = found.rollouts[Trial("Feed", "ideal", "lanes")]
-    row = next(row for row in found.rows if row.policy == "lanes")
-    assert row.successes == 0 and row.good_per_minute_mean == rollout.fact("good_per_minute").mean() > 200.0
-    assert row.rate_over_bound_mean == pytest.approx(np.mean(rollout.fact("good_per_minute") / 300.0))
+    rollout = found.rollout("Feed", "ideal", "lanes")
+    row = next(row for row in report.rows(found) if row["policy"] == "lanes")
+    assert row["successes"] == 0 and row["good_per_minute_mean"] == rollout.fact("good_per_minute").mean() > 200.0
+    assert row["rate_over_bound_mean"] == pytest.approx(np.mean(rollout.fact("good_per_minute") / 300.0))
     assert np.isnan(rollout.bound).all() and np.isnan(rollout.fact("coverage")).all()
     with (directory / "episodes.csv").open(newline="", encoding="utf-8") as file:
         written = [row for row in csv.DictReader(file) if row["policy"] == "lanes"]
@@ -47,7 +46,7 @@ def test_rates_are_those_that_info_said_last(feeding):
 
 
 def test_ways_of_parts_that_come_anew_are_ways_of_their_own(feeding):
-    rollout = feeding[0].rollouts[Trial("Feed", "ideal", "lanes")]
+    rollout = feeding[0].rollout("Feed", "ideal", "lanes")
     steps = np.hypot(*np.moveaxis(np.diff(rollout.poses[..., :2], axis=1), -1, 0))
     assert np.nanmax(steps) < 0.04  # nobody is carried back from the gate to the inlet
     np.testing.assert_allclose(rollout.path_lengths, np.nansum(steps, axis=1), rtol=1e-3)
@@ -57,10 +56,9 @@ def test_ways_of_parts_that_come_anew_are_ways_of_their_own(feeding):
 
 def test_load(feeding):
     found, directory = feeding
-    load = found.load
-    assert [row.parts for row in load.of("lanes")] == [2, 6] and load.episodes == 1
-    few, more = load.of("lanes")
-    assert 0.0 < few.good < more.good and (few.bound, few.good <= few.bound) == (50.0, True)
+    few, more = report.load_rows(found)
+    assert (few["parts"], more["parts"], few["episodes"]) == (2, 6, 1)
+    assert 0.0 < few["good"] < more["good"] and (few["bound"], few["good"] <= few["bound"]) == (50.0, True)
     content = json.loads((directory / "results.json").read_text())
     assert content["load"]["results"][0]["parts"] == 2
     text = (directory / "report.html").read_text()
@@ -99,11 +97,3 @@ def test_an_episode_without_an_end_is_refused(tmp_path):
             evaluation.prepare(evaluation.settings_from(settings))
     finally:
         del gym.registry["endless/Feed-v0"]
-
-
-def test_a_row_of_load_says_what_its_episodes_do(feeding):
-    rollout = feeding[0].rollouts[Trial("Feed", "ideal", "lanes")]
-    row = loaded_row(Loaded("load", "12", "lanes"), rollout, 0.95, 200)
-    assert (
-        row.good == pytest.approx(rollout.fact("good_per_minute").mean()) and row.good_low <= row.good <= row.good_high
-    )

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from agents import evaluation
-from agents.evaluation import comparison
+from agents.evaluation import compare as comparison
+from agents.evaluation import report
+from agents.evaluation.settings import ComparisonSettings
 from vibgym.tasks import TASKS, PoseTask
 
 ENTRY = {"entry_point": "vibgym.envs:VibgymEnv", "vector_entry_point": "vibgym.envs:VibgymVectorEnv"}
@@ -53,9 +55,9 @@ def test_evaluated_with_effects_and_pages(park, tmp_path):
     found = evaluation.evaluate(prepared, quiet=True)
     text = evaluation.write(found, quiet=True).read_text(encoding="utf-8")
     assert '<h2 id="mine/Park-v0">mine/Park-v0</h2>' in text and "Bring the part to the left end" in text
-    rows = {(row.task, row.policy): row for row in found.rows}
-    assert rows["mine/Park-v0", "local_field"].success_rate == 1.0 > rows["mine/Park-v0", "zero"].success_rate
-    assert found.effects is not None and [cell.successes for cell in found.effects.cells] == [3, 3]
+    rows = {(row["task"], row["policy"]): row["success_rate"] for row in report.rows(found)}
+    assert rows["mine/Park-v0", "local_field"] == 1.0 > rows["mine/Park-v0", "zero"]
+    assert [cell["successes"] for cell in report.effects_rows(found)] == [3, 3]
     with (tmp_path / "episodes.csv").open(newline="") as file:
         assert {row["task"] for row in csv.DictReader(file)} == {"mine/Park-v0", "Align"}
     assert json.loads((tmp_path / "results.json").read_text())["tasks"]["mine/Park-v0"]["name"] == "Park"
@@ -68,12 +70,13 @@ def test_compared(park, tmp_path):
         "policies": ["local_field"],
         "cases": {"none": {}, "there": {"task": "Align"}},
     }
-    settings = comparison.settings_from(asked(tmp_path, tasks=["Park-v0"], generalisation=[matrix]))
-    found = comparison.compare(comparison.prepare(settings), quiet=True)
+    settings = ComparisonSettings.checked(asked(tmp_path, tasks=["Park-v0"], generalisation=[matrix]))
+    found = evaluation.evaluate(comparison.prepare(settings), quiet=True)
     comparison.write(found)
-    assert [(row.policy, row.success_rate) for row in found.rows] == [("zero", 0.0), ("local_field", 1.0)]
-    assert [cell.success_rate for cell in found.matrices[0].cells[0]] == [1.0, 1.0]
-    assert not math.isnan(found.rows[1].time_iqm_s)
+    rows = comparison.rows(found)
+    assert [(row["policy"], row["success_rate"]) for row in rows] == [("zero", 0.0), ("local_field", 1.0)]
+    assert [cell["success_rate"] for cell in comparison.matrices(found)[0]["results"]] == [1.0, 1.0]
+    assert not math.isnan(rows[1]["time_iqm_s"])
 
 
 def test_what_is_not_registered_is_refused(tmp_path):

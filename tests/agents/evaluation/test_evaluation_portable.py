@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 import pytest
-from agents.evaluation.verification.published import written_settings
 
 from agents import evaluation
+from agents.evaluation.published import written_settings
 from agents.provenance import policy_files, portable
 
 SHIPPED = Path("vibgym/policies/trained/shipped/transport.json")

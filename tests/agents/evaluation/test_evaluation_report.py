@@ -1,24 +1,17 @@
 """The files: whole, complete, and readable without a network."""
 
 import csv
-import dataclasses
 import io
 import json
 import re
-import warnings
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from agents.evaluation.records import Trial
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 from PIL import Image
 
 from agents import evaluation
-from agents.evaluation import animation
-from agents.evaluation.figures import new_figure
-from agents.evaluation.report import plots_of_episodes, report_page
+from agents.evaluation import films, report
 
 
 class Links(HTMLParser):
@@ -62,38 +55,48 @@ def test_page_says_what_was_found(found, written):
     assert "still &lt;&amp;&gt;" in text and "still <&>" not in text
     assert "Does &lt;nothing&gt; &amp; says so." in text
     assert text.count('data-film="') == len(found.rollouts)
-    for row in found.rows:
-        assert f"{100 * row.success_rate:.1f} %" in text
-        assert f"Seed {found.rollouts[Trial(row.task, row.hardware, row.policy)].film.seed}" in text
+    for row in report.rows(found):
+        assert f"{100 * row['success_rate']:.1f} %" in text
+        assert f"Seed {found.rollout(row['task'], row['hardware'], row['policy']).film.seed}" in text
+
+
+def best_rows(found, rows):
+    return {(task, "ideal"): report.best_row(found, rows, task, "ideal") for task in found.tasks}
 
 
 def test_bold_differences_are_those_that_are_clear(found, written):
     text = (written / "report.html").read_text(encoding="utf-8")
-    intervals = [each.success_interval for each in report_page.against_best(found)]
-    intervals += [each.time_interval for each in report_page.against_best(found) if each.time_interval is not None]
-    clear = [each.low > 0.0 or each.high < 0.0 for each in intervals]
+    gaps = report.against_best(found, report.comparisons(found), best_rows(found, report.rows(found)))
+    clear = [gap[name].clear for gap in gaps for name in ("success", "time") if gap[name].interval is not None]
     assert text.count('<td class="clear">') == sum(clear) and not all(clear)
 
 
-@pytest.mark.parametrize("name", ["$\\frac$", "a $b$ c", "_hidden", "%s \\n {x}", "<b>&\"'", "µ → 中文 😀"])
-def test_a_name_is_drawn_as_it_is_written(found, monkeypatch, name):
-    """No formula, which would fail or look otherwise, no mark that hides it from the legend."""
-    rollouts = {
-        Trial(task, machine, name if each == "pusher" else each): one
-        for (task, machine, each), one in found.rollouts.items()
-    }
-    policies = {name if each == "pusher" else each: text for each, text in found.policies.items()}
-    drawn: list[Figure] = []
-    monkeypatch.setattr(plots_of_episodes, "new_figure", lambda *size: drawn.append(new_figure(*size)) or drawn[-1])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # matplotlib's font does not have every character
-        plots_of_episodes.arrivals(
-            dataclasses.replace(found, rollouts=rollouts, policies=policies), "Transport", "ideal"
-        )
-    (legend,) = drawn[0].legends
-    texts = [text.get_text().rpartition(" (")[0] for text in legend.get_texts()]
-    assert texts == ["still <&>", name, "counting"]
-    assert not any(text.get_parse_math() for text in drawn[0].findobj(Text) if text.get_text())
+def test_best_policy_has_most_successes_then_the_lowest_time(found):
+    rows = report.rows(found)
+
+    def best(**changes):
+        changed = [{**row, **changes.get(row["policy"], {})} if row["task"] == "Transport" else row for row in rows]
+        return report.best_row(found, changed, "Transport", "ideal")["policy"]
+
+    nan, every = float("nan"), {"successes": 8, "success_rate": 1.0}
+    assert (
+        best(counting={**every, "time_over_bound_median": 1.5}, pusher={**every, "time_over_bound_median": 1.6})
+        == "counting"
+    )
+    unknown = {**every, "time_over_bound_median": nan}
+    assert (
+        best(counting={**unknown, "time_to_goal_median_s": 0.5}, pusher={**unknown, "time_to_goal_median_s": 0.4})
+        == "pusher"
+    )
+    assert best(counting=every, pusher={"successes": 7}) == "counting"
+
+
+def test_times_are_multiples_of_the_bound(found):
+    for row in report.rows(found):
+        rollout = found.rollout(row["task"], row["hardware"], row["policy"])
+        each = (rollout.steps * rollout.step_time / rollout.bound)[rollout.success]
+        expected = np.median(each) if len(each) else np.nan
+        assert row["time_over_bound_median"] == pytest.approx(expected, nan_ok=True) and not expected <= 1.0
 
 
 def test_json_holds_everything(found, written):
@@ -113,11 +116,11 @@ def test_json_holds_everything(found, written):
 def test_csv_rows(found, written):
     with (written / "results.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [(row["task"], row["hardware"], row["policy"]) for row in rows] == list(found.rollouts)
+    assert [(row["task"], row["hardware"], row["policy"]) for row in rows] == [place[1:] for place, _ in found.rollouts]
     assert rows[0]["time_to_goal_median_s"] == "" and float(rows[0]["success_rate"]) == 0.0
     with (written / "episodes.csv").open(newline="", encoding="utf-8") as file:
         episodes = list(csv.DictReader(file))
-    pusher = found.rollouts[Trial("Transport", "ideal", "pusher")]
+    pusher = found.rollout("Transport", "ideal", "pusher")
     mine = [row for row in episodes if (row["task"], row["policy"]) == ("Transport", "pusher")]
     assert [int(row["seed"]) for row in mine] == list(pusher.seeds)
     np.testing.assert_array_equal([float(row["position_error_m"]) for row in mine], pusher.position_error)
@@ -139,9 +142,9 @@ def test_only_the_files_are_left(written):
 
 
 def test_gif(found):
-    film = found.rollouts[Trial("Align", "ideal", "pusher")].film
-    frames, interval = animation.frames_of(film, found.scenery["Align"], 0.04, 300)
-    assert len(frames) <= animation.MOST_FRAMES and frames[0].dtype == np.uint8
-    with Image.open(io.BytesIO(animation.gif(frames[:6], 1.0 / interval))) as image:
+    film = found.rollout("Align", "ideal", "pusher").film
+    frames, interval = films.frames_of(film, found.prepared.scenery["Align"], 0.04, 300)
+    assert len(frames) <= films.MOST_FRAMES and frames[0].dtype == np.uint8
+    with Image.open(io.BytesIO(films.gif(frames[:6], 1.0 / interval))) as image:
         assert image.n_frames == 6 and image.info["loop"] == 0
         assert image.size == (frames[0].shape[1], frames[0].shape[0])

@@ -5,8 +5,8 @@ import math
 import gymnasium as gym
 import numpy as np
 import pytest
-from agents.evaluation.log import WATCHED_AMONG, farthest_goal
-from agents.evaluation.records import Trial
+
+from agents.evaluation.films import WATCHED_AMONG, farthest_goal
 
 
 def alone(policy, task, seed):
@@ -27,8 +27,8 @@ def alone(policy, task, seed):
 @pytest.mark.parametrize("name", ["pusher", "counting"])
 @pytest.mark.parametrize("task", ["Transport", "Align"])
 def test_same_numbers_as_single_environments(found, task, name):
-    rollout = found.rollouts[Trial(task, "ideal", name)]
-    policy = dict(zip(found.settings.named_policies(), found.settings.policies, strict=True))[name]
+    rollout = found.rollout(task, "ideal", name)
+    policy = next(each.content for each in found.settings.entries() if each.name == name)
     for k, seed in enumerate(rollout.seeds[:4]):
         one = alone(policy, task, seed)
         assert rollout.steps[k] == one["steps"]
@@ -49,8 +49,8 @@ def test_same_numbers_as_single_environments(found, task, name):
 
 def test_times_and_outcomes(found):
     still, pusher = (
-        found.rollouts[Trial("Transport", "ideal", "still <&>")],
-        found.rollouts[Trial("Transport", "ideal", "pusher")],
+        found.rollout("Transport", "ideal", "still <&>"),
+        found.rollout("Transport", "ideal", "pusher"),
     )
     assert pusher.step_time == pytest.approx(0.04)
     assert pusher.success.sum() >= 4  # else the tests above have shown little
@@ -66,7 +66,7 @@ def test_times_and_outcomes(found):
 
 def test_all_policies_meet_the_same_starts_and_goals(found):
     for task in found.settings.tasks:
-        first, *others = (rollout for key, rollout in found.rollouts.items() if key[0] == task)
+        first, *others = (rollout for (place, _), rollout in found.rollouts.items() if place.task == task)
         for other in others:
             np.testing.assert_array_equal(first.goals, other.goals)
             np.testing.assert_array_equal(first.poses[:, 0], other.poses[:, 0])
@@ -82,7 +82,7 @@ def test_film_is_the_watched_episode(found):
         assert not film.phasors[0].any()
         assert film.success == rollout.success[world]
         np.testing.assert_array_equal(film.poses.astype(np.float32), rollout.poses[world, : len(film.poses)])
-    assert found.rollouts[Trial("Align", "ideal", "pusher")].film.phasors[1].any()
+    assert found.rollout("Align", "ideal", "pusher").film.phasors[1].any()
 
 
 def test_the_farthest_of_the_first_worlds_is_watched():
@@ -96,7 +96,7 @@ def test_the_farthest_of_the_first_worlds_is_watched():
 
 
 def test_rates_leave_the_first_step_out(found):
-    timing = found.rollouts[Trial("Transport", "ideal", "still <&>")].timing
+    timing = found.rollout("Transport", "ideal", "still <&>").timing
     assert timing.world_steps == 8 * 249
     assert timing.total == pytest.approx(timing.policy + timing.environment)
     assert timing.rates()[0] == pytest.approx(timing.world_steps / timing.total)

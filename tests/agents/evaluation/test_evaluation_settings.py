@@ -3,7 +3,7 @@
 import pytest
 
 from agents import evaluation
-from agents.evaluation import words
+from agents.evaluation import pages
 from tests.agents.evaluation.conftest import Pusher, Shepherd
 
 
@@ -49,7 +49,7 @@ def test_a_policy_runs_on_its_tasks_or_on_all_that_it_serves():
         ("Sort", "local_fields"),
         ("Sort", "zero"),
     ]
-    assert [(task, policy) for task, _, policy in prepared.jobs] == pairs
+    assert [(run.place.task, run.place.policy) for run in prepared.runs] == pairs
 
 
 def test_every_environment_can_be_evaluated():
@@ -62,7 +62,7 @@ def test_every_environment_can_be_evaluated():
         "aluminium block",
         "disc",
     ]
-    assert words.inventory(facts.parts) == (
+    assert pages.inventory(facts.parts) == (
         "two steel blocks (50 × 40 mm, friction 0.64), two aluminium blocks (50 × 35 mm, friction 0.58) "
         "and two discs (40 × 40 mm, friction 0.6)"
     )
@@ -89,14 +89,14 @@ def test_names_that_nothing_can_show_are_refused_before_anything_runs(name):
 
 def test_what_is_asked_in_words():
     tasks = evaluation.prepare(settings(tasks=["Transport", "Align", "Sort", "Singulate"])).tasks
-    assert {name: words.asked(info) for name, info in tasks.items()} == {
+    assert {name: pages.success_criterion(info) for name, info in tasks.items()} == {
         "Transport": "within 5 mm",
         "Align": "within 2 mm and 3°",
         "Sort": "all parts in their zones",
         "Singulate": "all parts more than 36.8 mm apart",
     }
-    assert words.facts(tasks["Transport"], 5)["heading_tolerance"] is None
-    assert words.facts(tasks["Sort"], 5)["position_tolerance"] is None
+    assert pages.task_facts(tasks["Transport"], 5)["heading_tolerance"] is None
+    assert pages.task_facts(tasks["Sort"], 5)["position_tolerance"] is None
 
 
 def test_a_model_may_be_told_what_it_speaks():

@@ -10,16 +10,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import shapely
-from agents.evaluation.log import SERIES, Log
-from agents.evaluation.records import Trial
 from shapely import affinity
 
 from agents import evaluation
-from agents.evaluation import animation
+from agents.evaluation import films
+from agents.evaluation.films import Log
 from tests.agents.evaluation.conftest import Shepherd
 from vibgym.policies.rollout import rollout
 
-PAIRS = [Trial(task, "ideal", policy) for policy in ("shepherd", "lazy shepherd") for task in ("Sort", "Singulate")]
+PAIRS = [(task, "ideal", policy) for policy in ("shepherd", "lazy shepherd") for task in ("Sort", "Singulate")]
 
 
 def distances(found, task, poses):
@@ -48,7 +47,7 @@ def poses_of(rollout, episode):
 
 @pytest.mark.parametrize("pair", PAIRS)
 def test_collisions_and_clearance_from_the_poses(several, pair):
-    rollout = several.rollouts[pair]
+    rollout = several.rollout(*pair)
     for episode in range(3):
         poses = poses_of(rollout, episode)
         if rollout.fallen[episode]:  # a part that has fallen is out of the way
@@ -63,18 +62,14 @@ def test_collisions_and_clearance_from_the_poses(several, pair):
 
 
 def test_there_were_collisions(several):
-    assert (
-        several.rollouts[Trial("Sort", "ideal", "shepherd")].collisions.sum() > 0
-    )  # else the test above has shown little
-    assert several.rollouts[Trial("Sort", "ideal", "lazy shepherd")].collisions.sum() == 0
-    assert (
-        several.rollouts[Trial("Singulate", "ideal", "lazy shepherd")].clearance < 1e-5
-    ).all()  # in touch from the start
+    assert several.rollout("Sort", "ideal", "shepherd").collisions.sum() > 0  # else the test above has shown little
+    assert several.rollout("Sort", "ideal", "lazy shepherd").collisions.sum() == 0
+    assert (several.rollout("Singulate", "ideal", "lazy shepherd").clearance < 1e-5).all()  # in touch from the start
 
 
 @pytest.mark.parametrize("pair", PAIRS)
 def test_throughput_from_the_poses(several, pair):
-    rollout, task = several.rollouts[pair], several.tasks[pair[0]]
+    rollout, task = several.rollout(*pair), several.tasks[pair[0]]
     for episode, steps in enumerate(rollout.steps):
         last = poses_of(rollout, episode)[-2:].astype(np.float64)
         if rollout.fallen[episode]:
@@ -96,7 +91,7 @@ def test_throughput_from_the_poses(several, pair):
 
 @pytest.mark.parametrize("pair", PAIRS)
 def test_paths(several, pair):
-    rollout, task = several.rollouts[pair], several.tasks[pair[0]]
+    rollout, task = several.rollout(*pair), several.tasks[pair[0]]
     for episode in range(len(rollout.seeds)):
         places = poses_of(rollout, episode)[..., :2].astype(np.float64)
         lengths = np.hypot(*np.moveaxis(np.diff(places, axis=0), -1, 0)).sum(axis=0)
@@ -118,7 +113,7 @@ def test_paths(several, pair):
 
 
 def test_same_numbers_as_single_environments(several):
-    rollout, policy = several.rollouts[Trial("Sort", "ideal", "shepherd")], Shepherd()
+    rollout, policy = several.rollout("Sort", "ideal", "shepherd"), Shepherd()
     for k, seed in enumerate(rollout.seeds[:2]):
         env = gym.make("vibgym/Sort-v0", action="field", observation="state")
         observation, info = env.reset(seed=seed)
@@ -136,8 +131,8 @@ def test_same_numbers_as_single_environments(several):
 
 def test_some_succeed_and_some_do_not(several):
     """Else the tests of this file have shown little."""
-    assert sum(several.rollouts[pair].success.sum() for pair in PAIRS) >= 3
-    assert not several.rollouts[Trial("Sort", "ideal", "lazy shepherd")].success.any()
+    assert sum(several.rollout(*pair).success.sum() for pair in PAIRS) >= 3
+    assert not several.rollout("Sort", "ideal", "lazy shepherd").success.any()
 
 
 def test_absent_parts_leave_no_trace():
@@ -151,22 +146,6 @@ def test_absent_parts_leave_no_trace():
     assert (found.parts_done[found.success] == counts[found.success]).all()
 
 
-def test_panels_show_what_a_task_has(several):
-    said = {
-        pair: [name for name in SERIES if rollout.over_time(name) is not None]
-        for pair, rollout in several.rollouts.items()
-    }
-    assert said[Trial("Transport", "ideal", "pusher")] == ["position_error"]
-    assert (
-        said["Sort", "ideal", "shepherd"]
-        == said["Singulate", "ideal", "shepherd"]
-        == ["position_error", "clearance", "parts_done"]
-    )
-    for each in several.rollouts.values():
-        last = over_time(each, "position_error")[np.arange(len(each.steps)), each.steps]
-        np.testing.assert_array_equal(last, each.position_error.astype(np.float32))
-
-
 def test_columns(several, written_several):
     with (written_several / "episodes.csv").open(newline="", encoding="utf-8") as file:
         episodes = list(csv.DictReader(file))
@@ -174,7 +153,7 @@ def test_columns(several, written_several):
     assert [name for name in episodes[0] if name in own] == own
     assert len(episodes) == 5 + 2 * 6 + 2 * 5
     mine = [row for row in episodes if (row["task"], row["policy"]) == ("Sort", "shepherd")]
-    rollout = several.rollouts[Trial("Sort", "ideal", "shepherd")]
+    rollout = several.rollout("Sort", "ideal", "shepherd")
     assert [int(row["collisions"]) for row in mine] == rollout.collisions.tolist()
     assert [float(row["throughput_parts_per_s"]) for row in mine] == rollout.throughput.tolist()
     assert [float(row["clearance_m"]) for row in mine] == rollout.clearance.tolist()
@@ -199,26 +178,6 @@ def test_json(several, written_several):
         ("Sort", "lazy shepherd"),
         ("Singulate", "lazy shepherd"),
     }
-    curves = {(each["what"], each["touching"]): each for each in content["cost_per_period"]["curves"]}
-    assert set(curves) == {("simulation", False), ("simulation", True), ("local_field", False)}
-    assert curves["simulation", False]["parts"] == [1, 2, 4] and curves["simulation", True]["parts"] == [2, 4]
-
-
-def test_page(several, written_several):
-    text = (written_several / "report.html").read_text(encoding="utf-8")
-    for task in ("Transport", "Sort", "Singulate", "cost", "results"):
-        assert f'href="#{task}"' in text and f'id="{task}"' in text
-    words = " ".join(text.split())
-    assert "three steel blocks (50 × 40 mm, friction 0.64) and three aluminium blocks" in words
-    assert "In Transport it moves one aluminium block (50 × 35 mm, friction 0.58) through 5 episodes." in words
-    for heading in ("Throughput", "Parts done", "Collisions", "Path efficiency"):
-        assert f"<th>{heading}</th>" in text
-    assert "counted pair by pair from the poses" in words
-    assert "Every present part's centre" in text.replace("&#39;", "'")
-    for row in several.rows:
-        if row.task != "Transport":
-            assert f"{row.collisions_mean:.1f} collisions an episode" in text
-    assert text.count('data-film="') == len(several.rollouts)
 
 
 def test_summary_has_a_table_of_its_own(several):
@@ -230,15 +189,15 @@ def test_summary_has_a_table_of_its_own(several):
 
 
 def test_pictures_show_zones_and_trails(several):
-    film = several.rollouts[Trial("Sort", "ideal", "shepherd")].film
-    frames, _ = animation.frames_of(film, several.scenery["Sort"], 0.04, 520)
+    film = several.rollout("Sort", "ideal", "shepherd").film
+    frames, _ = films.frames_of(film, several.prepared.scenery["Sort"], 0.04, 520)
     assert (frames[0] != frames[-1]).any()
     assert re.match(r"0\.00 s   \d of 6 parts done ", film.captions[0]) and len(film.captions) == len(film.poses)
     # A zone tints its end of the table: the picture differs from Singulate's at the left and at the right, not between.
     pictures = []
     for task in ("Sort", "Singulate"):
-        own, scenery = several.rollouts[Trial(task, "ideal", "lazy shepherd")].film, several.scenery[task]
+        own, scenery = several.rollout(task, "ideal", "lazy shepherd").film, several.prepared.scenery[task]
         empty = dataclasses.replace(own, present=np.zeros_like(own.present))
-        pictures.append(animation.picture(empty, scenery, 0, animation.painter_for(scenery, 520)))
+        pictures.append(films.picture(empty, scenery, 0, films.painter_for(scenery, 520)))
     columns = (pictures[0][:140] != pictures[1][:140]).any(axis=(0, 2))
     assert columns[40:80].all() and columns[-80:-40].all() and not columns[200:-200].any()

@@ -1,40 +1,48 @@
-"""Intervals against known values."""
+"""Intervals and paired differences against known values and closed forms."""
+
+import math
 
 import numpy as np
 import pytest
-from agents.evaluation.records import Trial
-from agents.evaluation.statistics import bootstrap
 from scipy import stats
 
-from agents.evaluation.statistics import compare, difference_interval, quartiles, success_interval
+from agents.evaluation.statistics import (
+    bootstrap,
+    interval_of,
+    iqm,
+    iqm_difference,
+    mean_difference,
+    paired,
+    pigeonhole,
+    quartiles,
+    success_difference,
+    success_interval,
+)
 
-LEVEL, RESAMPLES = 0.95, 9999
+LEVEL, RESAMPLES, DRAWS = 0.95, 9999, 2000
 
 
 def outcomes(successes, episodes):
     return np.arange(episodes) < successes
 
 
+def means(cells):
+    return cells.mean(axis=-1)
+
+
 def test_bootstrap_of_a_mean_agrees_with_the_t_interval():
     values = np.random.default_rng(1).normal(3.0, 2.0, 400)
     interval = bootstrap(values, LEVEL, RESAMPLES)
     low, high = stats.t.interval(LEVEL, 399, values.mean(), stats.sem(values))
-    assert interval.method == "BCa bootstrap"
-    assert interval.low == pytest.approx(low, abs=0.03)
-    assert interval.high == pytest.approx(high, abs=0.03)
-
-
-def test_bootstrap_can_be_repeated():
-    values = np.random.default_rng(2).exponential(1.0, 50)
-    assert bootstrap(values, LEVEL, 500) == bootstrap(values, LEVEL, 500)
+    assert interval.method == "BCa bootstrap" and interval == bootstrap(values, LEVEL, RESAMPLES)
+    assert (interval.low, interval.high) == pytest.approx((low, high), abs=0.03)
 
 
 @pytest.mark.parametrize("successes", [50, 250, 400])
 def test_success_rate_agrees_with_wilson(successes):
     interval = success_interval(outcomes(successes, 500), LEVEL, RESAMPLES)
     wilson = stats.binomtest(successes, 500).proportion_ci(LEVEL, method="wilson")
-    assert interval.low == pytest.approx(wilson.low, abs=0.004)
-    assert interval.high == pytest.approx(wilson.high, abs=0.004)
+    assert (interval.low, interval.high) == pytest.approx((wilson.low, wilson.high), abs=0.004)
 
 
 def test_unanimous_success_has_no_interval_of_zero_width():
@@ -43,41 +51,89 @@ def test_unanimous_success_has_no_interval_of_zero_width():
     assert (interval.method, interval.high) == ("Clopper-Pearson", 1.0)
     assert interval.low == pytest.approx(0.025 ** (1 / 500))
     interval = success_interval(outcomes(0, 500), LEVEL, RESAMPLES)
-    assert interval.low == 0.0
-    assert interval.high == pytest.approx(1.0 - 0.025 ** (1 / 500))
+    assert (interval.low, interval.high) == pytest.approx((0.0, 1.0 - 0.025 ** (1 / 500)))
+    # Training runs on the same episodes do not narrow the exact interval.
+    several = success_interval(np.ones((3, 100), dtype=bool), LEVEL, DRAWS)
+    assert (several.method, several.low) == ("Clopper-Pearson", pytest.approx(0.025 ** (1 / 100)))
 
 
-def test_paired_differences():
-    first, second = outcomes(80, 100), outcomes(60, 100)
-    interval = difference_interval(first, second, LEVEL, RESAMPLES)
+def test_paired_success_differences():
+    first, second = outcomes(80, 100)[None], outcomes(60, 100)[None]
+    found = success_difference(first, second, LEVEL, RESAMPLES)
     # 20 of 100 seeds differ, all the same way, so this is the interval of 20 / 100; unpaired it were 0.2 +- 0.124.
     wilson = stats.binomtest(20, 100).proportion_ci(LEVEL, method="wilson")
-    assert interval.low == pytest.approx(wilson.low, abs=0.01)
-    assert interval.high == pytest.approx(wilson.high, abs=0.01)
-    same = difference_interval(first, first, LEVEL, RESAMPLES)
+    assert (found.interval.low, found.interval.high) == pytest.approx(
+        (wilson.low, wilson.high), abs=0.01
+    ) and found.clear
+    same = success_difference(first, first, LEVEL, RESAMPLES).interval
     assert same.low == -same.high == pytest.approx(0.025 ** (1 / 100) - 1.0)
-    always = difference_interval(outcomes(0, 100), outcomes(100, 100), LEVEL, RESAMPLES)
+    always = success_difference(outcomes(0, 100)[None], outcomes(100, 100)[None], LEVEL, RESAMPLES).interval
     assert (always.low, always.high) == (-1.0, pytest.approx(-(0.025 ** (1 / 100))))
 
 
-def test_quartiles_skip_what_does_not_apply():
+def test_quartiles_ignore_nan():
     found = quartiles(np.array([1.0, np.nan, 2.0, 3.0, 4.0, 5.0]))
-    assert (found.lower, found.median, found.upper) == (2.0, 3.0, 4.0)
-    assert np.isnan(quartiles(np.array([np.nan])).median)
+    assert tuple(found) == (2.0, 3.0, 4.0) and np.isnan(quartiles(np.array([np.nan])).median)
 
 
-def test_comparison_is_paired_and_turns_round(found):
-    pusher, still = (
-        found.rollouts[Trial("Transport", "ideal", "pusher")],
-        found.rollouts[Trial("Transport", "ideal", "still <&>")],
-    )
-    forth = compare("ideal", ("pusher", "still"), pusher, still, LEVEL, 500)
-    assert forth.success_difference == pytest.approx(pusher.success.mean())
-    assert forth.both == 0 and np.isnan(forth.time_difference) and forth.time_interval is None
-    back = forth.turned()
-    assert (back.first, back.second) == ("still", "pusher")
-    assert back.success_interval.low == -forth.success_interval.high
-    same = compare("ideal", ("pusher", "pusher"), pusher, pusher, LEVEL, 500)
-    assert same.time_difference == 0.0 and same.time_interval is None
-    with pytest.raises(ValueError, match="same task and the same seeds"):
-        compare("ideal", ("a", "b"), pusher, found.rollouts[Trial("Align", "ideal", "pusher")], LEVEL, 500)
+def test_iqm_is_the_mean_of_the_middle_half():
+    assert iqm(np.array([9.0, 1.0, 2.0, 100.0, 3.0, 4.0, -50.0, 5.0])) == pytest.approx((2 + 3 + 4 + 5) / 4)
+    values = np.random.default_rng(0).normal(size=1003)
+    assert iqm(values) == pytest.approx(np.sort(values)[250:-250].mean())
+
+
+def test_one_run_is_the_usual_bootstrap():
+    values = np.random.default_rng(2).normal(3.0, 2.0, (1, 300))
+    assert pigeonhole(means, [values], 9999).std() == pytest.approx(values.std() / math.sqrt(300), rel=0.03)
+    theirs = stats.bootstrap((values[0],), iqm, n_resamples=4000, method="percentile", rng=np.random.default_rng(3))
+    assert pigeonhole(iqm, [values], 4000).std() == pytest.approx(theirs.standard_error, rel=0.06)
+
+
+def test_runs_that_share_episodes_are_not_independent():
+    # Variance of the pigeonhole bootstrap of rows that are copies: that of one row, not a third of it.
+    row = np.random.default_rng(4).normal(size=(1, 200))
+    one = pigeonhole(means, [row], 9999).std()
+    assert pigeonhole(means, [np.repeat(row, 3, axis=0)], 9999).std() == pytest.approx(one, rel=0.03)
+    # Runs that differ as a whole: their spread counts too.
+    apart = row + np.array([[0.0], [1.0], [2.0]])
+    expected = math.sqrt(one**2 + np.var([0.0, 1.0, 2.0]) / 3)
+    assert pigeonhole(means, [apart], 9999).std() == pytest.approx(expected, rel=0.03)
+
+
+def test_a_paired_difference_is_narrower_than_either_interval():
+    rng = np.random.default_rng(7)
+    hard = rng.uniform(1.0, 3.0, (1, 200))
+    other = hard + 0.05 + rng.normal(0.0, 0.02, (1, 200))
+    time, middle = mean_difference(other - hard, LEVEL, DRAWS), iqm_difference(other, hard, LEVEL, DRAWS)
+    assert time.value == pytest.approx(0.05, abs=0.005) and time.clear and middle.clear
+    alone = interval_of(hard, LEVEL, DRAWS, iqm)
+    assert middle.interval.high - middle.interval.low < 0.2 * (alone.high - alone.low)
+    back = middle.negative()
+    assert (back.value, back.interval.low) == (-middle.value, -middle.interval.high)
+
+
+def test_several_runs_against_one():
+    rng = np.random.default_rng(8)
+    hard = rng.uniform(1.0, 3.0, (1, 150))
+    runs = hard + np.array([[0.0], [0.1], [0.2]]) + rng.normal(0.0, 0.01, (3, 150))
+    runs[2, :30] = np.nan
+    success = success_difference(np.isfinite(runs), np.isfinite(hard), LEVEL, DRAWS)
+    assert success.value == pytest.approx(-30 / 450)
+    # Two thirds of the runs never fail: with a chance of 8 in 27 no run that does is drawn.
+    assert success.interval.high == 0.0 and success.interval.low < -0.1
+    time = mean_difference(runs - hard, LEVEL, DRAWS)
+    assert time.value == pytest.approx((0.0 * 150 + 0.1 * 150 + 0.2 * 120) / 420, abs=0.003)
+    same = np.repeat(hard, 3, axis=0)
+    assert mean_difference(same - hard, LEVEL, DRAWS).interval is None
+    assert iqm_difference(same, hard, LEVEL, DRAWS).interval is None
+
+
+def test_comparison_needs_the_same_task(found):
+    pusher, still = found.rollout("Transport", "ideal", "pusher"), found.rollout("Transport", "ideal", "still <&>")
+    gap = paired(pusher, still, LEVEL, 500)
+    assert gap["success"].value == pytest.approx(pusher.success.mean())
+    assert gap["both"] == 0 and np.isnan(gap["time"].value) and gap["time"].interval is None
+    same = paired(pusher, pusher, LEVEL, 500)
+    assert same["time"].value == 0.0 and same["time"].interval is None
+    with pytest.raises(ValueError, match="same seeds"):
+        paired(pusher, found.rollout("Align", "ideal", "pusher"), LEVEL, 500)

@@ -52,9 +52,7 @@ def test_same_files_with_one_process_and_two(tmp_path, two):
         for name, value in vars(rollout).items():
             if isinstance(value, np.ndarray):
                 np.testing.assert_array_equal(value, getattr(other.rollouts[pair], name))
-    assert repr(one.effects) == repr(other.effects) and one.effects is not None
     assert one_files["episodes.csv"] == other_files["episodes.csv"]
-    assert repr(one.comparisons) == repr(other.comparisons)  # nan is not nan
     pictures = [re.findall(r"data:image/[^\"]*", files["report.html"]) for files in (one_files, other_files)]
     assert pictures[0] == pictures[1] and len(pictures[0]) > 3 * 3
 

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from agents.evaluation.jobs import Job
-from agents.evaluation.suite import load_settings
-from agents.evaluation.suite.scores import episode_scores, suite_interval, suite_score
 
 from agents import __main__ as command
+from agents.evaluation.run import Run
+from agents.evaluation.settings import SuiteSettings
+from agents.evaluation.statistics import episode_scores, suite_interval, suite_score
 
 SMALL = {
     "tasks": ["Transport", "Align", "Feed"],
@@ -38,10 +38,10 @@ def found(success, time, bound):
 
 
 def test_the_shipped_protocol_is_sound():
-    settings = load_settings(Path("configs/suite/open.yaml"))
+    settings = SuiteSettings.load(Path("configs/suite/open.yaml"))
     assert settings.seed_list("Swap")[0] == 300_000 and set(settings.named_hardware()) == {"ideal", "prototype"}
     assert [entry.name for entry in settings.entries()] == ["zero", "random", "classical", "planner", "mpc", "learned"]
-    classical = settings.named_policies()["classical"]
+    classical = next(each.content for each in settings.entries() if each.name == "classical")
     assert len(settings.tasks) == 8 and set(classical) - {"kind"} <= set(settings.tasks)
 
 
@@ -90,7 +90,7 @@ def test_the_command_scores_goes_on_and_lets_others_enter(tmp_path, capsys, monk
     def nobody(*_):
         raise AssertionError("played again")
 
-    monkeypatch.setattr(Job, "play", nobody)
+    monkeypatch.setattr(Run, "play", nobody)
     assert command.main(["score", str(path), "--quiet"]) == 0  # all from the files of the first run
     assert capsys.readouterr().out == table
     monkeypatch.undo()
@@ -105,7 +105,7 @@ def test_the_command_scores_goes_on_and_lets_others_enter(tmp_path, capsys, monk
     ({"tasks": ["Sort"], "task_episodes": {}}, "suite.tasks"),
     ({"policies": [{"kind": "pose", "training_steps": 2000}]}, "suite.policies.0.training_steps"),
     ({"policies": ["zero", "zero"]}, "suite.policies.1.name"),
-    ({"policies": ["open_loop"], "tasks": ["Feed"]}, "suite.policies (open_loop)"),
+    ({"policies": ["open_loop"], "tasks": ["Feed"]}, "open_loop"),
     ({"policies": [{"kind": "zero", "episodes": 0}]}, "suite.policies.0.episodes"),
     ({"colour": 1}, "colour"),
 ])  # fmt: skip

@@ -4,10 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
-from agents.evaluation.verification.intervals import mean_between, median_between, rate_between
 from scipy import stats
 
 from agents.evaluation.statistics import median_interval
+from agents.evaluation.verify import mean_between, median_between, rate_between
 
 ALPHA, TRIALS = 0.05, 4000
 ALARMS = stats.binom.ppf(0.9999, TRIALS, ALPHA) / TRIALS

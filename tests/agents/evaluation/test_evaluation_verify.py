@@ -36,7 +36,7 @@ def original(tmp_path_factory):
     (folder / "mine.yaml").write_text(yaml.safe_dump(settings))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr("agents.evaluation.report.report_page.page", lambda *_: "drawing takes most of the time")
+        patch.setattr("agents.evaluation.report.page", lambda *_: "drawing takes most of the time")
         assert command.main(["evaluate", "mine.yaml", "--quiet"]) == 0
         assert command.main(["publish", "mine.yaml", "--output", "out"]) == 0
     return folder
@@ -75,7 +75,7 @@ def test_what_is_shipped_comes_out_again(capsys):
 def test_published_and_verified(folder, capsys):
     code, text, errors = verified(capsys, "out", "--output", "all")
     assert code == 0 and errors == ""
-    assert "6 of 6 published episodes came out the same when played again" in text
+    assert "6 of 6 published episodes have the same metrics when played again" in text
     assert "outside: " not in text and "different: " not in text and "version: " not in text
     rows = list(csv.DictReader((folder / "all" / "verification.csv").open(newline="")))
     assert {row["study"] for row in rows} == {"report", "effects"} and {row["inside"] for row in rows} == {"True"}
@@ -94,8 +94,8 @@ def test_a_policy_that_is_worse_than_published_lies_outside(folder, capsys):
     (folder / "out" / "report.json").write_text(json.dumps(record))
     code, text, _ = verified(capsys, "out")
     assert code == 1 and text.endswith("\nnot verified\n")
-    assert "outside: Align, ideal, learned: success 0.0 % of 4 episodes, published 100.0 %, should lie in" in text
-    assert "different: mine.yaml: asks for other policies (learned)\n" in text
+    assert "outside: Align, ideal, learned: success 0.0 % of 4 episodes, published 100.0 %, should be in" in text
+    assert "different: mine.yaml: other policies (learned) than published\n" in text
     assert "outside: effects, Align, noise, learned: success" in text
 
 
@@ -127,23 +127,23 @@ def edited_settings(out):
 
 def other_policy(out):
     rewritten(out.parent / "align.json", '"version": 2', '"version":  2')
-    return "align.json: another file since results were published"
+    return "align.json: changed since results were published"
 
 
 def other_tensors(out):
     path = next(out.parent.glob("align-*.safetensors"))
     path.write_bytes(path.read_bytes()[:-1] + b"\0")
-    return f"{path.name}: another file since results were published"
+    return f"{path.name}: changed since results were published"
 
 
 def missing_policy(out):
     (out.parent / "align.json").unlink()
-    return "align.json: gone since results were published"
+    return "align.json: missing since results were published"
 
 
 def other_config(out):
     rewritten(out.parent / "mine.yaml", "episodes: 16", "episodes: 17")
-    return "mine.yaml: asks for other episodes"
+    return "mine.yaml: other episodes than published"
 
 
 @pytest.mark.parametrize(
