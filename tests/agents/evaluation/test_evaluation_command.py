@@ -22,33 +22,66 @@ GOOD = {
 EFFECTS = {"task": "Rotate", "policies": ["zero"], "cases": {"none": {}}}
 
 BAD = {
-    'unknown key': ({'taks': ['Rotate']}, ['taks']),
-    'unknown task': ({'tasks': ['Stack']}, ['tasks.0', 'Stack']),
-    'task twice': ({'tasks': ['Align', 'Align']}, ['tasks', 'Align']),
-    'unknown policy': ({'policies': ['fuzzy']}, ['policies (fuzzy on Rotate)', 'fuzzy']),
-    'task that does not run': ({'policies': [{'kind': 'zero', 'tasks': ['Align']}]}, ['policies.0.tasks', 'Align']),
-    'policy that does not serve': ({'tasks': ['Rotate', 'Sort'], 'policies': ['zero', {'kind': 'open_loop', 'tasks': ['Sort']}]}, ['policies (open_loop on Sort)']),
-    'policy that serves nothing': ({'tasks': ['Sort'], 'policies': ['zero', 'open_loop']}, ['open_loop', 'Sort']),
-    'task without a policy': ({'tasks': ['Rotate', 'Sort'], 'policies': [{'kind': 'zero', 'tasks': ['Rotate']}]}, ['evaluation.tasks', 'Sort']),
-    'object that is none': ({'policies': [{'policy': 'zero'}]}, ['policies.0']),
-    'more episodes than seeds': ({'seeds': [1, 2], 'episodes': None, 'first_seed': None, 'task_episodes': {'Rotate': 3}}, ['task_episodes.Rotate', '3']),
-    'unknown argument': ({'policies': [{'kind': 'zero', 'gain': 1}]}, ['gain']),
-    'argument out of range': ({'policies': [{'kind': 'local_field', 'braking': 7}]}, ['braking', '7']),
-    'name twice': ({'policies': ['zero', {'name': 'zero', 'kind': 'random'}]}, ['policies.1.name', 'zero']),
-    'missing weights': ({'policies': [{'kind': 'trained', 'path': 'nowhere/{task}.json'}]}, ['nowhere/rotate.json']),
-    'too few': ({'episodes': 0}, ['episodes', '0']),
-    'seeds and episodes': ({'seeds': [1, 2]}, ['episodes', 'seeds']),
-    'environment key': ({'environment': {'action': 'patch'}}, ['environment', 'action']),
-    'environment value': ({'environment': {'parts': ['brick']}}, ['parts', 'brick']),
-    'hardware of another key': ({'hardware': {'a': {'walls': []}}}, ['evaluation.hardware.a', 'walls']),
-    'hardware of an unknown kind': ({'hardware': {'a': {'actuators': 'magic'}}}, ['evaluation.hardware.a: actuators', 'magic']),
-    'hardware that nothing runs on': ({'hardware': {'a': {}, 'b': {}}, 'policies': [{'kind': 'zero', 'hardware': ['a']}]}, ['evaluation.hardware.b']),
-    'unknown hardware of a policy': ({'hardware': {'a': {}}, 'policies': [{'kind': 'zero', 'hardware': ['ideal']}]}, ['policies.0.hardware', 'ideal']),
-    'effects on an unknown policy': ({'effects': {'task': 'Rotate', 'policies': ['learned'], 'cases': {'none': {}}}}, ['evaluation.effects.policies.0', 'learned']),
-    'an effect that no environment has': ({'effects': {'task': 'Rotate', 'policies': ['zero'], 'cases': {'dust': {'actuators': {'kind': 'prototype', 'dust': 1}}}}}, ['evaluation.effects.cases.dust: actuators', 'dust']),
-    'a sensor setting that no sensor has': ({'effects': {'task': 'Rotate', 'policies': [{'policy': 'zero', 'sensor': {'zoom': 2}}], 'cases': {'none': {}}}}, ['evaluation.effects.policies (zero in none): sensor', 'zoom']),
-    'confidence': ({'confidence': 95}, ['confidence', '95']),
-}  # fmt: skip
+    "unknown key": ({"taks": ["Rotate"]}, ["taks"]),
+    "unknown task": ({"tasks": ["Stack"]}, ["tasks.0", "Stack"]),
+    "task twice": ({"tasks": ["Align", "Align"]}, ["tasks", "Align"]),
+    "unknown policy": ({"policies": ["fuzzy"]}, ["policies (fuzzy on Rotate)", "fuzzy"]),
+    "task that does not run": ({"policies": [{"kind": "zero", "tasks": ["Align"]}]}, ["policies.0.tasks", "Align"]),
+    "policy that does not serve": (
+        {"tasks": ["Rotate", "Sort"], "policies": ["zero", {"kind": "open_loop", "tasks": ["Sort"]}]},
+        ["policies (open_loop on Sort)"],
+    ),
+    "policy that serves nothing": ({"tasks": ["Sort"], "policies": ["zero", "open_loop"]}, ["open_loop", "Sort"]),
+    "task without a policy": (
+        {"tasks": ["Rotate", "Sort"], "policies": [{"kind": "zero", "tasks": ["Rotate"]}]},
+        ["evaluation.tasks", "Sort"],
+    ),
+    "object that is none": ({"policies": [{"policy": "zero"}]}, ["policies.0"]),
+    "more episodes than seeds": (
+        {"seeds": [1, 2], "episodes": None, "first_seed": None, "task_episodes": {"Rotate": 3}},
+        ["task_episodes.Rotate", "3"],
+    ),
+    "unknown argument": ({"policies": [{"kind": "zero", "gain": 1}]}, ["gain"]),
+    "argument out of range": ({"policies": [{"kind": "local_field", "braking": 7}]}, ["braking", "7"]),
+    "name twice": ({"policies": ["zero", {"name": "zero", "kind": "random"}]}, ["policies.1.name", "zero"]),
+    "missing weights": ({"policies": [{"kind": "trained", "path": "nowhere/{task}.json"}]}, ["nowhere/rotate.json"]),
+    "too few": ({"episodes": 0}, ["episodes", "0"]),
+    "seeds and episodes": ({"seeds": [1, 2]}, ["episodes", "seeds"]),
+    "environment key": ({"environment": {"action": "patch"}}, ["environment", "action"]),
+    "environment value": ({"environment": {"parts": ["brick"]}}, ["parts", "brick"]),
+    "hardware of another key": ({"hardware": {"a": {"walls": []}}}, ["evaluation.hardware.a", "walls"]),
+    "hardware of an unknown kind": (
+        {"hardware": {"a": {"actuators": "magic"}}},
+        ["evaluation.hardware.a: actuators", "magic"],
+    ),
+    "hardware that nothing runs on": (
+        {"hardware": {"a": {}, "b": {}}, "policies": [{"kind": "zero", "hardware": ["a"]}]},
+        ["evaluation.hardware.b"],
+    ),
+    "unknown hardware of a policy": (
+        {"hardware": {"a": {}}, "policies": [{"kind": "zero", "hardware": ["ideal"]}]},
+        ["policies.0.hardware", "ideal"],
+    ),
+    "effects on an unknown policy": (
+        {"effects": {"task": "Rotate", "policies": ["learned"], "cases": {"none": {}}}},
+        ["evaluation.effects.policies.0", "learned"],
+    ),
+    "an effect that no environment has": (
+        {
+            "effects": {
+                "task": "Rotate",
+                "policies": ["zero"],
+                "cases": {"dust": {"actuators": {"kind": "prototype", "dust": 1}}},
+            }
+        },
+        ["evaluation.effects.cases.dust: actuators", "dust"],
+    ),
+    "a sensor setting that no sensor has": (
+        {"effects": {"task": "Rotate", "policies": [{"policy": "zero", "sensor": {"zoom": 2}}], "cases": {"none": {}}}},
+        ["evaluation.effects.policies (zero in none): sensor", "zoom"],
+    ),
+    "confidence": ({"confidence": 95}, ["confidence", "95"]),
+}
 
 
 @pytest.mark.parametrize("case", BAD)

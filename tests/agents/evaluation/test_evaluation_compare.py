@@ -9,10 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from agents.evaluation.comparison.curves import read_curve
 
 from agents import __main__ as command
-from agents.evaluation import comparison
+from agents.evaluation import compare as comparison
+from agents.evaluation.curves import read_curve
+from agents.evaluation.run import evaluate
+from agents.evaluation.settings import ComparisonSettings
 from tests.commands import refusal
 from vibgym.policies.trained.storage import load_set, save_set
 from vibgym.policies.trained.trained import KIND, VERSION
