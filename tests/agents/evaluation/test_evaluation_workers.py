@@ -43,6 +43,7 @@ def evaluated(directory, processes):
 def two(monkeypatch):
     """Two processors at least."""
     monkeypatch.setattr("agents.workers.local.available_threads", lambda: 2)
+    monkeypatch.setattr("agents.parallel.available_threads", lambda: 2)
 
 
 def test_same_files_with_one_process_and_two(tmp_path, two):
