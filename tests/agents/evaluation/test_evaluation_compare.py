@@ -159,7 +159,7 @@ MATRIX = {"name": "m", "task": "Rotate", "policies": ["zero"], "cases": {"none":
 LADDER = {"name": "l", "task": "Rotate", "policies": ["zero", "pose"]}
 
 BAD = {
-    "unknown key": ({"animations": True}, ["comparison.animations"]),
+    "unknown key": ({"animations": True}, ["animations"]),
     "unknown task": ({"tasks": ["Stack"]}, ["comparison.tasks.0", "Stack"]),
     "group": ({"policies": [{"kind": "zero", "group": "best"}]}, ["policies.0.group", "best", "hybrid"]),
     "one seed": ({"policies": [{**POLICY, "training_seeds": [1]}]}, ["policies.0.training_seeds", "2 to 100"]),
