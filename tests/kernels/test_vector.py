@@ -33,7 +33,7 @@ from vibgym.kernels.vector import (
     store,
     store_mask,
 )
-from vibgym.physics.core.sincos import sincos
+from vibgym.physics.planar.stepper import sincos
 
 numbers = st.lists(st.floats(-1e6, 1e6), min_size=LANES, max_size=LANES).map(np.array)
 

@@ -10,7 +10,7 @@ from shapely import unary_union
 from shapely.geometry import Polygon
 
 from vibgym import Part
-from vibgym.scene.convex import convex_decomposition
+from vibgym.scene.hulls import convex_decomposition
 from vibgym.scene.outlines import is_convex
 
 

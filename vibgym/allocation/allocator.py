@@ -19,9 +19,7 @@ import numpy as np
 
 from vibgym import checks
 from vibgym.actuators import DataSheet
-from vibgym.allocation.apron import spread_fields
-from vibgym.allocation.cut import Pieces, new_pieces, outlines_of
-from vibgym.allocation.effect import effects, reaches
+from vibgym.allocation.cut import Pieces, effects, new_pieces, outlines_of, reaches, spread_fields
 from vibgym.allocation.projections import SPREAD, Limits, Problem, Scratch, allocate, new_scratch, start_table
 from vibgym.kernels.jit import borrowing
 from vibgym.scene.parts import Part
@@ -51,7 +49,7 @@ class Allocator:
         sheet: what is known of the elements: largest amplitude, dead zone, resolution.
         threads: None uses all processors of this process; results do not depend on it.
         apron: m around a part within which elements that bear none go on with the field under it
-            (:mod:`vibgym.allocation.apron`): what a rigid part comes to lie on within the step is then no step. Up to an
+            (:mod:`vibgym.allocation.cut`): what a rigid part comes to lie on within the step is then no step. Up to an
             element.
 
     Attributes:

@@ -4,9 +4,7 @@ Least times of one part (:class:`TimeBound`), of several (:class:`SeveralBound`)
 and the most parts a minute where parts come and go (:class:`FlowBound`).
 """
 
-from vibgym.bounds.flow import FlowBound
-from vibgym.bounds.pushing import PushBound
-from vibgym.bounds.several import SeveralBound
+from vibgym.bounds.several import FlowBound, PushBound, SeveralBound
 from vibgym.bounds.time_bound import TimeBound
 
 __all__ = ["FlowBound", "PushBound", "SeveralBound", "TimeBound"]

@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.bounds.moving import moves
 from vibgym.bounds.programme import Moves, furthest, interpolated, overshoots
-from vibgym.bounds.turning import Scratch, Turner, turns
+from vibgym.bounds.turning import Scratch, Turner, moves, turns
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 

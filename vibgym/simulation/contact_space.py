@@ -19,7 +19,7 @@ from pymunk._chipmunk_cffi import ffi, lib
 
 from vibgym import checks
 from vibgym.kernels.foreign import foreign
-from vibgym.physics.contacts.impact_sequence import ImpactProperties
+from vibgym.physics.contacts.impact import ImpactProperties
 from vibgym.physics.contacts.solver import Solver
 from vibgym.scene.hulls import WALLS, convex_pieces, rounding
 from vibgym.scene.outlines import narrowest_width
@@ -52,7 +52,7 @@ MATERIALS = 31
 class ContactSpace:
     """pymunk spaces for the parts of a world and the walls.
 
-    Contacts in them do not rebound: :mod:`vibgym.physics.contacts.impact_sequence` does that. Friction of a contact between
+    Contacts in them do not rebound: :mod:`vibgym.physics.contacts.impact` does that. Friction of a contact between
     two parts is the geometric mean of theirs; a wall takes on that of the part that touches it.
 
     Args:

@@ -32,7 +32,7 @@ from vibgym.physics.contacts.broad_phase import (
     travel_bound,
 )
 from vibgym.physics.contacts.hulls import Hulls
-from vibgym.physics.contacts.impact_sequence import CONTACT_FROM, ImpactProperties, resolve_impacts, weigh_parts
+from vibgym.physics.contacts.impact import CONTACT_FROM, ImpactProperties, resolve_impacts, weigh_parts
 from vibgym.physics.contacts.solver import JOLT, Solver, forget_impacts, leave, raise_walls, solve
 from vibgym.physics.core.records import friction_in, incline_size
 from vibgym.physics.planar.stepper import apply_friction, cut_stale, enter_part

@@ -42,7 +42,7 @@ class Steering:
             zone and parts have goals to be held at, and ``action`` is ``"phasor"``.
         action: the environment's ``action=`` that is spoken, of :data:`vibgym.policies.classical.outputs.OUTPUTS`.
         apron: m around parts within which elements move as those under them, for rigid parts
-            (:mod:`vibgym.allocation.apron`); only with ``action="phasor"``.
+            (:mod:`vibgym.allocation.cut`); only with ``action="phasor"``.
         **settings: the law's own.
 
     Attributes:
