@@ -31,9 +31,9 @@ SAMPLES = 80
 def placed_safe_step(encounter, pairs, h):
     """How long parts that have not been looked at yet may go on, and whether anything may touch by then."""
     encounter = reference(encounter)
-    approach.parts_moved(encounter)
+    approach.invalidate_placement(encounter)
     encounter.contacts.clear[:] = -math.inf
-    step = approach.safe_step(encounter, pairs, pairs.shape[0], h, SHORTEST)
+    step = approach.conservative_step(encounter, pairs, pairs.shape[0], h, SHORTEST)
     return step.h, step.touching
 
 

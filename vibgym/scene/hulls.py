@@ -1,4 +1,4 @@
-"""Parts as convex hulls, for distances and contacts; decomposition of outlines, and checks of starting poses.
+"""Parts as convex hulls, for distances and contacts; decomposition of outlines.
 
 A non-convex outline becomes few convex pieces: triangles (mapbox_earcut), merged as long as they stay convex. Merging across
 diagonals leaves at most four times as many pieces as the fewest possible (S. Hertel, K. Mehlhorn, 1983). The contact solver's
@@ -13,10 +13,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym.physics.contacts.hulls import Hulls, all_gaps, place_hulls, wall_gap
+from vibgym.physics.contacts.hulls import Hulls, all_gaps
 from vibgym.scene.outlines import is_convex, signed_area
 from vibgym.scene.parts import Part
-from vibgym.scene.surface import Surface
 
 STRAIGHT = 1e-12
 """Turn to the right, over the size squared, that still counts as straight on."""
@@ -112,80 +111,3 @@ def gaps_between(parts: Sequence[Part], pose: np.ndarray) -> np.ndarray:
     gaps = np.empty((len(pose), len(parts), len(parts)))
     all_gaps(hulls_of(parts), np.ascontiguousarray(pose), gaps)
     return gaps
-
-
-AT_REST = 1e-4
-"""m of overlap that a start may have: what contacts leave between parts at rest."""
-
-IN_MOTION = 1e-3
-"""m of overlap beyond which a state did not come from a simulation with contacts."""
-
-
-def apart(surface: Surface, parts: Sequence[Part]) -> np.ndarray:
-    """Poses (parts, 3) before the first reset: a single part in the middle, several in a row or a grid about it."""
-    columns = int(np.ceil(np.sqrt(len(parts) * surface.width / surface.depth)))
-    rows = -(-len(parts) // columns)
-    index = np.arange(len(parts))
-    x = (index % columns + 0.5) * surface.width / columns
-    y = (index // columns + 0.5) * surface.depth / rows
-    if len(parts) == 1:
-        x, y = np.array([0.5 * surface.width]), np.array([0.5 * surface.depth])
-    return np.column_stack([x, y, np.zeros(len(parts))])
-
-
-def check_centres(name: str, pose: np.ndarray, surface: Surface) -> None:
-    """Refuse poses (..., 3) whose centres are beside the surface.
-
-    Raises:
-        ValueError: names the first of them.
-    """
-    off = (pose[..., 0] < 0) | (pose[..., 0] > surface.width) | (pose[..., 1] < 0) | (pose[..., 1] > surface.depth)
-    if off.any():
-        allowed = f"centres on the surface, x in [0, {surface.width:g}] and y in [0, {surface.depth:g}]"
-        raise checks.refuse(name, pose[off][0].tolist(), allowed)
-
-
-def check(
-    name: str,
-    hulls: Hulls,
-    surface: Surface,
-    parts: Sequence[Part],
-    walls: Sequence[str],
-    pose: np.ndarray,
-    away: np.ndarray,
-    allowed: float,
-) -> None:
-    """Refuse poses at which parts overlap.
-
-    Args:
-        name: of the argument.
-        pose: (worlds, parts, 3).
-        away: (worlds, parts) bool, parts that take no part.
-        allowed: m of overlap; of small parts at most a quarter of their radius, half of it in motion.
-
-    Raises:
-        ValueError: the deepest overlap is too deep; names world, parts and amount.
-    """
-    worlds, n = pose.shape[:2]
-    share = (0.25 if allowed <= AT_REST else 0.5) * hulls.radius
-    if n > 1:
-        gaps = np.empty((worlds, n, n))
-        all_gaps(hulls, np.ascontiguousarray(pose), gaps)
-        gaps[away] = np.inf
-        gaps.transpose(0, 2, 1)[away] = np.inf
-        excess = gaps + np.minimum(allowed, np.minimum.outer(share, share))
-        if excess.min() < 0.0:
-            world, i, j = (int(k) for k in np.unravel_index(int(excess.argmin()), excess.shape))
-            raise _refuse(name, world, parts, i, f"part {j} ({parts[j].name!r})", -gaps[world, i, j])
-    placed = np.empty_like(hulls.corner)
-    for wall in walls:
-        for world, part in np.argwhere(~away).tolist():
-            place_hulls(hulls, part, *pose[world, part], placed)
-            gap = wall_gap(hulls, placed, part, WALLS.index(wall), surface.width, surface.depth)
-            if gap < -min(allowed, share[part]):
-                raise _refuse(name, world, parts, part, f"the {wall} wall", -gap)
-
-
-def _refuse(name: str, world: int, parts: Sequence[Part], i: int, other: str, amount: float) -> checks.Refused:
-    got = f"part {i} ({parts[i].name!r}) and {other} overlapping by {1e3 * amount:.3g} mm in world {world}"
-    return checks.Refused(f"{name}: got {got}; allowed: parts that do not overlap (touching is allowed)")

@@ -12,12 +12,12 @@ from vibgym.kernels.vector import LANES
 from vibgym.physics.contacts.broad_phase import CONTACT, FREE, NEAR
 from vibgym.physics.contacts.coupling import FIXED_ENCOUNTER, Coupling, FixedEncounter, new_contacts
 from vibgym.physics.contacts.multibody import (
+    BROAD_PHASE,
     CALLS,
     COUNTS,
-    PROSPECT,
-    Prospect,
+    BroadPhase,
     broad_phase,
-    new_prospect,
+    new_broad_phase,
     resolve,
 )
 from vibgym.physics.core.drive import Drive
@@ -68,7 +68,7 @@ class Multibody(Model):
         self._buffers.lend(work)
 
     def slide(
-        self, start: int, stop: int, buffers: ContactBuffers, prospect: Prospect, drive: int, state: int, near: bool
+        self, start: int, stop: int, buffers: ContactBuffers, prospect: BroadPhase, drive: int, state: int, near: bool
     ) -> None:
         """Take the parts of a block's worlds that touch nothing through a period.
 
@@ -137,12 +137,12 @@ class ContactBuffers:
         workspace = new_workspace(table, bodies, most, LANES)
         self.alone = [Pinned(FIXED_SCENE, FixedScene(table, bodies, scheme, workspace)) for scheme in schemes.alone]
         self._steps = np.array([scheme.steps for scheme in schemes.alone])
-        self._prospects: dict[int, Pinned[Prospect]] = {}
+        self._prospects: dict[int, Pinned[BroadPhase]] = {}
 
-    def prospect(self, worlds: int) -> Pinned[Prospect]:
+    def prospect(self, worlds: int) -> Pinned[BroadPhase]:
         """Return arrays for a block of so many worlds."""
         if worlds not in self._prospects:
-            self._prospects[worlds] = Pinned(PROSPECT, new_prospect(worlds, self.parts, self._steps))
+            self._prospects[worlds] = Pinned(BROAD_PHASE, new_broad_phase(worlds, self.parts, self._steps))
         return self._prospects[worlds]
 
 

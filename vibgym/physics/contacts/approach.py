@@ -1,4 +1,9 @@
-"""How long parts may move as if they were alone before one runs into another, and which pairs may touch by then."""
+"""Conservative advancement: the longest step that parts may move independently, and the pairs that may touch in it.
+
+The step ends before the earliest time of impact that bounds on velocity, friction and rotation allow (B. Mirtich,
+Impulse-based Dynamic Simulation of Rigid Body Systems, PhD thesis, Berkeley, 1996, ch. 2; C. Ericson, Real-Time Collision
+Detection, 2005, sec. 5.5).
+"""
 
 from __future__ import annotations
 
@@ -22,7 +27,7 @@ friction's acceleration adds in it: they would chatter without end. A rebound of
 
 
 class Approach(NamedTuple):
-    """What is known of a step so far."""
+    """Result of conservative advancement for the pairs processed so far."""
 
     h: float  # s, its length
     touching: bool  # whether any pair may touch in it
@@ -38,8 +43,8 @@ def part_motion(workspace, slot):
 
 
 @borrowing
-def pull_on(encounter, slot):
-    """Friction's acceleration of a part, which straight lines leave out, m/s^2."""
+def friction_bound(encounter, slot):
+    """Return an upper bound on the relative acceleration by friction of a part, m/s^2."""
     scene = encounter.scene
     friction = friction_in(scene.bodies, scene.state, encounter.world, scene.workspace.part[slot])
     return 2.0 * friction * scene.table.gravity
@@ -47,26 +52,26 @@ def pull_on(encounter, slot):
 
 @borrowing
 def arm_of(hulls, part):
-    """Largest distance of a corner from the centre, m: none for a disc, which looks the same however it turns."""
+    """Return the largest distance of a corner from the centre, m; zero for a disc."""
     return hulls.radius[part] - hulls.rounding[hulls.owner[part]]
 
 
 @borrowing
-def look_ahead(encounter, h):
-    """Write how far any point of a part may get in a step of ``h`` s before contacts push it into ``contacts.ahead``."""
+def bound_motion(encounter, h):
+    """Compute ``contacts.ahead``: bound (m) on the motion of any point of each part in a step of ``h`` s alone."""
     scene, contacts = encounter.scene, encounter.contacts
     incline = incline_size(scene.state, encounter.world)
     for slot in range(encounter.parts):
         part = scene.workspace.part[slot]
         _, _, vx, vy, spin = part_motion(scene.workspace, slot)
         radius, gyration = encounter.hulls.radius[part], scene.bodies.gyration[scene.bodies.kind[part]]
-        pull = pull_on(encounter, slot) * (1.0 + radius * radius / gyration) + incline
+        pull = friction_bound(encounter, slot) * (1.0 + radius * radius / gyration) + incline
         contacts.ahead[slot] = (math.sqrt(vx * vx + vy * vy) + radius * abs(spin)) * h + 0.5 * pull * h * h
 
 
 @borrowing
-def stays_clear(contacts, pair, i, j):
-    """Whether two parts, or a part and a wall, that were apart when they were last looked at cannot meet in this step."""
+def stays_separated(contacts, pair, i, j):
+    """Return whether the separation at the last exact test proves that a pair stays apart in this step."""
     used, ahead = contacts.gone[i], contacts.ahead[i]
     if j >= 0:
         used, ahead = used + contacts.gone[j], ahead + contacts.ahead[j]
@@ -75,7 +80,7 @@ def stays_clear(contacts, pair, i, j):
 
 @borrowing
 def place_slot(encounter, slot):
-    """Place the hulls of the part in a slot, unless they are."""
+    """Place the hulls of the part in a slot unless they are up to date."""
     contacts = encounter.contacts
     if not contacts.fresh[slot]:
         contacts.fresh[slot] = True
@@ -85,18 +90,20 @@ def place_slot(encounter, slot):
 
 
 @borrowing
-def parts_moved(encounter):
-    """Parts have moved: none is placed any more."""
+def invalidate_placement(encounter):
+    """Mark all placed hulls as outdated, after parts have moved."""
     for slot in range(encounter.parts):
         encounter.contacts.fresh[slot] = False
 
 
 @borrowing
-def meet(encounter, approach, gap, later, pull, curve, shortest, pair):
-    """Take a gap into account that shrinks to ``later`` in the step where everything goes straight on.
+def limit_to_impact(encounter, approach, gap, later, pull, curve, shortest, pair):
+    """Shorten the step to the earliest possible time of impact of a pair whose gap is ``later`` at its end on straight lines.
 
     Args:
-        pull, curve: m/s^2, what friction and the circles on which corners go may bend that.
+        gap, later: m, at the start and the end of the step of ``approach.h`` s.
+        pull, curve: m/s^2, bounds on acceleration by friction and by rotation, which straight lines omit.
+        shortest: s, lower limit of the step.
     """
     h, touching, impact, nearest = approach
     if later < 0.5 * (pull + curve) * h * h:
@@ -117,13 +124,13 @@ def meet(encounter, approach, gap, later, pull, curve, shortest, pair):
 
 
 @borrowing
-def meet_wall(encounter, approach, shortest, pair, slot, wall):
-    """Take a part and a wall into account."""
+def advance_to_wall(encounter, approach, shortest, pair, slot, wall):
+    """Shorten the step by the time of impact of a part and a wall."""
     scene, hulls, placed = encounter.scene, encounter.hulls, encounter.contacts.placed
     part = scene.workspace.part[slot]
     x, y, vx, vy, spin = part_motion(scene.workspace, slot)
     nx, ny, border = wall_direction(scene.table, wall)
-    pull = pull_on(encounter, slot) + incline_size(scene.state, encounter.world)
+    pull = friction_bound(encounter, slot) + incline_size(scene.state, encounter.world)
     curve, h = spin * spin * arm_of(hulls, part), approach.h
     clear = border - (nx * x + ny * y) - hulls.radius[part]
     # Also what goes away from the wall may first turn a corner into it.
@@ -135,19 +142,19 @@ def meet_wall(encounter, approach, shortest, pair, slot, wall):
         h = approach.h
         gap = border - farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, 0.0)
         later = border - farthest(hulls, placed, a, nx, ny, x, y, vx, vy, spin, h)
-        approach = meet(encounter, approach, gap, later, pull, curve, shortest, pair)
+        approach = limit_to_impact(encounter, approach, gap, later, pull, curve, shortest, pair)
     return approach
 
 
 @borrowing
-def meet_part(encounter, approach, shortest, pair, i, j):
-    """Take the parts in two slots into account."""
+def advance_to_part(encounter, approach, shortest, pair, i, j):
+    """Shorten the step by the time of impact of the parts in two slots."""
     hulls, placed, part = encounter.hulls, encounter.contacts.placed, encounter.scene.workspace.part
     one, other = part[i], part[j]
     xi, yi, ui, wi, si = part_motion(encounter.scene.workspace, i)
     xj, yj, uj, wj, sj = part_motion(encounter.scene.workspace, j)
     h = approach.h
-    pull = pull_on(encounter, i) + pull_on(encounter, j)  # an inclined table accelerates both alike
+    pull = friction_bound(encounter, i) + friction_bound(encounter, j)  # an inclined table accelerates both alike
     dx, dy, du, dw = xj - xi, yj - yi, uj - ui, wj - wi
     speed, distance = math.sqrt(du * du + dw * dw), math.sqrt(dx * dx + dy * dy)
     clear = distance - hulls.radius[one] - hulls.radius[other]
@@ -178,20 +185,21 @@ def meet_part(encounter, approach, shortest, pair, i, j):
                 later = -farthest(hulls, placed, b, -nx, -ny, xj, yj, uj, wj, sj, h)
                 later -= farthest(hulls, placed, a, nx, ny, xi, yi, ui, wi, si, h)
                 curve = si * si * arm_i + sj * sj * arm_j
-            approach = meet(encounter, approach, gap, later, pull, curve, shortest, pair)
+            approach = limit_to_impact(encounter, approach, gap, later, pull, curve, shortest, pair)
     return approach
 
 
 @borrowing
-def safe_step(encounter, pairs, n, h, shortest):
-    """How long friction may go on alone, and what may touch by then: ``contacts.close``, and ``contacts.impact`` where it comes
-    together faster than ``RESTING``.
+def conservative_step(encounter, pairs, n, h, shortest):
+    """Compute the longest step with friction alone, by conservative advancement over all pairs.
+
+    Sets ``contacts.close`` for pairs that may touch in it, and ``contacts.impact`` where they approach faster than ``RESTING``.
 
     Velocities may add as much as ``encounter.overlap`` to the overlap of two parts; slow ones, and the circles on which
     corners go, ``SLOWLY`` times as much, at any instant of the step. What friction's acceleration adds, at most
     ``2 mu g h^2``, is for ``h`` to keep small.
 
-    A pair is looked at again only when both have come so far, or become so fast, that they might meet.
+    A pair is tested again only when motion or speed of its parts exceeds the separation of the last test.
 
     Args:
         pairs: of which ``n`` may come to touch.
@@ -199,17 +207,17 @@ def safe_step(encounter, pairs, n, h, shortest):
     """
     away, contacts = encounter.scene.workspace.away, encounter.contacts
     approach = Approach(h, False, False, math.inf)
-    look_ahead(encounter, h)
+    bound_motion(encounter, h)
     for pair in range(n):
         contacts.close[pair] = contacts.impact[pair] = False
         i, j = pairs[pair, 0], pairs[pair, 1]
-        if away[i] or (j >= 0 and away[j]) or stays_clear(contacts, pair, i, j):
+        if away[i] or (j >= 0 and away[j]) or stays_separated(contacts, pair, i, j):
             continue
         used = contacts.gone[i]
         if j < 0:
-            approach = meet_wall(encounter, approach, shortest, pair, i, -1 - j)
+            approach = advance_to_wall(encounter, approach, shortest, pair, i, -1 - j)
         else:
-            approach = meet_part(encounter, approach, shortest, pair, i, j)
+            approach = advance_to_part(encounter, approach, shortest, pair, i, j)
             used += contacts.gone[j]
         contacts.clear[pair] = approach.nearest + used
     return approach

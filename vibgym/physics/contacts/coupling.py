@@ -21,7 +21,7 @@ import numpy as np
 from vibgym.kernels.jit import borrowing
 from vibgym.kernels.reference import Layout, reference
 from vibgym.kernels.vector import LANES
-from vibgym.physics.contacts.approach import parts_moved, place_slot, safe_step
+from vibgym.physics.contacts.approach import conservative_step, invalidate_placement, place_slot
 from vibgym.physics.contacts.broad_phase import (
     Circles,
     curvature_bound,
@@ -56,7 +56,7 @@ class Contacts(NamedTuple):
     speed: np.ndarray  # (slots, 3) velocities, for the list of pairs
     gone: np.ndarray  # (slots,) m, farthest that a point of the part has got since the period's start, step by step
     turned: np.ndarray  # (slots,) the same at the last cut
-    ahead: np.ndarray  # (slots,) m, see vibgym.physics.contacts.approach.look_ahead
+    ahead: np.ndarray  # (slots,) m, see vibgym.physics.contacts.approach.bound_motion
     circles: Circles
     found: np.ndarray  # (pairs, 2) in no order
     pairs: np.ndarray  # (pairs, 2) slot and slot, or slot and ``-1 - wall``, in order
@@ -214,8 +214,8 @@ def pairs_now(encounter):
 
 
 @borrowing
-def strayed(encounter):
-    """Whether any part has been pushed to a velocity at which the list of pairs does not hold."""
+def pairs_outdated(encounter):
+    """Return whether any part's velocity differs so much from that at the broad phase that its list of pairs is outdated."""
     workspace, speed = encounter.scene.workspace, encounter.contacts.speed
     for slot in range(encounter.parts):
         velocity, lane = workspace.velocity[slot // LANES], slot % LANES
@@ -313,8 +313,8 @@ def write_paths(encounter, paths, turn, step):
 
 
 @borrowing
-def note_push(encounter, sign):
-    """Add the velocities, times ``sign``, to what contacts have changed them by: once before contacts, once after."""
+def add_contact_velocity(encounter, sign):
+    """Accumulate the velocity change by contacts: call with ``sign`` -1 before contacts are resolved and 1 after."""
     velocity, pushed = encounter.scene.workspace.velocity, encounter.contacts.pushed
     for slot in range(encounter.parts):
         g, lane = slot // LANES, slot % LANES
@@ -328,7 +328,7 @@ def take_step(encounter, n, h, phase, entered):
 
     Args:
         n: pairs in ``contacts.pairs`` that may come to touch.
-        h: what :func:`vibgym.physics.contacts.approach.safe_step` found.
+        h: what :func:`vibgym.physics.contacts.approach.conservative_step` returned.
         phase: w t at its start.
         entered: whether the parts are in the solver already.
 
@@ -337,7 +337,7 @@ def take_step(encounter, n, h, phase, entered):
     """
     scene, contacts = encounter.scene, encounter.contacts
     apply_friction(scene, reference(step_of(scene, phase, h.h)))
-    parts_moved(encounter)
+    invalidate_placement(encounter)
     called, stale = False, False
     if h.touching:
         pairs = contacts.pairs
@@ -345,17 +345,17 @@ def take_step(encounter, n, h, phase, entered):
         contacts.deepest[0] = min(contacts.deepest[0], gap)
         if gap < -CONTACT_FROM:
             undo = gap < -encounter.slop
-            note_push(encounter, -1.0)
+            add_contact_velocity(encounter, -1.0)
             if h.impact:
                 hit, stale = resolve_impacts(encounter, pairs, n, JOLT)
                 if hit and entered:
                     forget_impacts(encounter, contacts.hit)
             stale = solve(encounter, n, h.h, entered, undo) or stale
             called = True
-            note_push(encounter, 1.0)
+            add_contact_velocity(encounter, 1.0)
             if undo:
-                parts_moved(encounter)
-            if not entered or strayed(encounter):  # parts now go where friction alone would not have taken them
+                invalidate_placement(encounter)
+            if not entered or pairs_outdated(encounter):  # parts now go where friction alone would not have taken them
                 n = pairs_now(encounter)
                 raise_walls(encounter, n)
             if stale:
@@ -381,7 +381,7 @@ def collide_period(encounter, n, paths):
     longest = span / encounter.couplings
     enter_island(encounter)
     weigh_parts(encounter)
-    parts_moved(encounter)
+    invalidate_placement(encounter)
     write_paths(encounter, paths, 0, longest)
     calls = 0
     for turn in range(steps):
@@ -393,7 +393,7 @@ def collide_period(encounter, n, paths):
             if stale:
                 cut_stale(scene, left, True)
             most = left if left < (1.0 + 1e-9) * longest else longest
-            step = safe_step(encounter, contacts.pairs, n, most, SHORTEST * longest)
+            step = conservative_step(encounter, contacts.pairs, n, most, SHORTEST * longest)
             elapsed = span if step.h == left else elapsed + step.h
             phase = 2.0 * math.pi / scene.table.period * (turn * span + span - left)
             called, stale, n = take_step(encounter, n, step, phase, calls > 0)

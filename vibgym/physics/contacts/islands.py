@@ -45,7 +45,7 @@ class Islands(NamedTuple):
     far: np.ndarray  # (parts,) m, way that it has made at most
     calls: np.ndarray  # (parts,) of the solver, of a root
     deepest: np.ndarray  # (parts,) m, of a root
-    wild: np.ndarray  # (parts,) those that have come farther than expected
+    beyond: np.ndarray  # (parts,) indices of parts that moved farther than their bound
 
 
 def new_islands(parts: int) -> Islands:
@@ -70,7 +70,7 @@ def new_islands(parts: int) -> Islands:
         far=np.zeros(parts),
         calls=numbers(),
         deepest=np.zeros(parts),
-        wild=numbers(),
+        beyond=numbers(),
     )
 
 
@@ -222,7 +222,7 @@ def run_island(islands, root, fixed, drive, state, world, pairs, paths):
 
 
 @borrowing
-def may_have_met(islands, fixed, state, world, paths, i, j):
+def may_cross(islands, fixed, state, world, paths, i, j):
     """Whether two parts' ways may have crossed; seldom asked for parts that never came near one another."""
     table, hulls = fixed.friction.table, fixed.hulls
     apart = circle_gap(table, hulls, i, paths.pose[i, 0], j, paths.pose[j, 0])
@@ -232,12 +232,12 @@ def may_have_met(islands, fixed, state, world, paths, i, j):
 
 
 @borrowing
-def join_what_met(islands, fixed, state, world, pairs, paths, away, wild):
-    """Join the islands that have just been run with whatever they may have met.
+def join_crossing_islands(islands, fixed, state, world, pairs, paths, away, beyond):
+    """Join the islands that have just been run with parts whose paths may cross theirs.
 
     Args:
         away: (parts,) bool, parts that had fallen before the period.
-        wild: how many parts have come farther than expected, in ``islands.wild``.
+        beyond: how many parts have come farther than expected, in ``islands.beyond``.
 
     Returns:
         The number of these now.
@@ -246,11 +246,11 @@ def join_what_met(islands, fixed, state, world, pairs, paths, away, wild):
     for part in range(parts):
         if islands.ran[part] and islands.far[part] > islands.bound[part]:
             known = False
-            for k in range(wild):
-                known = known or islands.wild[k] == part
+            for k in range(beyond):
+                known = known or islands.beyond[k] == part
             if not known:
-                islands.wild[wild] = part
-                wild += 1
+                islands.beyond[beyond] = part
+                beyond += 1
     for part in range(parts):
         if not islands.ran[part]:
             continue
@@ -259,22 +259,22 @@ def join_what_met(islands, fixed, state, world, pairs, paths, away, wild):
             other = pairs[entry >> 1, 1 - (entry & 1)]
             twice = other >= 0 and islands.ran[other] and other < part
             if other >= 0 and not twice and root_of(islands, other) != root_of(islands, part):
-                if may_have_met(islands, fixed, state, world, paths, part, other):
+                if may_cross(islands, fixed, state, world, paths, part, other):
                     join(islands, part, other)
             entry = islands.link[entry]
         # The list of pairs does not hold for parts that were pushed hard.
         all_of_them = islands.far[part] > islands.bound[part]
-        for k in range(parts if all_of_them else wild):
-            other = k if all_of_them else islands.wild[k]
+        for k in range(parts if all_of_them else beyond):
+            other = k if all_of_them else islands.beyond[k]
             if not away[other] and root_of(islands, other) != root_of(islands, part):
-                if may_have_met(islands, fixed, state, world, paths, part, other):
+                if may_cross(islands, fixed, state, world, paths, part, other):
                     join(islands, part, other)
-    return wild
+    return beyond
 
 
 @borrowing
-def take_along(pairs, n, gap, driven):
-    """Mark what is close to a part that is marked, and the pairs of both by a gap of -1."""
+def mark_touching(pairs, n, gap, driven):
+    """Mark parts in touch with, or close to, a marked part in ``driven``; the pairs of both get a gap of -1."""
     for k in range(n):
         i, j = pairs[k, 0], pairs[k, 1]
         if gap[k] < IN_TOUCH or (j >= 0 and gap[k] < CLOSE and (driven[i] or driven[j])):
@@ -294,7 +294,7 @@ def begin_islands(islands, fixed, state, world, pairs, n, gap, paths, away):
     Args:
         state: after the parts that nothing touched have gone through the period.
         pairs: of which ``n`` are near.
-        gap: (pairs,) as :func:`take_along` left it.
+        gap: (pairs,) as :func:`mark_touching` left it.
         away: (parts,) bool, parts that had fallen before the period.
     """
     table, bodies, hulls, placed = fixed.friction.table, fixed.friction.bodies, fixed.hulls, fixed.contacts.placed
@@ -317,7 +317,7 @@ def begin_islands(islands, fixed, state, world, pairs, n, gap, paths, away):
             gap[k], crossed[i] = -1.0, True
             if j >= 0:
                 crossed[j] = True
-    take_along(pairs, n, gap, crossed)
+    mark_touching(pairs, n, gap, crossed)
     for k in range(n):
         if gap[k] == -1.0:
             join(islands, pairs[k, 0], pairs[k, 1] if pairs[k, 1] >= 0 else pairs[k, 0])

@@ -35,11 +35,11 @@ from vibgym.physics.contacts.islands import (
     Islands,
     begin_islands,
     gather_islands,
-    join_what_met,
+    join_crossing_islands,
     link_pairs,
+    mark_touching,
     new_islands,
     run_island,
-    take_along,
 )
 from vibgym.physics.core.drive import pinned_drive
 from vibgym.physics.core.records import State, friction_in, incline_size, new_state, state_at
@@ -50,8 +50,8 @@ CALLS = 3
 COUNTS = 4
 
 
-class Prospect(NamedTuple):
-    """What is known of a block of worlds before a period."""
+class BroadPhase(NamedTuple):
+    """Near pairs, paths and islands of a block of worlds, found before contacts are resolved."""
 
     pairs: np.ndarray  # (worlds, capacity, 2)
     found: np.ndarray  # (worlds,) number of pairs
@@ -67,14 +67,14 @@ class Prospect(NamedTuple):
     islands: Islands
 
 
-PROSPECT: Layout[Prospect] = Layout("PROSPECT", __name__)
-prospect_at = PROSPECT.at
+BROAD_PHASE: Layout[BroadPhase] = Layout("BROAD_PHASE", __name__)
+broad_phase_at = BROAD_PHASE.at
 
 
-def new_prospect(worlds: int, parts: int, steps: np.ndarray) -> Prospect:
+def new_broad_phase(worlds: int, parts: int, steps: np.ndarray) -> BroadPhase:
     """Arrays for a block of ``worlds`` with so many parts, of kinds that take ``steps`` a period."""
     capacity, most = pair_capacity(parts), int(steps.max())
-    return Prospect(
+    return BroadPhase(
         pairs=np.empty((worlds, capacity, 2), np.int64),
         found=np.zeros(worlds, np.int64),
         gap=np.empty((worlds, capacity)),
@@ -143,7 +143,7 @@ def find_touching(fixed, pose, pairs, n, gap, driven):
             driven[i] = True
             if j >= 0:
                 driven[j] = True
-    take_along(pairs, n, gap, driven)
+    mark_touching(pairs, n, gap, driven)
 
 
 @borrowing
@@ -156,7 +156,7 @@ def broad_phase(start, stop, fixed, state, prospect):
     Returns:
         Whether any world has near pairs, whose paths must be written down.
     """
-    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect)
+    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), broad_phase_at(prospect)
     parts, any_near = state.pose.shape[1], False
     for kind in range(prospect.count.shape[0]):
         prospect.count[kind] = 0
@@ -221,10 +221,12 @@ def resolve_world(world, w, fixed, drive, state, prospect, counts):
         Paths(prospect.paths[first : first + parts], prospect.path_steps, prospect.driven[w], prospect.travel)
     )
     begin_world(world, w, fixed, state, prospect, paths)
-    mode, wild = NEAR, 0
+    mode, beyond = NEAR, 0
     while not state.diverged[world] and run_waiting(world, w, fixed, drive, state, prospect, paths):
         mode = CONTACT
-        wild = join_what_met(islands, fixed, state, world, prospect.pairs[w], paths, prospect.kept.fallen[w], wild)
+        beyond = join_crossing_islands(
+            islands, fixed, state, world, prospect.pairs[w], paths, prospect.kept.fallen[w], beyond
+        )
     if state.diverged[world]:
         for part in range(parts):
             copy_part(prospect.kept, w, state, world, part)
@@ -244,7 +246,7 @@ def resolve(start, stop, fixed, drive, state, prospect, counts):
         fixed, drive, state, prospect: addresses of pinned records.
         counts: (worlds, COUNTS) int64, added to.
     """
-    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), prospect_at(prospect)
+    fixed, state, prospect = fixed_encounter_at(fixed), state_at(state), broad_phase_at(prospect)
     drive = reference(pinned_drive(drive))
     for world in range(start, stop):
         w = world - start

@@ -150,7 +150,7 @@ def undo_overlap(encounter, space, h):
 
 @borrowing
 def solve(encounter, n, h, entered, undo):
-    """Let the solver change velocities by the contacts' impulses, and poses by what undoes overlap.
+    """Apply the solver's contact impulses to velocities, and its overlap correction to poses.
 
     Args:
         encounter: see :class:`vibgym.physics.contacts.coupling.Encounter`.
@@ -167,7 +167,7 @@ def solve(encounter, n, h, entered, undo):
         factor, part = encounter.scene.state.mass[encounter.world], encounter.scene.workspace.part
         enter_bodies(solver, space, encounter.properties, factor, part, encounter.parts)
         call_foreign(solver.set_slop, (space, encounter.slop))
-    hand_over(encounter, space, h)
+    write_bodies(encounter, space, h)
     if not entered:
         enter_shapes(encounter, space)
         raise_walls(encounter, n)
@@ -177,15 +177,15 @@ def solve(encounter, n, h, entered, undo):
     call_foreign(solver.step, (space, h))
     solver.cursor[0] = 0
     call_foreign(solver.each, (space, solver.take, solver.take_all))
-    hit = take_back(encounter)
+    hit = read_bodies(encounter)
     if undo:
         undo_overlap(encounter, space, h)
     return hit
 
 
 @borrowing
-def hand_over(encounter, space, h):
-    """Tell the solver where the parts are, and how fast."""
+def write_bodies(encounter, space, h):
+    """Write poses and velocities of the parts to the solver's bodies."""
     solver, workspace = encounter.solver, encounter.scene.workspace
     data, pose, velocity, away = solver.data, workspace.pose, workspace.velocity, workspace.away
     for slot in range(encounter.parts):
@@ -202,7 +202,7 @@ def hand_over(encounter, space, h):
 
 
 @borrowing
-def take_back(encounter):
+def read_bodies(encounter):
     """Take velocities from the solver's data, and leave poses in ``contacts.settled`` and zeros in their place; returns whether
     any part was hit."""
     solver, hulls, contacts = encounter.solver, encounter.hulls, encounter.contacts

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from vibgym.physics.contacts.multibody import Prospect
+from vibgym.physics.contacts.multibody import BroadPhase
 from vibgym.physics.planar.friction import slide_rows
 from vibgym.plugins.tilting.model import AbovePlane, rigid_buffers, sorted_rows
 from vibgym.plugins.tilting.records import TiltScheme
@@ -34,7 +34,7 @@ class TiltingMultibody(AbovePlane, Multibody):
         self.check_contacts(conditions, where)
 
     def slide(
-        self, start: int, stop: int, buffers: ContactBuffers, prospect: Prospect, drive: int, state: int, near: bool
+        self, start: int, stop: int, buffers: ContactBuffers, prospect: BroadPhase, drive: int, state: int, near: bool
     ) -> None:
         """See :meth:`vibgym.simulation.multibody.Multibody.slide`."""
         paths, base, tilt = prospect.paths if near else NO_PATHS, start * buffers.parts, self.pinned.address
