@@ -10,12 +10,10 @@ from typing import Any
 
 from vibgym import checks, extras
 from vibgym.envs.actions import ACTIONS
-from vibgym.policies.classical.constant import RandomPolicy, ZeroPolicy
-from vibgym.policies.classical.crossing import CrossingPolicy
-from vibgym.policies.classical.feeding import FeedingPolicy
+from vibgym.policies.classical.lanes import CrossingPolicy, FeedingPolicy
 from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.local_field import LocalFieldPolicy
-from vibgym.policies.classical.open_loop import OpenLoopPolicy
+from vibgym.policies.classical.open_loop import OpenLoopPolicy, RandomPolicy, ZeroPolicy
 from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.pushing import PushingPolicy

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.policies.helpers import ALUMINIUM, STEEL, SURFACE, episodes, info_of
-from vibgym.policies.classical.drawn_apart import EDGE, drawn_apart
-from vibgym.policies.classical.two_phases import TwoPhasesPolicy
+from vibgym.policies.classical.two_phases import EDGE, TwoPhasesPolicy, drawn_apart
 from vibgym.scene.hulls import gaps_between
 from vibgym.tasks import Pattern
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch
-from vibgym.policies.classical.crossing import CrossingPolicy
+from vibgym.policies.classical.lanes import CrossingPolicy
 from vibgym.policies.classical.traffic import Crowd, Rules, choose_velocities, time_to_meet
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout

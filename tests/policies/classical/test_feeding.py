@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch
-from vibgym.policies.classical.feeding import FeedingPolicy
+from vibgym.policies.classical.lanes import FeedingPolicy
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
