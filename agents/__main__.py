@@ -17,9 +17,9 @@ COMMANDS = {
         "agents.evaluation.commands",
         "play a sample of published results: does each figure come out again?",
     ),
-    "train": Entry("agents.training.commands", "train a policy, or go on from its last checkpoint"),
-    "tabulate": Entry("agents.training.commands", "play the seeds of trained agents, write their table, ship the best"),
-    "tune": Entry("agents.tuning.commands", "look for better hyperparameters, or go on looking"),
+    "train": Entry("agents.train", "train a policy, or continue from its last checkpoint"),
+    "tabulate": Entry("agents.tabulate", "evaluate the seeds of trained agents, write their table, ship the best"),
+    "tune": Entry("agents.tune", "tune hyperparameters, or continue a study"),
     "record": Entry("agents.recording.commands", "play a policy and keep its episodes as a Minari data set"),
 }
 

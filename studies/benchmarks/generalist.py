@@ -1,6 +1,6 @@
 """How well policies do on parts that they may never have seen: ``python -m studies.benchmarks.generalist POLICY ...``.
 
-Every policy plays the same episodes of Align with parts of random outlines (:mod:`agents.training.outlines`), half of them from
+Every policy plays the same episodes of Align with parts of random outlines (:mod:`agents.outlines`), half of them from
 families that no policy is trained on, with ideal elements and with a share of them dead, drawn anew for every episode. Printed
 are shares of successes by family, friction and size, with 95 % intervals for outlines drawn anew (bootstrap over outlines,
 since episodes with one part are alike), and the median time to the goal. A policy is a name, the path of a trained one, or a
@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.evaluation.statistics import Interval, bootstrap, exact
-from agents.training.outlines import TRAINING, UNSEEN, scenes
+from agents.outlines import TRAINING, UNSEEN, scenes
 from studies.benchmarks import common
 from vibgym import Part
 from vibgym.config import part_from

@@ -1,6 +1,6 @@
 """Trainings that are killed again and again end as one that never was: ``python -m studies.benchmarks.kills``.
 
-One run of PPO and one of SAC are trained whole. Then the same command is started anew, over and over, and killed by SIGKILL
+One run of PPO is trained whole. Then the same command is started anew, over and over, and killed by SIGKILL
 after a random time, until it has been killed so many times as asked for; the last session runs to the end. Weights, optimizers
 and worlds have to be the same, bit for bit. After every kill every file that the run has written has to load.
 """
@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from agents.training import checkpoint
-from agents.training.progress import BEST
+from agents import checkpoint
+from agents.train import BEST, BEST_KIND
 from studies.benchmarks import common
 from vibgym.policies.trained.storage import load_set
 
@@ -41,24 +41,17 @@ RUNS = {
             "net": [64, 64],
         },
     },
-    "sac": {
-        "task": "Align",
-        "algorithm": "sac",
-        "environment": {"action": "wrench", "max_episode_periods": 80},
-        "worlds": 32,
-        "sac": {"learning_starts": 3000, "gradient_steps": 2, "buffer_size": 20_000, "net": [64, 64]},
-    },
 }
-STEPS_PER_SESSION = {"ppo": 6000, "sac": 3000}
+STEPS_PER_SESSION = {"ppo": 6000}
 """About as many as a session of a second or two comes to: so many kills need so many steps."""
 
 
 def digest(run: Path) -> str:
     """Of all tensors of the last checkpoint and of the best actor; both have to load."""
     found = hashlib.sha256()
-    for name, version in ((checkpoint.FILE, checkpoint.VERSION), (BEST, 1)):
+    for name, kind, version in ((checkpoint.FILE, checkpoint.KIND, checkpoint.VERSION), (BEST, BEST_KIND, 1)):
         if (run / name).exists():
-            tensors, _ = load_set(run / name, checkpoint.KIND, version)
+            tensors, _ = load_set(run / name, kind, version)
             for key in sorted(tensors):
                 if (
                     key != checkpoint.STATE

@@ -20,8 +20,7 @@ from typing import Any
 
 import optuna
 
-from agents.tuning.study import NAME, STUDY
-from agents.tuning.trial import RESULT, read
+from agents.tune import NAME, RESULT, STUDY
 from studies.benchmarks import common
 
 DEFAULT = Path("configs/tuning/align.yaml")
@@ -71,7 +70,7 @@ def found_in(folder: Path) -> dict[str, Any]:
         "trials": [{name: getattr(each, name) for name in names} for each in study.trials],
         "best trial": study.best_trial.number if whole else None,
         "trials.csv": (folder / "trials.csv").read_bytes(),
-        "results": {path.parent.name: read(path) for path in sorted(folder.glob(f"trial-*/{RESULT}"))},
+        "results": {path.parent.name: path.read_bytes() for path in sorted(folder.glob(f"trial-*/{RESULT}"))},
     }
 
 

@@ -13,10 +13,9 @@ import numpy as np
 import torch
 
 from agents.evaluation.table import quantity
-from agents.training.imitation import Imitation, ImitationSettings, experts
-from agents.training.ppo.algorithm import PPO
-from agents.training.ppo.hyperparameters import PPOSettings
-from agents.training.train_settings import TrainSettings
+from agents.imitation import Imitation, ImitationSettings, experts
+from agents.ppo import PPO
+from agents.training_settings import PPOSettings, TrainSettings
 from studies.benchmarks import common
 from studies.kept import show
 from vibgym.policies.rollout import rollout
@@ -42,19 +41,18 @@ def learn(variant: dict[str, Any], worlds: int, steps: int, seed: int) -> tuple[
         own=PPOSettings(activation="relu", remembers=True, **variant),
     )
     assert settings.imitation is not None
-    env = PPO(settings).make_env()
-    model = PPO(settings).make_model(env)
-    teachers = experts(settings.imitation, settings.action, settings.seed, env)
-    imitation = Imitation(model.policy, teachers, settings.imitation, seed)
+    learner = PPO(settings)
+    teachers = experts(settings.imitation, settings.action, settings.seed, learner.env)
+    imitation = Imitation(learner.policy, teachers, settings.imitation, seed)
     for _ in imitation.rounds():
         pass
     scene = imitation.scenes[0]
     scene.begin(10**6 + seed)
-    fresh = scene.collect(model.policy, 40, 0.1, 0.0)
+    fresh = scene.collect(learner.policy, 40, 0.1, 0.0)
     with torch.no_grad():
-        mean, _ = model.policy.actor(torch.from_numpy(fresh.rows))
+        mean, _ = learner.policy.actor(torch.from_numpy(fresh.rows))
     error = float(np.sqrt(((mean.numpy() - fresh.action) ** 2).mean()))
-    found = rollout(PPO(settings).acting(model), "Align", seeds=range(700_000, 700_100))
+    found = rollout(learner.acting(), "Align", seeds=range(700_000, 700_100))
     return (
         error,
         float(found.success.mean()),

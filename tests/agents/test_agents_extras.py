@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 ])  # fmt: skip
 def test_a_package_that_is_missing_is_named_with_its_extra(monkeypatch, capsys, package, extra, arguments):
     for name in [each for each in sys.modules if each.partition(".")[0] in (package, "agents")]:
-        if name.startswith(("agents.recording.record", "agents.tuning", "agents.workers.cluster", package)):
+        if name.startswith(("agents.recording.record", "agents.tune", "agents.parallel", package)):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.chdir(ROOT)

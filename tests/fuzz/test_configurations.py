@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from agents import evaluation
-from agents.training.ppo.algorithm import PPO
-from agents.training.training_file import load_settings
+from agents.ppo import PPO
+from agents.training_file import load_settings
 from studies.accuracy import report
 from studies.accuracy import settings as accuracy_settings
 from tests.fuzz.campaign import count, fuzz, numpy_warns_of_nothing, places  # noqa: F401 - for this module
@@ -37,9 +37,9 @@ def train(path, output):
     settings = load_settings(path)
     if settings.worlds <= 1000:
         try:
-            PPO(settings).make_env().close()
+            PPO(settings).close()
         except ValueError as error:
-            raise ValueError(f"{path}: environment: {error}") from None
+            raise ValueError(f"{path}: {error}") from None
 
 
 def evaluate(path, output):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training.hyperparameters import NetworkSettings
-from agents.training.imitation import Imitation, ImitationSettings
-from agents.training.parts_policy import PartsPolicy
+from agents.imitation import Imitation, ImitationSettings
+from agents.networks import ActorCritic
+from agents.training_settings import NetworkSettings
 from tests.envs.helpers import batch
 from tests.policies.trained.helpers import coding_for
 from vibgym.policies.task_info import TaskInfo
@@ -56,7 +56,7 @@ def lessons(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settin
     coding = coding_for(TaskInfo.of(env), made.action, turned=turned, remembers=remembers)
     torch.manual_seed(seed)
     network = {"network": NetworkSettings(net=[32], critic_net=[8], attention=4), "log_std": -0.5}
-    policy = PartsPolicy(
+    policy = ActorCritic(
         env.single_observation_space, env.single_action_space, lambda _: 1e-3, coding=coding, **network
     )
     expert = made(TaskInfo.of(env))

@@ -5,8 +5,8 @@ import csv
 import numpy as np
 import pytest
 
-from agents.training.judging import COLUMNS, Judge, play, rank
-from agents.training.training_file import settings_from
+from agents.learning_curve import COLUMNS, LearningCurve, play, rank
+from agents.training_file import settings_from
 from tests.envs.helpers import batch
 
 SETTINGS = {
@@ -31,7 +31,7 @@ class Still:
 
 
 def judge_in(folder, **changes):
-    return Judge(settings_from({**SETTINGS, **changes}), folder)
+    return LearningCurve(settings_from({**SETTINGS, **changes}), folder)
 
 
 def rows_of(folder):
@@ -43,9 +43,9 @@ def test_rows_tell_what_the_policy_does(tmp_path):
     judge = judge_in(tmp_path)
     judge.begin(0)
     assert not judge.due(9) and judge.due(10)
-    row = judge.judge(Still(), 10, 1.23, "imitation")
+    row = judge.measure(Still(), 10, 1.23, "imitation")
     assert tuple(row) == COLUMNS and not judge.due(19) and judge.due(20)
-    judge.judge(Still(), 20, 4.56, "ppo")
+    judge.measure(Still(), 20, 4.56, "ppo")
     first, second = rows_of(tmp_path)
     assert (first["steps"], first["seconds"], first["phase"]) == ("10", "1.2", "imitation")
     assert (second["steps"], second["seconds"], second["phase"]) == ("20", "4.6", "ppo")
@@ -77,11 +77,11 @@ def test_a_run_that_goes_on_keeps_the_rows_up_to_its_checkpoint(tmp_path):
     judge = judge_in(tmp_path)
     judge.begin(0)
     for steps in (10, 20, 30):
-        judge.judge(Still(), steps, 1.0, "ppo")
+        judge.measure(Still(), steps, 1.0, "ppo")
     again = judge_in(tmp_path)
     again.begin(25)  # steps after it were lost
     assert [row["steps"] for row in rows_of(tmp_path)] == ["10", "20"] and not again.due(29) and again.due(30)
-    again.judge(Still(), 35, 2.0, "ppo")
+    again.measure(Still(), 35, 2.0, "ppo")
     assert [row["steps"] for row in rows_of(tmp_path)] == ["10", "20", "35"]
     judge_in(tmp_path).begin(0)  # a run from its beginning has a curve of its own
     assert rows_of(tmp_path) == []
@@ -91,7 +91,7 @@ def test_episodes_are_dealt_out_to_scenes(tmp_path):
     scenes = [{"max_episode_steps": 10}, {"max_episode_steps": 15}, {"max_episode_steps": 20}]
     judge = judge_in(tmp_path, scenes=scenes)
     judge.begin(0)
-    judge.judge(Still(), 10, 1.0, "ppo")
+    judge.measure(Still(), 10, 1.0, "ppo")
     assert [(env.num_envs, env.unwrapped.max_episode_steps, first) for env, first in judge._envs] == [
         (2, 10, 70), (2, 15, 72), (1, 20, 74),
     ]  # fmt: skip
@@ -108,7 +108,7 @@ def test_own_tasks_are_judged_where_episodes_end(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
     spec.max_episode_steps = 30
     judge = judge_in(tmp_path, task="mine/Align-v0")
-    assert judge.judge(Still(), 10, 1.0, "ppo")["success"] == 0.0 and judge.path.exists()
+    assert judge.measure(Still(), 10, 1.0, "ppo")["success"] == 0.0 and judge.path.exists()
 
 
 class Straight:
@@ -125,7 +125,7 @@ def test_where_parts_come_and_go_the_rate_ranks(tmp_path):
     scene = {"action": "wrench", "parts": disc, "max_episode_steps": 150, "task_settings": {"warm_up": 0.0}}
     judge = judge_in(tmp_path, task="Feed", environment=scene, judging={"episodes": 2, "every": 10})
     judge.begin(0)
-    row = judge.judge(Straight(), 10, 1.0, "ppo")
+    row = judge.measure(Straight(), 10, 1.0, "ppo")
     assert row["rate"] > 0.0 and row["success"] == 0.0 and row["time_to_goal"] == ""
     worse = {**row, "rate": row["rate"] - 1.0}
     assert rank(row) < rank(worse) and judge.is_best(row) and not judge.is_best(worse)

@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training.networks.elements import elements_about
-from agents.training.networks.functions import attend, tanh
-from agents.training.networks.layers import Attention
-from agents.training.networks.parts import PartsCritic
-from agents.training.parts_policy import NETWORKS, trained_tensors
+from agents.network_kernels import attend, tanh
+from agents.networks import NETWORKS, Attention, PartsCritic, elements_about, trained_tensors
 from vibgym.policies.trained.networks.acting import ACTING
 from vibgym.policies.trained.networks.shape import Shape, offsets
 

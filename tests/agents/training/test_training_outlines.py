@@ -6,10 +6,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from agents.training import outlines
-from agents.training.imitation import Imitation, experts
-from agents.training.ppo.algorithm import PPO
-from agents.training.training_file import load_settings, settings_from
+from agents import outlines
+from agents.imitation import Imitation, experts
+from agents.ppo import PPO
+from agents.training_file import load_settings, settings_from
 from vibgym.config import part_from
 from vibgym.scene.outlines import is_convex
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-from agents.training.training_file import agents_in, load_settings
+from agents.training_file import agents_in, load_settings
 
 MANY = """
 defaults:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from agents.training.imitation import Imitation, experts
-from agents.training.networks.pixels import MAPS, PixelsActor
-from agents.training.parts_policy import trained_tensors
-from agents.training.ppo.algorithm import PPO
-from agents.training.train import train
-from agents.training.training_file import load_settings
+from agents.imitation import Imitation, experts
+from agents.networks import MAPS, PixelsActor, trained_tensors
+from agents.ppo import PPO
+from agents.train import train
+from agents.training_file import load_settings
 from tests.envs.helpers import batch, single
 from tests.policies.helpers import SURFACE, info_of
 from vibgym.config import part_from
@@ -180,17 +179,17 @@ def test_torch_and_numpy_see_the_same(coding):
 
 def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, monkeypatch):
     settings = load_settings(config)
-    env = PPO(settings).make_env()
-    model = PPO(settings).make_model(env)
+    model = PPO(settings)
+    env = model.env
     torch.nn.init.normal_(model.policy.actor.mean.weight)
-    PPO(settings).save_policy(tmp_path / "policy.json", model, {})
+    model.save_policy(tmp_path / "policy.json", {})
     policy = load_trained(tmp_path / "policy.json", info_of("Transport", surface={"rows": 6, "columns": 8}))
     assert policy.observation == "image" and policy.action == "wrench"
     start, mine, theirs, alone, changed = np.ones(16, bool), None, None, None, 0.0
     observation: Any = env.reset()
     for _ in range(6):
         action, mine = policy.predict(observation, mine, start)
-        expected, theirs = model.policy.predict(observation, theirs, start)
+        expected, theirs = model.predict(observation, theirs, start)
         one, alone = policy.predict(observation[4], alone, start[4:5])
         assert np.abs(action - expected).max() < 2e-5 and np.abs(one - action[4]).max() < 2e-5
         changed = max(changed, np.abs(policy.predict(observation)[0] - action).max())
@@ -202,8 +201,8 @@ def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, mo
 def test_an_expert_teaches_it(config):
     config.write_text(TEXT.replace("epochs: 2,", "epochs: 20, learning_rate: 0.01,"))
     settings = load_settings(config)
-    env = PPO(settings).make_env()
-    model = PPO(settings).make_model(env)
+    model = PPO(settings)
+    env = model.env
     assert settings.imitation is not None
     teachers = experts(settings.imitation, settings.action, settings.seed, env)
     lessons = Imitation(model.policy, teachers, settings.imitation, seed=3)
@@ -225,13 +224,13 @@ def test_ppo_trains_it_too(config):
     config.write_text("".join(line for line in TEXT.splitlines(True) if not line.startswith("imitation")))
     settings = load_settings(config)
     assert settings.imitation is None  # during lessons, and their share of the steps, the actor would rest
-    env = PPO(settings).make_env()
-    model = PPO(settings).make_model(env)
+    model = PPO(settings)
+    env = model.env
     before = {name: value.clone() for name, value in model.policy.state_dict().items()}
-    model.learn(4 * 2 * 16)
-    assert model.rollout_buffer.rows.dtype == np.uint8
-    assert (model.rollout_buffer.rows[1, :, 0].reshape(16, FRAMES + 1, -1)[:, 1]
-            == model.rollout_buffer.rows[0, :, 0].reshape(16, FRAMES + 1, -1)[:, 0]).any()  # fmt: skip
+    model.learn(4 * 2 * 16, lambda metrics: None)
+    assert model.rollout.rows.dtype == np.uint8
+    assert (model.rollout.rows[1, :, 0].reshape(16, FRAMES + 1, -1)[:, 1]
+            == model.rollout.rows[0, :, 0].reshape(16, FRAMES + 1, -1)[:, 0]).any()  # fmt: skip
     for name, value in model.policy.state_dict().items():
         assert torch.isfinite(value).all()
         assert "eyes" not in name or (value != before[name]).any(), name

@@ -5,9 +5,8 @@ import pytest
 import torch
 from gymnasium.vector import AutoresetMode
 
-from agents.training.networks.parts import PartsActor
-from agents.training.parts_policy import trained_tensors
-from agents.training.residual_env import ResidualEnv
+from agents.networks import PartsActor, trained_tensors
+from agents.training_envs import ResidualEnv
 from tests.envs.helpers import batch
 from tests.policies.helpers import info_of
 from vibgym.policies.registry import make_policy

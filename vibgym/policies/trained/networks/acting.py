@@ -14,7 +14,7 @@ LOG_STD_RANGE = (-5.0, 0.5)
 FLOOR = "log_std_floor"
 """Tensor with the size of actions below which exploration does not shrink with them; without it, it never does."""
 
-ABSENT = np.float32(-1e9)  # as in agents.training.networks.layers
+ABSENT = np.float32(-1e9)  # as in agents.networks
 
 Tensors = Mapping[str, np.ndarray]
 
@@ -41,7 +41,7 @@ def hidden(tensors: Tensors, name: str, activation: str, x: np.ndarray) -> np.nd
 
 
 def attend(tensors: Tensors, name: str, own: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """See :class:`agents.training.networks.layers.Attention`."""
+    """See :class:`agents.networks.Attention`."""
     there = others[..., 0] > 0.5
     encoded = _relu(linear(tensors, f"{name}.encode", others))
     key, query = linear(tensors, f"{name}.key", encoded), linear(tensors, f"{name}.query", own)
@@ -53,7 +53,7 @@ def attend(tensors: Tensors, name: str, own: np.ndarray, others: np.ndarray) -> 
 
 
 def look(tensors: Tensors, shape: Shape, rows: np.ndarray) -> np.ndarray:
-    """See :class:`agents.training.networks.parts.Eyes`."""
+    """See :class:`agents.networks.Eyes`."""
     if not shape.neighbours:
         return rows
     own = rows[..., : shape.own]
@@ -62,7 +62,7 @@ def look(tensors: Tensors, shape: Shape, rows: np.ndarray) -> np.ndarray:
 
 
 def parts(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and log std, see :class:`agents.training.networks.parts.PartsActor`."""
+    """Mean and log std, see :class:`agents.networks.PartsActor`."""
     seen = hidden(tensors, "hidden", activation, look(tensors, shape, rows))
     mean, log_std = linear(tensors, "mean", seen), np.clip(linear(tensors, "log_std", seen), *LOG_STD_RANGE)
     if FLOOR in tensors:
@@ -72,7 +72,7 @@ def parts(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) -> 
 
 
 def elements(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and log std, see :class:`agents.training.networks.elements.ElementsActor`."""
+    """Mean and log std, see :class:`agents.networks.ElementsActor`."""
     seen = hidden(tensors, "hidden", activation, look(tensors, shape, rows))
     coefficients = linear(tensors, "coefficients", seen)
     coefficients = coefficients.reshape(*coefficients.shape[:-1], -1, 2)
@@ -88,7 +88,7 @@ def elements(tensors: Tensors, shape: Shape, activation: str, rows: np.ndarray) 
 
 
 def pixels(tensors: Tensors, shape: Picture, activation: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and log std, see :class:`agents.training.networks.pixels.PixelsActor`."""
+    """Mean and log std, see :class:`agents.networks.PixelsActor`."""
     squares = occupied(rows, shape)
     mass = _relu(squares.pixels @ tensors["eyes.conv.weight"].T)
     moments = np.stack([mass, mass * squares.x[:, None], mass * squares.y[:, None]], axis=-1)

@@ -1,0 +1,172 @@
+"""Learning curves: deterministic episodes on the same seeds every so many steps, written beside the run."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from agents.training_settings import TrainSettings
+from vibgym import checks
+from vibgym.envs.named import batch_of, environment_id
+from vibgym.files import write_atomically
+from vibgym.policies.protocol import Policy
+from vibgym.policies.registry import make_policy
+from vibgym.policies.rollout import run
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.residual import ResidualPolicy
+
+FILE = "curve.csv"
+COLUMNS = ("steps", "seconds", "phase", "success", "time_to_goal", "mean_time", "return_", "rate")
+
+RATE = "good_per_minute"
+"""Field of ``info`` at the end of episodes of tasks that end only at their limit."""
+
+
+class Played(NamedTuple):
+    """Results of episodes, (episodes,) each."""
+
+    success: np.ndarray  # bool
+    steps: np.ndarray
+    returns: np.ndarray  # sums of rewards
+    rate: np.ndarray  # good parts a minute; nan where parts stay
+
+
+class LearningCurve:
+    """Evaluation of a policy during training, written to ``curve.csv``.
+
+    Columns: success rate, median time to the goal (s), its mean over all episodes (failures count with their limit), median
+    return, and for tasks in which parts come and go the mean number of good parts per minute.
+
+    Args:
+        settings: of the run; its ``judging`` has the number of episodes and the interval.
+        directory: of the run.
+
+    Attributes:
+        rows: of the curve so far.
+
+    Raises:
+        ValueError: an environment that is not registered, or has no step limit.
+    """
+
+    def __init__(self, settings: TrainSettings, directory: Path) -> None:
+        assert settings.judging is not None
+        self.judging, self.path, self._last = settings.judging, directory / FILE, 0
+        self.residual = settings.residual
+        self._envs: list[tuple[Any, int]] = []
+        self.rows: list[dict[Any, Any]] = []
+        self.task = settings.task
+        spec = gym.registry.get(environment_id(self.task))
+        if spec is None or (spec.max_episode_steps is None and spec.kwargs.get("max_episode_periods") is None):
+            allowed = "a task with a step limit"
+            raise checks.conflict(f"judging requires {allowed}, got {settings.task!r}")
+        scenes = settings.all_scenes
+        shares = np.array_split(np.arange(self.judging.episodes), len(scenes))
+        self._scenes = [
+            (
+                {
+                    **evaluation_settings(settings.environment),
+                    **scene,
+                    "num_envs": len(share),
+                    "autoreset_mode": "Disabled",
+                },
+                int(share[0]),
+            )
+            for scene, share in zip(scenes, shares, strict=True)
+            if len(share)
+        ]
+
+    def begin(self, steps: int) -> None:
+        """Start a run, or continue it from ``steps``: later rows are removed."""
+        self.rows = []
+        if steps and self.path.exists():
+            with self.path.open(newline="") as file:
+                self.rows = [row for row in csv.DictReader(file) if int(row["steps"]) <= steps]
+        self._write()
+        self._last = int(self.rows[-1]["steps"]) if self.rows else 0
+
+    def due(self, steps: int) -> bool:
+        """Return whether the next evaluation is due."""
+        return steps - self._last >= self.judging.every
+
+    def measure(self, policy: Policy, steps: int, seconds: float, phase: str) -> dict[str, Any]:
+        """Evaluate a policy, write a row, and return it.
+
+        Args:
+            policy: of a residual policy the network alone; the base of each scene is added.
+            steps, seconds: of the training so far.
+            phase: of the training, ``"imitation"`` or the name of the algorithm.
+        """
+        self._last = steps
+        if not self._envs:
+            for arguments, first in self._scenes:
+                observation = policy.observation if self.residual is None else ResidualPolicy.observation
+                env = batch_of(self.task, **{**arguments, "observation": observation})
+                self._envs.append((env, self.judging.first_seed + first))
+        found = [play(self._whole(policy, env), env, seed) for env, seed in self._envs]
+        success, steps_taken, returns, rate = (np.concatenate(each) for each in zip(*found, strict=True))
+        env = self._envs[0][0].unwrapped
+        reached = env.step_time * steps_taken[success]
+        limits = [np.full(each.num_envs, each.unwrapped.max_episode_steps) for each, _ in self._envs]
+        mean = env.step_time * np.where(success, steps_taken, np.concatenate(limits)).mean()
+        row = {
+            "steps": steps,
+            "seconds": round(seconds, 1),
+            "phase": phase,
+            "success": round(float(success.mean()), 4),
+            "time_to_goal": round(float(np.median(reached)), 4) if len(reached) else "",
+            "mean_time": round(float(mean), 4),
+            "return_": round(float(np.median(returns)), 4),
+            "rate": round(float(rate.mean()), 4) if np.isfinite(rate).all() else "",
+        }
+        self.rows.append(row)
+        self._write()
+        return row
+
+    def is_best(self, row: dict[str, Any]) -> bool:
+        """Return whether no row of the curve so far is better, see :func:`rank`."""
+        return all(rank(each) >= rank(row) for each in self.rows)
+
+    def _whole(self, policy: Policy, env: Any) -> Policy:
+        """Return the policy, or the residual policy with its base."""
+        if self.residual is None:
+            return policy
+        info = TaskInfo.of(env)
+        return ResidualPolicy(info, make_policy(self.residual.base, info), policy, scale=self.residual.scale)
+
+    def _write(self) -> None:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.rows)
+        write_atomically(self.path, text.getvalue())
+
+
+def rank(row: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Return the sort key of a row, the best first: by good parts per minute where tasks have no success, else by success rate,
+    then by time. Old curves have no rates."""
+    return -float(row.get("rate") or 0.0), -float(row["success"]), float(row["time_to_goal"] or "inf")
+
+
+def evaluation_settings(environment: dict[str, Any]) -> dict[str, Any]:
+    """Return the environment without the longer hold that a policy may be trained with."""
+    own = {name: value for name, value in environment.get("task_settings", {}).items() if name != "hold"}
+    return (
+        {**environment, "task_settings": own} if own else {k: v for k, v in environment.items() if k != "task_settings"}
+    )
+
+
+def play(policy: Policy, env: Any, first_seed: int) -> Played:
+    """Play one deterministic episode in every world of ``env``; world k starts with seed ``first_seed + k``.
+
+    Args:
+        policy: in NumPy.
+        env: a batch of worlds with ``autoreset_mode="Disabled"``, with the action and observation of the policy.
+    """
+    found = run(policy, env, range(first_seed, first_seed + env.num_envs), env.spec.name)
+    return Played(found.success, found.steps, found.returns, found.fact(RATE))

@@ -1,0 +1,368 @@
+"""Networks in torch: actors and critics of parts, of elements and of images.
+
+Their NumPy counterparts, which act without torch, are in :mod:`vibgym.policies.trained.networks`.
+
+- ``parts``: one network for all parts reads a part's own columns and attends to its neighbours; the critic reads all parts.
+- ``elements``: one small network for all elements. It has two branches (DeepONet, Lu et al. 2021): one turns a part's row into
+  coefficients, the other the position of an element relative to the part's centre into basis functions; the phasor is their
+  product. The same weights serve parts and surfaces of any size, and every action made of elements.
+- ``pixels``: one convolution turns images into maps of mass, whose centres are positions to a fraction of a pixel: the spatial
+  soft-argmax of Levine et al. (2016) with the masses themselves as weights (Nibali et al. 2018 compare such normalisations).
+  Differences of positions are displacements, so that position and size of the surface do not matter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from agents.network_kernels import Tanh, attend, tanh
+from agents.training_settings import NetworkSettings
+from vibgym import checks
+from vibgym.policies.trained.coding import Coding
+from vibgym.policies.trained.networks.acting import ACTING, FLOOR, LOG_STD_RANGE
+from vibgym.policies.trained.networks.shape import CELL, LEAST_MASS, WAY_SCALES, Picture, Shape, occupied
+from vibgym.policies.trained.pictures import PictureCoding
+from vibgym.policies.trained.trained import CODINGS
+
+ACTIVATIONS = {"tanh": Tanh, "relu": nn.ReLU}
+
+
+def hidden(inputs: int, widths: Sequence[int], activation: str) -> nn.Sequential:
+    """Fully connected layers with an activation after each, orthogonal as PPO likes them (Engstrom et al. 2020)."""
+    layers: list[nn.Module] = []
+    for width in widths:
+        layers += [linear(inputs, width, 2.0**0.5), ACTIVATIONS[activation]()]
+        inputs = width
+    return nn.Sequential(*layers)
+
+
+def linear(inputs: int, outputs: int, gain: float) -> nn.Linear:
+    """A linear layer with orthogonal weights times ``gain``, and no bias at the start."""
+    layer = nn.Linear(inputs, outputs)
+    nn.init.orthogonal_(layer.weight, gain)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+class Attention(nn.Module):
+    """What a part makes of the others near it: a mean of their encodings, weighted by how much each matters to it.
+
+    One head of scaled dot products (Vaswani et al. 2017), whose query is made of the part's own columns. Absent neighbours have
+    no weight; without any the result is zero.
+
+    Args:
+        own: columns of the part itself.
+        width: columns of a neighbour, the first of which is 1 where there is one.
+        size: of the encodings.
+    """
+
+    def __init__(self, own: int, width: int, size: int) -> None:
+        super().__init__()
+        self.encode = linear(width, size, 2.0**0.5)
+        self.key = linear(size, size, 1.0)
+        self.query = linear(own, size, 1.0)
+        self.scale = size**-0.5
+
+    def forward(self, own: torch.Tensor, others: torch.Tensor) -> torch.Tensor:
+        """(..., size) of ``own`` (..., own) and ``others`` (..., neighbours, width)."""
+        flat = others.reshape(-1, others.shape[-1])
+        # In this order of memory the weights' gradient, a product of two tall matrices, takes half the time.
+        code = torch.addmm(self.encode.bias, flat, self.encode.weight.T.contiguous())
+        return attend(code.view(*others.shape[:-1], -1), others[..., 0] > 0.5, self._sought(own))
+
+    def _sought(self, own: torch.Tensor) -> torch.Tensor:
+        """(..., size) whose products with encodings are the logits, but for a number that all neighbours of a part share.
+
+        Products of keys and queries are those of encodings and queries that have been through the keys' weights, of which there
+        is one for all neighbours; the keys' bias adds the same to all, which exponentials' shares do not notice.
+        """
+        through = self.key.weight.T * self.scale
+        return nn.functional.linear(own, through @ self.query.weight, through @ self.query.bias)
+
+
+class Eyes(nn.Module):
+    """What hidden layers see of a row: its own columns, and what attention makes of its neighbours."""
+
+    def __init__(self, shape: Shape, attention: int) -> None:
+        super().__init__()
+        self.shape = shape
+        self.size = shape.own
+        self.attention: Attention | None = None
+        if shape.neighbours:
+            self.attention = Attention(shape.own, shape.width, attention)
+            self.size += attention
+
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
+        """(..., size) of rows (..., columns)."""
+        if self.attention is None:
+            return rows
+        own = rows[..., : self.shape.own]
+        others = rows[..., self.shape.own :].unflatten(-1, (self.shape.neighbours, self.shape.width))
+        return torch.cat([own, self.attention(own, others)], dim=-1)
+
+
+class PartsActor(nn.Module):
+    """Mean and logarithmic standard deviation of every part's action.
+
+    Args:
+        shape: of rows and actions.
+        net: widths of the hidden layers.
+        activation: of these, ``"tanh"`` or ``"relu"``.
+        attention: size of the neighbours' encodings.
+        log_std: at the start.
+        floor: None, or the size of actions, of 0 to 1, at which exploration stops to shrink with them: standard deviations
+            are then multiples of the action's own size. Parts on their way try much, and parts at rest, which the noise of
+            others would never let rest, next to nothing.
+    """
+
+    kind = "parts"
+
+    def __init__(
+        self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float, floor: float | None = None
+    ) -> None:
+        super().__init__()
+        self.eyes = Eyes(shape, attention)
+        self.hidden = hidden(self.eyes.size, net, activation)
+        self.mean = linear(net[-1], shape.action, 0.01)
+        self.log_std = linear(net[-1], shape.action, 0.01)
+        nn.init.constant_(self.log_std.bias, log_std)
+        self.register_buffer(FLOOR, None if floor is None else torch.tensor([floor]))
+
+    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and log std (..., action) of rows (..., columns)."""
+        seen = self.hidden(self.eyes(rows))
+        mean, log_std = self.mean(seen), self.log_std(seen).clamp(*LOG_STD_RANGE)
+        floor = getattr(self, FLOOR)
+        if floor is None:
+            return mean, log_std
+        size = mean.detach().clamp(-1.0, 1.0).square().mean(dim=-1, keepdim=True).sqrt()
+        return mean, log_std + torch.log(floor + size)
+
+
+class PartsCritic(nn.Module):
+    """Value of every part, from its own row and from all parts of its world together (a centralised critic).
+
+    The others count by the mean of their encodings, so that their order and number do not matter (Zaheer et al. 2017).
+    """
+
+    def __init__(self, shape: Shape, net: list[int], activation: str, attention: int) -> None:
+        super().__init__()
+        self.eyes = Eyes(shape, attention)
+        self.together = linear(shape.own, attention, 2.0**0.5) if shape.neighbours else None
+        self.hidden = hidden(self.eyes.size + (attention if shape.neighbours else 0), net, activation)
+        self.value = linear(net[-1], 1, 1.0)
+        self.own = shape.own
+
+    def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+        """(..., parts) of rows (..., parts, columns); ``mask`` (..., parts) is 1 where there is a part."""
+        seen = self.eyes(rows)
+        if self.together is not None:
+            here = mask.unsqueeze(-1)
+            encoded = torch.relu(self.together(rows[..., : self.own])) * here
+            mean = encoded.sum(dim=-2, keepdim=True) / here.sum(dim=-2, keepdim=True).clamp(min=1.0)
+            seen = torch.cat([seen, mean.expand(*seen.shape[:-1], -1)], dim=-1)
+        return self.value(self.hidden(seen)).squeeze(-1)
+
+
+BASIS = 32
+"""Basis functions of an element's place."""
+
+
+class ElementsActor(nn.Module):
+    """Mean and logarithmic standard deviation of the phasors of the elements around every part; see the module.
+
+    Exploration has one standard deviation a part.
+
+    Args: see :class:`agents.training.networks.parts.PartsActor`.
+    """
+
+    kind = "elements"
+
+    def __init__(self, shape: Shape, net: list[int], activation: str, attention: int, log_std: float) -> None:
+        super().__init__()
+        self.shape = shape
+        self.eyes = Eyes(shape, attention)
+        self.hidden = hidden(self.eyes.size, net, activation)
+        self.coefficients = linear(net[-1], 2 * BASIS, 0.1)
+        self.places = linear(4, BASIS, 1.0)
+        self.log_std = linear(net[-1], 1, 0.01)
+        nn.init.constant_(self.log_std.bias, log_std)
+
+    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and log std (..., side * side * 2) of rows (..., columns)."""
+        side, place = self.shape.side, self.shape.place
+        seen = self.hidden(self.eyes(rows))
+        coefficients = self.coefficients(seen).unflatten(-1, (BASIS, 2))
+        basis = tanh(self.places(elements_about(rows[..., place : place + 2], side)))
+        mean = (basis @ coefficients).float().flatten(-2) / BASIS**0.5
+        log_std = self.log_std(seen).clamp(*LOG_STD_RANGE)
+        return mean, log_std.expand(*mean.shape)
+
+
+def elements_about(place: torch.Tensor, side: int) -> torch.Tensor:
+    """What the branch of places sees of the elements of a patch (..., side * side, 4), rows first: x, y and their squares.
+
+    Args:
+        place: (..., 2) where the part's centre lies in its element, see :func:`vibgym.policies.trained.networks.shape.offsets`.
+    """
+    within = 0.5 * (place + 1.0)
+    first = torch.floor(within + (0.5 - 0.5 * side))
+    steps = torch.arange(side, dtype=place.dtype)
+    x, y = ((first + 0.5 - within)[..., k : k + 1] + steps for k in range(2))  # (..., side)
+    shape = (*place.shape[:-1], side, side)
+    x, y = x.unsqueeze(-2).expand(shape).flatten(-2), y.unsqueeze(-1).expand(shape).flatten(-2)
+    return torch.stack([x, y, x * x, y * y], dim=-1)
+
+
+MAPS = 4
+"""Of mass, that the convolution makes of every plane."""
+
+WAYS = 6
+"""Differences of places."""
+
+
+class PixelsEyes(nn.Module):
+    """What hidden layers see of a row of pixels: ways (m), coarse and fine."""
+
+    def __init__(self, shape: Picture) -> None:
+        super().__init__()
+        self.shape, self.size = shape, 2 * WAYS * len(WAY_SCALES)
+        self.conv = nn.Linear(CELL**2, MAPS, bias=False)
+        nn.init.uniform_(self.conv.weight, 0.5 / CELL**2, 1.5 / CELL**2)
+        # To begin with: the way to the goal, and how far the part has come from image to image.
+        mix = 0.3 * torch.randn(WAYS, shape.planes, MAPS) / math.sqrt(shape.planes * MAPS)
+        mix[0, -1] += 1.0 / MAPS
+        mix[0, 0] -= 1.0 / MAPS
+        for age in range(min(shape.planes - 2, WAYS - 1)):
+            mix[1 + age, age] += 1.0 / MAPS
+            mix[1 + age, age + 1] -= 1.0 / MAPS
+        self.mix = nn.Parameter(mix.flatten(1))
+
+    def forward(self, rows: torch.Tensor) -> torch.Tensor:
+        """(..., size) of rows (..., columns), uint8."""
+        planes = self.shape.planes
+        pixels, plane, x, y = (torch.from_numpy(each) for each in occupied(rows.numpy(), self.shape))
+        mass = torch.relu(self.conv(pixels)).unsqueeze(-1)  # (squares, maps, 1)
+        moments = mass * torch.stack([torch.ones_like(x), x, y], dim=-1).unsqueeze(-2)
+        sums = torch.zeros(rows[..., 0].numel() * planes, MAPS, 3).index_add(0, plane, moments)
+        place = (sums[..., 1:] / (sums[..., :1] + LEAST_MASS)).reshape(*rows.shape[:-1], planes * MAPS, 2)
+        way = (self.mix - self.mix.mean(dim=1, keepdim=True)) @ place
+        return torch.cat([torch.tanh(way * (1.0 / scale)) for scale in WAY_SCALES], dim=-1).flatten(-2)
+
+
+class PixelsActor(nn.Module):
+    """Mean and logarithmic standard deviation of the part's action; see the module.
+
+    Args:
+        shape: of planes and actions.
+        net: widths of the hidden layers.
+        activation: of these, ``"tanh"`` or ``"relu"``.
+        attention: not used, there is one part.
+        log_std: at the start.
+    """
+
+    kind = "pixels"
+
+    def __init__(self, shape: Picture, net: list[int], activation: str, attention: int, log_std: float) -> None:
+        super().__init__()
+        self.eyes = PixelsEyes(shape)
+        self.hidden = hidden(self.eyes.size, net, activation)
+        self.mean = linear(net[-1], shape.action, 0.01)
+        self.log_std = linear(net[-1], shape.action, 0.01)
+        nn.init.constant_(self.log_std.bias, log_std)
+
+    def forward(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean and log std (..., action) of rows (..., columns)."""
+        seen = self.hidden(self.eyes(rows))
+        return self.mean(seen), self.log_std(seen).clamp(*LOG_STD_RANGE)
+
+
+class PixelsCritic(nn.Module):
+    """Value of what is seen."""
+
+    def __init__(self, shape: Picture, net: list[int], activation: str, attention: int) -> None:
+        super().__init__()
+        self.eyes = PixelsEyes(shape)
+        self.hidden = hidden(self.eyes.size, net, activation)
+        self.value = linear(net[-1], 1, 1.0)
+
+    def forward(self, rows: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
+        """(..., parts) of rows (..., parts, columns)."""
+        return self.value(self.hidden(self.eyes(rows))).squeeze(-1)
+
+
+NETWORKS: dict[str, tuple[Any, Any]] = {
+    "parts": (PartsActor, PartsCritic),
+    "elements": (ElementsActor, PartsCritic),
+    "pixels": (PixelsActor, PixelsCritic),
+}
+"""Actor and critic by name."""
+
+
+def register_network(name: str, actor: Any, critic: Any, acting: Callable[..., Any], like: str = "parts") -> None:
+    """Add a user-defined network, for ``network: name`` in training files.
+
+    Args:
+        name: of the network.
+        actor: torch module ``actor(shape, net, activation, attention, log_std)``; called with rows (..., columns) it returns
+            mean and logarithmic standard deviation (..., action).
+        critic: torch module ``critic(shape, net, activation, attention)``; called with rows (..., parts, columns) and mask
+            (..., parts) it returns values (..., parts).
+        acting: the actor in NumPy: ``acting(tensors, shape, activation, rows)`` returns mean and log std; ``tensors`` are the
+            actor's by torch's names.
+        like: built-in network whose inputs it reads, ``"parts"`` or ``"pixels"``.
+
+    Raises:
+        ValueError: the name is taken.
+    """
+    if name in NETWORKS:
+        raise checks.refuse("network", name, f"a new name, not one of {', '.join(NETWORKS)}")
+    NETWORKS[name] = actor, critic
+    ACTING[name] = acting  # type: ignore[index]
+    CODINGS[name] = CODINGS[like]  # type: ignore[index]
+
+
+HALF_LOG_TAU = 0.5 * math.log(2.0 * math.pi)
+
+
+class ActorCritic(nn.Module):
+    """Actor and critic with the coding of their inputs.
+
+    Args:
+        coding: of the environment.
+        settings: name, widths and activation of the networks.
+        log_std: initial logarithmic standard deviation of exploration.
+        noise_floor: see :class:`PartsActor`, which alone has one; None: none.
+    """
+
+    def __init__(
+        self,
+        coding: Coding | PictureCoding,
+        settings: NetworkSettings,
+        log_std: float,
+        noise_floor: float | None = None,
+    ) -> None:
+        super().__init__()
+        self.coding, self.network = coding, settings.network
+        make_actor, make_critic = NETWORKS[settings.network]
+        rest = settings.activation, settings.attention
+        floor = {} if noise_floor is None else {"floor": noise_floor}
+        self.actor = make_actor(coding.shape, list(settings.net), *rest, log_std, **floor)
+        self.critic = make_critic(coding.shape, list(settings.critic_net), *rest)
+
+
+def log_probability(action: torch.Tensor, mean: torch.Tensor, log_std: torch.Tensor) -> torch.Tensor:
+    """Return log-probabilities (...) of actions (..., size) under a normal distribution."""
+    scaled = (action - mean) * torch.exp(-log_std)
+    return -(0.5 * scaled * scaled + log_std + HALF_LOG_TAU).sum(dim=-1)
+
+
+def trained_tensors(module: nn.Module) -> dict[str, np.ndarray]:
+    """Return a module's weights as NumPy arrays under torch's names."""
+    return {name: value.detach().cpu().numpy() for name, value in module.state_dict().items()}

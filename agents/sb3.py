@@ -1,0 +1,199 @@
+"""Stable-Baselines3's algorithms, unmodified, by name: ``algorithm: sb3.SAC``, ``sb3.PPO``, ``sb3.TD3`` and so on.
+
+Keyword arguments of the algorithm's class stand under ``sb3`` in a training file. Any action works, and any observation that is
+a box or a dictionary of boxes, including user-registered ones. A continued run loads weights, optimizers and replay buffer, and
+starts new episodes: it is not identical to an uninterrupted run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+import stable_baselines3
+import torch
+from pydantic import ConfigDict
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
+from stable_baselines3.common.save_util import load_from_zip_file
+
+from agents.checkpoint import check_finite
+from agents.training_envs import make_worlds
+from agents.training_settings import TrainSettings
+from vibgym import checks
+from vibgym.config import Settings
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.state_policy import NETWORK, columns_of
+from vibgym.policies.trained.storage import save_set
+from vibgym.policies.trained.trained import KIND, VERSION, described
+
+CHECKPOINT, REPLAY = "checkpoint.zip", "replay.pkl"
+
+NAMES = tuple(
+    name
+    for name, each in vars(stable_baselines3).items()
+    if isinstance(each, type) and issubclass(each, BaseAlgorithm) and name not in ("DQN", "HER")  # discrete actions
+)
+"""Algorithms that ``sb3.NAME`` may name."""
+
+
+class SB3Settings(Settings):
+    """Keyword arguments of the algorithm's class, as its documentation lists them; ``policy`` has a default."""
+
+    model_config = ConfigDict(extra="allow")
+
+    policy: str | None = None  # default: MlpPolicy, or MultiInputPolicy for dictionaries
+
+
+class SB3:
+    """One algorithm of Stable-Baselines3, made unmodified.
+
+    Args:
+        settings: of the run; ``algorithm`` is ``sb3.NAME``.
+
+    Attributes:
+        model: of Stable-Baselines3.
+    """
+
+    hyperparameters: ClassVar[type[Settings]] = SB3Settings
+    phase = "sb3"
+
+    def __init__(self, settings: TrainSettings) -> None:
+        settings.check_alone()
+        self.settings, self.observation = settings, settings.environment.get("observation", "state")
+        self.action = settings.action
+        name = settings.algorithm.removeprefix("sb3.")
+        self.title = f"{name} of Stable-Baselines3"
+        with checks.within("environment"):
+            self.env = make_worlds(settings, self.observation)
+        assert isinstance(settings.own, SB3Settings)
+        arguments = settings.own.model_dump()
+        policy = arguments.pop("policy") or (
+            "MultiInputPolicy" if isinstance(self.env.observation_space, gym.spaces.Dict) else "MlpPolicy"
+        )
+        try:
+            make = getattr(stable_baselines3, name)
+            self.model: BaseAlgorithm = make(policy, self.env, seed=settings.seed, device="cpu", **arguments)
+        except (TypeError, ValueError, AssertionError) as error:
+            self.env.close()
+            raise checks.conflict(f"sb3: {error}") from None
+
+    @property
+    def steps(self) -> int:
+        """Steps of all worlds so far."""
+        return self.model.num_timesteps
+
+    def learn(self, until: int, report: Callable[[dict[str, float]], None]) -> None:
+        """Train until ``until`` steps; ``report`` is called between rollouts.
+
+        Raises:
+            Diverged: a weight is not finite.
+        """
+
+        class Between(BaseCallback):
+            def _on_step(self) -> bool:
+                return True
+
+            def _on_rollout_start(self) -> None:
+                report({k: float(v) for k, v in self.logger.name_to_value.items() if isinstance(v, int | float)})
+
+        self.model.learn(until - self.steps, Between(), log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+        self.check_finite()
+        report({})
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions, see :meth:`vibgym.policies.protocol.Policy.predict`."""
+        return self.model.predict(observation, state, episode_start, deterministic)
+
+    def check_finite(self) -> None:
+        """Raise :class:`agents.failures.Diverged` if a weight is not finite."""
+        check_finite({name: each.detach().numpy() for name, each in self.model.policy.state_dict().items()})
+
+    def save(self, directory: Path) -> None:
+        """Write the model and, off-policy, its replay buffer."""
+        self.check_finite()
+        if isinstance(self.model, OffPolicyAlgorithm):
+            self.model.save_replay_buffer(directory / REPLAY)
+        self.model.save(directory / CHECKPOINT)
+
+    def load(self, directory: Path) -> bool:
+        """Continue from what :meth:`save` wrote; False if there is nothing.
+
+        Raises:
+            ValueError: the file is damaged or of another network.
+        """
+        path = directory / CHECKPOINT
+        if not path.exists():
+            return False
+        try:
+            self.model.set_parameters(str(path), device="cpu")
+            data, _, _ = load_from_zip_file(path, device="cpu")
+            assert data is not None
+            self.model.num_timesteps, self.model._n_updates = data["num_timesteps"], data["_n_updates"]
+            if isinstance(self.model, OffPolicyAlgorithm):
+                self.model.load_replay_buffer(directory / REPLAY)
+        except (ValueError, KeyError, OSError, RuntimeError, AssertionError) as error:
+            raise checks.conflict(f"{path}: not a checkpoint of these settings ({error})") from None
+        return True
+
+    def actor(self) -> dict[str, np.ndarray]:
+        """Return the weights of the whole policy."""
+        return {name: each.detach().numpy().copy() for name, each in self.model.policy.state_dict().items()}
+
+    def set_actor(self, tensors: dict[str, np.ndarray]) -> None:
+        """Replace the weights of the policy."""
+        self.model.policy.load_state_dict({name: torch.from_numpy(each.copy()) for name, each in tensors.items()})
+
+    def save_policy(self, path: Path, training: dict[str, Any]) -> None:
+        """Write the policy.
+
+        SAC with ``MlpPolicy`` on the flat state becomes a policy file that needs no torch, see
+        :class:`vibgym.policies.trained.state_policy.StatePolicy`. Others are written as Stable-Baselines3's ``.zip`` beside
+        ``path``.
+
+        Raises:
+            Diverged: a weight is not finite.
+        """
+        self.check_finite()
+        tensors = self._state_tensors()
+        if tensors is None:
+            self.model.save(path.with_suffix(".zip"))
+            return
+        info = TaskInfo.of(self.env.env)
+        record = {
+            "network": NETWORK,
+            "tasks": [info.name],
+            "surface": described(info.surface),
+            "parts": len(info.parts),
+            "action": self.action,
+            "columns": columns_of(info),
+            "training": training,
+        }
+        save_set(path, KIND, tensors, record, VERSION)
+
+    def _state_tensors(self) -> dict[str, np.ndarray] | None:
+        """Return SAC's actor under the names of policy files; None if it has no such form."""
+        if not isinstance(self.model, stable_baselines3.SAC) or self.observation != "state":
+            return None
+        actor = self.model.actor
+        layers = list(actor.latent_pi)
+        if not all(isinstance(each, torch.nn.Linear | torch.nn.ReLU) for each in layers) or self.model.use_sde:
+            return None
+        linear = [each for each in layers if isinstance(each, torch.nn.Linear)]
+        named: dict[str, Any] = {f"layer{k}": each for k, each in enumerate(linear)}
+        named |= {"mean": actor.mu, "log_std": actor.log_std}
+        return {
+            f"{name}.{kind}": value.detach().numpy().copy()
+            for name, layer in named.items()
+            for kind, value in layer.state_dict().items()
+        }
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.env.close()

@@ -1,0 +1,286 @@
+"""The table of trained agents: every seed of a run on fresh episodes, and which of them is shipped.
+
+``python -m agents tabulate configs/agents/ppo.yaml --seeds 0 1 2 --ship vibgym/policies/trained/shipped``
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from agents import command_line
+from agents.command_line import Command
+from agents.evaluation.statistics import bootstrap, success_interval
+from agents.learning_curve import FILE as CURVE
+from agents.learning_curve import RATE, evaluation_settings, rank
+from agents.train import POLICY
+from agents.training_file import agents_in, load_settings
+from agents.training_settings import TrainSettings
+from vibgym import checks
+from vibgym.files import csv_text, write_together
+from vibgym.policies.measures import Measures
+from vibgym.policies.rollout import rollout
+from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import KIND, RESIDUAL, VERSION
+from vibgym.tasks.episode import EVENTS
+
+FIRST_SEED = 200_000
+"""Of the fresh episodes: neither training nor learning curves have seen these."""
+
+LEVEL, RESAMPLES = 0.95, 2000
+
+
+TABLE = "agents.csv"
+
+
+class Places(NamedTuple):
+    """Where a table goes."""
+
+    output: Path
+    """Directory of ``agents.csv``, in which rows of other agents stay; ``curves/`` and ``policies/`` stand beside it."""
+
+    page: Path | None = None
+    """Where the whole table goes in Markdown; None: nowhere."""
+
+    ship: Path | None = None
+    """Directory for the best seeds' policies, ``align.json``, ``align-prototype.json`` and so on; None: none."""
+
+
+def tabulate(
+    config: Path, names: Sequence[str], seeds: Sequence[int], episodes: int, into: Places
+) -> list[dict[str, Any]]:
+    """Play all seeds of the agents named, write a table, and ship the best seed of each.
+
+    The best is the one that did best in a row of its own learning curve, on other episodes than these.
+
+    Beside the table stand every seed's learning curve (``curves/align-ideal-seed-0.csv``) and policy (``policies/``).
+
+    Args:
+        config: file of agents.
+        names: of agents in it.
+        seeds: of trainings; those of an agent that are not there are an error.
+        episodes: of each policy.
+        into: where all goes.
+
+    Raises:
+        ValueError: a policy that is not there or does not load; nothing is written.
+    """
+    rows: list[dict[str, Any]] = []
+    best: dict[str, Path] = {}
+    output = into.output / TABLE
+    for name in names:
+        own = [_row(name, load_settings(config, name, seed), episodes) for seed in seeds]
+        first = min(
+            own, key=lambda row: (-row["judged_rate"], -row["judged_success"], row["judged_time_s"], row["seed"])
+        )
+        for row in own:
+            row["shipped"] = into.ship is not None and row is first
+        best[name] = Path(first["path"])
+        rows += own
+    kept = [_without_rates(row) for row in _read(output) if row["agent"] not in names]
+    files: dict[Path, str | bytes] = {}
+    for row in rows:
+        run = f"{row['agent'].lower().replace('/', '-')}-seed-{row['seed']}"
+        path = Path(row.pop("path"))
+        if (path.parent / CURVE).exists():
+            files[into.output / "curves" / f"{run}.csv"] = (path.parent / CURVE).read_text(encoding="utf-8")
+        _ship(path, into.output / "policies" / f"{run}.json")
+    every = sorted([*kept, *rows], key=lambda row: (row["agent"], int(row["seed"])))
+    files[output] = csv_text(every)
+    if into.page is not None:
+        files[into.page] = page(every)
+    for path in files:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_together(files)
+    if into.ship is not None:
+        for name, path in best.items():
+            _ship(path, into.ship / f"{shipped_name(name)}.json")
+    return rows
+
+
+def page(rows: Sequence[Mapping[str, Any]]) -> str:
+    """The table in Markdown: one line for every training."""
+    lines = [
+        "# Trained agents",
+        "",
+        "Written by `python -m agents tabulate`: every training seed on fresh episodes, with a 95 % interval; times are",
+        "medians, with the hold of 0.4 s, the bound is the lower bound of [bound.md](bound.md). Shipped is the seed that did",
+        "best on the episodes of its own learning curve, not on these. What was trained on what: `results/agents.csv`.",
+        "Where parts come and go there is no success; *faulty* is the share of parts that leave otherwise than they should.",
+        "",
+        "| agent | seed | steps | minutes | success | of | interval | time to goal | over bound | good a minute | faulty "
+        "| collisions | fallen | shipped |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        number = {name: _number(row[name]) for name in NUMBERS}
+        ends = not np.isfinite(number["good_per_minute_mean"])  # where parts come and go there is no success
+        cells = [
+            row["agent"],
+            row["seed"],
+            f"{int(row['steps']):_}".replace("_", " "),
+            f"{number['minutes']:.1f}",
+            _cell(100 * number["success"], "{:.1f} %") if ends else "–",
+            row["episodes"],
+            f"{100 * number['success_low']:.1f} to {100 * number['success_high']:.1f} %" if ends else "–",
+            _cell(number["time_to_goal_median_s"], "{:.2f} s"),
+            _cell(number["time_over_bound_median"], "{:.3f}"),
+            _cell(number["good_per_minute_mean"], "{:.1f}"),
+            _cell(100.0 * number["faulty_share"], "{:.1f} %"),
+            _cell(number["collisions_mean"], "{:.2f}"),
+            row["fallen"],
+            "yes" if str(row["shipped"]) == "True" else "",
+        ]
+        lines.append("| " + " | ".join(str(cell) for cell in cells) + " |")
+    machines = sorted({f"{row['processor']}, {row['threads']} thread(s); {row['versions']}" for row in rows})
+    return "\n".join([*lines, "", *(f"Trained on: {each}" for each in machines)]) + "\n"
+
+
+NUMBERS = (
+    "minutes", "success", "success_low", "success_high", "time_to_goal_median_s", "time_over_bound_median", "collisions_mean",
+    "good_per_minute_mean", "faulty_share",
+)  # fmt: skip
+
+FAULTY = tuple(f"{event}_per_minute" for event in EVENTS[1:] if event != RATE.removesuffix("_per_minute"))
+"""What ``info`` says of parts that leave otherwise than they should."""
+
+
+def _number(value: Any) -> float:
+    return float(value) if value not in ("", None) else float("nan")
+
+
+def _cell(value: float, form: str) -> str:
+    return form.format(value) if np.isfinite(value) else "–"
+
+
+def shipped_name(agent: str) -> str:
+    """``align`` for ``Align/ideal``, ``align-prototype`` for ``Align/prototype``."""
+    task, _, variant = agent.partition("/")
+    return task.lower() if variant == "ideal" else f"{task.lower()}-{variant}"
+
+
+def _row(name: str, settings: TrainSettings, episodes: int) -> dict[str, Any]:
+    """What became of one training, and how its policy does on fresh episodes."""
+    directory = Path(str(settings.output))
+    path = directory / POLICY
+    record = load_set(path, KIND, VERSION)[1]
+    training, kind = record["training"], RESIDUAL if RESIDUAL in record else "trained"
+    hidden = ("action", "observation", "autoreset_mode")
+    scenes = [{**evaluation_settings(settings.environment), **scene} for scene in settings.all_scenes]
+    played = []
+    for scene, share in zip(scenes, np.array_split(np.arange(episodes), len(scenes)), strict=True):
+        own = {key: value for key, value in scene.items() if key not in hidden}
+        seeds = [FIRST_SEED + int(k) for k in share]
+        played.append(rollout({"kind": kind, "path": str(path)}, settings.task, seeds=seeds, keep=Measures, **own))
+    reached, time, over, collisions, fallen = (
+        np.concatenate([getattr(each, what) for each in played])
+        for what in ("success", "time_to_goal", "time_over_bound", "collisions", "fallen")
+    )
+    interval = success_interval(reached, LEVEL, RESAMPLES)
+    seconds = time[np.isfinite(time)]
+    middle = bootstrap(seconds, LEVEL, RESAMPLES) if len(set(seconds.tolist())) > 1 else None
+    good, faulty = (
+        np.concatenate([sum(each.fact(name) for name in names) for each in played]) for names in ((RATE,), FAULTY)
+    )
+    judged = sorted(map(rank, _read(directory / CURVE)))
+    return {
+        "agent": name,
+        "seed": settings.seed,
+        "algorithm": training["algorithm"],
+        "environment": json.dumps(settings.environment, sort_keys=True),
+        "steps": training["steps"],
+        "kept_from_step": training.get("kept_from_step", training["steps"]),
+        "minutes": training["minutes"],
+        "threads": training["threads"],
+        "processor": training["processor"],
+        "versions": " ".join(f"{key} {value}" for key, value in sorted(training["versions"].items()) if value),
+        "judged_success": -judged[0][1] if judged else 0.0,
+        "judged_time_s": judged[0][2] if judged else float("inf"),
+        "episodes": episodes,
+        "first_seed": FIRST_SEED,
+        "success": float(reached.mean()),
+        "success_low": interval.low,
+        "success_high": interval.high,
+        "time_to_goal_median_s": float(np.median(seconds)) if len(seconds) else float("nan"),
+        "time_to_goal_mean_s": float(np.mean(seconds)) if len(seconds) else float("nan"),
+        "time_to_goal_mean_low_s": middle.low if middle else float("nan"),
+        "time_to_goal_mean_high_s": middle.high if middle else float("nan"),
+        "time_over_bound_median": _median(over),
+        "collisions_mean": float(np.mean(collisions)),
+        "fallen": int(fallen.sum()),
+        "judged_rate": -judged[0][0] if judged else 0.0,
+        "good_per_minute_mean": float(good.mean()),
+        "faulty_share": float(faulty.sum() / (good + faulty).sum()),
+        "shipped": False,
+        "path": str(path),
+    }
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else float("nan")
+
+
+def _without_rates(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of a table with columns that it may have been written before."""
+    return row | {name: row.get(name, "") for name in ("judged_rate", "good_per_minute_mean", "faulty_share")}
+
+
+def _read(path: Path) -> list[dict[str, Any]]:
+    if not path.exists():
+        return []
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _ship(path: Path, to: Path) -> None:
+    """Copy a policy file and its tensors, whose name goes with the file's."""
+    record = json.loads(path.read_text(encoding="utf-8"))
+    tensors = path.with_name(record["tensors"])
+    name = f"{to.stem}-{record['sha256'][:12]}.safetensors"
+    for old in to.parent.glob(f"{to.stem}-*.safetensors"):
+        if len(old.stem) == len(to.stem) + 13:
+            old.unlink()
+    to.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(tensors, to.with_name(name))
+    to.write_text(json.dumps({**record, "tensors": name}, indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def selected(config: Path, names: Sequence[str] | None, known: Sequence[str]) -> list[str]:
+    """The agents asked for, all of the file by default.
+
+    Raises:
+        ValueError: one is not in the file.
+    """
+    for name in names or ():
+        checks.choice("--agent", name, tuple(known))
+    return list(names or known)
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``tabulate``."""
+    command_line.config(parser, "YAML file of agents")
+    command_line.some(parser, "--agent")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="N", help="of the trainings")
+    parser.add_argument("--episodes", type=int, default=500, metavar="N", help="of each policy")
+    parser.add_argument("--page", type=Path, metavar="FILE", help="the whole table in Markdown")
+    parser.add_argument("--ship", type=Path, metavar="DIR", help="directory for the best seeds' policies")
+
+
+def command(given: argparse.Namespace) -> None:
+    """Evaluate the seeds of trained agents and write their table."""
+    names = selected(given.config, given.agent, agents_in(given.config))
+    into = Places(given.output or Path("results"), given.page, given.ship)
+    for row in tabulate(given.config, names, given.seeds, given.episodes, into):
+        time = row["time_to_goal_median_s"]
+        print(f"{row['agent']} seed {row['seed']}: success {100 * row['success']:.1f} %, median {time:.2f} s")
+
+
+COMMANDS = {"tabulate": Command(arguments, command, "directory of agents.csv, curves and policies, instead of results")}

@@ -1,0 +1,370 @@
+"""Training: ``python -m agents train CONFIG``, one run or several seeds; learning curve, checkpoints, continuing."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from tqdm import tqdm
+
+from agents import checkpoint, command_line, locks, parallel
+from agents.algorithms import ALGORITHMS
+from agents.command_line import Command
+from agents.failures import Diverged, TrainingError
+from agents.learning_curve import LearningCurve
+from agents.provenance import processor, versions
+from agents.training_file import load_settings
+from agents.training_settings import TrainSettings
+from vibgym import checks
+from vibgym.files import WriteError, output_directory, output_files, reason, write_atomically
+from vibgym.policies.trained.storage import check_name, load_set, save_set
+
+POLICY, BEST, RUN = "policy.json", "best.json", "run.json"
+BEST_KIND = "vibgym-actor"
+
+FREE = {"steps", "checkpoint_steps", "output", "judging", "serves"}
+"""Settings that may change when a run continues."""
+
+Listener = Callable[[dict[str, Any]], None]
+"""Receives each row of the learning curve."""
+
+
+def train(
+    config: Path,
+    output: Path | None = None,
+    quiet: bool = False,
+    policy: Path | None = None,
+    agent: str | None = None,
+    seed: int | None = None,
+) -> Path:
+    """Train as the file ``config`` specifies, from its last checkpoint if there is one; see :class:`Training`.
+
+    Args:
+        config: YAML file, see :func:`agents.training_file.load_settings`.
+        output: directory, instead of the file's.
+        quiet: no progress bar, no closing line.
+        policy: path of the policy's file, instead of ``policy.json`` in the directory.
+        agent: name, in a file of many agents.
+        seed: instead of the file's.
+
+    Returns:
+        Path of the policy's file.
+
+    Raises:
+        ValueError: invalid settings, or see :meth:`Training.run`.
+        TrainingError: the training diverged; the last checkpoint and the last policy stay.
+        WriteError: no space is left, or the like.
+    """
+    settings = load_settings(config, agent, seed)
+    directory = output or Path(settings.output or Path("runs") / config.stem)
+    with checks.within(config):
+        training = Training(settings, directory, quiet)
+    with training:
+        path = training.run(policy)
+    if not quiet:
+        steps, seconds = training.learner.steps, training.seconds
+        print(f"{path}: {steps} steps in {seconds:.0f} s, {steps / seconds:.0f} steps/s, everything included")
+    return path
+
+
+def train_seeds(
+    config: Path,
+    seeds: Sequence[int],
+    output: Path | None = None,
+    quiet: bool = False,
+    agent: str | None = None,
+    processes: int = 1,
+    ray: str | None = None,
+) -> list[Path]:
+    """Train once with each seed, in parallel; returns the paths of the policies in the order of the seeds.
+
+    Args:
+        config, agent, quiet: see :func:`train`.
+        seeds: different from each other.
+        output: directory with one subdirectory per seed, ``seed-0`` and so on; None: the file's.
+        processes, ray: see :func:`agents.parallel.run`.
+
+    Raises:
+        ValueError: invalid settings, or a repeated seed.
+    """
+    if len(set(seeds)) < len(seeds):
+        raise checks.refuse("--seeds", list(seeds), "different seeds")
+    folders = []
+    for seed in seeds:
+        settings = load_settings(config, agent, seed)
+        default = Path(settings.output or Path("runs") / config.stem)
+        own = agent is not None and settings.output is not None and output is None  # its default names the seed
+        folders.append(default if own else (output or default) / f"seed-{seed}")
+    calls = [(config, folder, True, None, agent, seed) for seed, folder in zip(seeds, folders, strict=True)]
+    with tqdm(total=len(seeds), desc="training seeds", disable=quiet) as bar:
+        return parallel.run(train, calls, workers=processes, ray=ray, done=bar.update)
+
+
+class Training:
+    """One run: its learner, learning curve and checkpoints. A context that closes the environment.
+
+    A run of PPO or from a data set that was killed at any instant ends with the same weights as an uninterrupted one, bit for
+    bit on one machine with as many threads. Imitation that was interrupted starts again.
+
+    Args:
+        settings: of the run.
+        directory: output: ``run.json``, the checkpoint, ``progress.csv`` with metrics, ``curve.csv`` (learning curve, if
+            ``judging`` is set), and at the end the policy: a JSON file with its tensors.
+        quiet: no progress bar.
+
+    Raises:
+        ValueError: invalid settings.
+    """
+
+    def __init__(self, settings: TrainSettings, directory: Path, quiet: bool = False) -> None:
+        self.settings, self.directory, self.quiet = settings, directory, quiet
+        self.learner: Any = ALGORITHMS[settings.algorithm.partition(".")[0]](settings)
+        self.seconds, self.saved_at = 0.0, 0
+        try:
+            self.curve = None if settings.judging is None else LearningCurve(settings, directory)
+        except ValueError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the environment."""
+        getattr(self.learner, "close", lambda: None)()
+
+    def __enter__(self) -> Training:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def run(self, policy: Path | None = None, listener: Listener | None = None) -> Path:
+        """Train to the end and write the policy; returns its path.
+
+        Args:
+            policy: path of the policy's file, instead of ``policy.json`` in the directory.
+            listener: receives every row of the learning curve, those of earlier sessions first; may raise to end the run.
+
+        Raises:
+            ValueError: a checkpoint of other settings, a path that cannot be written, or a directory used by another run.
+            TrainingError: the training diverged; the last checkpoint and the last policy stay.
+            WriteError: no space is left, or the like.
+        """
+        path = policy_path(self.directory, policy)
+        with locks.one_run(self.directory):
+            self._restore()
+            self._listener, self._began = listener, time.perf_counter() - self.seconds
+            try:
+                with tqdm(
+                    total=self.settings.steps,
+                    unit="step",
+                    unit_scale=True,
+                    disable=self.quiet,
+                    initial=self.learner.steps,
+                ) as self._bar:
+                    self._train()
+            except (Diverged, ValueError) as error:
+                raise self._failure(error) from error
+            except OSError as error:
+                raise WriteError(f"training stopped, {self.saved_at} steps are saved ({reason(error)})") from error
+            except KeyboardInterrupt:
+                raise KeyboardInterrupt(
+                    f"{self.saved_at} steps are saved in {self.directory}; the same command continues"
+                ) from None
+            with locks.one_run(path.parent, "--policy", f".{path.name}.lock", patience=60.0):
+                self._write_policy(path)
+        return path
+
+    def _restore(self) -> None:
+        """Load the last checkpoint, if its settings are those of this run."""
+        file, mine = self.directory / RUN, self.settings.model_dump(mode="json")
+        if file.exists():
+            try:
+                record = json.loads(file.read_text(encoding="utf-8"))
+                theirs, self.seconds = record["settings"], float(record["seconds"])
+                other = {key for key in mine if theirs.get(key) != mine[key]} - FREE
+            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+                raise checks.conflict(f"{file}: not readable ({error}); choose another output") from None
+            if other:
+                raise checks.conflict(f"{file}: a run with other {', '.join(sorted(other))}; choose another output")
+            self.learner.load(self.directory)
+        self.saved_at = self.learner.steps
+        self._write_run()
+
+    def _write_run(self) -> None:
+        record = {"settings": self.settings.model_dump(mode="json"), "seconds": self.seconds}
+        write_atomically(self.directory / RUN, json.dumps(record, indent=2, sort_keys=True) + "\n")
+
+    def _train(self) -> None:
+        learner, settings = self.learner, self.settings
+        if self.curve is not None:
+            self.curve.begin(learner.steps)
+            for row in self.curve.rows if self._listener is not None else ():
+                self._listener(row)  # type: ignore[misc]
+        if learner.steps == 0 and settings.imitation is not None:
+            for error in learner.imitate(settings.imitation):
+                self._bar.update(learner.steps - self._bar.n)
+                self._bar.set_postfix_str(f"imitation, error {error:.2e}", refresh=False)
+            self._evaluate("imitation")
+            self._save()
+        if learner.steps < settings.steps:
+            with Log(self.directory / f"log-from-{learner.steps}") as self._log:
+                learner.learn(settings.steps, self._between_updates)
+            self._evaluate(getattr(learner, "phase", settings.algorithm))
+        self._save()
+
+    def _between_updates(self, metrics: dict[str, float]) -> None:
+        """Report progress, measure the learning curve, write a checkpoint: each when it is due."""
+        steps = self.learner.steps
+        self._bar.update(steps - self._bar.n)
+        if metrics:
+            self._log.write({"steps": steps, **metrics})
+        if "success" in metrics:
+            text = f"success {100 * metrics['success']:.1f} %, {metrics['length']:.0f} steps per episode"
+            self._bar.set_postfix_str(text, refresh=False)
+        if steps >= self.settings.steps:
+            return
+        if self.curve is not None and self.curve.due(steps):
+            self._evaluate(getattr(self.learner, "phase", self.settings.algorithm))
+        if steps - self.saved_at >= self.settings.checkpoint_steps:
+            self._save()
+
+    def _evaluate(self, phase: str) -> None:
+        """Add a row to the learning curve, and keep the actor if it is the best so far."""
+        if self.curve is None:
+            return
+        learner = self.learner
+        policy = learner.acting() if hasattr(learner, "acting") else learner
+        row = self.curve.measure(policy, learner.steps, time.perf_counter() - self._began, phase)
+        if hasattr(learner, "actor") and self.curve.is_best(row):
+            record = {"steps": row["steps"], "success": row["success"], "time_to_goal": row["time_to_goal"]}
+            save_set(self.directory / BEST, BEST_KIND, learner.actor(), record)
+        if self._listener is not None:
+            self._listener(row)
+
+    def _save(self) -> None:
+        self.learner.save(self.directory)
+        self.saved_at, self.seconds = self.learner.steps, time.perf_counter() - self._began
+        self._write_run()
+
+    def _write_policy(self, path: Path) -> None:
+        """Write the policy with the actor that did best on the learning curve."""
+        learner, kept = self.learner, self.learner.steps
+        if self.curve is not None and hasattr(learner, "actor"):
+            tensors, record = load_set(self.directory / BEST, BEST_KIND)
+            learner.set_actor(tensors)
+            kept = int(record["steps"])
+        if not hasattr(learner, "save_policy"):
+            return
+        training = {
+            "algorithm": getattr(learner, "title", self.settings.algorithm),
+            "settings": self.settings.model_dump(mode="json"),
+            "steps": learner.steps,
+            "kept_from_step": kept,
+            "minutes": round(self.seconds / 60.0, 2),
+            "threads": torch.get_num_threads(),
+            "processor": processor(),
+            "versions": versions(),
+        }
+        learner.save_policy(path, training)
+
+    def _failure(self, error: Exception) -> Exception:
+        """Return the error to raise: divergence if a weight is not finite."""
+        steps = self.learner.steps
+        try:
+            getattr(self.learner, "check_finite", lambda: None)()
+            found = error if isinstance(error, Diverged) else None
+        except Diverged as diverged:  # the other error is a consequence
+            found = diverged
+        if found is None:
+            return (
+                error
+                if isinstance(error, TrainingError)
+                else RuntimeError(f"training failed after {steps} steps: {error}")
+            )
+        kept = f"the checkpoint of {self.saved_at} steps stays" if self.saved_at else "no checkpoint was saved"
+        advice = getattr(self.learner, "advice", "the learning rate")
+        return TrainingError(
+            f"{self.directory}: training diverged within {steps} steps ({found}); {kept}; lower {advice} and train into "
+            "another output"
+        )
+
+
+class Log:
+    """Metrics of updates in ``progress.csv``; columns are those of the first row with all metrics.
+
+    Args:
+        directory: made with the first row.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self._rows: list[dict[str, float]] = []
+
+    def __enter__(self) -> Log:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if not self._rows:
+            return
+        self.directory.mkdir(parents=True, exist_ok=True)
+        names = list(dict.fromkeys(name for row in self._rows for name in row))
+        with (self.directory / "progress.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, names, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(self._rows)
+
+    def write(self, row: dict[str, float]) -> None:
+        """Add a row."""
+        self._rows.append(row)
+
+
+def policy_path(directory: Path, policy: Path | None) -> Path:
+    """Return the path of the policy, after checking that all outputs of a run can be written.
+
+    Raises:
+        ValueError: one cannot.
+    """
+    tensors = f"-{'0' * 12}.safetensors"
+    output_directory(directory)
+    output_files((directory / name for name in (POLICY, checkpoint.FILE)), "output")
+    if policy is None:
+        return directory / POLICY
+    check_name("--policy", policy)
+    output_files((policy, policy.with_name(policy.stem + tensors)), "--policy")
+    if policy.resolve() == (directory / checkpoint.FILE).resolve():
+        raise checks.refuse("--policy", str(policy), "another file than the checkpoint")
+    return policy
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``train``."""
+    command_line.config(parser)
+    parser.add_argument(
+        "--policy", type=Path, metavar="PATH", help="the trained policy's JSON file, instead of policy.json in DIR"
+    )
+    parser.add_argument("--agent", metavar="NAME", help="agent in a file of many, such as Align/prototype")
+    parser.add_argument("--seed", type=int, metavar="N", help="seed, instead of the file's")
+    parser.add_argument("--seeds", type=int, nargs="+", metavar="N", help="seeds of runs in parallel")
+    command_line.side_by_side(parser)
+
+
+def command(given: argparse.Namespace) -> None:
+    """Train a policy, or several with different seeds."""
+    if given.seeds is None:
+        if given.ray is not None:
+            raise checks.conflict("--ray requires --seeds")
+        train(given.config, given.output, given.quiet, given.policy, given.agent, given.seed)
+        return
+    for name in ("seed", "policy"):
+        if getattr(given, name) is not None:
+            raise checks.conflict(f"--{name} and --seeds exclude each other")
+    paths = train_seeds(given.config, given.seeds, given.output, given.quiet, given.agent, given.processes, given.ray)
+    print("\n".join(map(str, paths)))
+
+
+COMMANDS = {"train": Command(arguments, command, "directory for what is written, instead of the file's")}

@@ -1,1 +1,0 @@
-"""Learning from a data set alone: cloning and implicit Q-learning."""

@@ -1,1 +1,0 @@
-"""PPO with parts as samples."""

@@ -1,1 +1,0 @@
-"""SAC on the flat state."""

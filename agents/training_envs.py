@@ -1,0 +1,168 @@
+"""Environments that runs train in: one batch of all scenes, and corrections of a classical policy."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+
+from agents.checkpoint import restore_tuples
+from agents.training_settings import TrainSettings
+from vibgym import checks
+from vibgym.adapters.sb3 import VecEnv
+from vibgym.envs import VibgymVectorEnv
+from vibgym.envs.actions import Wrench
+from vibgym.envs.named import batch_of
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.residual import SCALE, Base
+
+
+def make_worlds(settings: TrainSettings, observation: str, wrapped: Callable[[Any], Any] = lambda env: env) -> VecEnv:
+    """All worlds as one batch.
+
+    Args:
+        settings: of the run.
+        observation: what the environment shows.
+        wrapped: around the batch of each scene.
+
+    Raises:
+        ValueError: settings that the environment refuses, or fewer worlds than scenes.
+    """
+    scenes = settings.all_scenes
+    if settings.worlds < len(scenes):
+        raise checks.refuse("worlds", settings.worlds, f"at least {len(scenes)}, one for each scene")
+    shares = [len(each) for each in np.array_split(np.arange(settings.worlds), len(scenes))]
+    envs = []
+    for scene, share in zip(scenes, shares, strict=True):
+        own = {"autoreset_mode": "SameStep", **settings.environment, **scene}
+        own |= {"num_envs": share, "observation": observation}
+        env = batch_of(settings.task, **own)
+        if not isinstance(env.unwrapped, VibgymVectorEnv):
+            raise checks.refuse(
+                "task", settings.task, "a task or an id whose batch is a VibgymVectorEnv, wrapped or not"
+            )
+        envs.append(wrapped(env))
+    return VecEnv(*envs)
+
+
+class ResidualEnv(VectorWrapper):
+    """Batch of worlds in which a base policy acts, corrected by the learner's action.
+
+    Observations are those by parts, in whose rows the base's action stands (``policies.trained.residual``). Those that end
+    an episode, ``info["final_obs"]``, have it too. The base remembers what was done, not what it said.
+
+    Args:
+        env: a :class:`vibgym.envs.VibgymVectorEnv` with ``action="wrench"``, ``observation="parts_and_state"`` and
+            ``autoreset_mode="SameStep"``.
+        base: speaks ``"wrench"`` and reads ``"state"``.
+        scale: of the learner's action.
+
+    Attributes:
+        parts_layout: what the numbers of a row mean.
+        parts, surface, autoreset_mode: as the environment has them.
+
+    Raises:
+        ValueError: an environment or a base that does not fit, or a bad scale.
+    """
+
+    keeps_rewards = True  # see vibgym.adapters.credit
+
+    def __init__(self, env: VectorEnv, base: Policy, scale: float = SCALE) -> None:
+        inner: Any = env.unwrapped
+        space = env.single_observation_space
+        if inner.autoreset_mode is not AutoresetMode.SAME_STEP:
+            raise checks.refuse("env.autoreset_mode", inner.autoreset_mode, f"{AutoresetMode.SAME_STEP}")
+        if not isinstance(space, spaces.Dict) or set(space.spaces) != {"parts", "mask", "state"}:
+            raise checks.refuse("env.single_observation_space", space, "that of observation='parts_and_state'")
+        super().__init__(env)
+        if not isinstance(inner.core.action, Wrench):
+            raise checks.refuse("env.action", type(inner.core.action).__name__, "that of action='wrench'")
+        self.base = Base(base, TaskInfo.of(env), scale)
+        self.parts, self.surface, self.autoreset_mode = inner.parts, inner.surface, inner.autoreset_mode
+        self.parts_layout = self.base.layout
+        columns = sum(row.width for row in self.base.layout)
+        rows = spaces.Box(-1.0, 1.0, (inner.task.slots, columns), np.float32)
+        self.single_observation_space = spaces.Dict({"parts": rows, "mask": space["mask"]})
+        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, env.num_envs)
+        self._memory: Any = None
+        self._said = np.zeros((env.num_envs, inner.core.action.size), dtype=np.float32)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begin all worlds; ``options`` as the environment has them, but ``reset_mask``, which is for another mode."""
+        seen, info = self.env.reset(seed=seed, options=options)
+        self._memory = None
+        return self._seen(seen, None), info
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Correct what the base has said, and ask it anew.
+
+        Args:
+            actions: (worlds, n) in [-1, 1]; the environment checks their sum with the base's.
+        """
+        done, self._memory = self.base.corrected(self._said, actions, self._memory)
+        seen, reward, terminated, truncated, info = self.env.step(done)
+        ended = terminated | truncated
+        if ended.any():
+            self._finish(info["final_obs"], np.flatnonzero(ended))
+        return self._seen(seen, ended), reward, terminated, truncated, info
+
+    def get_state(self) -> dict[str, Any]:
+        """Everything needed to go on bit for bit, what the base remembers included."""
+        inner: Any = self.env.unwrapped
+        return {"env": inner.get_state(), "said": self._said.copy(), "memory": copy.deepcopy(self._memory)}
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what :meth:`get_state` gave; tuples of a memory may have become lists.
+
+        Raises:
+            ValueError: a state of another environment or base.
+        """
+        inner: Any = self.env.unwrapped
+        inner.set_state(state["env"])
+        memory = state["memory"]
+        if memory is not None:
+            _, pattern = self.base.policy.predict(inner.observed("state"))
+            memory = restore_tuples(pattern, memory)
+        self._memory, self._said = memory, np.array(state["said"])
+
+    def observed(self, kind: str) -> Any:
+        """See :meth:`vibgym.envs.VibgymVectorEnv.observed`; without the base's action."""
+        return self.env.unwrapped.observed(kind)  # type: ignore[attr-defined]
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """The attribute, once for each world: of the wrapper, or else of the environment."""
+        if name in vars(self):
+            return (getattr(self, name),) * self.num_envs
+        return self.env.unwrapped.get_attr(name)  # type: ignore[attr-defined]
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """What a method of the environment says, once for each world."""
+        return self.env.unwrapped.call(name, *args, **kwargs)  # type: ignore[attr-defined]
+
+    def _seen(self, seen: dict[str, np.ndarray], start: np.ndarray | None) -> dict[str, np.ndarray]:
+        """What the learner sees, after the base has been asked."""
+        self._said, self._memory = self.base.policy.predict(seen["state"], self._memory, start)
+        return {"parts": self.base.rows(seen["parts"], self._said), "mask": seen["mask"]}
+
+    def _finish(self, final: np.ndarray, worlds: np.ndarray) -> None:
+        """Put what the base would have said into the observations that end episodes, in place."""
+        state = np.stack([final[world]["state"] for world in worlds])
+        rows = np.stack([final[world]["parts"] for world in worlds])
+        said, _ = self.base.policy.predict(state, of_worlds(self._memory, worlds))
+        for world, wide in zip(worlds, self.base.rows(rows, said), strict=True):
+            final[world] = {"parts": wide, "mask": final[world]["mask"]}
+
+
+def of_worlds(memory: Any, worlds: np.ndarray) -> Any:
+    """What a policy remembers of some worlds: of nested tuples of arrays (batch, ...) their rows."""
+    if isinstance(memory, np.ndarray):
+        return memory[worlds]
+    if isinstance(memory, tuple) and hasattr(memory, "_fields"):
+        return type(memory)(*(of_worlds(each, worlds) for each in memory))
+    return memory

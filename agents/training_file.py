@@ -1,0 +1,151 @@
+"""Training files: the settings of one run, or of many agents."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+
+import vibgym  # noqa: F401 - registers the environments
+from agents import sb3
+from agents.algorithms import ALGORITHMS
+from agents.training_settings import (
+    ImitationSettings,
+    JudgingSettings,
+    OutlineSettings,
+    ResidualSettings,
+    ServesSettings,
+    TrainSettings,
+)
+from vibgym import checks
+from vibgym.config import Settings, load_yaml, parse
+from vibgym.envs.named import environment_id
+
+SECTIONS: dict[str, type[Settings]] = {
+    "imitation": ImitationSettings,
+    "residual": ResidualSettings,
+    "judging": JudgingSettings,
+    "outlines": OutlineSettings,
+    "serves": ServesSettings,
+}
+"""Mappings in a file, beside those of the algorithms, which are checked one by one and may stand in ``defaults`` in part."""
+
+TUNING = "tuning"
+"""Key of the search space, which training ignores: see :mod:`agents.tune`."""
+
+
+def load_settings(
+    path: Path, agent: str | None = None, seed: int | None = None, changes: Mapping[str, Any] | None = None
+) -> TrainSettings:
+    """Read a training file; the first fault is a one-line ValueError that names file and field.
+
+    A file holds the settings of one run, or of many agents: then its keys are ids of environments, such as
+    ``vibgym/Align-v0``, with the settings of agents by name. ``defaults`` apply to all of them.
+
+    Args:
+        path: of the YAML file.
+        agent: ``"Align/prototype"``: that of this name under ``vibgym/Align-v0``; only for files of many agents.
+        seed: instead of the file's.
+        changes: values instead of the file's, by names such as ``"ppo.learning_rate"``.
+    """
+    data, where = _read(path, agent, seed)
+    data.pop(TUNING, None)
+    for name, value in (changes or {}).items():
+        first, _, rest = name.partition(".")
+        data[first] = {**(data.get(first) or {}), rest: value} if rest else value
+    return settings_from(data, where)
+
+
+def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSettings:
+    """Return the settings of one run. Those of its algorithm stand under its name; those of others are only validated.
+
+    Args:
+        data: contents of a training file.
+        where: prefix of errors.
+
+    Raises:
+        ValueError: names the first fault.
+    """
+    data = dict(data)
+    if "own" in data:
+        raise checks.conflict(f"{where}: settings of an algorithm stand under its name, not under 'own'")
+    name, _, variant = str(data.get("algorithm", "ppo")).partition(".")
+    ALGORITHMS.choose(f"{where}: algorithm", name)
+    if name == "sb3":
+        checks.choice(f"{where}: algorithm sb3.NAME: NAME", variant, sb3.NAMES)
+    elif variant:
+        raise checks.unknown(f"{where}: algorithm", data["algorithm"], ALGORITHMS)
+    blocks = {each: data.pop(each, None) for each in ALGORITHMS}
+    blocks[name] = {} if blocks[name] is None else blocks[name]
+    own = {
+        each: parse(ALGORITHMS[each].hyperparameters, block, f"{where}: {each}")
+        for each, block in blocks.items()
+        if block is not None
+    }[name]
+    for each, model in SECTIONS.items():
+        if isinstance(data.get(each), Mapping):
+            data[each] = parse(model, data[each], f"{where}: {each}")
+    settings = parse(TrainSettings, {**data, "own": own}, where)
+    environment_id(settings.task, f"{where}.task")
+    return settings
+
+
+def load_tuning(path: Path, agent: str | None = None) -> tuple[Any, str]:
+    """Return the ``tuning`` section of a training file (None without one), and its name for errors."""
+    data, where = _read(path, agent, None)
+    return data.get(TUNING), f"{where}: {TUNING}"
+
+
+def _read(path: Path, agent: str | None, seed: int | None) -> tuple[dict[str, Any], str]:
+    """Return the settings of one run in a file, and their name for errors."""
+    data, where = load_yaml(path), str(path)
+    if "task" not in data and any("/" in str(key) for key in data):  # ids of environments
+        return _of_agent(data, where, agent, seed)
+    if agent is not None:
+        raise checks.conflict(f"--agent: {path} holds the settings of one run")
+    return (dict(data) if seed is None else {**data, "seed": seed}), where
+
+
+def agents_in(path: Path) -> tuple[str, ...]:
+    """Names of the agents in a file of many."""
+    return tuple(_agents(load_yaml(path), str(path)))
+
+
+def _agents(data: dict[str, Any], where: str) -> dict[str, dict[str, Any]]:
+    found = {}
+    for key, own in data.items():
+        if key == "defaults":
+            continue
+        spec = gym.registry.get(key) if isinstance(key, str) else None
+        if spec is None or not isinstance(own, dict):
+            raise checks.refuse(
+                where, key, "a mapping with 'task', for one run, or with 'defaults' and ids of environments"
+            )
+        for name, settings in own.items():
+            if not isinstance(settings, dict) or "task" in settings:
+                raise checks.refuse(f"{where}: {key}.{name}", settings, "a mapping of settings without 'task'")
+            task = spec.name if spec.namespace == "vibgym" else key
+            if f"{spec.name}/{name}" in found:
+                raise checks.refuse(f"{where}: {key}", name, "a name that no other environment of this name has")
+            found[f"{spec.name}/{name}"] = {"task": task, **settings}
+    return found
+
+
+def _of_agent(data: dict[str, Any], where: str, agent: str | None, seed: int | None) -> tuple[dict[str, Any], str]:
+    """Return the settings of one agent, and their name for errors."""
+    defaults, agents = data.get("defaults", {}), _agents(data, where)
+    if not isinstance(defaults, dict):
+        raise checks.refuse(f"{where}: defaults", defaults, "a mapping of settings")
+    if agent not in agents:
+        raise checks.unknown(f"{where}: agent", agent, agents)
+    own = agents[agent]
+    merged = {**defaults, **own}
+    for name in (*SECTIONS, *ALGORITHMS):
+        if isinstance(defaults.get(name), dict) and isinstance(own.get(name), dict):
+            merged[name] = {**defaults[name], **own[name]}
+    if seed is not None:
+        merged["seed"] = seed
+    merged.setdefault("output", f"runs/agents/{agent.replace('/', '-')}/seed-{merged.get('seed', 0)}")
+    return merged, f"{where}: {agent}"

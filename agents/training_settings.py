@@ -1,0 +1,177 @@
+"""Settings of a training run and of the built-in algorithms."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, SerializeAsAny, field_validator, model_serializer
+from pydantic_core import PydanticCustomError
+
+from agents.outlines import OutlineSettings, scenes
+from vibgym import checks
+from vibgym.config import Settings
+from vibgym.policies.trained.residual import base_named
+
+MOST_STEPS = 10**12
+
+Rate = Annotated[float, Field(gt=0, le=1)]
+Width = Annotated[int, Field(ge=1, le=4096)]
+Widths = Annotated[list[Width], Field(min_length=1, max_length=8)]
+
+
+class RateSettings(Settings):
+    """Learning rate with linear decay."""
+
+    learning_rate: Rate = 1e-3
+    final_learning_rate: Rate = 1e-4  # at the end
+
+    def rate(self, remaining: float) -> float:
+        """Return the learning rate where this share (1 to 0) of the training remains."""
+        return self.final_learning_rate + remaining * (self.learning_rate - self.final_learning_rate)
+
+
+class NetworkSettings(Settings):
+    """Actor and critic, and their inputs."""
+
+    network: str = "parts"  # among agents.networks.NETWORKS
+    activation: Literal["tanh", "relu"] = "tanh"
+    net: Widths = [128, 128]
+    critic_net: Widths = [64, 64]
+    attention: Width = 32
+    turned: bool = False  # rotate rows by quarter turns so that the goal lies to the right and up
+    remembers: bool = False  # rows contain the action of the last step
+    blind: list[str] = Field([], max_length=100)  # columns that the network does not read
+
+
+class PPOSettings(NetworkSettings, RateSettings):
+    """PPO with parts as samples; defaults are what trained fastest on two cores."""
+
+    n_steps: int = Field(32, ge=1, le=1_000_000)
+    batch_size: int = Field(4096, ge=2, le=100_000_000)  # parts
+    n_epochs: int = Field(3, ge=1, le=1000)
+    gamma: float = Field(0.98, gt=0, le=1)
+    gae_lambda: float = Field(0.95, gt=0, le=1)
+    clip_range: float = Field(0.2, gt=0, le=10)
+    ent_coef: float = Field(0.0, ge=0, le=100)
+    target_kl: float | None = Field(None, gt=0, le=100)  # of an update; the learning rate follows it
+    log_std_init: float = Field(-0.5, ge=-5, le=0.5)
+    # Size of actions above which exploration grows with them; None: the same for all.
+    noise_floor: float | None = Field(None, gt=0, le=1)
+    touch_cost: float = Field(0.0, ge=0, le=1000)  # reward per step and part in contact with another; training only
+    critic_steps: int = Field(0, ge=0, le=MOST_STEPS)  # first steps, in which the critic alone learns
+
+
+class OfflineSettings(NetworkSettings, RateSettings):
+    """Learning from a data set, see :mod:`agents.offline`; a step is an update from one minibatch."""
+
+    dataset: str = Field(min_length=1)  # Minari's name, as ``python -m agents record`` writes it
+    directory: str | None = None  # of the data sets; None: Minari's default
+    method: Literal["cloning", "iql"] = "cloning"
+    batch_size: int = Field(1024, ge=2, le=10_000_000)  # parts
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are absolute
+    # Of "iql" only (Kostrikov, Nair & Levine 2021):
+    gamma: float = Field(0.98, gt=0, lt=1)
+    expectile: float = Field(0.8, gt=0.5, lt=1)
+    temperature: float = Field(1.0, gt=0, le=100)  # standard deviations of advantage per factor e of the weight
+    tau: Rate = 0.01  # of the target network
+
+
+class ImitationSettings(Settings):
+    """Imitation of an expert before training, see :class:`agents.imitation.Imitation`."""
+
+    expert: Any  # a policy with the environment's action
+    rounds: int = Field(4, ge=1, le=1000)
+    steps: int = Field(100, ge=1, le=1_000_000)  # of each world, per round
+    epochs: int = Field(4, ge=1, le=10_000)  # after each round, over all demonstrations
+    batch_size: int = Field(2048, ge=1, le=10_000_000)  # parts
+    learning_rate: Rate = 1e-3
+    noise: float = Field(0.2, ge=0, le=10)  # largest standard deviation of the noise added to actions
+    floor: float = Field(1.0, gt=0, le=10)  # size of actions below which errors are absolute
+    own_share: float = Field(0.8, ge=0, le=1)  # of worlds in which the network acts, after the first round
+
+
+class ResidualSettings(Settings):
+    """Correction of a classical policy, see :class:`agents.training_envs.ResidualEnv`."""
+
+    base: dict[str, Any]  # a policy with action "wrench" (the default) and observation "state"
+    scale: float = Field(0.5, gt=0, le=2)  # of the network's action, before it is added to the base's
+
+    @field_validator("base")
+    @classmethod
+    def _named(cls, base: dict[str, Any]) -> dict[str, Any]:
+        try:
+            return base_named(base)
+        except ValueError:
+            allowed = "a mapping with 'kind', the name of a policy that is itself no correction"
+            raise PydanticCustomError("base", allowed) from None  # type: ignore[arg-type]
+
+
+class JudgingSettings(Settings):
+    """Evaluation during training: deterministic episodes on the same seeds every time."""
+
+    episodes: int = Field(100, ge=1, le=1_000_000)
+    first_seed: int = Field(500_000, ge=0, le=2**31)
+    every: int = Field(1_000_000, ge=1, le=MOST_STEPS)  # steps
+
+
+class ServesSettings(Settings):
+    """Scenes that the policy file accepts besides the one of training."""
+
+    tasks: list[str] | None = None  # names; None: the task of training
+    surface: Literal["same", "any"] = "same"
+    parts: Literal["same", "any"] = "same"  # their number
+
+
+class TrainSettings(Settings):
+    """One training run, see :func:`agents.training_file.settings_from`."""
+
+    task: str  # see vibgym.envs.named.batch_of
+    environment: dict[str, Any] = {"action": "patch"}
+    worlds: int = Field(512, ge=1, le=100_000)
+    steps: int = Field(ge=1, le=MOST_STEPS)
+    seed: int = Field(0, ge=0, lt=2**32)  # Stable-Baselines3 accepts no more
+    checkpoint_steps: int = Field(500_000, ge=1, le=MOST_STEPS)
+    output: str | None = None  # directory; default: runs/<name of the file>
+    scenes: list[dict[str, Any]] = Field([], max_length=10_000)  # added to environment; worlds are divided among them
+    outlines: OutlineSettings | None = None  # random scenes instead
+    start: str | None = None  # policy file to start from; {seed} is replaced by the run's
+    imitation: ImitationSettings | None = None
+    residual: ResidualSettings | None = None
+    judging: JudgingSettings | None = None
+    serves: ServesSettings = ServesSettings()
+    algorithm: str = "ppo"  # among agents.algorithms.ALGORITHMS, or sb3.NAME
+    own: SerializeAsAny[Settings]  # the algorithm's; in files they stand under its name
+
+    def check_alone(self) -> None:
+        """Reject ``residual``, ``imitation`` and ``start``, which PPO alone supports.
+
+        Raises:
+            ValueError: one is set.
+        """
+        for name in ("residual", "imitation", "start"):
+            if getattr(self, name) is not None:
+                raise checks.conflict(f"{name} requires algorithm 'ppo', got {self.algorithm!r}")
+
+    @property
+    def action(self) -> str:
+        """Action of the environment."""
+        return self.environment.get("action", "element")
+
+    @property
+    def all_scenes(self) -> list[dict[str, Any]]:
+        """Scenes of the run, given or random; one without arguments where there are neither.
+
+        Raises:
+            ValueError: invalid outlines, or both.
+        """
+        if self.outlines is None:
+            return self.scenes or [{}]
+        if self.scenes:
+            raise checks.conflict("outlines and scenes exclude each other")
+        return scenes(**self.outlines.model_dump())
+
+    @model_serializer(mode="wrap")
+    def _as_in_files(self, plain: Any) -> dict[str, Any]:
+        """Put the algorithm's settings under its name."""
+        key = self.algorithm.partition(".")[0]
+        return {key if name == "own" else name: value for name, value in plain(self).items()}

@@ -1,1 +1,0 @@
-"""Tuning of hyperparameters: ``python -m agents tune CONFIG``."""

@@ -1,0 +1,104 @@
+"""PPO: advantages and losses against independent computations."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+from agents.ppo import PPO, Rollout
+from agents.training_file import settings_from
+from agents.training_settings import PPOSettings
+from tests.policies.helpers import info_of
+from tests.policies.trained.helpers import coding_for
+from vibgym.policies.trained.coding import Seen
+
+GAMMA, LAMBDA = 0.9, 0.8
+STEPS, WORLDS, PARTS = 9, 3, 2
+TWO = ["steel_block", "aluminium_block"]
+
+
+def first_column(rows, mask):
+    """A critic with known values."""
+    assert rows.shape[:-1] == mask.shape
+    return rows[..., 0]
+
+
+def filled(reward, done, truncated=(), driven=(True, True)):
+    coding = coding_for(info_of("Sort", parts=TWO))
+    generator = np.random.default_rng(0)
+    own = PPOSettings(n_steps=STEPS, gamma=GAMMA, gae_lambda=LAMBDA)
+    rollout, finals = Rollout(own, WORLDS, coding, np.array(driven)), {}
+    mask = np.ones((WORLDS, PARTS), dtype=np.float32)
+    for step in range(STEPS):
+        rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
+        action = np.zeros((WORLDS, PARTS, coding.shape.action))
+        rollout.add(Seen(rows, mask), action, np.zeros((WORLDS, PARTS)), reward[step], done[step])
+        for world in [where for at, where in truncated if at == step]:
+            last = generator.normal(size=(1, PARTS, coding.shape.columns)).astype(np.float32)
+            finals[step, world] = last[0, :, 0].astype(np.float64)
+            rollout.truncate(world, Seen(last, mask[:1]))
+    rows = generator.normal(size=(WORLDS, PARTS, coding.shape.columns)).astype(np.float32)
+    rollout.finish(Seen(rows, mask), first_column)
+    return rollout, finals
+
+
+def case():
+    reward = np.random.default_rng(3).normal(size=(STEPS, WORLDS, PARTS))
+    done = np.zeros((STEPS, WORLDS), dtype=bool)
+    done[2, 0] = done[8, 1] = done[5, 2] = done[6, 2] = True
+    return reward, done
+
+
+def test_advantages_are_those_of_a_plain_loop():
+    reward, done = case()
+    rollout, finals = filled(reward, done, truncated=[(2, 0), (6, 2)])
+    value = rollout.rows[..., 0].astype(np.float64)
+    for world, part, step in np.ndindex(WORLDS, PARTS, STEPS):
+        total, weight = 0.0, 1.0
+        for k in range(step, STEPS):
+            end = done[k, world]
+            after = finals[k, world][part] if (k, world) in finals else 0.0 if end else value[k + 1, world, part]
+            total += weight * (reward[k, world, part] + GAMMA * after - value[k, world, part])
+            weight *= GAMMA * LAMBDA
+            if end:
+                break
+        assert rollout.advantage[step, world, part] == pytest.approx(total, abs=1e-5)
+
+
+def test_a_reward_is_credited_to_its_part():
+    reward, done = case()
+    before, _ = filled(reward, done)
+    reward[4, 1, 0] += 1.0
+    change = filled(reward, done)[0].advantage - before.advantage
+    expected = np.zeros_like(change)
+    expected[:5, 1, 0] = (GAMMA * LAMBDA) ** np.arange(4, -1, -1)
+    assert change == pytest.approx(expected, abs=1e-5)
+
+
+def test_driven_parts_receive_the_rewards_of_others():
+    reward, done = case()
+    found, _ = filled(reward, done, driven=(True, False))
+    together, _ = filled(np.repeat(reward.sum(axis=2, keepdims=True), PARTS, axis=2), done)
+    assert found.advantage[..., 0] == pytest.approx(together.advantage[..., 0], abs=1e-5)
+    assert (found.samples()["mask"][:, 1] == 0).all()
+
+
+def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one():
+    settings = {"task": "Sort", "environment": {"action": "field"}, "worlds": 2, "steps": 1}
+    learner = PPO(settings_from({**settings, "ppo": {"n_steps": 4, "net": [8], "critic_net": [8]}}))
+    learner.env.seed(0)
+    learner._observation = learner.env.reset()
+    learner.collect()
+    batch = learner.rollout.samples()
+    batch["advantage"] = torch.randn_like(batch["advantage"])
+    learner.loss(batch)[0].backward()
+    found = {name: each.grad.clone() for name, each in learner.policy.actor.named_parameters() if each.grad is not None}
+    learner.policy.zero_grad()
+    mean, log_std = learner.policy.actor(batch["rows"])
+    log_prob = torch.distributions.Normal(mean, log_std.exp()).log_prob(batch["actions"]).sum(dim=-1)
+    (-(batch["advantage"] * log_prob * batch["mask"]).sum() / batch["mask"].sum()).backward()
+    for name, each in learner.policy.actor.named_parameters():
+        if each.grad is not None:
+            assert torch.allclose(each.grad, found[name], atol=1e-5), name
+    learner.close()
+    assert isinstance(learner.env.action_space, gym.spaces.Box)

@@ -1,0 +1,154 @@
+"""Training runs: exact resume, Stable-Baselines3 by name, user-registered actions, observations, networks and algorithms."""
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import yaml
+from gymnasium import spaces
+
+from agents import networks, ppo, train
+from agents.algorithms import ALGORITHMS
+from agents.checkpoint import KIND, VERSION
+from agents.networks import PartsActor, PartsCritic
+from agents.training_envs import make_worlds
+from vibgym.config import Settings
+from vibgym.envs.actions import ACTIONS, Field
+from vibgym.policies.registry import make_policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.policies.trained.networks.acting import ACTING
+from vibgym.policies.trained.storage import load_set
+from vibgym.policies.trained.trained import CODINGS
+
+PPO = {"n_steps": 16, "batch_size": 64, "n_epochs": 2, "net": [8], "critic_net": [8], "target_kl": 0.02}
+BASE = {"task": "Align", "worlds": 8, "steps": 768, "checkpoint_steps": 256, "judging": {"episodes": 3, "every": 200}}
+LESSONS = {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 20, "epochs": 2}
+RUNS = {
+    "field": {"environment": {"action": "field"}, "ppo": PPO},
+    "imitation": {
+        "environment": {"action": "wrench"}, "imitation": LESSONS, "ppo": {**PPO, "remembers": True, "turned": True},
+    },
+    "residual": {"environment": {"action": "wrench"}, "residual": {"base": {"kind": "pose"}}, "ppo": PPO},
+}  # fmt: skip
+
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
+def run(folder, settings, name="run"):
+    config = folder / "config.yaml"
+    config.write_text(yaml.safe_dump({**BASE, **settings}))
+    return train.train(config, folder / name, quiet=True)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_interrupted_runs_end_with_the_same_weights(tmp_path, monkeypatch, name):
+    run(tmp_path, RUNS[name], "whole")
+    collect, stops = ppo.PPO.collect, [300, 500]
+
+    def interrupted(self):
+        collect(self)
+        if stops and self.steps >= stops[0]:
+            stops.pop(0)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ppo.PPO, "collect", interrupted)
+    while not (tmp_path / "broken" / "policy.json").exists():
+        try:
+            run(tmp_path, RUNS[name], "broken")
+        except KeyboardInterrupt:
+            pass
+    assert not stops
+    one, two = (load_set(tmp_path / each / "checkpoint.json", KIND, VERSION)[0] for each in ("whole", "broken"))
+    assert one.keys() == two.keys() and all(np.array_equal(one[each], two[each]) for each in one)
+
+
+@pytest.mark.parametrize("algorithm", ["SAC", "PPO", "TD3"])
+def test_algorithms_of_stable_baselines3_run_by_name(tmp_path, algorithm):
+    own = {"policy_kwargs": {"net_arch": [8]}}
+    own |= {"n_steps": 16, "batch_size": 32} if algorithm == "PPO" else {"learning_starts": 100, "buffer_size": 500}
+    settings = {"algorithm": f"sb3.{algorithm}", "environment": {"action": "field"}, "sb3": own, "steps": 256}
+    path = run(tmp_path, settings)
+    assert len((path.parent / "curve.csv").read_text().splitlines()) >= 2
+    assert (path if algorithm == "SAC" else path.with_suffix(".zip")).exists()
+    if algorithm == "SAC":
+        env = gym.make_vec("vibgym/Align-v0", num_envs=2, action="field", observation="state")
+        policy = make_policy(str(path), TaskInfo.of(env))
+        assert env.action_space.contains(policy.predict(env.reset(seed=0)[0])[0])
+    assert json.loads((path.parent / "run.json").read_text())["settings"]["algorithm"] == f"sb3.{algorithm}"
+    run(tmp_path, {**settings, "steps": 512})  # continues
+
+
+def test_a_user_registered_action_is_trained(tmp_path, monkeypatch):
+    class Half(Field):
+        pass
+
+    monkeypatch.setitem(ACTIONS._items, "half", Half)
+    settings = {"algorithm": "sb3.PPO", "environment": {"action": "half"}, "sb3": {"n_steps": 16, "batch_size": 32}}
+    assert run(tmp_path, {**settings, "steps": 128}).with_suffix(".zip").exists()
+
+
+def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
+    for names in (networks.NETWORKS, ACTING, CODINGS):
+        monkeypatch.delitem(names, "mine", raising=False)
+
+    class Mine(PartsActor):
+        kind = "mine"
+
+    networks.register_network("mine", Mine, PartsCritic, ACTING["parts"])
+    path = run(tmp_path, {"environment": {"action": "field"}, "ppo": {**PPO, "network": "mine"}, "steps": 128})
+    assert json.loads(path.read_text())["network"] == "mine"
+
+
+class RandomSettings(Settings):
+    """Settings of the algorithm below."""
+
+    scale: float = 1.0
+
+
+class RandomSearch:
+    """An algorithm without torch: it remembers how many steps it made."""
+
+    hyperparameters = RandomSettings
+    observation = "state"
+
+    def __init__(self, settings):
+        self.action, self.steps = settings.action, 0
+        self.env = make_worlds(settings, "state")
+        assert isinstance(self.env.action_space, spaces.Box)
+
+    def learn(self, until, report):
+        self.env.reset()
+        while self.steps < until:
+            report({"loss": 0.0})
+            self.env.step(np.zeros((self.env.num_envs, *self.env.action_space.shape), np.float32))
+            self.steps += self.env.num_envs
+        report({})
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), *self.env.action_space.shape), np.float32), state
+
+    def save(self, directory):
+        (directory / "mine.txt").write_text(str(self.steps))
+
+    def load(self, directory):
+        path = directory / "mine.txt"
+        self.steps = int(path.read_text()) if path.exists() else 0
+        return path.exists()
+
+
+def test_a_user_registered_algorithm_is_trained_and_continues(tmp_path, monkeypatch):
+    monkeypatch.setitem(ALGORITHMS._items, "mine", RandomSearch)
+    settings = {"algorithm": "mine", "environment": {"action": "field"}, "mine": {"scale": 2.0}, "steps": 64}
+    run(tmp_path, settings)
+    run(tmp_path, {**settings, "steps": 128})
+    assert (tmp_path / "run" / "mine.txt").read_text() == "128"
+
+
+@pytest.mark.parametrize("changes, named", [
+    ({"algorithm": "sb3.Nothing"}, "algorithm"), ({"ppo": {"network": "nothing"}}, "network"), ({"steps": 0}, "steps"),
+    ({"algorithm": "sb3.SAC", "imitation": LESSONS}, "imitation"), ({"ppo": {"n_steps": 10**6, "batch_size": 2}}, "n_steps"),
+])  # fmt: skip
+def test_invalid_settings_are_refused_by_name(tmp_path, changes, named):
+    with pytest.raises(ValueError, match=named):
+        run(tmp_path, {"environment": {"action": "field"}, **changes})
