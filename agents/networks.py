@@ -179,7 +179,7 @@ class ElementsActor(nn.Module):
 
     Exploration has one standard deviation a part.
 
-    Args: see :class:`agents.training.networks.parts.PartsActor`.
+    Args: see :class:`PartsActor`.
     """
 
     kind = "elements"

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import socket
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -124,7 +127,7 @@ def _in_processes(function: Any, items: Sequence[tuple[Any, ...]], done: Any, wo
     for attempt in range(ATTEMPTS):
         todo = [joblib.delayed(_call)(_context(), function, item) for item in items[len(results) :]]
         try:
-            with joblib.parallel_config(backend="loky", initializer=_limit_threads, initargs=(threads, workers)):
+            with joblib.parallel_config(backend="loky", initializer=_limit_threads, initargs=(threads,)):
                 for result in joblib.Parallel(n_jobs=workers, return_as="generator", **ONE_BY_ONE)(todo):
                     results.append(result)
                     done(1)
@@ -135,12 +138,18 @@ def _in_processes(function: Any, items: Sequence[tuple[Any, ...]], done: Any, wo
     return results
 
 
-def _limit_threads(threads: str, workers: int) -> None:
-    """Start of a process: limit its threads, and end quietly when the user interrupts the command."""
-    import signal
-
+def _limit_threads(threads: str) -> None:
+    """Initialise a worker process: limit its threads, exit quietly on Ctrl-C, and exit when its parent has been killed."""
     os.environ.update(dict.fromkeys(THREADS, threads))
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _exit_with(parent: int) -> None:
+    """Exit when the parent process has ended: a restarted command needs the directories that this process has locked."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
 
 
 def _on_ray(function: Any, items: Sequence[tuple[Any, ...]], done: Any = lambda count: None) -> list[Any]:

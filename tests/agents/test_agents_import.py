@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from agents import __main__ as command
-from agents.workers import side_by_side
+from agents import parallel
 from vibgym import imports
 
 PACKAGE = """
@@ -76,9 +76,8 @@ def knows(name):
 def test_workers_take_it_over(brought, monkeypatch):
     name, package = brought
     imports.take_part([package])
-    monkeypatch.setattr("agents.workers.local.available_threads", lambda: 2)
-    with side_by_side(2) as submit:
-        assert submit(knows, name).result(300)
+    monkeypatch.setattr(parallel, "available_threads", lambda: 2)
+    assert parallel.run(knows, [(name,)] * 2, workers=2) == [True, True]
 
 
 TAKEN = "import vibgym\nvibgym.tasks.TASKS.register('Align', object)"

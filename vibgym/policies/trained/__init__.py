@@ -1,1 +1,1 @@
-"""Learned policies as they act: NumPy and safetensors, without torch. How they are trained is :mod:`agents.training`."""
+"""Learned policies as they act: NumPy and safetensors, without torch. Training is in :mod:`agents.train`."""
