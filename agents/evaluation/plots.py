@@ -161,7 +161,7 @@ def _clearances(axes: Axes, rollout: Rollout, task: TaskInfo, values: np.ndarray
 
 
 PANELS = {"position_error": _distances, "heading_error": _turns, "parts_done": _shares, "clearance": _clearances}
-"""How each of :data:`agents.evaluation.log.SERIES` is drawn."""
+"""How each of :data:`agents.evaluation.films.SERIES` is drawn."""
 
 
 def _errors(axes: Axes, rollout: Rollout, errors: np.ndarray, tolerance: float) -> None:

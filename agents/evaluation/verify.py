@@ -80,7 +80,7 @@ class Sample:
         checks.count("--first-seed", first, least=0, most=2**63 - 1 - self.episodes)
         new, least = range(first, first + self.episodes), int(published.table["seed"].min())
         if new.start <= published.last_seed and new.stop > least:
-            allowed = f"such that no seed was published, for instance {published.last_seed + 1}"
+            allowed = f"chosen so that no seed was published, e.g. {published.last_seed + 1}"
             raise checks.refuse("--first-seed", first, allowed)
         return list(new)
 

@@ -100,7 +100,7 @@ def test_summary_has_every_line(sheet):
         ("part: {shape: rectangle, length_mm: 40, width_mm: 40, friction: 5.0}", "friction 5"),
         ("part: {shape: rectangle, length_mm: 40, friction: 0.5}", "width"),
         ("part: {shape: rectangle, length_mm: 4000, width_mm: 40, friction: 0.5}", "datasheet"),
-        ("colour: red", "datasheet.colour"),
+        ("colour: red", "colour"),
         ("episodes: 3", "datasheet.episodes"),
         ("surface: {rows: 0}", "rows"),
         ("actuators: magic", "actuators"),

@@ -69,7 +69,7 @@ def test_load(feeding):
 
 @pytest.mark.parametrize(("changes", "said"), [
     ({"task": "Sort"}, "evaluation.under_load.task"),
-    ({"policies": ["magic"]}, "evaluation.under_load.policies.0"),
+    ({"policies": ["magic"]}, "evaluation.under_load.policies"),
     ({"parts": [4, 4]}, "evaluation.under_load.parts"),
     ({"parts": [0]}, "evaluation.under_load.parts.0"),
     ({"episodes": 0}, "evaluation.under_load.episodes"),

@@ -189,9 +189,9 @@ BAD = {
     "no columns": (lambda out: (out / "figures.csv").write_text("a,b\n1,2\n"), ["out"], ["figures.csv", "study"]),
     "no episode": (None, ["out", "--episodes", "0"], ["--episodes", "0", ">= 1"]),
     "less than none again": (None, ["out", "--again", "-1"], ["--again", "-1", ">= 0"]),
-    "published seeds": (None, ["out", "--first-seed", "20"], ["--first-seed", "20", "from 23"]),
-    "another task": (None, ["out", "--task", "Sort"], ["--task", "Sort", "'Align'"]),
-    "another policy": (None, ["out", "--policy", "pid"], ["--policy", "pid", "'learned'"]),
+    "published seeds": (None, ["out", "--first-seed", "20"], ["--first-seed", "23", "20"]),
+    "another task": (None, ["out", "--task", "Sort"], ["--task", "Sort", "Align"]),
+    "another policy": (None, ["out", "--policy", "pid"], ["--policy", "pid", "learned"]),
     "no process": (None, ["out", "--processes", "0"], ["--processes", "0"]),
     "a place that is none": (None, ["out", "--output", "mine.yaml"], ["--output", "'mine.yaml'"]),
 }
