@@ -1,6 +1,6 @@
-# One virtual environment for everything; it needs nothing but Python 3.11 (or 3.12, 3.13) and make.
+# One virtual environment for everything. Requirements: Python 3.11, 3.12 or 3.13, and make.
 #   make PYTHON=/path/to/python    another interpreter
-#   make VENV=/path                another place for the environment
+#   make VENV=/path                another directory for the environment
 #   make test ARGS="-k rotate"     more arguments for pytest
 #   make fuzz SECONDS=600          shorter than an hour
 VENV ?= .venv
@@ -11,52 +11,56 @@ SECONDS ?= 3600
 
 BIN := $(VENV)/bin
 PY := $(BIN)/python
-# Python compiles what it imports; doing so for all of torch beforehand takes longer than the installation.
+# Without --no-compile, compiling all of torch takes longer than the installation.
 PIP := $(PY) -m pip --disable-pip-version-check install --quiet --no-compile -c constraints.txt
 DEV := $(VENV)/.installed-dev
+TEST := $(VENV)/.installed-test
 REPORT := $(VENV)/.installed-report
 LEARN := $(VENV)/.installed-learn
 ACCURACY := $(VENV)/.installed-accuracy
 PEERS := $(VENV)-peers/.installed
 LEARNERS := $(VENV)-cleanrl/.installed $(VENV)-rllib/.installed $(VENV)-zoo/.installed
 CONFIG ?= configs/agents/ppo.yaml
+FAST := $(addprefix tests/,actuators allocation bounds contracts envs fuzz physics policies rendering scene sensing simulation tasks \
+	test_checks.py test_config.py test_examples.py test_fields.py test_files.py test_interrupts.py test_package.py test_training.py)
 AGENTS ?= $(foreach task,Transport Align Rotate Sort Singulate SortTwelve,$(task)/ideal $(task)/prototype) Align/phasor
 
-# Install the package with its EXTRAS. As soon as it runs without, its kernels are compiled beside the rest of the installation,
-# which leaves a core with nothing to do. Nobody waits for them: what is compiled by then is kept, the rest is when it is needed.
+# Install the package, then its EXTRAS. Meanwhile the idle core compiles kernels; those not compiled by the end of the
+# installation are compiled on first use.
 define install
 	$(PIP) -e .
 	@nice $(PY) -m vibgym warm >$(VENV)/.warm.log 2>&1 & warm=$$!; \
 		trap 'kill $$warm 2>/dev/null' EXIT; trap 'exit 130' INT TERM; \
 		$(PIP) -e '.[$(EXTRAS)]' || exit; \
-		if kill $$warm 2>/dev/null; then echo "some kernels are compiled, the others when they are first needed (now: make warm)"; \
+		if kill $$warm 2>/dev/null; then echo "some kernels are compiled, the others on first use (now: make warm)"; \
 		else wait $$warm || { tail -n 5 $(VENV)/.warm.log; echo "kernels could not be compiled, see $(VENV)/.warm.log"; } >&2; fi
 endef
 
 .NOTPARALLEL:
-.PHONY: help venv warm learners peers test fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
+.PHONY: help venv warm learners peers test test-all fuzz report publish verify compare docs replicate accuracy benchmark train notebooks release \
 	format clean
 
 help:
-	@echo "make test        lint, import contracts, types, tests"
+	@echo "make test        lint, import contracts, types, tests of the core, in minutes"
+	@echo "make test-all    all tests: also pages in a browser, documentation, wheels, other libraries, studies"
 	@echo "make fuzz        random scenes, files and calls for an hour, or SECONDS=; prints what was tried"
 	@echo "make report      evaluate the shipped policies: runs/report/report.html"
-	@echo "make publish     keep what make report found: results/report/"
-	@echo "make verify      play a sample of results/report/ again: does each figure lie in its interval?"
-	@echo "make replicate   the thesis's figures beside ours: runs/replicate/replicate.html"
-	@echo "make docs        these pages as a site: runs/docs/index.html"
+	@echo "make publish     copy the results of make report to results/report/"
+	@echo "make verify      evaluate a sample of results/report/ again and compare the figures with their intervals"
+	@echo "make replicate   the thesis's figures beside the simulated ones: runs/replicate/replicate.html"
+	@echo "make docs        build the documentation site: runs/docs/index.html"
 	@echo "make accuracy    speed against error of all models and peers: runs/accuracy/"
-	@echo "make benchmark   accuracy and speed, as docs/accuracy.md quotes them"
+	@echo "make benchmark   accuracy and speed, the figures of docs/accuracy.md"
 	@echo "make compare     learned against classical on the same seeds: runs/agents-compared/"
 	@echo "make train       train the shipped agents, three seeds each, and write their table: results/agents.csv"
-	@echo "make notebooks   execute the notebooks, which keep their pictures: notebooks/, or NOTEBOOKS=first_steps"
-	@echo "make release     build sdist and wheel and try both in empty environments, on 3.11, 3.12, 3.13: dist/"
+	@echo "make notebooks   execute the notebooks in place: notebooks/, or NOTEBOOKS=first_steps"
+	@echo "make release     build sdist and wheel and test both in empty environments, on 3.11, 3.12, 3.13: dist/"
 	@echo "make venv        $(VENV) with everything for development"
-	@echo "make warm        all kernels, which are else compiled when they are first needed"
-	@echo "make learners    $(VENV)-cleanrl, -rllib, -zoo: what other libraries' learners need, see docs/learners"
-	@echo "make peers       $(VENV)-peers: EnvPool and gym-pusht, which python -m studies.benchmarks.peers compares with"
+	@echo "make warm        compile all kernels, otherwise compiled on first use"
+	@echo "make learners    $(VENV)-cleanrl, -rllib, -zoo: environments of other libraries, see docs/learners"
+	@echo "make peers       $(VENV)-peers: EnvPool and gym-pusht for python -m studies.benchmarks.peers"
 	@echo "make format      sort imports, format"
-	@echo "make clean       remove the environment and all caches; runs/ stays"
+	@echo "make clean       remove the environment and all caches, but not runs/"
 
 venv: $(DEV)
 
@@ -67,11 +71,16 @@ $(VENV)/pyvenv.cfg:
 	@test -n "$(PYTHON)" || { echo "No Python 3.11, 3.12 or 3.13 found; name one with make PYTHON=..." >&2; exit 1; }
 	$(PYTHON) -m venv --clear $(VENV) || { rm -f $@; exit 1; }
 
-# The development extras hold all others, so they satisfy every stamp.
+# The extra dev includes all others, so it satisfies every stamp.
 $(DEV): EXTRAS = dev
 $(DEV): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(install)
-	@touch $(DEV) $(REPORT) $(LEARN) $(ACCURACY)
+	@touch $(DEV) $(TEST) $(REPORT) $(LEARN) $(ACCURACY)
+
+$(TEST): EXTRAS = test
+$(TEST): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
+	$(install)
+	@touch $(TEST)
 
 $(REPORT): EXTRAS = render,report
 $(REPORT): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
@@ -88,17 +97,26 @@ $(LEARN): $(VENV)/pyvenv.cfg pyproject.toml constraints.txt
 	$(install)
 	@touch $(LEARN) $(REPORT)
 
-# From an empty cache, so that no kernel is an old one. Kernels are compiled while one core would have nothing to do.
-test: $(DEV) $(LEARNERS)
-	@cache=$$(mktemp -d) && trap 'rm -rf "$$cache"' EXIT INT TERM && export NUMBA_CACHE_DIR="$$cache" && \
-		{ $(PY) -m vibgym warm >"$$cache/warm.log" 2>&1 & } && warm=$$! && \
-		$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/lint-imports && $(BIN)/pyright --pythonpath $(PY) && \
-		{ wait $$warm || { cat "$$cache/warm.log"; exit 1; }; } && \
-		$(PY) -m pytest -n 2 --dist worksteal $(ARGS)
+# Kernels are compiled on one core while the checks run on the other. The cache is keyed by the digests of the sources, so
+# only kernels that have changed are compiled again.
+define checks
+	{ $(PY) -m vibgym warm >$(VENV)/.warm.log 2>&1 & } && warm=$$! && \
+		$(BIN)/ruff check && $(BIN)/ruff format --check && $(BIN)/lint-imports && \
+		$(BIN)/pyright --level error --pythonpath $(PY) && \
+		{ wait $$warm || { cat $(VENV)/.warm.log; exit 1; }; }
+endef
 
-# Each of two processes runs every fuzzer, on seeds of its own.
+# What every change must pass: python and make only, no browser, no other RL libraries.
+test: $(TEST)
+	@$(checks) && $(PY) -m pytest -n 2 --dist worksteal -m "not full" $(ARGS) $(FAST)
+
+# All tests; CI runs this. Fuzzers run four times as many examples as in make test.
+test-all: $(DEV) $(LEARNERS)
+	@$(checks) && VIBGYM_FUZZ_FACTOR=4 $(PY) -m pytest -n 2 --dist worksteal $(ARGS)
+
+# Two processes run every fuzzer, each with its own seeds.
 fuzz: $(DEV)
-	VIBGYM_FUZZ_SECONDS=$(SECONDS) $(PY) -m pytest -n 2 --dist each $(ARGS) tests/fuzz
+	VIBGYM_FUZZ_SECONDS=$(SECONDS) $(PY) -m pytest -n 2 --dist each --timeout 0 $(ARGS) tests/fuzz
 
 report: $(REPORT)
 	$(PY) -m agents evaluate configs/evaluations/report.yaml
@@ -106,14 +124,14 @@ report: $(REPORT)
 publish: $(REPORT)
 	$(PY) -m agents publish configs/evaluations/report.yaml
 
-# What is published comes out again: ARGS="--episodes 100", ARGS="--task Align".
+# Options: ARGS="--episodes 100", ARGS="--task Align".
 verify: $(REPORT)
 	$(PY) -m agents verify $(ARGS)
 
 replicate: $(REPORT)
 	$(PY) -m studies.thesis
 
-# Without a network; a warning is an error, so that no link is dead.
+# Needs no network. Warnings are errors, so links are checked.
 docs: $(DEV)
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs runs/docs
 	@echo "site: runs/docs/index.html"
@@ -125,8 +143,7 @@ learners: $(DEV) $(LEARNERS)
 
 peers: $(DEV) $(PEERS)
 
-# What needs other versions than ours, learners and environments to compare with: an environment each, which shows ours beneath
-# what differs.
+# Learners and environments that need other versions of our dependencies: one environment each, layered over ours.
 vpath %.txt docs/learners studies/benchmarks
 $(VENV)-%/.installed: %.txt $(VENV)/pyvenv.cfg | $(DEV)
 	$(PY) -m venv --clear --without-pip $(@D)
@@ -135,7 +152,7 @@ $(VENV)-%/.installed: %.txt $(VENV)/pyvenv.cfg | $(DEV)
 	$(@D)/bin/python -m pip --disable-pip-version-check install --quiet --no-compile -r $<
 	@touch $@
 
-# CleanRL's release forbids Python 3.11. Of it we need one file, which asks for nothing but what we have.
+# CleanRL's release excludes Python 3.11; the one file used here runs on it.
 $(VENV)-cleanrl/.installed: $(VENV)/pyvenv.cfg | $(DEV)
 	$(PIP) --no-deps --ignore-requires-python --upgrade --target $(@D) cleanrl==1.2.0
 	@touch $@
@@ -153,7 +170,7 @@ benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.training
 	$(PY) -m studies.benchmarks.costs
 
-# Some hours: three seeds of every agent; then their table and the best of each. AGENTS="Align/ideal" for some of them.
+# Takes hours: three seeds of every agent, then their table and the best of each. AGENTS="Align/ideal" trains some of them.
 train: $(LEARN)
 	@for agent in $(AGENTS); do for seed in 0 1 2; do $(PY) -m agents train $(CONFIG) --agent $$agent --seed $$seed || exit; done; done
 	$(PY) -m agents tabulate $(CONFIG) $(AGENTS:%=--agent %) --ship vibgym/policies/trained/shipped --page docs/agents.md
@@ -165,7 +182,7 @@ NOTEBOOKS ?=
 notebooks: $(DEV)
 	$(PY) -m studies.notebooks $(NOTEBOOKS)
 
-# What has passed lies in dist. ARGS="--extras play,learn" trains there, too; ARGS="--tag v0.2.0" is what the workflow says.
+# Tested files are in dist/. ARGS="--extras play,learn" also trains there; the workflow passes ARGS="--tag v0.2.0".
 release: $(DEV)
 	$(PY) -m studies.release $(ARGS)
 

@@ -1,12 +1,8 @@
-"""What a user might register stands in the registries while the contracts are tried."""
+"""Registers example user-defined entries while the contracts run."""
 
 import pytest
 
-from tests.agents.conftest import one_thread
-from tests.agents.training.conftest import recorded
 from tests.contracts.entries import OWN
-
-__all__ = ["one_thread", "recorded"]  # for the algorithms
 
 
 @pytest.fixture(autouse=True)

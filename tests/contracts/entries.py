@@ -1,4 +1,4 @@
-"""What is registered, and where the contracts try it: every name in each scene that it may stand in."""
+"""Registered names, and the scenes in which the contracts try each."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ OWN = (
     (EFFECTS, {"drift": Drift, "jitter": Jitter}),
     (TASKS, {"Quiet": Quiet, "Gentle": Gentle}),
 )
-"""A user's, of which the contracts hold as well; registered for as long as a contract is tried."""
+"""Example user-defined entries, registered while a contract runs."""
 
 LIMIT = 6
-"""Steps: short episodes, so that many begin."""
+"""Steps of an episode; short, so that many begin."""
 
 MACHINE = {"kind": "prototype", "latency": 2, "dead": 0.05, "stuck": 0.05}
 SENSOR = {"kind": "pose", "bias": 1e-4, "dropout": 0.2, "delay": 2}
@@ -52,14 +52,14 @@ class Scene(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """A name, and of what."""
+    """A registered name, and the registry it belongs to."""
 
     of: str
     name: str
 
     @property
     def scenes(self) -> list[Scene]:
-        """Where it may stand; in some of them it may be refused."""
+        """Scenes to try it in; some of them may refuse it."""
         return [Scene(name, {"action": "field", **settings}) for name, settings in PLACES[self.of](self.name)]
 
 
@@ -97,7 +97,7 @@ OTHERS: dict[str, tuple[str, dict[str, Any]]] = {
         MOVING, {"paths": [{"shape": "polyline", "points_mm": [[100, 80], [100, 95]]}], "periods_per_step": 3},
     ),
 }  # fmt: skip
-"""Settings that change much of what an environment keeps from step to step."""
+"""Settings that change what an environment stores from step to step."""
 
 PLACES = {
     "id": lambda name: [(name, {})],
@@ -146,7 +146,7 @@ ENTRIES = (
 
 @functools.cache
 def refusal(entry: Entry, place: int) -> str | None:
-    """Why an entry does not serve one of its scenes; None where it does."""
+    """Return the error of an entry in one of its scenes, or None."""
     try:
         entry.scenes[place].single().close()
     except ValueError as error:
@@ -155,10 +155,10 @@ def refusal(entry: Entry, place: int) -> str | None:
 
 
 def served(entry: Entry) -> list[Scene]:
-    """The scenes that an entry serves."""
+    """Return the scenes that accept an entry."""
     return [scene for place, scene in enumerate(entry.scenes) if refusal(entry, place) is None]
 
 
 def is_one_line(text: str, *named: str) -> bool:
-    """Whether an error names what was wrong and what is allowed, in one line."""
+    """Return whether an error is one line that contains all of ``named``."""
     return bool(re.fullmatch(r"[^\n]+", text)) and all(each in text for each in named)

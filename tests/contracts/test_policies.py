@@ -1,4 +1,4 @@
-"""What holds of every controller and every law, by name: in whatever task it serves, and where it does not."""
+"""Contracts of every registered policy and control law, in every task."""
 
 import functools
 import inspect
@@ -25,7 +25,7 @@ FILES = {
     "schedule": SHIPPED / "schedules/aluminium_block-ideal.json",
     "residual": "{folder}/{{task}}.json",
 }
-"""Of controllers that are read from one."""
+"""Files of the policies that are loaded from one."""
 
 CASES = [(name, {}) for name in CONTROLLERS] + [
     (kind, {"law": law}) for law in LAWS for kind in ("local_field", "planner")
@@ -38,7 +38,7 @@ controllers = pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join((
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """With a correction that nobody has trained, for Align."""
+    """Return a directory with an untrained residual policy for Align."""
     directory = tmp_path_factory.mktemp("corrections")
     info = TaskInfo.of(made("vibgym/Align-v0"))
     coding = Coding(info.surface, info.parts, with_base(info.parts_layout), "wrench")
@@ -52,7 +52,7 @@ def made(name, **settings):
 
 
 def policy_of(case, name, folder):
-    """The controller of a case, for an environment; or why it does not serve that."""
+    """Return the policy of a case for an environment, or the error as text."""
     kind, arguments = case
     if kind in FILES:
         arguments = {**arguments, "path": str(FILES[kind]).format(folder=folder, task="{task}")}
@@ -70,20 +70,20 @@ def policy_info(name):
 
 
 @controllers
-def test_they_serve_a_task_or_refuse_it_in_one_line(case, folder):
-    said = [policy_of(case, name, folder) for name in IDS]
-    assert any(not isinstance(each, str) for each in said)
-    assert all(is_one_line(each) for each in said if isinstance(each, str))
+def test_a_policy_accepts_a_task_or_refuses_it_in_one_line(case, folder):
+    found = [policy_of(case, name, folder) for name in IDS]
+    assert any(not isinstance(each, str) for each in found)
+    assert all(is_one_line(each) for each in found if isinstance(each, str))
 
 
 def rows_of(seen, chosen):
-    """Some worlds of a batch of observations."""
+    """Return some worlds of a batch of observations."""
     return {key: each[chosen] for key, each in seen.items()} if isinstance(seen, dict) else seen[chosen]
 
 
 @controllers
-def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
-    """Actions are in the space; worlds know nothing of one another; who draws at random says so by taking a seed."""
+def test_a_batch_equals_its_rows_and_memory_resets_with_episodes(case, folder):
+    """Actions are in the space; worlds are independent; random policies take a seed."""
     for name in OF_TASKS.values():
         policy = policy_of(case, name, folder)
         if isinstance(policy, str):
@@ -99,7 +99,7 @@ def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
             start[2] |= step == 3
             before = repr(together)
             actions, memory = policy.predict(seen, together, start)
-            assert repr(together) == before  # a memory is not written to: it may be kept
+            assert repr(together) == before  # predict does not write to the memory it is given
             together = memory
             assert actions.dtype == np.float32 and env.action_space.contains(actions)
             for world in range(WORLDS):
@@ -117,7 +117,7 @@ def test_a_batch_is_its_rows_and_memory_begins_anew(case, folder):
 
 @controllers
 @pytest.mark.parametrize("bad", [{"colour": 1}, {"info": 1}])
-def test_arguments_that_they_do_not_know_are_refused(case, bad, folder):
+def test_unknown_arguments_are_refused(case, bad, folder):
     with pytest.raises(ValueError) as error:
         make_policy({"kind": case[0], **case[1], **bad}, policy_info("vibgym/Align-v0"))
     assert is_one_line(str(error.value), *bad)
@@ -125,8 +125,8 @@ def test_arguments_that_they_do_not_know_are_refused(case, bad, folder):
 
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("scene", ["vibgym/Align-v0", SEVERAL])
-def test_laws_take_batches_row_by_row(name, scene):
-    """Wanted accelerations of a world and its memory do not depend on the worlds beside it."""
+def test_laws_compute_batches_row_by_row(name, scene):
+    """Wanted accelerations and memory of a world do not depend on other worlds."""
     info = policy_info(scene)
     law = LAWS[name](info)
     assert law.lead > 0.0 and law.slack >= 0.0

@@ -1,4 +1,4 @@
-"""Fuzzers: hypothesis tests that run small among the tests and large by ``make fuzz``.
+"""Fuzzers: hypothesis tests with few examples in ``make test``, more in ``make test-all`` and many in ``make fuzz``.
 
 ::
 
@@ -8,8 +8,9 @@
         count("scenes")
         ...
 
-``make test`` runs ``examples`` of them, always the same. ``make fuzz SECONDS=600`` gives every fuzzer its share of that
-time, in rounds with fresh seeds; a failure ends its round, not the fuzzer. What was counted stands in a table at the end.
+``make test`` runs ``examples`` of them, always the same; ``make test-all`` sets ``VIBGYM_FUZZ_FACTOR`` and runs that many
+times more. ``make fuzz SECONDS=600`` gives every fuzzer its share of that time, in rounds with fresh seeds; a failure ends
+its round, not the fuzzer. A table at the end shows the counts.
 """
 
 from __future__ import annotations
@@ -28,13 +29,16 @@ import pytest
 from hypothesis import HealthCheck, seed, settings
 
 SECONDS = float(os.environ.get("VIBGYM_FUZZ_SECONDS") or 0.0)
-"""For all fuzzers together; 0: the few examples of the tests."""
+"""Time of all fuzzers together; 0: a fixed number of examples."""
+
+FACTOR = int(os.environ.get("VIBGYM_FUZZ_FACTOR") or 1)
+"""Multiplies the examples of the tests."""
 
 ROUND = 10
-"""A round has so many times the examples of a test: large enough to leave the simplest examples behind."""
+"""Examples of a round, in multiples of a test's: enough to get past the simplest examples."""
 
 MOST_FAILURES = 10
-"""A fuzzer that has found so many different ones has found enough."""
+"""Different failures after which a fuzzer stops."""
 
 shares = 0.0
 """Sum of ``seconds_share`` over all collected fuzzers; conftest.py sets it."""
@@ -43,16 +47,16 @@ _counts: Counter[str] = Counter()
 
 
 class _Over(KeyboardInterrupt):
-    """The time of the campaign; as an interruption, for which hypothesis stops without looking for flaws in the test."""
+    """End of the campaign's time. As an interruption, it makes hypothesis stop without replaying the test."""
 
 
 def count(what: str, number: int = 1) -> None:
-    """Add to one of the running fuzzer's counts, which its line of the table shows."""
+    """Add to a count of the running fuzzer, shown in its line of the table."""
     _counts[what] += int(number)
 
 
 def counted() -> dict[str, int]:
-    """What the fuzzer that has just run has counted; counting begins anew."""
+    """Return and clear the counts of the fuzzer that has just run."""
     result = dict(_counts)
     _counts.clear()
     return result
@@ -60,33 +64,33 @@ def counted() -> dict[str, int]:
 
 @pytest.fixture(autouse=True)
 def numpy_warns_of_nothing() -> Iterator[None]:
-    """Numbers at the edge of what floats hold are allowed and may overflow; for the modules that import this."""
+    """Silence overflow warnings, which extreme values may cause, in the modules that import this."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         yield
 
 
 def places(data: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Paths to everything in mappings and lists."""
+    """Yield the paths to all items of nested mappings and lists."""
     for key in data if isinstance(data, dict) else range(len(data)) if isinstance(data, list) else ():
         yield (*above, key)
         yield from places(data[key], (*above, key))
 
 
 def fuzz(*, examples: int, seconds_share: float = 1.0, seconds: float | None = None) -> Callable[[Any], Any]:
-    """Make a fuzzer of a hypothesis test; stands above ``@given``.
+    """Turn a hypothesis test into a fuzzer; goes above ``@given``.
 
     Args:
-        examples: in ``make test``; they should take a few seconds at most.
-        seconds_share: of the time of ``make fuzz``, relative to other fuzzers.
-        seconds: for this fuzzer alone, instead of its share.
+        examples: number in ``make test``; they should take a few seconds at most.
+        seconds_share: share of the time of ``make fuzz``, relative to other fuzzers.
+        seconds: time of this fuzzer instead of its share.
     """
     large = bool(SECONDS if seconds is None else seconds)
 
     def decorate(test: Any) -> Any:
         count_examples(test)
         test = settings(
-            max_examples=examples * ROUND if large else examples,
+            max_examples=examples * (ROUND if large else FACTOR),
             derandomize=not large,
             database=None,
             deadline=None,
@@ -110,13 +114,13 @@ def fuzz(*, examples: int, seconds_share: float = 1.0, seconds: float | None = N
 
 
 def count_examples(test: Any) -> None:
-    """Let a hypothesis test count its examples, and stop when its campaign's time is over."""
+    """Make a hypothesis test count its examples and stop at the end of its campaign."""
     inner = test.hypothesis.inner_test
 
     @functools.wraps(inner)
     def counting(*arguments: Any, **values: Any) -> None:
         if time.monotonic() > getattr(test, "ends", float("inf")) and not getattr(test, "failed", False):
-            raise _Over  # but a failure is still shrunk, and must then repeat itself
+            raise _Over  # a failure is still shrunk, for which it must be reproducible
         count("examples")
         try:
             inner(*arguments, **values)
@@ -149,7 +153,7 @@ def _campaign(test: Any, seconds: float, arguments: Any, fixtures: Any) -> None:
 
 
 def _place(failure: BaseException) -> str:
-    """Where and as what a failure shows: the same again is no news."""
+    """Return type and location of a failure, which identify it."""
     trace, last = failure.__traceback__, None
     while trace is not None:
         last, trace = trace, trace.tb_next

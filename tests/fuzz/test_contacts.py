@@ -92,7 +92,7 @@ def somewhere(rng, parts, in_corner):
     return None
 
 
-@fuzz(examples=25, seconds_share=2.0)
+@fuzz(examples=8, seconds_share=2.0)
 @given(scenes())
 def test_contacts_stay_shallow_and_lose_energy(simulator):
     count("scenes", WORLDS)

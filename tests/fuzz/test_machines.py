@@ -81,7 +81,7 @@ def assert_finite(got):
         assert np.isfinite(got).all()
 
 
-@fuzz(examples=4, seconds_share=1.0)
+@fuzz(examples=2, seconds_share=1.0)
 @given(machines(), st.sampled_from(list(AutoresetMode)), st.integers(1, STEPS - 2), st.integers(0, 2**32 - 1))
 def test_single_batch_and_restored_alike(machine, mode, when, seed):
     task, settings = machine
