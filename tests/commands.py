@@ -1,4 +1,4 @@
-"""What the tests of commands share: refusals in one line, places that nothing can be written to, a disk that is full."""
+"""Helpers for tests of commands: one-line errors, settings files, a full disk."""
 
 import errno
 import os
@@ -7,21 +7,21 @@ import yaml
 
 
 def refusal(capsys, main, *arguments):
-    """The one line on stderr of a command that refuses its input."""
+    """Return the one line on stderr of a command that refuses its input."""
     capsys.readouterr()
     assert main([*map(str, arguments), "--quiet"]) == 2
     return said_in_one_line(capsys)
 
 
 def said_in_one_line(capsys):
-    """What a command that failed has said, which is nothing else."""
+    """Return the error of a failed command, which is its only output."""
     caught = capsys.readouterr()
     assert caught.out == "" and caught.err.count("\n") == 1 and "Traceback" not in caught.err
     return caught.err
 
 
 def saved(directory, content, **changes):
-    """A file of settings that write into ``out`` beside it; without those that are None."""
+    """Write a settings file whose output goes to ``out`` beside it; settings of None are left out."""
     path = directory / "mine.yaml"
     content = {**content, "output": str(directory / "out"), **changes}
     path.write_text(yaml.safe_dump({key: value for key, value in content.items() if value is not None}))
@@ -39,12 +39,12 @@ def folder_at(path):
 
 
 def files_in(folder, which="**/*"):
-    """What the files of a folder hold, but for locks."""
+    """Return the contents of the files of a folder, without locks."""
     return {str(path): path.read_bytes() for path in folder.glob(which) if path.is_file() and ".lock" not in path.name}
 
 
 def fill_the_disk(monkeypatch, room=0):
-    """From now on so many more files reach the disk, and no other."""
+    """Make writing fail after ``room`` more files."""
     flush, calls = os.fsync, []
 
     def full(handle):

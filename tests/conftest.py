@@ -1,4 +1,4 @@
-"""Shared by all tests."""
+"""Fixtures and settings of all tests."""
 
 import os
 import signal
@@ -10,7 +10,7 @@ import pytest
 from filelock import FileLock
 from hypothesis import settings
 
-# Kernels compile on first use, so a first example may take seconds; and a suite that proves something must be repeatable.
+# No deadline: kernels compile on first use. Derandomized, so that runs are reproducible.
 settings.register_profile("vibgym", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile("vibgym")
 
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parent.parent
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
-    """Directory of the documentation as a site, built as ``make docs`` does, once for all workers of a run."""
+    """Build the documentation site as ``make docs`` does, once for all workers; return its directory."""
     base = tmp_path_factory.getbasetemp()
     directory = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "site"
     with FileLock(f"{directory}.lock"):
@@ -34,7 +34,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture
 def interruptible():
-    """Shells let background jobs ignore interruptions, and programs pass that on: here they shall come through."""
+    """Restore the handling of SIGINT, which shells disable in background jobs."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)

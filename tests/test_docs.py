@@ -1,4 +1,4 @@
-"""The documentation's code runs, and the README is short and current."""
+"""Code blocks of the documentation run; links and commands of the README exist."""
 
 import re
 import subprocess
@@ -11,9 +11,9 @@ from studies.manual import readme
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-LEARNERS = DOCS / "learners"  # run in environments of their own, see tests/learners
+LEARNERS = DOCS / "learners"  # run in separate environments, see tests/learners
 GENERATED = (DOCS / "environments", DOCS / "generated")
-README_LINES = 120
+README_LINES = 100
 
 PAGES = {
     str(path.relative_to(ROOT))
@@ -21,7 +21,7 @@ PAGES = {
     if path.parent not in (LEARNERS, *GENERATED) and "```python" in path.read_text(encoding="utf-8")
 }
 REGISTER = {"docs/control.md", "docs/extending.md", "docs/tutorials/own-sensor-effect.md"}
-"""Pages that register names, each in a process of its own; the others share one."""
+"""Pages that register names run in separate processes; the others share one."""
 
 RUN = """
 import pathlib, re, sys
@@ -36,34 +36,28 @@ for path in sys.argv[1:]:
 @pytest.mark.parametrize(
     "pages", [*([page] for page in sorted(REGISTER)), sorted(PAGES - REGISTER)], ids=lambda it: it[0]
 )
-def test_blocks_run_one_after_the_other(pages):
+def test_code_blocks_run_in_order(pages):
     done = subprocess.run([sys.executable, "-c", RUN, *pages], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, f"{done.stdout[-300:]}\n{done.stderr[-2000:]}"
     assert re.findall(r"^-- (.+)", done.stdout, re.M) == pages
 
 
-def test_there_is_code_to_run():
-    assert PAGES > REGISTER
-    assert {"README.md", "docs/start.md", "docs/hardware.md", "docs/models.md", "docs/bound.md"} < PAGES
-
-
-def test_the_readme_is_a_page_whose_table_is_current():
+def test_the_readme_is_short_and_its_table_is_current():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert len(text.splitlines()) <= README_LINES
     assert readme.renewed(text) == text
 
 
-def test_the_readme_links_to_what_is_there():
+def test_links_of_the_readme_exist():
     targets = re.findall(r"\]\(([^)#]+)", (ROOT / "README.md").read_text(encoding="utf-8"))
-    assert len(targets) > 15
+    assert targets
     missing = [target for target in targets if "://" not in target and not (ROOT / target).exists()]
     assert not missing
 
 
-def test_the_readmes_commands_are_those_of_the_checkout():
+def test_commands_of_the_readme_exist():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     assert all((ROOT / path).exists() for path in re.findall(r"examples/\w+\.py", text))
-    targets = set(re.findall(r"`make (\w+)`", text))
-    assert {"docs", "test", "venv"} <= targets
+    targets = set(re.findall(r"`make ([\w-]+)`", text))
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert all(re.search(rf"^{target}:", makefile, re.M) for target in targets)
+    assert targets and all(re.search(rf"^{target}:", makefile, re.M) for target in targets)

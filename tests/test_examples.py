@@ -1,4 +1,4 @@
-"""The examples run, at small size, and are short enough to be read."""
+"""The examples run at small size."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ EXAMPLES = {
     "own_task": ("10", "pose         100.0 %"),
     "speed_against_error": ("16", "averaged  {'order': 2}"),
 }
-"""By name: the argument, and what is printed among other things."""
+"""By name: the argument, and a part of the output."""
 
 LINES = 60
 
@@ -29,12 +29,12 @@ def test_every_example_is_tested_and_short():
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_runs(name, tmp_path):
-    argument, said = EXAMPLES[name]
+    argument, expected = EXAMPLES[name]
     picture = tmp_path / "picture.png"
     command = [sys.executable, str(ROOT / "examples" / f"{name}.py"), argument.replace("PICTURE", str(picture))]
     done = subprocess.run(
         command, cwd=tmp_path, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    assert said in done.stdout
+    assert expected in done.stdout
     assert (name == "first_steps") == picture.exists()

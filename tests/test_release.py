@@ -1,4 +1,4 @@
-"""Metadata of the release agree, and its checks find what is missing."""
+"""Releases: versions and metadata agree, and broken distributions are rejected."""
 
 import re
 import sys
@@ -18,15 +18,14 @@ ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def test_all_places_tell_the_same_version(capsys):
+def test_all_files_have_the_same_version(capsys):
     rows = []
     assert built.versions_agree(f"v{vibgym.__version__}", rows.append) == PROJECT["version"] == vibgym.__version__
-    assert "5 places" in rows[0].found
-    with pytest.raises(checked.Failed, match="tag"):
+    with pytest.raises(checked.Failed, match="v9"):
         built.versions_agree("v9", rows.append)
 
 
-def test_the_citation_has_what_its_format_requires():
+def test_the_citation_has_the_required_fields():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert {"cff-version", "message", "title", "authors"} <= citation.keys()  # by the schema of 1.2.0
     assert (
@@ -38,21 +37,14 @@ def test_the_citation_has_what_its_format_requires():
     assert dated in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-def test_pythons_are_the_same_everywhere():
+def test_supported_pythons_agree():
     minors = [line.rpartition(" ")[2] for line in PROJECT["classifiers"] if re.search(r":: 3\.\d+$", line)]
     assert tuple(minors) == tried.MINORS
     last = int(minors[-1].split(".")[1])
     assert PROJECT["requires-python"] == f">={minors[0]},<3.{last + 1}"
 
 
-def test_extras_hold_what_they_need_for_what_they_are_for():
-    extras = PROJECT["optional-dependencies"]
-    assert "vibgym[policies,render]" in extras["play"]
-    named = set(re.search(r"\[(.+)\]", extras["dev"][0])[1].split(","))
-    assert extras.keys() - named <= {"dev", "policies"}  # policies comes with learn
-
-
-def test_interpreters_are_found_or_listed_as_not_tried(tmp_path, monkeypatch):
+def test_missing_interpreters_are_listed_as_not_tried(tmp_path, monkeypatch):
     own = f"{sys.version_info[0]}.{sys.version_info[1]}"
     assert tried.interpreter(own) and tried.interpreter("2.1") is None
     rows = []
@@ -61,31 +53,31 @@ def test_interpreters_are_found_or_listed_as_not_tried(tmp_path, monkeypatch):
     assert rows == [checked.Row("installation", "Python 3.12, wheel", "not tried: no such Python")]
 
 
-def test_every_example_is_tried_or_said_not_to_be():
+def test_every_example_is_tried_or_needs_another_extra():
     assert {path.stem for path in (ROOT / "examples").glob("*.py")} == tried.EXAMPLES.keys()
     able, others = tried.examples_of("play")
     assert others == ["own_reward_sac"] and tried.examples_of("play,learn") == ([*able, *others], [])
 
 
-def test_what_a_distribution_lacks_or_has_too_much_fails_in_one_line(tmp_path):
+def test_missing_and_superfluous_files_of_a_distribution_fail(tmp_path):
     sdist = tmp_path / "vibgym.tar.gz"
     with tarfile.open(sdist, "w:gz") as packed:
         for name in (*(each for each in built.SOURCES if each != "tests"), *built.BESIDE):
             packed.add(ROOT / "pyproject.toml", f"vibgym-1/{name}")
-    with pytest.raises(checked.Failed, match=r"^sdist's folders: missing \['tests'\], too many \[\]$"):
+    with pytest.raises(checked.Failed, match=r"\['tests'\]"):
         built.look_into_sdist(sdist, print)
     wheel = tmp_path / "vibgym.whl"
     with zipfile.ZipFile(wheel, "w") as packed:
         packed.writestr("vibgym-1.dist-info/METADATA", "")
         packed.writestr("tests/a.py", "")
-    with pytest.raises(checked.Failed, match=r"missing \['vibgym'\], too many \['tests'\]$"):
+    with pytest.raises(checked.Failed, match=r"\['vibgym'\].*\['tests'\]"):
         built.look_into_wheel(wheel, "1", print)
     for metadata in (b"Metadata-Version: 2.4\nName: vibgym\n", b"Metadata-Version: 2.4\nName: vibgym\nVersion: one\n"):
-        with pytest.raises(checked.Failed, match="metadata"):
+        with pytest.raises(checked.Failed, match="ersion"):
             built.look_into_metadata(metadata, print)
 
 
-def test_the_command_stops_at_the_first_failure_and_keeps_nothing(capsys, tmp_path, monkeypatch):
+def test_the_command_stops_at_the_first_failure_and_leaves_no_files(capsys, tmp_path, monkeypatch):
     def fails(folder, tell):
         checked.ran("sdist", [sys.executable, "-c", "import sys; print('a'); sys.exit('no room\\nleft')"], folder)
 
@@ -94,6 +86,6 @@ def test_the_command_stops_at_the_first_failure_and_keeps_nothing(capsys, tmp_pa
     caught = capsys.readouterr()
     assert caught.err.startswith("sdist: exit code 1") and caught.err.count("\n") == 1
     assert list((tmp_path / "dist").iterdir()) == []
-    for arguments, said in ((["--pythons", "3.9"], "3.9"), (["--extras", "playing"], "playing")):
+    for arguments in (["--pythons", "3.9"], ["--extras", "playing"]):
         assert release.main(arguments) == 2
-        assert said in capsys.readouterr().err
+        assert arguments[1] in capsys.readouterr().err
