@@ -1,7 +1,8 @@
-"""Shares the time of a campaign among the fuzzers, and shows what they have counted."""
+"""Divides the time of a campaign among the fuzzers and prints their counts."""
 
 from __future__ import annotations
 
+import importlib.util
 from collections import Counter
 from typing import Any
 
@@ -9,16 +10,18 @@ import pytest
 
 from tests.fuzz import campaign
 
+collect_ignore = [] if importlib.util.find_spec("joblib") else ["test_configurations.py"]  # it needs the extra report
+
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[Any]) -> None:
-    """After others have deselected tests."""
+    """Runs last, after tests have been deselected."""
     campaign.shares = sum(getattr(getattr(item, "obj", None), "seconds_share", 0.0) for item in items)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: Any) -> Any:
-    """Counts travel with the test's report, from other processes too."""
+    """Attach the counts to the test's report, which also reaches the main process of xdist."""
     campaign.counted()
     try:
         return (yield)
@@ -28,7 +31,7 @@ def pytest_runtest_call(item: Any) -> Any:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """One line for each fuzzer; silent among the other tests."""
+    """Print one line for each fuzzer of a campaign."""
     if not campaign.SECONDS:
         return
     found: dict[str, Counter[str]] = {}
