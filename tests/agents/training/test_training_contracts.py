@@ -38,5 +38,5 @@ def test_bad_settings_are_refused_by_name_before_anything_is_written(algorithm, 
     for load in (load_settings, lambda path: train(path, tmp_path / "run", quiet=True)):
         with pytest.raises(ValueError) as error:
             load(config)
-        assert is_one_line(str(error.value), str(config), f"{algorithm}.{bad}")
+        assert is_one_line(str(error.value), str(config), algorithm, bad)
     assert not (tmp_path / "run").exists()

@@ -55,10 +55,7 @@ def lessons(seed=5, turned=False, remembers=False, made=TowardsTheGoal, **settin
     )
     coding = coding_for(TaskInfo.of(env), made.action, turned=turned, remembers=remembers)
     torch.manual_seed(seed)
-    network = {"network": NetworkSettings(net=[32], critic_net=[8], attention=4), "log_std": -0.5}
-    policy = ActorCritic(
-        env.single_observation_space, env.single_action_space, lambda _: 1e-3, coding=coding, **network
-    )
+    policy = ActorCritic(coding, NetworkSettings(net=[32], critic_net=[8], attention=4), log_std=-0.5)
     expert = made(TaskInfo.of(env))
     chosen = {
         "expert": "pose",

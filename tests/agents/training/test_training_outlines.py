@@ -78,7 +78,7 @@ def write(tmp_path, **settings):
 
 def test_a_run_deals_its_worlds_out_to_drawn_parts(tmp_path):
     settings = load_settings(write(tmp_path, worlds=7, outlines={"count": 3, "seed": 2, "size_mm": [30, 40]}))
-    env = PPO(settings).make_env()
+    env = PPO(settings).env
     assert [each.num_envs for each in env.envs] == [3, 2, 2]
     expected = parts(3, 2, size=(0.03, 0.04))
     assert all(each.parts[0].same_as(part) for each, part in zip(env.envs, expected, strict=True))
@@ -89,7 +89,7 @@ def test_a_run_deals_its_worlds_out_to_drawn_parts(tmp_path):
 
 
 @pytest.mark.parametrize(("settings", "named"), [
-    ({"outlines": {"count": 3, "sizes": [1, 2]}}, "outlines.sizes"),
+    ({"outlines": {"count": 3, "sizes": [1, 2]}}, "sizes"),
     ({"outlines": {"size_mm": [20]}}, "outlines.size"),
     ({"outlines": {"count": "3"}}, "outlines.count"),
 ])  # fmt: skip
@@ -117,8 +117,8 @@ def test_the_critic_learns_alone_after_the_lessons(tmp_path):
     lessons = {"expert": {"kind": "pose", "action": "wrench"}, "rounds": 2, "steps": 3}
     path = write(tmp_path, worlds=4, outlines={"count": 2}, imitation=lessons, ppo={"critic_steps": 50})
     settings = load_settings(path)
-    env = PPO(settings).make_env()
-    model = PPO(settings).make_model(env)
+    model = PPO(settings)
+    env = model.env
     lessons = settings.imitation
     taught = Imitation(model.policy, experts(lessons, settings.action, 0, env), lessons, seed=0)
     list(taught.rounds())
