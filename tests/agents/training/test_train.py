@@ -1,6 +1,5 @@
 """Training runs: exact resume, Stable-Baselines3 by name, user-registered actions, observations, networks and algorithms."""
 
-import csv
 import json
 
 import gymnasium as gym
@@ -14,7 +13,6 @@ from agents.algorithms import ALGORITHMS
 from agents.checkpoint import KIND, VERSION
 from agents.networks import PartsActor, PartsCritic
 from agents.training_envs import make_worlds
-from agents.training_file import load_settings
 from vibgym.config import Settings
 from vibgym.envs.actions import ACTIONS, Field
 from vibgym.policies.registry import make_policy
@@ -100,26 +98,6 @@ def test_a_user_registered_network_is_trained(tmp_path, monkeypatch):
     networks.register_network("mine", Mine, PartsCritic, ACTING["parts"])
     path = run(tmp_path, {"environment": {"action": "field"}, "ppo": {**PPO, "network": "mine"}, "steps": 128})
     assert json.loads(path.read_text())["network"] == "mine"
-
-
-@pytest.mark.parametrize("method", ["cloning", "iql"])
-def test_offline_learning_lowers_the_error_and_loads_its_checkpoint(tmp_path, recorded, method):
-    own = {
-        "dataset": "vibgym/align/pose-v0",
-        "directory": str(recorded),
-        "method": method,
-        "batch_size": 128,
-        "net": [16],
-    }
-    settings = {"algorithm": "offline", "environment": {"action": "wrench"}, "offline": own, "steps": 400}
-    whole = run(tmp_path, settings, "whole")
-    with (whole.parent / "log-from-0" / "progress.csv").open() as file:
-        errors = [float(row["error"]) for row in csv.DictReader(file)]
-    config = tmp_path / "config.yaml"
-    learner = ALGORITHMS["offline"](load_settings(config))
-    squares = (learner.data.action**2).mean(dim=-1)
-    assert errors[-1] < 0.5 * float((squares / (1.0 + squares)).mean())  # the relative error of no action at all
-    assert learner.load(whole.parent) and learner.steps == 400
 
 
 class RandomSettings(Settings):
