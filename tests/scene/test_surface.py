@@ -39,7 +39,7 @@ def test_slides_permanently():
 @pytest.mark.parametrize("friction", [-1.0, math.nan, "0.6", None])
 def test_friction_is_checked(friction):
     for method in (Surface().slides_permanently, Surface().idle_velocity):
-        with pytest.raises(ValueError, match="^friction: "):
+        with pytest.raises(ValueError, match="friction"):
             method(friction)
 
 

@@ -61,7 +61,7 @@ def test_it_is_the_true_state(task, settings):
 def test_observations_of_another_shape_are_refused(task, names, size, shapes):
     for name in names:
         for seen in [*map(np.zeros, shapes), *(["seen"] if task == "Align" else [])]:
-            with pytest.raises(ValueError, match=f"^observation: .*{size}"):
+            with pytest.raises(ValueError, match="observation"):
                 make_policy(name, info_of(task)).predict(seen)
 
 
@@ -132,7 +132,7 @@ def spoilt(memory, parts):
     "state", [np.zeros(2), Two(np.zeros((3, 3)), np.zeros(3)), (np.zeros((2, 3)), np.zeros(2)), ()]
 )
 def test_memories_of_others_are_refused(state):
-    with pytest.raises(ValueError, match="^state: .*predict.. returned for 2: Two"):
+    with pytest.raises(ValueError, match="state"):
         recall(state, None, Two(np.zeros((2, 3)), np.zeros(2)), 2)
 
 

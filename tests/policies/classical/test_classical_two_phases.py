@@ -82,7 +82,7 @@ def test_worlds_do_not_depend_on_one_another():
 
 @pytest.mark.parametrize("task", ["Sort", "Singulate", "Follow"])
 def test_tasks_without_goals_that_stay_are_refused(task):
-    with pytest.raises(ValueError, match=f"two_phases.*{task}.*goal poses that stay"):
+    with pytest.raises(ValueError, match="two_phases"):
         TwoPhasesPolicy(info_of(task))
 
 

@@ -69,8 +69,8 @@ def changed(name, change):
 
 
 @pytest.mark.parametrize("change, match", [
-    (lacking("mean.weight"), "mean"), (lacking("log_std.bias"), "log_std: .*bias"),
-    (lacking("layer0.weight"), "tensors"), (lacking("layer1.weight", "layer1.bias"), "mean: .*16"),
+    (lacking("mean.weight"), "mean"), (lacking("log_std.bias"), "log_std"),
+    (lacking("layer0.weight"), "tensors"), (lacking("layer1.weight", "layer1.bias"), "mean"),
     (changed("mean.weight", lambda value: value[:, 1:]), r"mean"),
     (changed("mean.weight", lambda value: value[:2]), "mean"), (changed("layer0.bias", lambda value: value[:2]), "layer0"),
     (changed("layer0.weight", lambda value: value[:, :5]), "layer0"),

@@ -126,7 +126,7 @@ def test_parts_may_be_as_near_as_an_elements_diagonal():
     lines = [{"shape": "polyline", "points_mm": [[x, 50], [x, 150]]} for x in (250, beside + 1e-6)]
     assert given_paths(*lines).shape[0] == 2
     lines[1]["points_mm"] = [[beside - 0.1, 50], [beside - 0.1, 150]]
-    with pytest.raises(ValueError, match=r"paths\[1\]: .*within 36.67 mm .*paths\[0\]"):
+    with pytest.raises(ValueError, match=r"paths\[1\]"):
         given_paths(*lines)
     # Crossing paths are fine as long as the parts are not there together.
     crossing = {"shape": "polyline", "points_mm": [[250, 160], [250, 40]]}
