@@ -14,6 +14,7 @@ def program(work):
     return command_line.run("program", "", command_line.Command(lambda parser: None, lambda arguments: work()), [])
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_interruption_is_one_line_and_exit_code_130(capsys):
     def work():
         signal.raise_signal(signal.SIGINT)

@@ -179,7 +179,7 @@ def test_many_worlds_at_once():
         assert (together[world] == gaps_between(parts, pose[world : world + 1])[0]).all()
         for i, j in zip(*np.triu_indices(5, 1)):
             assert together[world, i, j] == gap_of([parts[i], parts[j]], pose[world, [i, j]])
-    with pytest.raises(ValueError, match="pose: got"):
+    with pytest.raises(ValueError, match="pose"):
         gaps_between(parts, pose[:, :4])
 
 

@@ -135,5 +135,5 @@ def test_a_longer_hold():
             judge.score(pose)
             assert judge.episode.success.tolist() == [step == steps] * 2
     for bad in (0, -3, 2.5, "long", None, True, math.nan):
-        with pytest.raises(ValueError, match=r"^task_settings\['hold'\]: got"):
+        with pytest.raises(ValueError, match="hold"):
             Align(Surface(), [STEEL], hold=bad)

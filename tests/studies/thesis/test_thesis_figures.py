@@ -84,6 +84,5 @@ def test_what_the_figures_say_is_on_the_page(tmp_path, monkeypatch):
 def test_an_unknown_figure_is_refused(tmp_path, capsys):
     assert main(["--output", str(tmp_path), "--figure", "nine"]) == 2
     refusal = capsys.readouterr().err
-    assert refusal.startswith("figure")
-    assert all(f"'{name}'" in refusal for name in FIGURES)
+    assert "figure" in refusal and all(name in refusal for name in FIGURES)
     assert not list(tmp_path.iterdir())
