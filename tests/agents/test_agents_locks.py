@@ -7,7 +7,6 @@ import errno
 import fcntl
 import os
 import signal
-import socket
 import time
 from collections.abc import Callable, Iterator
 
@@ -42,12 +41,10 @@ def child(work: Callable[[], object]) -> Iterator[int]:
 def test_a_second_run_is_refused_by_name_until_the_first_is_killed(tmp_path):
     held = one_run(tmp_path)
     with child(held.__enter__) as process:
-        began = time.monotonic()
-        f"process {process} on host {socket.gethostname()} since 20.* UTC"
         with pytest.raises(ValueError, match="output") as caught:
             with one_run(tmp_path):
                 pass
-        assert "\n" not in str(caught.value) and time.monotonic() - began < 20.0
+        assert "\n" not in str(caught.value)
         with one_run(tmp_path, file="other.lock"):  # what is kept by another name
             pass
         os.kill(process, signal.SIGKILL)

@@ -198,6 +198,7 @@ def test_a_policy_file_acts_as_the_model_does_and_remembers(config, tmp_path, mo
     env.close()
 
 
+@pytest.mark.full  # half a minute
 def test_an_expert_teaches_it(config):
     config.write_text(TEXT.replace("epochs: 2,", "epochs: 20, learning_rate: 0.01,"))
     settings = load_settings(config)
