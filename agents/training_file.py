@@ -76,7 +76,8 @@ def settings_from(data: Mapping[str, Any], where: str = "training") -> TrainSett
     if name == "sb3":
         checks.choice(f"{where}: algorithm sb3.NAME: NAME", variant, sb3.NAMES)
     elif variant:
-        raise checks.unknown(f"{where}: algorithm", data["algorithm"], ALGORITHMS)
+        with checks.within(where):
+            raise checks.unknown("algorithm", data["algorithm"], ALGORITHMS)
     blocks = {each: data.pop(each, None) for each in ALGORITHMS}
     blocks[name] = {} if blocks[name] is None else blocks[name]
     own = {
@@ -139,7 +140,8 @@ def _of_agent(data: dict[str, Any], where: str, agent: str | None, seed: int | N
     if not isinstance(defaults, dict):
         raise checks.refuse(f"{where}: defaults", defaults, "a mapping of settings")
     if agent not in agents:
-        raise checks.unknown(f"{where}: agent", agent, agents)
+        with checks.within(where):
+            raise checks.unknown("agent", agent, agents)
     own = agents[agent]
     merged = {**defaults, **own}
     for name in (*SECTIONS, *ALGORITHMS):

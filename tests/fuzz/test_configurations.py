@@ -1,7 +1,6 @@
 """Mutated configurations: they parse and prepare, or one line names the file, and the line or field."""
 
 import copy
-import re
 import tempfile
 from pathlib import Path
 
@@ -158,7 +157,6 @@ def test_mutated_files(document):
             count("refused")
             text = str(error)
             assert "\n" not in text and text.isprintable() and len(text) < 4000, text
-            shape = rf"{re.escape(str(path))}"
-            assert re.match(shape, text), text
+            assert str(path) in text, text
         else:
             count("accepted")

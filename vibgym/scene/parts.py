@@ -178,8 +178,10 @@ class Part:
 
     @property
     def inertia(self) -> np.ndarray:
-        """(3,) m^2, xx, yy and xy of the inertia about horizontal axes through the centre of mass, over mass: that of a prism
-        of even density, as high as the part."""
+        """Return xx, yy and xy of the inertia about horizontal axes through the centre of mass, divided by the mass.
+
+        Shape (3,), m^2, for a prism of uniform density with the height of the part.
+        """
         return outlines.inertia(self.outline) * (self.gyration / outlines.gyration(self.outline)) + np.array(
             [self.height**2 / 12.0, self.height**2 / 12.0, 0.0]
         )

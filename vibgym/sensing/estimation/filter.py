@@ -376,10 +376,10 @@ class FilterEstimator:
                 idle=np.array([sensor.surface.idle_velocity(part.friction) for part in sensor.parts]),
                 step=periods * period,
                 lead=lead * period,
-                floor=settings.acceleration,
-                model_error=model_error,
-                unknown=settings.unknown,
-                drift=settings.drift,
+                floor=float(settings.acceleration),
+                model_error=float(model_error),
+                unknown=float(settings.unknown),
+                drift=float(settings.drift),
             ),
         )
 
