@@ -34,7 +34,7 @@ def versions_agree(tag: str | None, tell: Tell) -> str:
     version = project()["version"]
     places = {
         "vibgym/__init__.py": r'^__version__ = "(.+)"$',
-        "CHANGELOG.md": r"^## \[(.+?)\]",
+        "CHANGELOG.md": r"^## \[(\d.*?)\]",
         "CITATION.cff": r"^version: (\S+)$",
     }
     for name, pattern in places.items():
