@@ -143,7 +143,7 @@ def test_choices_record_and_share(look):
     assert seen.page.input_value("#hardware") == "prototype"
     seen.page.fill("#id", "Nothing")
     seen.page.click("#open")
-    seen.page.wait_for_function("() => document.getElementById('line').textContent.includes(\"id")
+    seen.page.wait_for_function("() => document.getElementById('line').textContent.includes(\"Nothing\")")
 
 
 def test_a_lost_connection_is_taken_up_again_and_what_was_done_meanwhile_is_done(look):
