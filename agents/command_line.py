@@ -98,8 +98,8 @@ def guarded(name: str, work: Callable[[], int], extra: str | None = None) -> int
             stream.reconfigure(errors="backslashreplace")  # a character that the terminal lacks must not fail a run
     try:
         return work()
-    except KeyboardInterrupt:
-        return _fail("interrupted", 130)
+    except KeyboardInterrupt as interrupt:  # a command may report what is saved
+        return _fail(f"interrupted: {interrupt}" if str(interrupt) else "interrupted", 130)
     except Refused as error:
         return _fail(error, 2)
     except (TrainingError, WriteError, ConnectionError) as error:  # ConnectionError: the nodes of a cluster are lost

@@ -25,6 +25,14 @@ def test_interruption_is_one_line_and_exit_code_130(capsys):
     assert program(lambda: 7) == 7
 
 
+def test_interruption_reports_what_a_command_has_saved(capsys):
+    def work():
+        raise KeyboardInterrupt("4096 steps are saved in runs/mine")
+
+    assert program(work) == 130
+    assert capsys.readouterr().err == "interrupted: 4096 steps are saved in runs/mine\n"
+
+
 def test_characters_that_the_terminal_lacks_are_escaped(monkeypatch):
     poor = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
     monkeypatch.setattr(sys, "stdout", poor)

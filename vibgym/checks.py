@@ -58,17 +58,24 @@ def conflict(message: str) -> Refused:
 
 def missing(name: str, reason: str = "") -> Refused:
     """Return the error for a missing field: ``missing field 'radius' (required for shape 'disc')``."""
-    return _error(f"missing field {name!r}" + (f" ({reason})" if reason else ""))
+    place, name = _split(name)
+    return _error(f"{place}missing field {name!r}" + (f" ({reason})" if reason else ""))
 
 
 def unknown(what: str, value: object, known: Iterable[object]) -> Refused:
     """Return the error for a name that is not registered: ``unknown action 'fields'; did you mean 'field'? (element, ...)``."""
+    place, what = _split(what)
     names = [str(each) for each in known]
     close = difflib.get_close_matches(str(value), names, n=1) if isinstance(value, str) else []
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    return _error(
-        f"unknown {_shortened(what, 500)} {_shortened(shown(value), 120)}{hint} ({_shortened(', '.join(names), 2000)})"
-    )
+    listed = _shortened(", ".join(names) or "there are none", 2000)
+    return _error(f"{place}unknown {_shortened(what, 500)} {_shortened(shown(value), 120)}{hint} ({listed})")
+
+
+def _split(name: str) -> tuple[str, str]:
+    """Split "policy.json: network" into the place, with its colon, and the name."""
+    place, joint, name = name.rpartition(": ")
+    return place + joint, name
 
 
 def _error(message: str) -> Refused:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import numbers
-import re
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from enum import Enum
@@ -110,7 +109,9 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
             raise checks.unknown(f"key of {where}", str(fault["loc"][-1]), model.model_fields) from None
         if fault["type"] == "missing":
             raise checks.missing(field) from None
-        allowed = re.sub(r"^(Input|Value) should be ", "", fault["msg"])
+        kind, _, allowed = fault["msg"].partition(" should be ")
+        if not allowed:  # "List should have at least 1 item after validation, not 0"
+            raise checks.conflict(f"{field}: {kind}, got {checks.shown(fault['input'])}") from None
         raise checks.refuse(field, fault["input"], allowed) from None
 
 

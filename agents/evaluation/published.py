@@ -105,7 +105,7 @@ def written_settings(settings: EvaluationSettings) -> dict[str, Any]:
             raise checks.refuse(field, entry.content, "plain data, so that it can be published")
         path = content.get("path")
         if isinstance(path, str) and Path(path).is_absolute() and not Path(path).is_relative_to(Path.cwd()):
-            raise checks.refuse(f"{field}.path", path, f"below {Path.cwd()}, so that others have it")
+            raise checks.refuse(f"{field}.path", path, f"a path below {Path.cwd()}, which others have")
         policies.append({**portable(content), "name": entry.name, **entry.own})
     try:
         return json.loads(json.dumps({**values, "policies": policies}, allow_nan=False))

@@ -48,7 +48,7 @@ class Recorder:
         self.settings = settings
         for name in ("observation", "num_envs", "autoreset_mode"):
             if name in settings.environment:
-                raise checks.refuse(f"environment.{name}", settings.environment[name], "nothing")
+                raise checks.conflict(f"environment.{name} cannot be set for recordings")
         given = dict(settings.environment)
         action = given.pop("action", None)
         first: Any = batch_of(settings.task, num_envs=1, **given)

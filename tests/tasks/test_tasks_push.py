@@ -126,7 +126,7 @@ def test_states_go_on_bit_for_bit():
     ({"parts": [PUSHER] * 5 + [TEE]}, "parts"),
     ({"parts": [PUSHER, {**TEE, "coupling": 2.0}]}, "coupling"),
     ({"task_settings": {"near": 0.0}}, r"task_settings\['near'\]"),
-    ({"task_settings": {"near": 0.1, "near_mm": 100.0}}, r"task_settings\['near_mm'\]"),
+    ({"task_settings": {"near": 0.1, "near_mm": 100.0}}, "near_mm"),
     ({"task_settings": {"near_deg": 200.0}}, r"task_settings\['near_deg'\]"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(settings, words):

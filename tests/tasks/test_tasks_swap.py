@@ -75,7 +75,7 @@ def test_states_go_on_with_the_goals_that_have_been_exchanged():
     ({"task_settings": {"columns": 17}}, r"task_settings\['columns'\]"),
     ({"task_settings": {"columns": 4}}, "parts"),
     ({"task_settings": {"apart": -1.0}}, r"task_settings\['apart'\]"),
-    ({"task_settings": {"apart": 0.01, "apart_mm": 10}}, r"task_settings\['apart_mm'\]"),
+    ({"task_settings": {"apart": 0.01, "apart_mm": 10}}, "apart_mm"),
     ({"task_settings": {"free": 1}}, r"task_settings\['free'\]"),
 ])  # fmt: skip
 def test_bad_settings_are_refused(settings, words):

@@ -78,8 +78,8 @@ class PartsParallelEnv(ParallelEnv):
             raise checks.refuse("env", env, "an environment of one world made with observation='parts'")
         acting = base.core.action
         if not acting.by_part:
-            allowed = "one with a share for every part, as 'wrench' has"
-            raise checks.refuse("action", type(acting).__name__.lower(), allowed)
+            kind = type(acting).__name__.lower()
+            raise checks.conflict(f"action {kind!r} has no values per part, as 'wrench' has")
         self.env, self._base, self._credits_parts = env, base, credits_parts(env)
         self._shape = acting.shape[1:]
         self._share = acting.size // len(base.parts)

@@ -59,8 +59,7 @@ class VecEnv(vec_env.VecEnv):
             envs = (gym.make_vec(envs[0], num_envs=worlds, **{"autoreset_mode": "SameStep", **settings}),)
         elif num_envs is not None or settings or not envs:
             got = sorted([*settings, *(["num_envs"] if num_envs is not None else [])])
-            allowed = "none beside environments that are made already; or one name, and settings"
-            raise checks.refuse("settings", got, allowed)
+            raise checks.conflict(f"settings {got} require the name of an environment, not environments")
         for wrap in wrappers:
             envs = tuple(map(wrap, envs))
         self.envs, self._scenes = envs, [_knowing(env, "parts_layout") for env in envs]

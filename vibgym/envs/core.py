@@ -1,6 +1,6 @@
 """The batched core of the single and the vector environment: worlds of one task, stepped together.
 
-Data flow of a step (the stages are listed in :meth:`Core.step`):
+Data flow of a step (the stages are listed in :meth:`Core._list_stages`):
 
     action -> command -> actuators -> drive -> simulation -> true state -> task: reward, info
                                                                \\-> sensor -> measurement -> observation

@@ -43,7 +43,7 @@ def lawful(law: str) -> Maker:
 
     def make(info: TaskInfo, **arguments: Any) -> Policy:
         if "law" in arguments:
-            raise checks.refuse(f"policy {law!r}", "the argument 'law'", "its own arguments: this policy is its law")
+            raise checks.conflict(f"policy {law!r} names its controller, so 'law' cannot be set")
         straight = (info.has_goal and len(info.parts) == 1) or info.goal_moves
         return (LocalFieldPolicy if straight else PlannerPolicy)(info, law=law, **arguments)
 
@@ -242,8 +242,7 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     assert isinstance(kind, str)
     chosen = _made(kind, arguments | _spoken(kind, arguments, spoken), info, seed)
     if kind in FILES and spoken not in (None, UNSAID, chosen.action):
-        allowed = f"an environment made with action={chosen.action!r}"
-        raise checks.refuse(f"policy {kind!r}", f"the environment's action {spoken!r}", allowed)
+        raise checks.conflict(f"policy {kind!r} requires action {chosen.action!r}, got an environment with {spoken!r}")
     return InElements(chosen) if (spoken, chosen.action) == ("element", "phasor") else chosen
 
 
@@ -280,7 +279,7 @@ def _made(kind: str, arguments: dict[str, Any], info: TaskInfo, seed: int) -> Po
     try:
         return make(info, **arguments)
     except TypeError as error:
-        raise checks.refuse(f"policy {kind!r}", arguments, f"its own arguments ({error})") from error
+        raise checks.conflict(f"policy {kind!r}: {error}, got {checks.shown(arguments)}") from error
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in EXTRA:
             raise

@@ -255,7 +255,7 @@ def rollout(
         checks.count("seeds", each, least=0, most=2**63 - 1)
     for key in OWN_ARGUMENTS:
         if key in environment:
-            raise checks.refuse(key, environment[key], "nothing: there is a world for every seed")
+            raise checks.conflict(f"{key} cannot be set: rollout runs one world per seed")
     acting, spoken = _acting(policy, name, environment, numbers[0])
     env = worlds_of(name, len(numbers), **{**environment, **spoken})
     try:

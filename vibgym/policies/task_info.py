@@ -129,5 +129,8 @@ class TaskInfo:
             ValueError: names the policy and the task.
         """
         if not self.has_goal and self.zones is None and self.apart is None:
-            allowed = "tasks with goals, zones or a distance to keep"
-            raise checks.refuse(f"policy {policy!r}", f"the task {self.name}", allowed)
+            raise self.unsupported(policy, "a task with goals, zones or a distance to keep")
+
+    def unsupported(self, policy: str, required: str) -> ValueError:
+        """Return the error of a policy that requires another kind of task."""
+        return checks.conflict(f"policy {policy!r} requires {required}, got task {self.name!r}")

@@ -151,7 +151,7 @@ class Task(ABC):
         Raises:
             ValueError: bad paths, or a task whose goals do not move along paths.
         """
-        raise checks.refuse(name, paths, f"nothing for {self.name}, whose goals do not move along paths")
+        raise checks.conflict(f"{name} cannot be set for task {self.name!r}: its goals do not follow paths")
 
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
         """Goals (n, parts, 3) of a drawn start whose parts were put down at ``pose`` (n, parts, 3) instead."""

@@ -83,9 +83,7 @@ class Pattern:
                       "heading_deg": heading_deg, "place": place, "place_mm": place_mm}  # fmt: skip
             for key, value in others.items():
                 if value is not None:
-                    raise checks.refuse(
-                        f"{name}[{key!r}]", value, f"nothing beside {name}['pattern'], which has it all"
-                    )
+                    raise checks.conflict(f"{name}: {key!r} and 'pattern' exclude each other")
             self.pose, self.of_kind = self._given(pattern)
             self.low = self.high = np.zeros(2)
             self._check(self.pose, f"{name}['pattern']", pattern)
@@ -138,7 +136,7 @@ class Pattern:
         """A number in SI units, or in the unit that the other key's name carries."""
         suffix = "_mm" if unit == 1e-3 else "_deg"
         if value is not None and other is not None:
-            raise checks.refuse(f"{self._name}[{key + suffix!r}]", other, f"nothing beside {self._name}[{key!r}]")
+            raise checks.conflict(f"{self._name}: {key!r} and {key + suffix!r} exclude each other")
         if other is not None:
             return unit * checks.number(f"{self._name}[{key + suffix!r}]", other, least=least)
         return usual if value is None else checks.number(f"{self._name}[{key!r}]", value, least=least)
@@ -174,8 +172,7 @@ class Pattern:
         if isinstance(pattern, Mapping):
             for kind in pattern:
                 if kind not in self._kinds:
-                    allowed = f"goals for the kinds {', '.join(map(repr, self._kinds))}"
-                    raise checks.refuse(name, f"goals for {checks.shown(kind)}", allowed)
+                    raise checks.unknown(f"kind in {name}", kind, self._kinds)
             lists = [(f"{name}[{kind!r}]", pattern.get(kind, [])) for kind in self._kinds]
             needed = [int((self._kind == k).sum()) for k in range(len(self._kinds))]
         elif checks.listed(pattern):
@@ -196,7 +193,7 @@ class Pattern:
         """Where the lattice's middle may lie."""
         name = self._name
         if place is not None and place_mm is not None:
-            raise checks.refuse(f"{name}['place_mm']", place_mm, f"nothing beside {name}['place']")
+            raise checks.conflict(f"{name}: 'place' and 'place_mm' exclude each other")
         if place is not None or place_mm is not None:
             key, value, unit = ("place", place, 1.0) if place_mm is None else ("place_mm", place_mm, 1e-3)
             middle = unit * np.array(checks.array(f"{name}[{key!r}]", value, (2,)))
@@ -234,9 +231,7 @@ class Pattern:
         gaps = gaps_between(self._bodies(), pose[None])[0]
         if gaps.min() < -ROUNDING:
             one, other = sorted(int(k) for k in np.unravel_index(int(gaps.argmin()), gaps.shape))
-            raise checks.refuse(
-                name, f"goals {one} and {other}, {-1e3 * gaps.min():.3g} mm into each other", "no overlap"
-            )
+            raise checks.conflict(f"{name}: goals {one} and {other} overlap by {-1e3 * gaps.min():.3g} mm")
 
 
 @jit

@@ -84,7 +84,7 @@ class Push(Task):
             got = f"{int(self.asked.sum())} parts with coupling 0, and {int(self.driven.sum())} others"
             raise checks.refuse("parts", got, "one part with coupling 0, which is pushed, and at least one that pushes")
         if near is not None and near_mm is not None:
-            raise checks.refuse("task_settings['near_mm']", near_mm, "nothing beside task_settings['near']")
+            raise checks.conflict("task_settings: 'near' and 'near_mm' exclude each other")
         name, given = ("near_mm", near_mm) if near is None else ("near", near)
         far = math.hypot(surface.width, surface.depth)
         unit = 1e-3 if near is None else 1.0

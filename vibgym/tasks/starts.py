@@ -292,7 +292,7 @@ class Starts:
             self.pattern = checks.made("start", Pattern, (surface, self.parts, "start"), settings)
             self.draws = 1 + 2 * len(parts) + self.pattern.draws
         elif settings:
-            raise checks.refuse("start", f"the setting {next(iter(settings))!r}", f"no settings of {kind!r}")
+            raise checks.unknown(f"setting of start {kind!r}", next(iter(settings)), ())
         else:
             self.draws = 1 + len(parts) * (1 + TRIES * START_NUMBERS[kind])
         gap = max(0.0 if self.heaped else clear, apart)

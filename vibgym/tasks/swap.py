@@ -78,7 +78,7 @@ class Swap(Task):
             )
         self.free = self.exchanges = checks.flag("task_settings['free']", free)
         if apart is not None and apart_mm is not None:
-            raise checks.refuse("task_settings['apart_mm']", apart_mm, "nothing beside task_settings['apart']")
+            raise checks.conflict("task_settings: 'apart' and 'apart_mm' exclude each other")
         name, given = ("apart_mm", apart_mm) if apart is None else ("apart", apart)
         least = APART if given is None else checks.number(f"task_settings[{name!r}]", given, least=0.0)
         least *= 1.0 if apart_mm is None else 1e-3

@@ -51,17 +51,16 @@ def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray
         raise checks.refuse("zones", value, "a mapping from kind to [x_low, y_low, x_high, y_high] in m")
     for name in value:
         if name not in names:
-            allowed = f"zones for the kinds {', '.join(map(repr, names))}"
-            raise checks.refuse("zones", f"a zone for {checks.shown(name)}", allowed)
+            raise checks.unknown("kind in zones", name, names)
     for name in names:
         if name not in value:
-            raise checks.refuse("zones", f"no zone for {name!r}", "a zone for every kind of part")
+            raise checks.missing(f"zones[{name!r}]", "every kind of part requires a zone")
     zones = np.array([_rectangle(f"zones[{name!r}]", value[name], surface) for name in names])
     for k, name in enumerate(names):
         for j in range(k):
             low, high = np.maximum(zones[k, :2], zones[j, :2]), np.minimum(zones[k, 2:], zones[j, 2:])
             if (high - low > ROUNDING).all():
-                raise checks.refuse(f"zones[{name!r}]", list(value[name]), f"no overlap with the zone of {names[j]!r}")
+                raise checks.conflict(f"zones[{name!r}] overlaps zones[{names[j]!r}]")
     return zones
 
 
@@ -72,7 +71,7 @@ def _rectangle(name: str, value: Any, surface: Surface) -> np.ndarray:
         raise checks.refuse(name, value, allowed)
     zone = np.array(checks.array(name, value, (4,)))
     if not (zone[:2] < zone[2:]).all():
-        raise checks.refuse(name, list(value), "x_low < x_high and y_low < y_high")
+        raise checks.refuse(name, list(value), "a rectangle with x_low < x_high and y_low < y_high")
     if (zone[:2] < -ROUNDING).any() or zone[2] > surface.width + ROUNDING or zone[3] > surface.depth + ROUNDING:
         raise checks.refuse(name, list(value), allowed)
     return zone

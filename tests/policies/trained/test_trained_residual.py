@@ -163,7 +163,7 @@ def test_bad_input():
         make_policy({"kind": "residual", "base": "pose", "path": 3}, info)
     with pytest.raises(ValueError, match=r"nowhere.json"):
         make_policy({"kind": "residual", "base": "pose", "path": "nowhere.json"}, info)
-    with pytest.raises(ValueError, match="'residual'.*its own arguments"):
+    with pytest.raises(ValueError, match="'residual'.*path"):
         make_policy({"kind": "residual", "base": "pose"}, info)
 
 

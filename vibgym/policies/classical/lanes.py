@@ -62,9 +62,7 @@ class FeedingPolicy(Steering):
         settings.setdefault("law", "pose")
         super().__init__(info, **settings)
         if not info.flows or info.zones is None:
-            raise checks.refuse(
-                "policy 'lanes'", f"the task {info.name}", "tasks whose parts leave through gates, such as Feed"
-            )
+            raise info.unsupported("lanes", "a task whose parts leave through gates, such as Feed")
         self.traffic, zones = Traffic(**own), info.zones[list(info.kind)]
         self.top = info.plant.top_speed
         self.lead = lead_of(self.law, info, 0.5 * self.top)
@@ -159,8 +157,8 @@ class CrossingPolicy(TwoPhasesPolicy):
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
         own = {each.name: settings.pop(each.name) for each in fields(Passing) if each.name in settings}
         if not info.has_goal or info.goal_moves:
-            allowed = "tasks whose parts have goal poses that stay, such as Swap, or leave through gates, such as Feed"
-            raise checks.refuse("policy 'lanes'", f"the task {info.name}", allowed)
+            required = "a task whose parts have fixed goal poses, such as Swap, or leave through gates, such as Feed"
+            raise info.unsupported("lanes", required)
         super().__init__(info, **settings)
         self.passing = passing = Passing(**own)
         self.top = info.plant.top_speed

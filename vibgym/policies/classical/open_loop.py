@@ -81,8 +81,7 @@ class OpenLoopPolicy:
         self, info: TaskInfo, *, turn_rate: float = 11.5, gather_time: float = 2.0, centring: float = 0.2
     ) -> None:
         if not info.has_goal or info.goal_moves or len(info.parts) != 1:
-            allowed = "tasks for one part with a goal pose"
-            raise checks.refuse("policy 'open_loop'", f"the task {info.name}", allowed)
+            raise info.unsupported("open_loop", "a task for one part with a fixed goal pose")
         self.info = info
         self.turn_rate = checks.number("turn_rate", turn_rate, above=0.0)
         self.gather_time = checks.number("gather_time", gather_time, least=0.0)

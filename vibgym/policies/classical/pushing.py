@@ -107,8 +107,10 @@ class PushingPolicy(Steering):
         super().__init__(info, **{"law": "pose", **settings})
         driven, asked = np.array(info.driven), np.array(info.asked)
         if not info.has_goal or info.goal_moves or (asked & ~driven).sum() != 1 or (driven & ~asked).sum() != 2:
-            allowed = "tasks with a goal for one part that the elements do not move, and two others without"
-            raise checks.refuse("policy 'push'", f"the task {info.name}", allowed)
+            required = (
+                "a task with a goal for one part that the elements do not drive, and two driven parts without goals"
+            )
+            raise info.unsupported("push", required)
         self.manner, self.driven = Manner(**own), driven
         self.pushed, self.pushers = int(np.flatnonzero(~driven)[0]), np.flatnonzero(driven)
         part = info.parts[self.pushed]

@@ -171,8 +171,7 @@ class TwoPhasesPolicy(PlannerPolicy):
         own = {each.name: settings.pop(each.name) for each in fields(Closing) if each.name in settings}
         super().__init__(info, **{"law": "pose", "edge": 0.018, "soft": 0.5, "safe": 0.004, **settings})
         if not info.has_goal or info.goal_moves:
-            allowed = "tasks whose parts have goal poses that stay, such as Pack"
-            raise checks.refuse("policy 'two_phases'", f"the task {info.name}", allowed)
+            raise info.unsupported("two_phases", "a task whose parts have fixed goal poses, such as Pack")
         self.settings = Closing(**own)
 
     def initial(self, batch: int) -> Any:

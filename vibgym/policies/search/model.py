@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from vibgym import checks
 from vibgym.envs.core import Core
 from vibgym.envs.options import Options
 from vibgym.policies.classical.measured import Measured
@@ -30,7 +29,7 @@ class Model:
 
     def __init__(self, info: TaskInfo, worlds: int, action: str) -> None:
         if info.goal_moves:
-            raise checks.refuse("policy 'mpc'", f"the task {info.name}", "tasks whose goals stay where they are")
+            raise info.unsupported("mpc", "a task with fixed goals")
         self.core = Core(Options(**info.scene, action=action), worlds)
         rest = np.stack([np.append(info.surface.idle_velocity(part.friction), 0.0) for part in info.parts])
         self.rest = np.stack([rest, np.zeros_like(rest)])

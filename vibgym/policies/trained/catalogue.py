@@ -98,6 +98,7 @@ def shipped_agent(
     if not fitting:
         named = "".join(f", {name} {value!r}" for name, value in (("action", action), ("variant", variant)) if value)
         surface = f"{info.surface.rows} x {info.surface.columns} elements"
-        got = f"{info.name} ({hardware}, parts: {len(info.parts)}, {surface}{named})"
-        raise checks.refuse("policy 'learned'", got, "; ".join(map(str, mine or shipped_agents())))
+        scene = f"{info.name} ({hardware}, parts: {len(info.parts)}, {surface}{named})"
+        have = "; ".join(map(str, mine or shipped_agents()))
+        raise checks.conflict(f"policy 'learned' has no agent for {scene}; shipped: {have}")
     return min(fitting, key=lambda agent: (agent.variant, agent.tasks.index(info.name)))

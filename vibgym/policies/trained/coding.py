@@ -85,7 +85,7 @@ class Coding:
         elif action in BY_PART:
             size = whole // len(self.parts)
         else:
-            raise checks.refuse("action", action, ", ".join(map(repr, (*BY_PART, *CODES))))
+            raise checks.unknown("action", action, (*BY_PART, *CODES))
         self._all = sum(row.width for row in layout)
         self._at = [next(row.start for row in layout if row.name == name) for name in ("position", "element")]
         self._pick, layout = picked(layout, columns)

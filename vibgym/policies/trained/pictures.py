@@ -53,12 +53,12 @@ class PictureCoding:
         self.surface, self.parts, self.action = surface, tuple(parts), action
         for name, value in (("turned", turned), ("remembers", remembers)):
             if value:
-                raise checks.refuse(name, value, "False, where a network of pixels acts")
+                raise checks.conflict(f"{name} is not supported by network 'pixels'")
         self.turned = self.remembers = False
         if len(parts) != 1:
-            raise checks.refuse("parts", len(parts), "1, where a network of pixels acts")
+            raise checks.conflict(f"network 'pixels' requires one part, got {len(parts)}")
         if action not in BY_PART:
-            raise checks.refuse("action", action, ", ".join(map(repr, BY_PART)))
+            raise checks.unknown("action", action, BY_PART)
         size: int = ACTIONS.choose("action", action)(surface, self.parts).size
         self.columns = [["part", FRAMES], ["goal", 1]] if columns is None else [list(each) for each in columns]
         names = [each[0] for each in self.columns]

@@ -120,7 +120,7 @@ class SchedulePolicy:
 
     def __init__(self, info: TaskInfo, schedule: Schedule) -> None:
         if not info.has_goal or info.goal_moves or len(info.parts) != 1:
-            raise checks.refuse("policy 'schedule'", f"the task {info.name}", "tasks for one part with a goal pose")
+            raise info.unsupported("schedule", "a task for one part with a fixed goal pose")
         self.info, self.schedule = info, schedule
         self._phasors = schedule.phasors(info.surface).reshape(len(schedule.seconds) + 1, -1)
 

@@ -85,8 +85,7 @@ def load_trained(path: Path, info: TaskInfo) -> TrainedPolicy | StatePolicy:
     """
     tensors, record = load_set(path, KIND, VERSION)
     if record.get(RESIDUAL) is not None:
-        allowed = "none: this file corrects a base policy, and loads as {'kind': 'residual', 'path': ...}"
-        raise checks.refuse(f"{path}: {RESIDUAL}", record[RESIDUAL], allowed)
+        raise checks.conflict(f"{path} corrects a base policy: load it as {{'kind': 'residual', 'path': ...}}")
     return network_of(str(path), tensors, record, info)
 
 

@@ -138,7 +138,7 @@ class PolylineSettings(PathSettings):
     def course(self, corner: float) -> Course:
         """Its pieces."""
         if self.laps > 1 and not self.closed:
-            raise checks.refuse("laps", self.laps, "1, unless the polyline is closed")
+            raise checks.conflict(f"laps {self.laps} requires a closed polyline")
         if self.closed and len(self.points) < 3:
             raise checks.refuse("points", f"{len(self.points)} points", "at least 3 where the polyline is closed")
         return rounded(np.array(self.points), corner, self.laps if self.closed else 0, "points")
