@@ -17,7 +17,8 @@ from agents.recording.record import SCENE, kept_in, scene_of
 from agents.recording.storage import FILE
 from agents.training_settings import OfflineSettings
 from vibgym import checks
-from vibgym.policies.trained.coding import BY_PART, Coding
+from vibgym.envs.actions import actions_by_part
+from vibgym.policies.trained.coding import Coding
 
 AT_ONCE = 1000
 """Episodes that are read side by side."""
@@ -47,8 +48,7 @@ def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Tr
     Raises:
         ValueError: there is no such data set, or it is not of this environment, scene or version, or damaged.
     """
-    if action not in BY_PART:
-        raise checks.refuse("environment.action", action, f"one with numbers for every part: {', '.join(BY_PART)}")
+    checks.choice("environment.action", action, actions_by_part())
     with kept_in(settings.directory):
         place = Path(get_dataset_path(settings.dataset))
         if not place.is_dir():

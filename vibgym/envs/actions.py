@@ -371,3 +371,8 @@ ACTIONS: Registry[type[Action]] = Registry(
     "action", {"element": Element, "phasor": Phasor, "patch": Patch, "field": Field, "wrench": Wrench}
 )
 """Actions by name; ``ACTIONS.register(name, cls)`` adds a custom one."""
+
+
+def actions_by_part() -> tuple[str, ...]:
+    """Return the names of actions with values per part, custom ones included."""
+    return tuple(name for name, action in ACTIONS.items() if action.by_part)

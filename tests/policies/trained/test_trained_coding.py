@@ -6,7 +6,7 @@ import pytest
 from tests.envs.helpers import assert_same, batch
 from tests.policies.helpers import info_of
 from tests.policies.trained.helpers import coding_for
-from vibgym.envs.actions import ACTIONS, Patch, patch_size
+from vibgym.envs.actions import ACTIONS, Phasor, patch_size
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding
 
@@ -111,8 +111,8 @@ def test_columns_that_a_row_has_not_are_refused(columns, named):
 
 
 def test_actions_without_parts_and_elements_are_refused(monkeypatch):
-    class Whole(Patch):
-        """An action of a user's."""
+    class Whole(Phasor):
+        """A custom action without values per part."""
 
     monkeypatch.setattr(ACTIONS, "_items", {**ACTIONS, "whole": Whole})
     info = info_of("Align")

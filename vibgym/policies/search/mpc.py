@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import checks
-from vibgym.envs.actions import ACTIONS
+from vibgym.envs.actions import actions_by_part
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.protocol import Policy
 from vibgym.policies.search.model import Model, measured_rows, rows_of
@@ -76,9 +76,8 @@ class MPCPolicy:
         self.horizon = checks.count("horizon", horizon, most=10_000)
         self.iterations = checks.count("iterations", iterations, most=1000)
         self.noise = checks.number("noise", noise, above=0.0, most=10.0)
-        by_part = tuple(name for name, each in ACTIONS.items() if each.by_part)
         action = action or ("field" if base is None else "wrench")
-        self.action = checks.choice("action", action, by_part)
+        self.action = checks.choice("action", action, actions_by_part())
         self.seed = checks.count("seed", seed, least=0)
         self.info, self.base = info, base
         self.together = max(1, MODEL_WORLDS // self.samples)  # worlds that are planned for at a time

@@ -9,13 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vibgym import Part, Surface, checks
-from vibgym.envs.actions import ACTIONS, patch_size
+from vibgym.envs.actions import ACTIONS, actions_by_part, patch_size
 from vibgym.policies.trained.networks.shape import Shape
 from vibgym.policies.trained.symmetry import Turns
-
-BY_PART = ("wrench", "field", "patch")
-"""Actions that have a row for every part."""
-
 
 TOUCHING = 0.02
 """Of the column that tells the distance to the nearest part, below which it is in touch: 0.7 mm on the prototype."""
@@ -82,10 +78,10 @@ class Coding:
         self._code: Callable[[np.ndarray], np.ndarray] | None = None
         if action in CODES:
             size, self._code = 2 * side**2, CODES[action]
-        elif action in BY_PART:
+        elif ACTIONS[action].by_part:
             size = whole // len(self.parts)
         else:
-            raise checks.unknown("action", action, (*BY_PART, *CODES))
+            raise checks.unknown("action", action, (*actions_by_part(), *CODES))
         self._all = sum(row.width for row in layout)
         self._at = [next(row.start for row in layout if row.name == name) for name in ("position", "element")]
         self._pick, layout = picked(layout, columns)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from vibgym import Part, Surface, checks
-from vibgym.envs.actions import ACTIONS
+from vibgym.envs.actions import ACTIONS, actions_by_part
 from vibgym.envs.observations import PIXELS
-from vibgym.policies.trained.coding import BY_PART, Seen
+from vibgym.policies.trained.coding import Seen
 from vibgym.policies.trained.networks.shape import Picture
 
 FRAMES = 3
@@ -57,8 +57,7 @@ class PictureCoding:
         self.turned = self.remembers = False
         if len(parts) != 1:
             raise checks.conflict(f"network 'pixels' requires one part, got {len(parts)}")
-        if action not in BY_PART:
-            raise checks.unknown("action", action, BY_PART)
+        checks.choice("action", action, actions_by_part())
         size: int = ACTIONS.choose("action", action)(surface, self.parts).size
         self.columns = [["part", FRAMES], ["goal", 1]] if columns is None else [list(each) for each in columns]
         names = [each[0] for each in self.columns]

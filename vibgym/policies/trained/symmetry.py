@@ -70,6 +70,9 @@ def turned_actions(action: str, shape: Shape) -> np.ndarray:
     Args:
         action: ``"wrench"``, ``"field"``, or one of elements, whose numbers are the phasors of a square.
         shape: of the network.
+
+    Raises:
+        ValueError: another action, whose behaviour under rotation is not known.
     """
     matrix = np.eye(shape.action)
     if action in ("wrench", "field"):
@@ -78,6 +81,8 @@ def turned_actions(action: str, shape: Shape) -> np.ndarray:
             matrix[2:4, 2:4] = np.array([[0.0, 1.0], [1.0, 0.0]])
         return matrix.astype(np.float32)
     side = shape.side
+    if side == 0:
+        raise checks.conflict(f"'turned' does not support action {action!r}")
     matrix[:] = 0.0
     for row in range(side):
         for column in range(side):

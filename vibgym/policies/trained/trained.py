@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from vibgym import Surface, checks
+from vibgym.envs.actions import actions_by_part
 from vibgym.policies.task_info import TaskInfo
-from vibgym.policies.trained.coding import BY_PART, CODES, Coding
+from vibgym.policies.trained.coding import CODES, Coding
 from vibgym.policies.trained.networks.acting import ACTING, ACTIVATIONS
 from vibgym.policies.trained.pictures import PictureCoding
 from vibgym.policies.trained.state_policy import NETWORK as STATE
@@ -112,7 +113,7 @@ def network_of(
     if record.get("network") == STATE:
         return state_policy(name, tensors, record, info)
     tensors = as_float32(name, tensors)
-    action = checks.choice(f"{name}: action", record.get("action"), (*BY_PART, *CODES))
+    action = checks.choice(f"{name}: action", record.get("action"), (*actions_by_part(), *CODES))
     network = checks.choice(f"{name}: network", record.get("network"), tuple(ACTING))
     activation = checks.choice(f"{name}: activation", record.get("activation"), tuple(ACTIVATIONS))
     columns = record.get("columns")
