@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from studies.accuracy.hard_cases import drives, endurance, geometry, thresholds
+from studies.accuracy.hard_cases import bounds, crowds, drives, endurance, geometry, thresholds
 from studies.accuracy.hard_cases.case import HardCase, Outcome, run_case
 
 __all__ = ["CASES", "HardCase", "Outcome", "run_all", "run_case"]
 
-CASES: tuple[HardCase, ...] = (*thresholds.CASES, *geometry.CASES, *drives.CASES, *endurance.CASES)
+CASES: tuple[HardCase, ...] = (
+    *thresholds.CASES,
+    *geometry.CASES,
+    *drives.CASES,
+    *endurance.CASES,
+    *bounds.CASES,
+    *crowds.CASES,
+)
 
 
 def run_all() -> list[tuple[HardCase, Outcome]]:

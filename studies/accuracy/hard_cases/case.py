@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,9 @@ from studies.accuracy.reference import Trajectory, integrate
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.simulation.simulator import Simulator
+
+LONGEST = 900.0
+"""s; guard against hangs only. The slowest case takes 7 s with compiled kernels."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +52,25 @@ def at_most(measured: float, bound: float, unit: str, note: str = "") -> Outcome
     return Outcome(measured, bound, unit, bool(measured <= bound), note)
 
 
-def run_case(case: HardCase) -> Outcome:
-    """Run a case; an exception is a failed outcome whose note names it."""
-    try:
-        return case.run()
-    except Exception as error:
-        return Outcome(math.nan, math.nan, "", False, f"{type(error).__name__}: {error}")
+def run_case(case: HardCase, longest: float = LONGEST) -> Outcome:
+    """Run a case; an exception or a hang is a failed outcome whose note names it.
+
+    Args:
+        case: to run.
+        longest: s after which the case counts as hung; its thread does not keep the process alive.
+    """
+    found: list[Outcome] = []
+
+    def work() -> None:
+        try:
+            found.append(case.run())
+        except Exception as error:
+            found.append(Outcome(math.nan, math.nan, "", False, f"{type(error).__name__}: {error}"))
+
+    thread = threading.Thread(target=work, name=case.name, daemon=True)
+    thread.start()
+    thread.join(longest)
+    return found[0] if found else Outcome(math.inf, longest, "s", False, f"did not end within {longest:g} s")
 
 
 FINE: dict[str, Any] = {"steps": 100, "substeps": 2, "pieces": 4}

@@ -1,7 +1,8 @@
-"""Elements in opposite phase, and a part that spins ten times faster than the table moves."""
+"""Drives at their limits: lift-off, elements in opposite phase, and parts that spin fast."""
 
 from __future__ import annotations
 
+import cmath
 import math
 
 import numpy as np
@@ -13,12 +14,65 @@ from studies.accuracy.hard_cases.case import (
     against_reference,
     at_most,
     follow,
+    one_element,
     random_drive,
+    sound,
 )
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation.simulator import Simulator
 
 L = 0.026
+STEADY = {0.3: (0.30485, 4.96), 0.6: (0.30438, 9.93), 0.9: (0.30359, 14.94)}
+"""Speed (m/s) and direction (deg) of the steady mean velocity by friction coefficient, at full amplitude and alpha = 270
+degrees, from an integration of thesis eqs. 3.26 and 3.27."""
+
+
+def mean_velocity(surface: Surface, part: Part, start: complex, periods: int = 40) -> complex:
+    """Return the steady mean velocity (m/s) at full amplitude and alpha = 270 degrees; each period starts at the middle."""
+    sim = Simulator(surface, part)
+    middle = 0.5 * surface.width
+    for _ in range(periods):
+        sim.reset([middle, middle, 0.3], sim.velocity if sim.time else [start.real, start.imag, 0])
+        sim.advance(surface.lift_off_amplitude, 1.5 * math.pi)
+        sound(sim)
+    return complex(*sim.mean_velocity[0, 0, :2])
+
+
+def at_lift_off() -> Outcome:
+    """Steady mean velocity at full amplitude, relative to ``STEADY``."""
+    surface, worst = one_element(), 0.0
+    for friction, (speed, degrees) in STEADY.items():
+        expected = cmath.rect(speed, math.radians(degrees))
+        got = mean_velocity(surface, Part.rectangle(0.05, 0.035, friction=friction), expected)
+        worst = max(worst, abs(got - expected) / speed)
+    return at_most(worst, 1e-3, "of speed", "steady mean velocity for mu = 0.3, 0.6, 0.9; pressure touches zero")
+
+
+def beyond_lift_off() -> Outcome:
+    """Count amplitudes above lift-off that are accepted, refused without the argument's name, or change the state."""
+    surface, missing = Surface(), []
+    sim = Simulator(surface, Part.rectangle(0.05, 0.035, friction=0.6))
+    one = np.zeros((8, 32))
+    one[3, 7] = surface.lift_off_amplitude * (1 + 1e-9)
+    start = sim.pose
+    for amplitude in (surface.lift_off_amplitude * (1 + 1e-9), 1.0, one, -1e-12, math.nan, math.inf):
+        try:
+            sim.advance(amplitude, 0.0)
+            missing.append(repr(amplitude))
+        except ValueError as error:
+            if not str(error).startswith("amplitude must be"):
+                missing.append(str(error))
+    try:
+        Surface(max_amplitude=surface.lift_off_amplitude * (1 + 1e-9))
+        missing.append("max_amplitude")
+    except ValueError as error:
+        if not str(error).startswith("max_amplitude must be"):
+            missing.append(str(error))
+    moved = (sim.pose != start).any() or sim.time != 0.0
+    return Outcome(len(missing) + moved, 0, "of 7", not missing and not moved, "; ".join(missing))
+
+
 # -- four elements against each other ----------------------------------------------------------------------------------
 
 
@@ -70,6 +124,37 @@ def _four(phases: list[float]) -> Scene:
 # -- spin --------------------------------------------------------------------------------------------------------------
 
 
+def spun_out() -> Outcome:
+    """A disc that spins on a still table: omega falls by (4/3) mu g / r a second, down to exactly 0."""
+    surface, radius, friction = one_element(horizontal_amplitude=0.0), 0.03, 0.6
+    disc = Part.disc(radius, friction=friction)
+    slowing, worst = 4.0 * friction * surface.gravity / (3.0 * radius), 0.0
+    for spin in (1.0, 30.0, 10 * Surface().table_speed / radius):
+        periods = math.ceil(spin / slowing / surface.period) + 1
+        path = follow(Scene(surface, disc, [1, 1, 0], [0, 0, spin], 0, 0, periods))
+        worst = max(worst, abs(path.pose[-1, 2] / (spin**2 / (2 * slowing)) - 1.0))
+        if (path.velocity[-1] != 0.0).any() or np.abs(path.pose[-1, :2] - 1.0).max() > 1e-9:
+            raise ArithmeticError(f"spin {spin:g} rad/s: ends at {path.pose[-1]} with {path.velocity[-1]}")
+    return at_most(worst, 1e-2, "of angle", "the torque's area integral has an error of its own")
+
+
+def slides_and_spins(bound: float, **knobs: int) -> Outcome:
+    """Sliding and spinning end together, at v / (omega r) = 0.653, which a disc that has it keeps (Farkas et al. 2003)."""
+    surface, radius = one_element(0.12, horizontal_amplitude=0.0, frequency=400.0), 0.03
+    disc, worst = Part.disc(radius, friction=0.6), 0.0
+    for speed, spin in ((0.653 * 0.3, 10.0), (0.653 * 0.6, 20.0), (0.3, 10.0), (0.1, 10.0)):
+        path = follow(Scene(surface, disc, [0.04, 0.06, 0], [speed, 0, spin], 0, 0, 80), **knobs)
+        slides, spins = path.velocity[:, 0] != 0.0, path.velocity[:, 2] != 0.0
+        if (slides != spins).any() or slides[-1]:
+            raise ArithmeticError("sliding and spinning do not end together")
+        ratio = path.velocity[slides, 0] / (path.velocity[slides, 2] * radius)
+        if abs(ratio[0] - 0.653) < 1e-9:
+            worst = max(worst, float(np.abs(ratio / 0.653 - 1.0).max()))
+        elif not abs(ratio[-1] - 0.653) < 0.8 * abs(ratio[0] - 0.653):
+            raise ArithmeticError(f"v / (omega r) goes from {ratio[0]:.3f} to {ratio[-1]:.3f}")
+    return at_most(worst, bound, "of 0.653", "kept until the end by two motions, approached by two")
+
+
 def _spinning() -> Scene:
     surface, disc = Surface(), Part.rectangle(0.05, 0.035, friction=0.6)
     spin = 10.0 * surface.table_speed / disc.radius
@@ -77,6 +162,12 @@ def _spinning() -> Scene:
 
 
 CASES = (
+    HardCase("a_v exactly at lift-off", "Pressure touches zero: is the motion still right?", at_lift_off),
+    HardCase(
+        "a_v above lift-off",
+        "A part would leave the surface: is that refused, by name, before anything moves?",
+        beyond_lift_off,
+    ),
     HardCase(
         "four elements in opposite phase, pure torque",
         "Do opposed elements cancel in force and add up in torque?",
@@ -97,5 +188,18 @@ CASES = (
         "Corners ten times faster than the table: is friction over the area still right?",
         _spinning,
         pieces=32,
+    ),
+    HardCase(
+        "spin on a still table", "Does a spinning disc stop after the right angle, in place, and exactly?", spun_out
+    ),
+    HardCase(
+        "slide and spin on a still table",
+        "Do sliding and spinning of a disc end at the same instant, with speeds in the known ratio?",
+        lambda: slides_and_spins(0.05),
+    ),
+    HardCase(
+        "slide and spin on a still table, fine pieces",
+        "Does that ratio converge?",
+        lambda: slides_and_spins(0.01, pieces=64),
     ),
 )

@@ -1,9 +1,11 @@
-"""A million periods, states at 1e5 s, and steps that are too large."""
+"""A million periods, 1e5 s, steps that are too large, and parts of one gram and of one ton."""
 
 from __future__ import annotations
 
 import functools
 import math
+import os
+import tracemalloc
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,13 +26,24 @@ LATE_PERIODS = 2_500_000
 
 @dataclass(frozen=True)
 class LongRun:
-    """A part that circles on a surface at rest, every 1e5 periods: velocity, place, period mean."""
+    """A part that circles on a surface at rest, every 1e5 periods: velocity, place, period mean, memory."""
 
     velocity: np.ndarray
     pose: np.ndarray
     mean_velocity: np.ndarray
     radius: float  # m, mu g / w^2
     speed: float  # m/s, of the circle
+    time: float  # s, by the simulator's clock
+    grown: float  # bytes in 1e5 periods, the larger of resident and traced
+
+
+def _resident() -> int:
+    """Return the process's resident memory in bytes, 0 where the system has no /proc."""
+    try:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
 
 
 @functools.cache
@@ -40,15 +53,24 @@ def long_run() -> LongRun:
     sim.reset([0.25, 0.25, 0.3], [*surface.idle_velocity(MU), 0])
     sim.advance(0.0, 0.0, 1000)
     velocity, pose, mean = [sim.velocity[0, 0]], [sim.pose[0, 0]], [sim.mean_velocity[0, 0]]
+    tracing = tracemalloc.is_tracing()
+    if not tracing:
+        tracemalloc.start()
+    memory = [(tracemalloc.get_traced_memory()[0], _resident())]
     for _ in range(10):
         sim.advance(0.0, 0.0, MILLION // 10)
+        memory.append((tracemalloc.get_traced_memory()[0], _resident()))
         sound(sim)
         velocity.append(sim.velocity[0, 0])
         pose.append(sim.pose[0, 0])
         mean.append(sim.mean_velocity[0, 0])
+    # A leak grows in every interval, other allocations of the process in few: the median tells them apart.
+    grown = float(np.median(np.diff(memory, axis=0), axis=0).max())
+    if not tracing:
+        tracemalloc.stop()
     w = surface.angular_frequency
     radius = MU * surface.gravity / w**2
-    return LongRun(np.array(velocity), np.array(pose), np.array(mean), radius, radius * w)
+    return LongRun(np.array(velocity), np.array(pose), np.array(mean), radius, radius * w, sim.time, grown)
 
 
 def long_phase() -> Outcome:
@@ -77,6 +99,10 @@ def long_radius() -> Outcome:
     return at_most(abs(np.hypot(*run.velocity[-1, :2]) / run.speed - 1.0), 1e-3, "of speed", "mu g / w after the run")
 
 
+def long_memory() -> Outcome:
+    return at_most(long_run().grown / (MILLION // 10), 2.0, "bytes a period")
+
+
 # -- late ----------------------------------------------------------------------------------------------------------------
 
 
@@ -94,6 +120,22 @@ def late_state() -> Outcome:
     wrong = int((early.pose != late.pose).sum() + (early.velocity != late.velocity).sum())
     wrong += int(abs(late.time - 1e5 - 20 * surface.period) > 1e-9)
     return at_most(wrong, 0, "numbers", "state carried to 1e5 s, then 20 periods")
+
+
+def late_run() -> Outcome:
+    """The long run's last state continues from time 0 bit for bit as from its own time."""
+    run, surface = long_run(), one_element(0.5, frequency=10.0)
+    if abs(run.time - 1e5 - 100.0) > 1e-6:
+        raise ArithmeticError(f"time is {run.time!r} s after 1 001 000 periods of 0.1 s")
+    part = Part.rectangle(0.05, 0.035, friction=MU)
+    fresh, old = Simulator(surface, part), Simulator(surface, part)
+    fresh.reset(run.pose[-1], run.velocity[-1])
+    state = fresh.get_state()
+    old.set_state({**state, "periods": MILLION + 1000})
+    for sim in (fresh, old):
+        sim.advance(0.1 * surface.lift_off_amplitude, 0.4, 5)
+        sound(sim)
+    return at_most(int((fresh.pose != old.pose).sum()), 0, "numbers", f"reached by advancing, t = {run.time:g} s")
 
 
 # -- steps that are too large --------------------------------------------------------------------------------------------
@@ -163,6 +205,23 @@ def oversized(kind: str) -> Outcome:
     return at_most(worst, OVERSIZED_BOUND, "m", note)
 
 
+# -- mass ----------------------------------------------------------------------------------------------------------------
+
+
+def mass() -> Outcome:
+    """Friction is proportional to weight: mass must not change a single bit."""
+    surface, ends = Surface(horizontal_amplitude=1.1 * threshold(MU)), []
+    amplitude, phase = random_drive(surface, 16)
+    for kilograms in (1e-3, 1.0, 1e3):
+        sim = Simulator(surface, Part.rectangle(0.05, 0.035, friction=MU, static_friction=0.63, mass=kilograms))
+        sim.reset([0.4, 0.1, 0.3], [0, surface.table_speed, 1])
+        sim.advance(amplitude, phase, 20)
+        sound(sim)
+        ends.append(np.concatenate([sim.pose.ravel(), sim.velocity.ravel()]))
+    wrong = int((ends[0] != ends[1]).sum() + (ends[0] != ends[2]).sum())
+    return at_most(wrong, 0, "numbers", "1 g, 1 kg, 1 t; 20 periods of sticking and sliding")
+
+
 CASES = (
     HardCase("a million periods: phase", "Does the phase of a steady motion creep over a million periods?", long_phase),
     HardCase(
@@ -174,7 +233,13 @@ CASES = (
         long_mean,
     ),
     HardCase("a million periods: radius", "Is the circle still mu g / w^2 after a million periods?", long_radius),
+    HardCase("a million periods: memory", "Does memory grow while the clock runs?", long_memory),
     HardCase("at 1e5 s, state set", "Do results depend on absolute time?", late_state),
+    HardCase(
+        "at 1e5 s, by advancing",
+        "Is the clock right after a million periods, and does the motion there depend on time?",
+        late_run,
+    ),
     *(
         HardCase(
             f"oversized steps: {kind}",
@@ -183,4 +248,5 @@ CASES = (
         )
         for kind in OVERSIZED_SCENES
     ),
+    HardCase("one gram and one ton", "Does mass, which cancels, change the motion?", mass),
 )

@@ -17,6 +17,7 @@ from studies.accuracy.hard_cases.case import (
     exactly,
     follow,
     gap,
+    one_element,
     random_drive,
 )  # fmt: skip
 from studies.accuracy.reference import Trajectory
@@ -88,6 +89,19 @@ def mirrored() -> Outcome:
         path = follow(Scene(surface, square, [12 * L, 4 * L, heading], [0, 0, 0], surface.lift_off_amplitude, 0.7, 3))
         worst = max(worst, float(np.abs(path.pose[:, 2] - heading).max()))
     return at_most(worst, 1e-12, "rad", "uniform field, 3 periods, edges on grid lines at the start")
+
+
+def alone_on_an_element() -> Outcome:
+    """A small part stays within its element: no rotation, and the path of any part on one large element."""
+    surface, small = Surface(), Part.rectangle(0.005, 0.004, friction=MU)
+    amplitude, phase = random_drive(surface, 8)
+    amplitude *= 0.3  # so that it stays within the element
+    start = [*surface.idle_velocity(MU), 0]
+    inside = follow(Scene(surface, small, [12.5 * L, 4.5 * L, 0.3], start, amplitude, phase, 3), steps=9, substeps=2)
+    large = Scene(one_element(), TWO_BY_ONE, [1, 1, 0.3], start, amplitude[4, 12], phase[4, 12], 3)
+    outside = follow(large, steps=9, substeps=2)
+    apart = (inside.pose - inside.pose[0]) - (outside.pose - outside.pose[0])
+    return at_most(np.abs(apart).max(), 1e-12, "m, rad", "same path and no rotation for any part")
 
 
 # -- the border --------------------------------------------------------------------------------------------------------
@@ -179,6 +193,11 @@ CASES = (
         for share in (1e-4, 1e-6, 1e-12, -1e-12)
     ),
     HardCase("uniform field around a grid corner", "Do four equal quarters give exactly equal wrenches?", mirrored),
+    HardCase(
+        "part within one element",
+        "A part within one element must not turn, and its size must not matter.",
+        alone_on_an_element,
+    ),
     *against_reference(
         "part smaller than an element",
         "A part of 5 x 4 mm crosses element edges in a fraction of a period: is it still right?",

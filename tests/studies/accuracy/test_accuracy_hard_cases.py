@@ -1,6 +1,7 @@
 """Every hard case, and the machinery that runs them: a check that is wrong must fail, and none may get lost."""
 
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -36,6 +37,23 @@ def test_run_all_is_the_suite(monkeypatch):
     assert list(outcomes) == list(runs)
     assert [outcome.passed for outcome in outcomes.values()] == [True, False, False]
     assert "ZeroDivisionError" in outcomes["breaks"].note
+
+
+def test_a_case_that_hangs_fails():
+    """Waits for an event that is set after the check: no clock decides the result."""
+    release = threading.Event()
+
+    def hangs():
+        release.wait()
+        return at_most(0.0, 1.0, "m")
+
+    outcome = run_case(HardCase("hangs", "?", hangs), longest=0.05)
+    release.set()
+    assert not outcome.passed and "within 0.05 s" in outcome.note
+
+
+def test_names_are_unique():
+    assert len({case.name for case in CASES}) == len(CASES)
 
 
 def wrong_scene(**wrong):
