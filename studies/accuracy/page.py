@@ -11,12 +11,13 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from agents.evaluation.table import plain
 from studies.accuracy import comparisons, figures
 from studies.accuracy.friction_experiment import Block, Experiment
 from studies.accuracy.ladder import Row, SceneResult
 from studies.accuracy.report import FILES, Report
 from studies.accuracy.rigid import stored
-from studies.accuracy.tables import csv_text, error_text, json_text, plain, significant
+from studies.accuracy.tables import csv_text, error_text, json_text, significant
 from vibgym import files
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from agents.evaluation.table import plain
 from studies.accuracy import comparisons
 from studies.accuracy.friction_experiment import Experiment
 from studies.accuracy.ladder import Row, SceneResult
@@ -110,17 +111,6 @@ def _named(row: Row | None) -> dict[str, Any] | None:
     return (
         None if row is None else {"method": row.candidate.method, "setting": row.candidate.setting, "cost_us": row.cost}
     )
-
-
-def plain(value: Any) -> Any:
-    """JSON values: numbers that are not finite become None, objects their description."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
-    return value if isinstance(value, str | int | float | bool | None) else repr(value)
 
 
 def significant(value: float | None, digits: int = 2) -> str:
