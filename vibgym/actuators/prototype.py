@@ -149,8 +149,9 @@ class PrototypeActuators(ActuatorStage):
         surface, worlds = self.surface, self.worlds
         least, most = map(int, self._ranges.get("latency", (self.latency, self.latency)))
         self.most_latency, self._room = most, -(-most // self.periods) + 1
-        # Instants of a step at which the command of some world may change. All worlds stop there, whatever they have
-        # drawn: the averaged model gives other bits where a step is cut, and a world's must not depend on the others.
+        # Instants of a step at which the command of any world may change. All worlds split the step at all of them,
+        # independently of their own latency: the averaged model's rounding depends on where a step is split, and a
+        # world's result must not depend on the other worlds.
         self._edges = sorted({0, self.periods, *(each % self.periods for each in range(least, most + 1))})
         self._lagging = math.isfinite(self._numbers["bandwidth"]) or "bandwidth" in self._ranges
         keyed = self.seed is None

@@ -39,11 +39,11 @@ def credits_parts(env: Any) -> bool:
     return _all(env, "keeps_rewards", "credits_parts")
 
 
-def _all(env: Any, *said: str) -> bool:
-    """Whether every wrapper hands on rewards as they are, or its class says one of these."""
+def _all(env: Any, *flags: str) -> bool:
+    """Whether every wrapper passes rewards on unchanged, or its class sets one of these flags."""
     while env is not env.unwrapped:
         cls = type(env)
-        if cls.step not in _KEEP and not any(getattr(cls, name, False) for name in said):
+        if cls.step not in _KEEP and not any(getattr(cls, name, False) for name in flags):
             return False
         env = env.env
     return True

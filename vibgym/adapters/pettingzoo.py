@@ -194,14 +194,14 @@ class PartsParallelEnv(ParallelEnv):
         return {agent: self._rows[self._part(agent)].copy() for agent in self.agents}
 
     def _infos(self, info: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-        told, infos = info["parts"], {}
+        reported, infos = info["parts"], {}
         for agent in self.agents:
             part = self._part(agent)
             infos[agent] = {
-                "present": bool(told["present"][part]),
-                "done": bool(told["done"][part]),
-                "fallen": bool(told["fallen"][part]),
-                "reward_terms": {name: float(values[part]) for name, values in told["reward_terms"].items()},
+                "present": bool(reported["present"][part]),
+                "done": bool(reported["done"][part]),
+                "fallen": bool(reported["fallen"][part]),
+                "reward_terms": {name: float(values[part]) for name, values in reported["reward_terms"].items()},
                 "is_success": info["is_success"],
             }
         return infos

@@ -4,8 +4,8 @@ Near rest a part's acceleration is the mean of the pushes of the elements under 
 its angular acceleration follows from their moments (first-order average, thesis eqs. 5.60 and 5.61). An element under one part
 serves it alone; parts that share elements are served together, so that each gets what it wants from all its elements.
 
-Below a smallest amplitude d an element does little or nothing. Where it does less than it is told, but something, it is told
-more. Where it does nothing, elements rest or move with an amplitude of at least d, some against others, found by
+Below a smallest amplitude d an element moves less than commanded, or not at all. In a soft dead zone the command is raised
+to compensate. In a hard dead zone, elements rest or move with an amplitude of at least d, some against others, found by
 :mod:`vibgym.allocation.projections`.
 """
 
@@ -105,7 +105,7 @@ class Allocator:
             pose: (worlds, parts, 3).
             present: (worlds, parts) bool.
             wanted: (worlds, parts, 3) x, y, and angular acceleration times radius of gyration.
-            gain: (worlds, rows * columns) what the elements make of their phasors; None: all that they are told.
+            gain: (worlds, rows * columns) gains from commanded to actual phasors; None: all 1.
             spread: (worlds, rows * columns) expected error of an element's push over its size; None:
                 :data:`vibgym.allocation.projections.SPREAD`.
         """
@@ -154,7 +154,7 @@ class Allocator:
     def reach(self, pose: np.ndarray) -> np.ndarray:
         """Largest push that turns a part (worlds, parts), of all elements under it at :attr:`most`, each square to its lever.
 
-        No choice of phasors does more near rest. Nothing is said of the mean push that is left over, which moves the part.
+        No choice of phasors gives more near rest. The remaining mean push, which moves the part, is not considered.
         """
         reach = np.empty(pose.shape[:2])
         present = np.ones(reach.shape, dtype=bool)

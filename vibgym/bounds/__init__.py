@@ -1,4 +1,4 @@
-"""Bounds on what any policy can do, whatever the elements do; ``docs/bound.md`` derives them.
+"""Bounds on the performance of any policy, for all commands of the elements; ``docs/bound.md`` derives them.
 
 Least times of one part (:class:`TimeBound`), of several (:class:`SeveralBound`), of one that others push (:class:`PushBound`),
 and the most parts a minute where parts come and go (:class:`FlowBound`).

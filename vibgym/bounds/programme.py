@@ -91,7 +91,7 @@ def furthest(moves: Moves, overshoot: np.ndarray, allowed: float, price: float, 
     """Most that can be gained in 0, 1, ..., ``periods`` periods before the state can be kept within ``allowed``.
 
     An end that is too fast is not forbidden but costs ``price`` for each unit by which its overshoot exceeds what is allowed.
-    So the result is never less than with the constraint, whatever the price.
+    For every price the result is therefore at least that of the constrained problem.
 
     Returns:
         (periods + 1, n, m) for every state to start from.

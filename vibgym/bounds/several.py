@@ -19,9 +19,8 @@ from vibgym.scene.surface import Surface
 class SeveralBound:
     """Fewest steps, and least time, in which several parts can succeed together: all at once, and held there.
 
-    Nobody can have all parts at their goals before the slowest of them could have been there with the table to itself. That
-    they are in one another's way and share elements is left out. So is what one part may do for another by a push:
-    ``docs/bound.md`` says why that does not count.
+    The bound is the largest of the parts' single-part bounds: no policy has all parts at their goals earlier. It neglects that
+    parts obstruct one another and share elements, and that parts may push one another; ``docs/bound.md`` gives the reasons.
 
     Args:
         bounds: of every part, in order; with the same surface, hold and steps.
@@ -198,7 +197,7 @@ SPEEDS, INSTANTS = 400, 720  # of the table's speed up to which power is looked 
 
 
 def most_power(surface: Surface, friction: float, amplitude: float) -> float:
-    """Largest mean power, W/kg, that the elements can give a part of this friction, at whatever velocity it is held.
+    """Return the largest mean power, W/kg, that the elements can give a part of this friction, over all constant velocities.
 
     At a velocity ``v`` along x the mean of friction times velocity over a period is linear in the mean phasor of the elements
 
@@ -219,8 +218,8 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 class PushBound:
     """Fewest steps, and least time, in which pushers can bring a part to a pose whose pressure the elements do not change.
 
-    The part's friction takes at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Nobody but the pushers gives it
-    energy, and the elements give these no more than :func:`most_power`. With ``D^2 = way^2 + k^2 turn^2`` and a first touch
+    Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to the
+    part, and the elements transfer at most :func:`most_power` to the pushers. With ``D^2 = way^2 + k^2 turn^2`` and a first touch
     after a time ``t``, Cauchy and Schwarz leave
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
@@ -235,7 +234,7 @@ class PushBound:
             :class:`vibgym.bounds.TimeBound`.
 
     Raises:
-        ValueError: nobody who pushes, or a part without friction.
+        ValueError: if there are no pushers, or the part has no friction.
     """
 
     surface: Surface

@@ -27,7 +27,7 @@ from vibgym.envs.options import Options, longest_paths, parts_from, step_limit, 
 from vibgym.envs.randomization import Randomization
 from vibgym.envs.reset_options import StartOverride
 from vibgym.physics.core.drive import Drive, all_phasors
-from vibgym.sensing import TOLD, sensing_from
+from vibgym.sensing import MEASUREMENT_FEATURES, sensing_from
 from vibgym.sensing.measurement import Measurement, new_measurement
 from vibgym.simulation import MODELS, Conditions, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
@@ -129,7 +129,8 @@ class Core:
             raise checks.conflict(
                 f"sensor {options.sensor!r} does not support parts that arrive and leave (task {self.task.name!r})"
             )
-        self.task.features = (*self.task.features, *(name for each in self.sensing.tell for name in TOLD[each]))
+        measured = (name for each in self.sensing.tell for name in MEASUREMENT_FEATURES[each])
+        self.task.features = (*self.task.features, *measured)
         self.observation = self._observation("observation", options.observation)
         self._observations = {options.observation: self.observation}
         self._all_driven = bool(self.task.driven.all())

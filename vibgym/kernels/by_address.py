@@ -1,7 +1,7 @@
 """Calls from kernels to compiled functions of other libraries, by address, unless in plain mode.
 
 Addresses come in as integers at run time, so kernels that use them can be cached. Only integers, pointers and float64 may be
-passed, which every platform's calling convention puts in the same registers whatever the exact pointer type.
+passed: every platform's calling convention puts them in the same registers, independently of the exact pointer type.
 """
 
 from __future__ import annotations

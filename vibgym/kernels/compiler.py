@@ -181,23 +181,23 @@ def cache_folder() -> str | None:
 
 
 class _Announcer(event.Listener):
-    """Says on stderr that kernels are being compiled: the first step would look as if it hung.
+    """Listener that warns on stderr when kernels are being compiled, since the first step then takes long.
 
-    Where kernels are kept it is said once for each state of the sources and of the versions, not by every process that meets
-    a new kind of scene: a mark beside the kernels remembers that.
+    With a kernel cache, the warning appears once per state of the sources and versions, not once per process: a marker file in
+    the cache folder records it.
     """
 
-    said = False
+    announced = False
 
     def on_start(self, event: Any) -> None:
-        if self.said or not isinstance(event.data["dispatcher"], _Kernel):
+        if self.announced or not isinstance(event.data["dispatcher"], _Kernel):
             return
-        self.said = True
+        self.announced = True
         folder, reason = cache_folder(), shipped.reason()
         if folder is not None and _marked(Path(folder), reason):
             return
         kept = "not kept" if folder is None else f"kept in {folder}"
-        # A warning, so that it shows where nobody has configured logging, and where only warnings show.
+        # A warning, so that it appears without logging configuration and at level WARNING.
         LOGGER.warning(
             "vibgym: %scompiling kernels as kinds of scenes are the first to need them, %s each time (%s); "
             "python -m vibgym warm compiles those of all kinds at once",
@@ -209,12 +209,12 @@ class _Announcer(event.Listener):
 
 
 def _marked(folder: Path, reason: str) -> bool:
-    """Whether this was told before; it counts as told from now on."""
+    """Return whether the marker file of this announcement existed; create it if not."""
     package = Path(__file__).parents[1]
     digest = hashlib.sha256(repr((shipped.VERSIONS, reason)).encode())
     for path in sorted(package.rglob("*.py")):
         digest.update(path.read_bytes())
-    mark = folder / f"told-{digest.hexdigest()[:16]}"
+    mark = folder / f"announced-{digest.hexdigest()[:16]}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         mark.touch(exist_ok=False)

@@ -2,8 +2,8 @@
 
 ``foreign(address, "int64", "float64")`` is a function that kernels call by ``call_foreign(function, arguments)``, which throws
 its result away. It comes in as an argument at run time, so kernels that use it can be cached. Only integers, pointers (as
-int64) and float64 may be passed, which every platform's calling convention puts in the same registers whatever the exact
-pointer type.
+int64) and float64 may be passed: every platform's calling convention puts them in the same registers, independently of the
+exact pointer type.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ class Whole(codegen.JITCodeLibrary):
     symbols: frozenset[str]
 
     def finalize(self) -> None:
-        # Whoever uses a library goes before it: LLVM takes over what is asked for when its turn comes, and nothing else.
+        # Users of a library precede it: LLVM links only symbols that are already referenced when it reaches a library.
         order: dict[Any, None] = {}
         todo = [(self, iter(self._linking_libraries))]
         while todo:

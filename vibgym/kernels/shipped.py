@@ -41,7 +41,7 @@ _damaged: list[str] = []
 
 
 def stamped(content: Any) -> bytes:
-    """Pickled, with a digest before it: numba would trust whatever it can unpickle."""
+    """Return the pickled content after its SHA-256 digest: numba itself unpickles without a check."""
     data = dumps(content)
     return hashlib.sha256(data).digest() + data
 
@@ -87,9 +87,9 @@ def load(function: Any, arguments: Any) -> Any:
 
 
 def report_damage(function: Any, arguments: Any, error: Exception) -> None:
-    """Remember, to be told with what is compiled instead, that a kernel's file cannot be used."""
-    told = " ".join(f"{type(error).__name__}: {error}".split())  # in one line
-    _damaged.append(f"{FOLDER / _name(function, arguments)} is damaged ({told})")
+    """Record that a kernel's file cannot be used, for the message about the compilation that replaces it."""
+    cause = " ".join(f"{type(error).__name__}: {error}".split())  # in one line
+    _damaged.append(f"{FOLDER / _name(function, arguments)} is damaged ({cause})")
 
 
 def reason() -> str:
@@ -113,10 +113,10 @@ def state_of(file: str, module: str) -> str:
 
 
 def _name(function: Any, arguments: Any) -> str:
-    """Of a kernel's file."""
+    """Return the name of a kernel's file."""
     place = function.__code__.co_filename, function.__module__
-    told = (*_own(), state_of(*place), function.__qualname__, function.__code__.co_firstlineno, tuple(arguments))
-    return f"{function.__name__}-{hashlib.sha256(repr(told).encode()).hexdigest()[:20]}.bitcode"
+    key = (*_own(), state_of(*place), function.__qualname__, function.__code__.co_firstlineno, tuple(arguments))
+    return f"{function.__name__}-{hashlib.sha256(repr(key).encode()).hexdigest()[:20]}.bitcode"
 
 
 @functools.cache

@@ -61,7 +61,7 @@ class Part:
             (:mod:`vibgym.physics.contacts.impact`).
         centre_height: of the centre of mass above the bottom, m (half the height, if not given).
         coupling: share of the elements' vertical motion that reaches the part, 0 to 1: a soft foot takes the rest. With 0 it
-            presses evenly, whatever the elements do: friction brakes it, and nothing but other parts can move it.
+            presses evenly for every motion of the elements: friction brakes it, and only other parts can move it.
     """
 
     outline: np.ndarray
@@ -167,8 +167,8 @@ class Part:
 
     @property
     def height_is_known(self) -> bool:
-        """Whether somebody has said how high the part is. The default height says nothing, not even of a part that is smaller:
-        nobody is warned of it, nor refused."""
+        """Whether a height or centre height other than the default was set. Checks of slenderness skip parts of default height,
+        without a warning or an error."""
         return self.height != DEFAULTS["height"] or self.centre_height != 0.5 * self.height
 
     @property

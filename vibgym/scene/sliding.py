@@ -55,7 +55,7 @@ def sliding_of(surface: Surface, parts: Sequence[Part], strength: float = 1.0) -
 
 
 def reached(parts: Sequence[Part]) -> np.ndarray:
-    """(parts,) share of the elements' motion that reaches each part; 1 for one that none does: nobody asks what it would do."""
+    """Return the share (parts,) of the elements' motion that reaches each part; 1, unused, for parts of zero coupling."""
     return np.array([part.coupling or 1.0 for part in parts])
 
 

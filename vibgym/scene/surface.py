@@ -105,7 +105,7 @@ class Surface:
         return self.max_amplitude * self.angular_frequency**2
 
     def slides_permanently(self, friction: float) -> bool:
-        """Whether a part of this (static) friction coefficient always slides, whatever the elements do.
+        """Return whether a part of this (static) friction coefficient slides at all times, for every command of the elements.
 
         True if ``a_h w^2 > mu (g + a_v w^2)`` at the largest amplitude (thesis eqs. 3.17 to 3.23).
         """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,8 +21,8 @@ from vibgym.sensing.stage import Estimator, ExactSensing, Sensing
 SENSORS: Registry[type[Sensor]] = Registry("sensor", {"ideal": IdealSensor, "pose": PoseSensor}, "vibgym.sensors")
 """Sensors by name; ``SENSORS.register(name, cls)`` or an entry point in group ``vibgym.sensors`` adds one."""
 
-TOLD = {"age": ("age",), "sigma": ("sigma",), "contacts": ("contact_normal", "contact_impulse")}
-"""Features of the measurement that ``tell`` adds to observations, by name."""
+MEASUREMENT_FEATURES = {"age": ("age",), "sigma": ("sigma",), "contacts": ("contact_normal", "contact_impulse")}
+"""Features of the measurement that the setting ``tell`` adds to observations, by name."""
 
 
 def sensing_from(
@@ -68,19 +69,28 @@ def sensor_from(
 
 
 def _reported(value: Any) -> tuple[str, ...]:
-    """Return the names in ``tell``, checked and in the order of :data:`TOLD`."""
+    """Return the names in ``tell``, checked and in the order of :data:`MEASUREMENT_FEATURES`."""
     if not isinstance(value, list | tuple) or any(
-        not isinstance(each, str) or each not in TOLD or value.count(each) > 1 for each in value
+        not isinstance(each, str) or each not in MEASUREMENT_FEATURES or value.count(each) > 1 for each in value
     ):
-        raise checks.refuse("sensor.tell", value, f"a list of different names among {', '.join(TOLD)}")
-    return tuple(each for each in TOLD if each in value)
+        raise checks.refuse("sensor.tell", value, f"a list of different names among {', '.join(MEASUREMENT_FEATURES)}")
+    return tuple(each for each in MEASUREMENT_FEATURES if each in value)
+
+
+
+def __getattr__(name: str) -> Any:
+    """Return the value of a renamed constant, with a DeprecationWarning."""
+    if name == "TOLD":
+        warnings.warn("vibgym.sensing.TOLD is now MEASUREMENT_FEATURES", DeprecationWarning, stacklevel=2)
+        return MEASUREMENT_FEATURES
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 __all__ = [
     "EFFECTS",
     "ESTIMATORS",
+    "MEASUREMENT_FEATURES",
     "SENSORS",
-    "TOLD",
     "Effect",
     "Estimator",
     "IdealSensor",

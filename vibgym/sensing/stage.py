@@ -49,7 +49,7 @@ class Sensing(Live):
         lead: periods after the present for which the measurement is predicted.
         measurement: what is known now.
         draws: uniform numbers that an episode's start needs.
-        tell: features of the measurement added to observations, see :data:`vibgym.sensing.TOLD`.
+        tell: features of the measurement added to observations, see :data:`vibgym.sensing.MEASUREMENT_FEATURES`.
     """
 
     SNAPSHOT, exact = "sensor", False

@@ -36,7 +36,7 @@ class ArrangedTask(Task):
         "distance": ("distance", 1.0),
         "inside": ("inside", 1.0),
         "clearance": ("clearance", 1.0),
-        "time": ("time", 0.003),  # a whole episode of it costs less than a fall, lest falling pays
+        "time": ("time", 0.003),  # costs less over an episode than a fall, so that falling does not pay
         "success": ("success", 5.0),
         "fallen": ("fallen", 5.0),
     }

@@ -20,7 +20,7 @@ from vibgym.tasks.reward import Step, terms_of
 from vibgym.tasks.scoring import Scoring
 
 HOLD_PERIODS = 10
-"""Oscillation periods in a row with all parts done that make success, unless a task is told otherwise: 0.4 s at 25 Hz."""
+"""Default number of consecutive oscillation periods with all parts done that count as success: 0.4 s at 25 Hz."""
 
 MOST_HOLD = 10**9
 
@@ -46,7 +46,7 @@ class Task(ABC):
     Attributes:
         kinds: names of the parts' kinds.  kind: (parts,) of each part.
         zones: (kinds, 4) m, where each kind shall end: x_low, y_low, x_high, y_high; None for tasks without zones.
-        driven: (parts,) bool, parts that actions speak for: elements obey nobody for the sake of others.
+        driven: (parts,) bool, parts that actions control; no element is allocated to the others.
         asked: (parts,) bool, parts of which something is asked; others have no errors, and are done unless they have fallen.
         apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
         goal_gap: m, least distance between goals of all episodes; None where the task states none.
@@ -201,9 +201,9 @@ class Task(ABC):
         """Terms of the reward of a step, each (worlds, parts), before they are weighed.
 
         What ``env.step`` returns is their sum, each times its weight in :attr:`weights`: the mean over the present parts, but
-        for ``fallen``, of which the worst part counts; see :class:`vibgym.tasks.reward.OwnReward`. Override it for a reward of
-        your own, with ``super().reward(step)`` for the terms of :attr:`TERMS`; kernels compute those where nobody does. A
-        reward may depend on the step alone and is to keep nothing: then worlds, copies and snapshots go on with the same bits.
+        for ``fallen``, of which the worst part counts; see :class:`vibgym.tasks.reward.OwnReward`. Override it for a
+        custom reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override kernels compute these.
+        A reward must depend on the step alone and store nothing: worlds, copies and snapshots then continue bit for bit.
         """
         return {name: step.quantities[quantity] for name, quantity in self.made_of.items()}
 

@@ -1,4 +1,4 @@
-"""Goals that parts of a kind exchange on the way: they are as good as one another, and nobody has to pass who has its place."""
+"""Goal exchange between parts of a kind during an episode: such parts are interchangeable, so that none has to be passed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 EXCHANGE = 0.010
-"""m that two parts have to gain on their ways by it before they exchange goals, lest they do so to and fro."""
+"""m, minimum reduction of two parts' distances to their goals for an exchange; prevents repeated exchanges to and fro."""
 
 
 @borrowing
@@ -55,7 +55,7 @@ class FreeScoring(Scoring):
 
     Args:
         task, state, periods: see :class:`vibgym.tasks.scoring.Scoring`.
-        free: False: nobody exchanges anything.
+        free: whether parts exchange goals.
     """
 
     def __init__(self, task: Task, state: State, periods: int, free: bool = True) -> None:

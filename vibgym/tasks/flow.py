@@ -263,7 +263,7 @@ def welcome(flow, state, world):
 def begin_flow(state, flow, worlds, pools):
     """Start the episodes of ``worlds`` (n,), whose keys are set, with the parts of ``pools`` (n, parts).
 
-    Those whose centres are on the table are there already; nobody else comes at once where there are any.
+    Parts whose centres are on the table are present at once. No other part arrives at the start if there are any.
 
     Args:
         state: address of the pinned true state, in which parts of the pool have the velocity of those that slide in place.

@@ -45,9 +45,9 @@ class Follow(Task):
       direction of the path over the part's size, since no part can turn at once where a line meets an arc.
 
     Corners are rounded with the radius ``corner``, m, and the speed stays the same there. By default the radius is the
-    smallest with which a corner takes no more than half of the amplitude that a straight line leaves. Paths that are drawn
-    keep parts 46.8 mm apart, an element's largest dimension and twice the tolerance, whatever their headings; those that are
-    given have to keep the 36.8 mm.
+    smallest with which a corner takes no more than half of the amplitude that a straight line leaves. Drawn
+    paths keep parts 46.8 mm apart for all headings: an element's largest dimension plus twice the tolerance. Given paths must
+    keep them 36.8 mm apart.
 
     Args:
         surface: the table.
@@ -61,7 +61,7 @@ class Follow(Task):
             near; no room for paths to be drawn.
     """
 
-    # A whole episode of the time costs less than a fall, lest falling pays.
+    # Time costs less over an episode than a fall, so that falling does not pay.
     TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}
     FEATURES = (
         "present", "element", "heading", "position", "way", "way_coarse", "way_fine", "turn", "turn_coarse", "turn_fine",

@@ -1,4 +1,4 @@
-"""Kinds of parts: those with the same name are of one kind, whatever they look like."""
+"""Kinds of parts: parts with the same name are of one kind, irrespective of their shape."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ GAP = 0.002
 ROUNDING = 1e-9  # m, by which a pattern may stick out, or overlap: its places are sums and products
 
 SETTINGS = ("pattern", "rows", "columns", "gap", "gap_mm", "heading", "heading_deg", "place", "place_mm")
-"""What a pattern may be told; see :class:`Pattern`."""
+"""Names of the settings of a pattern; see :class:`Pattern`."""
 
 
 class Pattern:
@@ -104,7 +104,7 @@ class Pattern:
         return goals
 
     def own(self, goals: np.ndarray, present: np.ndarray) -> np.ndarray:
-        """Each part's own goal (n, parts, 3): the one of its number among its kind's, whoever is there; zeros of absent parts.
+        """Return the goal (n, parts, 3) of each part, by its rank within its kind, absent parts counted; zeros for absent parts.
 
         Args:
             goals: (n, goals, 3).  present: (n, parts) bool.

@@ -20,7 +20,7 @@ PATIENT_TERMS = {
     "turn": ("turn", 1.0),
     "alignment": ("alignment", 1.0),
     "within": ("within", 0.003),  # a part in its place loses no time
-    "time": ("time", 0.003),  # a whole episode of it costs less than a fall, lest falling pays
+    "time": ("time", 0.003),  # costs less over an episode than a fall, so that falling does not pay
     "success": ("success", 5.0),
     "fallen": ("fallen", 5.0),
 }

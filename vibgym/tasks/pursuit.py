@@ -52,17 +52,17 @@ def place_goals(all_of, world):
     time = all_of.clock[world] * period
     waiting = all_of.error[world, LEFT] > 0.0
     for i in range(episode.goal.shape[1]):
-        path, goal, said = all_of.path[world, i], episode.goal[world, i], episode.motion[world, i]
-        # The last look of a path of so many periods is at its end, whatever the rounding.
+        path, goal, reported = all_of.path[world, i], episode.goal[world, i], episode.motion[world, i]
+        # The tolerance makes the last sample of a path of a whole number of periods its end, despite rounding.
         if episode.present[world, i] and time < route.duration(path[0]) - 1e-9 * period:
             waiting = True
         route.motion_at(path, time, motion)
         for axis in range(3):
-            goal[axis], said[axis] = motion[axis], motion[3 + axis]
+            goal[axis], reported[axis] = motion[axis], motion[3 + axis]
         for ahead in range(1, PREVIEW + 1):
             route.motion_at(path, (all_of.clock[world] + ahead) * period, motion)
             for axis in range(3):
-                said[3 * ahead + axis] = motion[axis] - goal[axis]
+                reported[3 * ahead + axis] = motion[axis] - goal[axis]
     episode.flag[world, BARRED] = waiting
 
 

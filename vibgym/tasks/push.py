@@ -48,7 +48,7 @@ class Push(Task):
         hold: see :class:`vibgym.tasks.Task`.
 
     Raises:
-        ValueError: nobody who pushes, or nothing to push; more than one to push; a part without room on the surface.
+        ValueError: if there are no pushers, or not exactly one part to push, or a part does not fit on the surface.
     """
 
     TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}  # a whole episode of it costs less than a fall

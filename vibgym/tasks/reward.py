@@ -211,7 +211,7 @@ def terms_of(owner: str, terms: Mapping[str, Any], own: bool) -> tuple[dict[str,
         own: whether the task has a reward of its own.
 
     Raises:
-        ValueError: a quantity that there is not, a weight that is no finite number, or a term that nobody makes.
+        ValueError: if a quantity is unknown, a weight is not finite, or a term is not computed by any quantity or override.
     """
     made_of, weights = {}, {}
     for name, entry in terms.items():

@@ -268,7 +268,7 @@ def advance_worlds(start, stop, scene, periods):
         motion, pose, margin, n, sound = advance_world(in_world(scene, world), world, motion, periods)
         if margin < 0.0:
             state.doubtful[world, 0] = True
-        if not sound:  # keep the last state that made sense; nobody gets to see the other one
+        if not sound:  # keep the last finite state and discard the diverged one
             state.diverged[world] = True
             continue
         state.pose[world, 0, 0], state.pose[world, 0, 1], state.pose[world, 0, 2] = motion.x, motion.y, motion.heading

@@ -110,8 +110,8 @@ def is_near(circles, k, other):
 def near_pairs(table, walls, circles, count, pairs):
     """Find the pairs of circles that overlap, and the circles that reach over a border with a wall.
 
-    A circle looks for those that are not larger, which lie within twice its own radius: cells are as large as circles are on
-    average, so a small circle looks at a few cells whatever the largest does.
+    Each circle searches for circles that are not larger, within twice its own radius. The cell size is the mean size of the
+    circles, so a small circle searches a few cells, independently of the largest circle.
 
     Args:
         walls: set of walls, a bit each.

@@ -4,8 +4,8 @@ While two bodies are in touch for an instant, the impulse between them grows and
 long as nothing switches. First the normal velocity at the contact goes to zero (compression); then they are driven apart
 (restitution) until the normal impulse has given back a share ``e^2`` of the work that compression took: Stronge's energetic
 coefficient of restitution (W. J. Stronge, Impact Mechanics, 2000, ch. 3; J. B. Keller, J. Appl. Mech. 53, 1986). On the way
-dry friction opposes the slip at every instant: slip may end, stick or reverse. So normal impulse and friction both take
-energy in every impact, whatever the shapes, whereas Newton's ratio of velocities makes some where slip turns around.
+dry friction opposes the slip at every instant: slip may end, stick or reverse. So normal impulse and friction both
+dissipate energy in every impact, for all shapes, whereas Newton's ratio of velocities can add energy where slip reverses.
 
 Two faces meet along a segment. The impulse acts at the end that is pressed in fastest, until both are equally fast, and then
 where it keeps the faces flat on one another, as long as that place lies between the ends.

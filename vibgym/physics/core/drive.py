@@ -252,10 +252,10 @@ def _commanded(drive, world, row, column):
 
 
 @borrowing
-def all_told_alike(drive, world, row, column, last_row, last_column):
-    """Whether the elements of a box, its corners among them, are told the same, as far as a glance tells.
+def commands_equal(drive, world, row, column, last_row, last_column):
+    """Return whether the raw commands of all elements of a box, corners included, are equal.
 
-    What differs may still come to the same phasor.
+    Conservative: different commands may still give the same phasor.
     """
     if is_given(drive.hardware):
         return False

@@ -40,13 +40,13 @@ class Hardware(NamedTuple):
     element: np.ndarray
     number: np.ndarray  # (worlds, NUMBERS)
     form: int  # of the dead zone
-    top: float  # that no element exceeds whatever its gain
+    top: float  # upper limit of every element's amplitude, for all gains
 
 
 HARDWARE: Layout[Hardware] = Layout("HARDWARE", __name__)
 hardware_at = HARDWARE.at
 
-# Kernels that take drives are compiled whatever the hardware, so there is always one.
+# Kernels that take drives are compiled for a hardware record, so a placeholder replaces absent hardware.
 _NONE = Pinned(
     HARDWARE, Hardware(np.zeros(0, dtype=np.int64), np.zeros((0, 0, 0, 4)), np.zeros((0, len(NUMBERS))), HARD, 0.0)
 )

@@ -1,4 +1,4 @@
-"""Random numbers by counter: the same key and counter always give the same numbers, whatever was drawn before.
+"""Counter-based random numbers: equal key and counter give equal numbers, independently of earlier draws.
 
 So a world's noise does not depend on how many worlds run beside it, on their order, or on threads, and a restored state
 needs its key and counter alone. The generator is Philox4x32-10 (J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel

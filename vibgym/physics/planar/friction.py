@@ -40,12 +40,12 @@ def begin_period(scene):
 
 @borrowing
 def end_period(scene, lane):
-    """After a period: a part whose numbers make no sense goes back to where it was, one that has fallen rests."""
+    """End a period: restore the last pose and velocity of a part with non-finite values, and stop a fallen part."""
     state, workspace = scene.state, scene.workspace
     world, part = workspace.world[lane], workspace.part[lane]
     pose, velocity = workspace.pose[0], workspace.velocity[0]
     if state.diverged[world] or not (finite_lane(pose, lane) and finite_lane(velocity, lane)):
-        # Keep the last state that made sense; nobody gets to see the other one.
+        # Restore the last finite state and discard the diverged one.
         state.diverged[world], state.fallen[world, part] = True, False
         copy_lane(workspace.begun_pose[0], pose, lane)
         copy_lane(workspace.begun_velocity[0], velocity, lane)

@@ -181,7 +181,7 @@ def holds(table, friction, points, phasor_c, phasor_s, n, gyration, cosine, sine
     total = set_loads(points[0], phasor_c, phasor_s, n, table.gravity, cosine, sine, friction, load)
     if needed == 0.0:
         return True
-    if needed > total * (1.0 + 1e-12):  # at exactly mu_0 g it holds, whatever rounding says
+    if needed > total * (1.0 + 1e-12):  # the margin makes a part stick at exactly mu_0 g, despite rounding
         return False
     sx, sy, spin = implicit_slip(
         load, total, points[1], points[2], n, gyration,

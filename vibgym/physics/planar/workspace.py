@@ -55,7 +55,7 @@ class Workspace(NamedTuple):
     begun_velocity: np.ndarray
     middle: np.ndarray  # (3 x lane) poses at which the group at hand is cut
     own: np.ndarray  # (groups, 6 x lane), see vibgym.physics.planar.series.slide_by_series
-    kind: np.ndarray  # (slots,) whose outline and shape are written down, -1: nobody's
+    kind: np.ndarray  # (slots,) kind of the stored outline and shape, -1: none
     outline: np.ndarray  # (groups, corner x 2 x lane) m
     shape: np.ndarray  # (groups, 4 x lane), see vibgym.physics.planar.stepper.enter_shape
     corners: int  # of the outline with the most

@@ -1,7 +1,7 @@
 """Friction wrench of a flat part in sliding contact, in two forms.
 
 The stress at a point is ``mu p n`` along the velocity of the table relative to it (physics of thesis section 3.2, eqs.
-3.26 and 3.27 for a single element). :func:`sliding_wrench` sums it over contact points and is bounded whatever the slip.
+3.26 and 3.27 for a single element). :func:`sliding_wrench` sums it over contact points and is bounded for every slip.
 :func:`expanded_wrench` sums it over the whole contact area at once, as a series in ``omega r / |u|``: with slip ``u`` at the
 centre of mass and ``e = i omega / u``, all as complex numbers, slip at ``z`` is ``u (1 - e z)`` and its direction
 

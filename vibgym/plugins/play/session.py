@@ -68,12 +68,12 @@ class Session:
             self.world.step()
         except ValueError as error:
             self.running = False
-            return [_said(str(error)), self._frame()]
+            return [_refusal(str(error)), self._frame()]
         if self._recorder is not None:
             self._recorder.after(self.world)
         if self.world.info.get("diverged", False):
             self.running = False
-            return [_said("the simulation diverged: undo, or begin anew"), self._frame()]
+            return [_refusal("the simulation diverged: undo, or begin anew"), self._frame()]
         return [self._frame()]
 
     def shown(self) -> list[Answer]:
@@ -88,14 +88,14 @@ class Session:
             try:
                 message = messages.parsed(text)
             except ValueError as error:
-                return [_said(str(error))]
+                return [_refusal(str(error))]
             if message.n <= self.acknowledged:
                 return []  # it came twice: the connection was lost before it was answered
             self.acknowledged = message.n
             try:
                 answers: list[Answer] = self._done[type(message)](self, message) or []
             except (ValueError, ModuleNotFoundError, OSError) as error:
-                answers = [_said(str(error))]
+                answers = [_refusal(str(error))]
             quiet = isinstance(message, messages.Carry | messages.Aim | messages.Paint) and self.running
             return answers if quiet else [*answers, *self._look()]
 
@@ -267,6 +267,6 @@ class Session:
     }
 
 
-def _said(text: str) -> Answer:
-    """Return a line for the visitor: why something was not done."""
+def _refusal(text: str) -> Answer:
+    """Return the message that explains why a request was refused."""
     return {"kind": "refused", "text": " ".join(text.split())}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from vibgym.kernels.jit import borrowing
-from vibgym.physics.core.drive import all_told_alike
+from vibgym.physics.core.drive import commands_equal
 from vibgym.physics.core.records import grip_of
 from vibgym.physics.planar.phasors import forget_phasors, phasor_under
 from vibgym.plugins.tilting.records import LIFT
@@ -161,7 +161,7 @@ def is_level(rigid, world, kind, x, y, reach):
     if not (left >= 0.0 and bottom >= 0.0 and right < table.columns and top < table.rows):
         return False
     first_row, first_column = int(bottom), int(left)
-    if all_told_alike(rigid.drive, world, first_row, first_column, int(top), int(right)):
+    if commands_equal(rigid.drive, world, first_row, first_column, int(top), int(right)):
         return True
     w = 2.0 * math.pi / table.period
     most = (LEVEL * w * w) ** 2

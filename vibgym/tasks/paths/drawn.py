@@ -49,7 +49,7 @@ class DrawnPaths:
     Args:
         surface, parts: the scene.
         settings: a mapping of :class:`DrawnSettings`.
-        apart: m, that the cells keep parts away from one another, whatever their headings.
+        apart: m, minimum distance between parts that the cells ensure, for all headings.
 
     Attributes:
         draws: uniform numbers for an episode.  lasts: s, of the longest path that can be drawn.

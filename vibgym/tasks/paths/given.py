@@ -29,7 +29,7 @@ class GivenPaths:
     Args:
         surface, parts: the scene.
         paths: a mapping for each part, see :mod:`vibgym.tasks.paths.shapes`.
-        apart: m, that parts have to be away from one another throughout, whatever their headings.
+        apart: m, required minimum distance between parts at all times and for all headings.
         argument: what errors call the paths.
 
     Attributes:
@@ -108,7 +108,7 @@ class GivenPaths:
             key = shape.SIZE if (np.ptp(place, axis=0) > room - 2.0 * margin).any() else shape.PLACE
             low, high = part.radius, room - part.radius
             allowed = (
-                f"a path on which {part.name!r} lies wholly on the surface whatever its heading: "
+                f"a path on which {part.name!r} lies wholly on the surface for every heading: "
                 f"x in [{low:.4g}, {high[0]:.4g}] and y in [{low:.4g}, {high[1]:.4g}] m"
             )
             raise checks.refuse(f"{name}.{key}", f"a path through {place[off][0].round(4).tolist()}", allowed)
@@ -126,7 +126,7 @@ class GivenPaths:
                     at = times[gap.argmin()]
                     near = f"comes within {1e3 * gap.min():.4g} mm of that of {self._argument}[{j}] at {at:.2f} s"
                     got = f"a path on which the part {near}"
-                    allowed = f"at least {1e3 * apart:.4g} mm between parts throughout, whatever their headings"
+                    allowed = f"at least {1e3 * apart:.4g} mm between parts at all times, for all headings"
                     raise checks.refuse(f"{self._argument}[{k}]", got, allowed)
 
 
