@@ -59,11 +59,11 @@ def experts(lessons: ImitationSettings, action: str, seed: int, env: VecEnv) -> 
 
 
 class Demonstrator:
-    """One scene in which an expert is asked what to do.
+    """One scene in which an expert is queried for actions.
 
-    An expert that is told what was done in its place (``Steering.acted``) answers to it. Only a
-    network that remembers it too can learn that: another had three times the error, and 74 % success in Align. For these
-    the expert goes on as if all had done what it said.
+    An expert with ``acted`` (``Steering.acted``) takes the applied actions into account. Only a
+    network whose rows contain them too can imitate that: another had three times the error, and 74 % success in Align. For
+    other networks the expert assumes that its own actions were applied.
 
     Args:
         expert: speaks the environment's action, reads the flat state.

@@ -47,7 +47,7 @@ def one_run(directory: Path, field: str = "output", file: str = FILE, patience: 
     try:
         yield
     finally:
-        with contextlib.suppress(OSError):  # Windows removes it on release; whoever waits notices that this one is gone
+        with contextlib.suppress(OSError):  # Windows removes it on release; a waiting process detects the removal
             path.unlink()
         lock.release()
 

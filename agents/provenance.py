@@ -117,13 +117,13 @@ def _portable(text: str) -> str:
 
 
 def policy_files(policies: Iterable[tuple[Any, str]]) -> dict[str, str | None]:
-    """The files that policies are read from, by their paths as they are given, with the digests of what stands there.
+    """Return the files that policies are read from, by their given paths, with the digests of their contents.
 
     Args:
         policies: what :func:`vibgym.policies.registry.make_policy` takes, and the name of a task.
 
     Returns:
-        A JSON file and the tensors that it names, for every path that is said, see :func:`portable`; None for one that cannot
+        A JSON file and the tensors that it names, for each path in settings, see :func:`portable`; None for one that cannot
         be read.
     """
     found: dict[str, str | None] = {}

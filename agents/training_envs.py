@@ -55,7 +55,7 @@ class ResidualEnv(VectorWrapper):
     """Batch of worlds in which a base policy acts, corrected by the learner's action.
 
     Observations are those by parts, in whose rows the base's action stands (``policies.trained.residual``). Those that end
-    an episode, ``info["final_obs"]``, have it too. The base remembers what was done, not what it said.
+    an episode, ``info["final_obs"]``, have it too. The base's memory follows the applied action, not the proposed one.
 
     Args:
         env: a :class:`vibgym.envs.VibgymVectorEnv` with ``action="wrench"``, ``observation="parts_and_state"`` and
@@ -91,7 +91,7 @@ class ResidualEnv(VectorWrapper):
         self.single_observation_space = spaces.Dict({"parts": rows, "mask": space["mask"]})
         self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, env.num_envs)
         self._memory: Any = None
-        self._said = np.zeros((env.num_envs, inner.core.action.size), dtype=np.float32)
+        self._action = np.zeros((env.num_envs, inner.core.action.size), dtype=np.float32)
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin all worlds; ``options`` as the environment has them, but ``reset_mask``, which is for another mode."""
@@ -100,12 +100,12 @@ class ResidualEnv(VectorWrapper):
         return self._seen(seen, None), info
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Correct what the base has said, and ask it anew.
+        """Apply the base's corrected action, then query the base again.
 
         Args:
             actions: (worlds, n) in [-1, 1]; the environment checks their sum with the base's.
         """
-        done, self._memory = self.base.corrected(self._said, actions, self._memory)
+        done, self._memory = self.base.corrected(self._action, actions, self._memory)
         seen, reward, terminated, truncated, info = self.env.step(done)
         ended = terminated | truncated
         if ended.any():
@@ -115,7 +115,7 @@ class ResidualEnv(VectorWrapper):
     def get_state(self) -> dict[str, Any]:
         """Everything needed to go on bit for bit, what the base remembers included."""
         inner: Any = self.env.unwrapped
-        return {"env": inner.get_state(), "said": self._said.copy(), "memory": copy.deepcopy(self._memory)}
+        return {"env": inner.get_state(), "action": self._action.copy(), "memory": copy.deepcopy(self._memory)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what :meth:`get_state` gave; tuples of a memory may have become lists.
@@ -129,7 +129,8 @@ class ResidualEnv(VectorWrapper):
         if memory is not None:
             _, pattern = self.base.policy.predict(inner.observed("state"))
             memory = restore_tuples(pattern, memory)
-        self._memory, self._said = memory, np.array(state["said"])
+        action = state["action"] if "action" in state else state["said"]  # key of states before 0.3
+        self._memory, self._action = memory, np.array(action)
 
     def observed(self, kind: str) -> Any:
         """See :meth:`vibgym.envs.VibgymVectorEnv.observed`; without the base's action."""
@@ -147,15 +148,15 @@ class ResidualEnv(VectorWrapper):
 
     def _seen(self, seen: dict[str, np.ndarray], start: np.ndarray | None) -> dict[str, np.ndarray]:
         """What the learner sees, after the base has been asked."""
-        self._said, self._memory = self.base.policy.predict(seen["state"], self._memory, start)
-        return {"parts": self.base.rows(seen["parts"], self._said), "mask": seen["mask"]}
+        self._action, self._memory = self.base.policy.predict(seen["state"], self._memory, start)
+        return {"parts": self.base.rows(seen["parts"], self._action), "mask": seen["mask"]}
 
     def _finish(self, final: np.ndarray, worlds: np.ndarray) -> None:
-        """Put what the base would have said into the observations that end episodes, in place."""
+        """Add the base's action to the final observations of episodes, in place."""
         state = np.stack([final[world]["state"] for world in worlds])
         rows = np.stack([final[world]["parts"] for world in worlds])
-        said, _ = self.base.policy.predict(state, of_worlds(self._memory, worlds))
-        for world, wide in zip(worlds, self.base.rows(rows, said), strict=True):
+        action, _ = self.base.policy.predict(state, of_worlds(self._memory, worlds))
+        for world, wide in zip(worlds, self.base.rows(rows, action), strict=True):
             final[world] = {"parts": wide, "mask": final[world]["mask"]}
 
 

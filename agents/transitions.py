@@ -108,16 +108,16 @@ def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
     parts = len(coding.parts)
     done = padded([each.actions for each in episodes]).reshape(steps + 1, len(episodes), parts, -1)
     seen_parts, seen_mask = (padded([each.observations[name] for each in episodes]) for name in ("parts", "mask"))
-    rows, mask, said = [], [], []
+    rows, mask, actions = [], [], []
     seen: Any = None
     start = np.zeros(len(episodes), dtype=bool)
     for step in range(steps + 1):
         seen = coding.see({"parts": seen_parts[step], "mask": seen_mask[step]}, seen, start)
         rows.append(seen.rows)
         mask.append(seen.mask)
-        said.append(coding.to_rows(seen, done[step]))
+        actions.append(coding.to_rows(seen, done[step]))
         if coding.remembers:
-            seen.said[...] = done[step]
+            seen.command[...] = done[step]
     there = np.arange(steps + 1) <= lengths[:, None]  # (episodes, observations)
     acted = np.arange(steps + 1) < lengths[:, None]
     order = (np.cumsum(there.reshape(-1)) - 1).reshape(there.shape)
@@ -129,7 +129,7 @@ def _group(data: Any, numbers: range, coding: Coding) -> dict[str, np.ndarray]:
         "rows": np.stack(rows, axis=1)[there],
         "mask": np.stack(mask, axis=1)[there].astype(np.float32),
         "at": order[acted],
-        "action": np.stack(said, axis=1)[acted].astype(np.float32),
+        "action": np.stack(actions, axis=1)[acted].astype(np.float32),
         "reward": reward,
         "ended": ended,
     }

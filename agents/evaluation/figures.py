@@ -34,7 +34,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as a file. All text means what it says: a policy's name is no formula, whatever dollars are in it."""
+    """Return the figure as a PNG file. Text is drawn literally: dollar signs in names do not start formulas."""
     for text in figure.findobj(Text):
         text.set_parse_math(False)  # type: ignore[attr-defined]
     canvas, file = FigureCanvasAgg(figure), io.BytesIO()

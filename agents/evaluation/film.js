@@ -32,7 +32,7 @@ async function read(text) {
 
 const isThere = (film, part, frame) => film.there[part] === "" || film.there[part][frame] === "1";
 
-/* Pose at a time in frames, between the two next to it; null where nobody is. */
+/* Pose at a time in frames, between the two next to it; null in empty slots. */
 function poseAt(film, lists, part, time) {
   const frame = Math.floor(time), next = Math.min(frame + 1, film.frames - 1);
   if (!isThere(film, part, frame)) return null;
@@ -95,7 +95,7 @@ function canvasFor(label) {
 /* The still picture gives way to a canvas with the first frame that is asked for. */
 function player(figure) {
   const [button, slider] = figure.querySelectorAll(".controls button, .controls input");
-  const said = figure.querySelector(".said"), still = figure.querySelector("img");
+  const caption = figure.querySelector(".caption"), still = figure.querySelector("img");
   let film = null, table = null, side = null, time = 0, begun = null;
 
   async function ready() {
@@ -123,7 +123,7 @@ function player(figure) {
     if (side) drawSide(side, film.scene, sideAt(film, frame, view.there), table.margin);
     slider.value = frame;
     slider.setAttribute("aria-valuetext", film.captions[frame].trim());
-    said.textContent = film.captions[frame];
+    caption.textContent = film.captions[frame];
   }
 
   function step(now) {

@@ -58,7 +58,7 @@ class Film:
 
 @dataclass(frozen=True)
 class Rollout(Measured):
-    """Records of one policy on one task. Arrays are (episodes,) unless said otherwise, in the order of the seeds."""
+    """Records of one policy on one task. Arrays are (episodes,) unless noted otherwise, in the order of the seeds."""
 
     path_lengths: np.ndarray  # (episodes, parts) m, of the centres, sampled once a step; 0 of absent parts
     straight: np.ndarray  # m, shortest way of all parts together, see below
@@ -145,7 +145,7 @@ class Log(Measures):
         self.start = truth = env.truth
         worlds, parts = truth.present.shape
         limit = env.max_episode_steps
-        assert limit is not None  # else nobody could play
+        assert limit is not None  # rollouts need episodes of finite length
         self.several = (truth.present.sum(axis=1) > 1) | (env.task.flows and parts > 1)
         way = np.where(truth.present[..., None], truth.error, 0.0)
         self.fields |= {
@@ -189,14 +189,14 @@ class Log(Measures):
     def _frame(
         self, truth: Truth, step: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, str, Side | None]:
-        said = self.env.caption(self.watched).removeprefix(self.env.task.name).strip()
+        caption = self.env.caption(self.watched).removeprefix(self.env.task.name).strip()
         phasors = self.env.phasors(self.watched).astype(np.float32)
         return (
             truth.pose[self.watched],
             truth.present[self.watched],
             truth.goal[self.watched],
             phasors,
-            f"{step * self.env.step_time:.2f} s   {said}",
+            f"{step * self.env.step_time:.2f} s   {caption}",
             side_of(self.env, self.watched),
         )
 

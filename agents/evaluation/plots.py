@@ -116,7 +116,7 @@ def _map(axes: Axes, rollout: Rollout, task: TaskInfo, scenery: Scenery) -> None
             there = np.flatnonzero(np.isfinite(points[:, 0]))
             if not len(there):
                 continue
-            points = points[there[0] : there[-1] + 1]  # a line has a gap where nobody was in the slot
+            points = points[there[0] : there[-1] + 1]  # the line has a gap while the slot is empty
             draw_path(axes, points, kind_colour(kind) if several else outcomes[episode])
             if task.has_goal:
                 centre = tuple(1e3 * rollout.goals[episode, part, :2])

@@ -465,7 +465,7 @@ def _pictures(rollout: films.Rollout, info: TaskInfo, scenery: Any, animated: bo
     if animated:
         still, size = films.still(rollout.film, scenery)
         moving = films.packed(rollout.film, scenery, rollout.step_time)
-        found |= {"film": moving, "still": data_address(still), "size": size, "said": rollout.film.captions[-1]}
+        found |= {"film": moving, "still": data_address(still), "size": size, "caption": rollout.film.captions[-1]}
     return found
 
 

@@ -82,7 +82,7 @@ def _write(recorder: Recorder, quiet: bool) -> int:
     if spec is not None:  # of a task alone there is none
         spec.kwargs.update(recorder.kwargs)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # that author and permanent link are not said
+        warnings.simplefilter("ignore", UserWarning)  # about the missing author and permanent link
         made = minari.create_dataset_from_buffers(
             settings.dataset,
             [],

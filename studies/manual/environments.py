@@ -215,7 +215,7 @@ def _observations(env: VibgymEnv) -> str:
     lines = []
     for name, observation in OBSERVATIONS.items():
         if name == "camera":
-            continue  # of the sensor, whatever the task
+            continue  # set by the sensor, for all tasks
         try:
             lines.append([f"`{name}`", *_space(observation(env.task).space)])
         except checks.Refused:

@@ -43,7 +43,7 @@ class Case:
 INTRODUCTION = """# Sensorless schedules
 
 Can a part of unknown pose be brought to a known one without any sensor? A *schedule* is a sequence of fields of the whole
-surface, the same whatever the part does. Each field leaves fewer poses possible, until there is one left, up to the part's
+surface, independent of the part's motion. Each field leaves fewer poses possible, until there is one left, up to the part's
 symmetry (Böhringer, Donald and MacDonald, *Programmable force fields for distributed manipulation*, 1999; Kavraki, 1997,
 for a single elliptic field). The thesis tried one squeeze field (section 7.2.2).
 

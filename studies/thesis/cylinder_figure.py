@@ -388,7 +388,7 @@ def draw() -> Figure:
         assumed=(
             "The cylinder is solid and of even density; what the thesis took for its moments of inertia is lost.",
             "The start of fig. 3.15 is lost. Here it is at rest over the table but for phi' = -2.5 rev/s, which the caption "
-            "of fig. 3.19 gives. Where nothing else is said, the table rests.",
+            "of fig. 3.19 gives. Unless stated otherwise, the table rests.",
             "The curves of figs. 3.18 and 3.20 are lost; the labels of their axes stand in for them.",
             f"Where the table moves, ranges are over {DIRECTIONS} directions of the first lean, {SHOWN} s each or until the "
             "cylinder lies on its side. A sliding rim starts with its centre of mass at rest in the room; that it may stick "

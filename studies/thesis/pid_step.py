@@ -53,7 +53,7 @@ def draw() -> Figure:
         title="Figs. 5.19 to 5.21: PID controller, reduced and real plant",
         shows="Steps of the set position with kP = 12, kI = 8, kD = 6 (three poles at -2 rad/s). The reduced plant is a double "
         "integrator; before the real one stand saturation and the inverse of the frictional process, and an observer with "
-        "L = [10, 25] that is told the acceleration after saturation. Fig. 5.21 has the discrete form 5.81. The curves are "
+        "L = [10, 25] whose input is the acceleration after saturation. Fig. 5.21 has the discrete form 5.81. The curves are "
         "lost; where their axes end says between which ticks they peak.",
         comparisons=(
             of_number("Overshoot of the reduced plant (eq. 5.74 in closed form)", 20.6, over["reduced"], "%", 1),

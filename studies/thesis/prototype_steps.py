@@ -36,10 +36,10 @@ CONTROLLERS = ("PID", "state space")
 
 ASSUMED = (
     "The step is 0.2 m: the axes end at 0.4 and 0.5 m. With 0.3 m the overshoot is nearer to the thesis's 50 %.",
-    "Limit 0.25 mm (the axes of the amplitude end at 0.3 mm); one period of latency besides that of eq. 5.81; elements "
+    "Limit 0.25 mm (the axes of the amplitude end at 0.3 mm); one period of latency in addition to that of eq. 5.81; elements "
     "differ by 5 % and 5 deg; measured positions have no noise where none is named. The part is the aluminium block.",
     "What amplitudes below 0.1 mm became is not known: forms and widths are varied.",
-    "Whether the thesis's velocities are differences of positions or the observer's is not said.",
+    "The thesis does not state whether its velocities are differences of positions or the observer's.",
 )
 
 

@@ -91,7 +91,7 @@ def draw() -> Figure:
             of_number("Velocity near 0.39 mm", 0.3, float(speeds[0][-1]), "m/s"),
             of_number("Largest velocity of the prototype, against ours at 0.39 mm", 0.35, float(speeds[0][-1]), "m/s"),
             Comparison(
-                "Told 0.08 mm, below the smallest amplitude that was realised",
+                "Commanded amplitude 0.08 mm, below the smallest that was realised",
                 "slower than the model, or at rest",
                 ", ".join(f"{1e3 * speed[below]:.1f} mm/s ({name})" for name, speed in zip(ways, speeds)),
                 "all three forms fall short of the model; which one the prototype had is not known",

@@ -218,9 +218,9 @@ def most_power(surface: Surface, friction: float, amplitude: float) -> float:
 class PushBound:
     """Fewest steps, and least time, in which pushers can bring a part to a pose whose pressure the elements do not change.
 
-    Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to the
-    part, and the elements transfer at most :func:`most_power` to the pushers. With ``D^2 = way^2 + k^2 turn^2`` and a first touch
-    after a time ``t``, Cauchy and Schwarz leave
+    Friction dissipates at least ``c m (v^2 + k^2 w^2)``, with ``c = mu g / (2 a_h w)``. Only the pushers transfer energy to
+    the part, and the elements transfer at most :func:`most_power` to the pushers. With ``D^2 = way^2 + k^2 turn^2`` and a first
+    touch after a time ``t``, Cauchy and Schwarz leave
 
         D^2 <= (T - t) T sum(m_pusher P_pusher) / (c m)
 

@@ -1,7 +1,7 @@
-"""Episodes of a policy: one loop plays them, whoever looks on.
+"""Episodes of a policy, run by one loop for all uses.
 
-:func:`rollout` plays an episode for every seed and says how each has ended. Under it is :class:`Episodes`, the loop itself, for
-those who look on step by step: judges, recorders, films.
+:func:`rollout` runs an episode per seed and returns the outcomes. It uses :class:`Episodes`, the loop itself, which evaluation,
+recording and films iterate step by step.
 """
 
 from __future__ import annotations
@@ -58,11 +58,11 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What has come of one step of all worlds. Arrays are (worlds, ...)."""
+    """Result of one step of all worlds. Arrays are (worlds, ...)."""
 
     episode: np.ndarray  # int64, which of the seeds the world's episode belongs to
     age: np.ndarray  # int64, steps of this episode, this one included
-    playing: np.ndarray  # bool; all seeds are taken where it is False, and nobody looks
+    playing: np.ndarray  # bool; False where no seeds are left: the world's data are ignored
     ended: np.ndarray  # bool, where an episode that counts has ended
     action: np.ndarray  # that was done
     observation: Any  # after the step, as are all below
@@ -164,7 +164,7 @@ class Outcomes:
     position_error: np.ndarray  # m, at the end; nan where a task does not say it
     heading_error: np.ndarray  # rad, at the end, magnitude; nan where the heading does not count
     path_error: np.ndarray  # m, rms distance from a goal that moves, of the part that was worst; nan where goals stay
-    facts: np.ndarray  # (episodes, OWN_FACTS) what ``info`` said at the end; nan where a task does not say it
+    facts: np.ndarray  # (episodes, OWN_FACTS) values of ``info`` at the end; nan where a task does not report them
 
     @property
     def time_to_goal(self) -> np.ndarray:
@@ -181,7 +181,7 @@ class Ends:
 
     Args:
         env: a vector environment whose episodes have just begun.
-        info: what its reset said.
+        info: returned by its reset.
         seeds: of all episodes.
 
     Attributes:
@@ -236,7 +236,7 @@ def rollout(
         policy: anything that :func:`vibgym.policies.make_policy` takes.
         task: the id of a registered environment, such as ``"vibgym/Sort-v0"`` or one of your own; ``"Sort"`` means the first.
         seeds: of the episodes' resets, whole numbers.
-        keep: what is kept: ``keep(env, info, seeds)`` is told every :class:`Step` and gives the result, as :class:`Ends` does;
+        keep: collector class: ``keep(env, info, seeds)`` receives every :class:`Step` and gives the result, as :class:`Ends`;
             :class:`vibgym.policies.measures.Measures` also has time bounds and collisions.
         progress: called with a number of episodes whenever so many more have ended.
         **environment: keyword arguments of the environment, as ``gym.make`` takes them.

@@ -119,7 +119,7 @@ class TaskInfo:
 
     @property
     def hard_dead_zone(self) -> bool:
-        """Whether elements that are told to do little do nothing at all."""
+        """Whether elements have a hard dead zone: no motion below a smallest commanded amplitude."""
         return self.hardware.dead_zone > 0.0 and self.hardware.dead_zone_form == "hard"
 
     def check_places(self, policy: str) -> None:

@@ -77,7 +77,6 @@ def _reported(value: Any) -> tuple[str, ...]:
     return tuple(each for each in MEASUREMENT_FEATURES if each in value)
 
 
-
 def __getattr__(name: str) -> Any:
     """Return the value of a renamed constant, with a DeprecationWarning."""
     if name == "TOLD":

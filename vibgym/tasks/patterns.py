@@ -104,7 +104,7 @@ class Pattern:
         return goals
 
     def own(self, goals: np.ndarray, present: np.ndarray) -> np.ndarray:
-        """Return the goal (n, parts, 3) of each part, by its rank within its kind, absent parts counted; zeros for absent parts.
+        """Return the goal (n, parts, 3) of each part, by its rank within its kind (absent parts included); zeros if absent.
 
         Args:
             goals: (n, goals, 3).  present: (n, parts) bool.

@@ -45,7 +45,7 @@ def test_a_film_plays_and_pauses(opened, found, written):
     card = page.locator("[id='card-Align-ideal-pusher']")
     label = card.locator("figure.film img").get_attribute("alt")
     assert label == f"Film of pusher on Align, seed {found.rollout('Align', 'ideal', 'pusher').film.seed}"
-    button, said = card.locator("button"), card.locator(".said")
+    button, said = card.locator("button"), card.locator(".caption")
     assert button.inner_text().startswith("Play") and said.inner_text()
     before = card.locator("figure.film img").bounding_box()
     button.focus()
@@ -53,7 +53,7 @@ def test_a_film_plays_and_pauses(opened, found, written):
     canvas = card.get_by_role("img", name=label)
     page.wait_for_function(
         "caption => document.querySelector(caption).textContent.startsWith('0.')",
-        arg="[id='card-Align-ideal-pusher'] .said",
+        arg="[id='card-Align-ideal-pusher'] .caption",
     )
     after = canvas.bounding_box()
     assert after["width"] == pytest.approx(before["width"], abs=3) and after["height"] == pytest.approx(

@@ -146,7 +146,7 @@ def test_rows_tell_what_a_part_was_told_last(turned):
         actions = coding.actions(seen, random.uniform(-1, 1, told.shape).astype(np.float32))
         told = actions.reshape(told.shape)
         observation, before = env.step(actions)[0], seen
-        assert (before.said == told).all() and np.abs(told).max() > 0.3
+        assert (before.command == told).all() and np.abs(told).max() > 0.3
     if turned:
         assert coding.see(observation, before).quarters.any()
 
@@ -171,7 +171,7 @@ def test_nothing_was_said_before_an_episode_began():
     coding.actions(first, np.full((3, 1, 3), 0.5, dtype=np.float32))
     second = coding.see(seen, first, np.array([False, True, False]))
     assert second.rows[:, 0, said].tolist() == [[0.5] * 3, [0.0] * 3, [0.5] * 3]
-    assert (first.rows[..., said] == 0.0).all() and (second.said == 0.0).all()  # a memory is not written to
+    assert (first.rows[..., said] == 0.0).all() and (second.command == 0.0).all()  # a memory is not written to
     one = coding.see({name: each[2] for name, each in seen.items()}, first.of(2))
     assert (one.rows == second.rows[2:]).all()
 

@@ -2,7 +2,7 @@
 
 Near rest a part that is at p with velocity v comes to rest at ``zeta = p + v / c`` (:mod:`.settling`), and a
 step of pushes ``u_e`` of the elements e under it shifts that place by ``B sum_e J_e h_e u_e``: ``J_e`` is the share of the
-part on the element and its lever, ``h_e`` a complex number, 1 for an element that does as it is told, 0 for a dead one, and
+part on the element and its lever, ``h_e`` a complex gain, 1 for an ideal element, 0 for a dead one, and
 turned by the element's phase error. An estimator that knows nothing of the ``h_e`` predicts with 1 and is put right by the
 readings that follow. So what the place of rest moves beyond the nominal shift tells ``B sum_e J_e (h_e - 1) u_e``, late and
 spread over some periods: both sides are summed up alike, with a memory of some periods, and a Kalman filter of the ``h_e -
@@ -89,8 +89,8 @@ class Gains(NamedTuple):
     covariance: np.ndarray  # (..., 2 room + 3, 2 room + 3)
     # (..., lag, room, 2, 3) m, shifts by h - 1 = 1 and h - 1 = i, in steps of which nothing is read yet
     waiting: np.ndarray
-    coming: np.ndarray  # (..., room, 2, 3) m, likewise, of which the readings have told a part
-    summed: np.ndarray  # (..., room, 2, 3) m, what the readings have told, summed up
+    coming: np.ndarray  # (..., room, 2, 3) m, likewise, of which the readings contain a part so far
+    summed: np.ndarray  # (..., room, 2, 3) m, sum of the shifts contained in the readings
     moved: np.ndarray  # (..., 3) m, the sum of what the place of rest moved beyond the nominal shift
     steps: np.ndarray  # (...) the sum of ones: 0 where nothing has been summed up
     rest: np.ndarray  # (..., 3) where the part should come to rest, by the nominal shift: m, m, rad
@@ -208,8 +208,8 @@ def correct(gains, numbers, w, p, rest, column):
         net = 0.0
         for k in range(room):
             for q in range(2):
-                told = (1.0 - BLUR) / BLUR * gains.coming[w, p, k, q, axis]
-                gains.summed[w, p, k, q, axis] = KEEP * gains.summed[w, p, k, q, axis] + told
+                shift = (1.0 - BLUR) / BLUR * gains.coming[w, p, k, q, axis]
+                gains.summed[w, p, k, q, axis] = KEEP * gains.summed[w, p, k, q, axis] + shift
             net += gains.summed[w, p, k, 0, axis]
         size += net * net
     early = ARRIVAL * (1.0 - (1.0 - KEEP) * gains.steps[w, p])
@@ -301,7 +301,7 @@ def put_known(gains, gain, phase, spread):
 
 @borrowing
 def predict(numbers, gains, push, given):
-    """Take down the pushes (batch, elements, 2) that the elements are told, and where the parts should come to rest.
+    """Store the commanded pushes (batch, elements, 2) of the elements, and the predicted places of rest of the parts.
 
     Into ``given`` (batch, parts, 3) goes what nominal elements do of this with slow parts; other rows are left.
     """

@@ -94,7 +94,7 @@ class FeedingPolicy(Steering):
         between = centre[:, None] - centre[:, :, None]  # of part i (first axis) to part j
         gap = np.abs(between) - reach[:, :, None] - reach[:, None]
         there = measured.present[:, :, None] & measured.present[:, None] & ~np.eye(centre.shape[1], dtype=bool)
-        # Whoever is farther along goes first.
+        # The part that is farther along has priority.
         ahead = there & (
             (between[..., 0] > 0.0) | ((between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1))
         )
@@ -105,7 +105,7 @@ class FeedingPolicy(Steering):
         follow = measured.velocity[:, None, :, 0] + (along - wanted[:, :, None]) / traffic.along
         vx = np.minimum(top, np.where(in_way, follow, np.inf).min(axis=2))
         vy = np.clip((self.lane - centre[..., 1]) / traffic.across, -traffic.slip * top, traffic.slip * top)
-        # Nobody moves nearer to one that is beside: the one behind makes room.
+        # No part approaches one beside it: the one behind gives way.
         beside = ahead & (along < traffic.near)
         room = np.maximum(across - traffic.beside, 0.0) / traffic.along
         up, down = beside & (between[..., 1] > 0.0), beside & (between[..., 1] <= 0.0)
@@ -132,9 +132,7 @@ class Passing:
     side: float = 0.8  # most velocity towards the own side of the table over the top speed
     hold: float = 0.13  # m between centres, along the table, that those keep who meet one on the wrong side
     hold_across: float = 0.052  # m between centres, across the table, within which they do
-    patience: float = (
-        0.15  # s that a part waits off its goal, with nobody coming towards it, until a planner takes over
-    )
+    patience: float = 0.15  # s that a part waits off its goal, without oncoming parts, until a planner takes over
     crosses: float = 0.15  # m along the table to the goal, from which on others may come towards a part
     turn_at: float = 0.060  # m from the goal, where parts turn to its heading
 
@@ -174,7 +172,7 @@ class CrossingPolicy(TwoPhasesPolicy):
         wanted, first, meets = self.wanted(measured)
         crossing, patience = meets.any(axis=1), self.passing.patience
         patient = np.where(measured.present, waited, 0.0).max(axis=1) < patience
-        # Patience that is lost when nobody meets anybody any more does not come back.
+        # Once lost without any parts meeting, patience is not regained.
         waited = np.where((crossing | patient)[:, None], waited, np.maximum(waited, patience))
         some = np.flatnonzero(crossing | patient)
         if len(some):

@@ -83,7 +83,7 @@ def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
     near, far = 0.0, LONGEST_LEAD
     if not ((wanted(near) < 0.0).all() and (wanted(far) > 0.0).all()):
         name = type(law).__name__
-        allowed = f"s, a number: from {name}.wanted() of parts at {speed:.3g} m/s it cannot be told"
+        allowed = f"s, a number: from {name}.wanted() of parts at {speed:.3g} m/s it cannot be determined"
         raise checks.refuse(f"{name}.lead", law.lead, allowed)
     for _ in range(40):
         middle = 0.5 * (near + far)

@@ -13,7 +13,7 @@ from vibgym.policies.task_info import TaskInfo
 
 
 class LocalFieldPolicy(Steering):
-    """Every part steered straight to its target, whatever is in the way.
+    """Policy that steers every part straight to its target, without regard to obstacles.
 
     The target is the goal position; or the point of the own zone nearest to the part, a margin inside; or, where parts shall
     only be apart, it lies straight away from the other parts that are too near.

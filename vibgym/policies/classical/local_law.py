@@ -6,8 +6,8 @@ still stop at its target, ``sqrt(2 a d)`` far away and proportional to the dista
 way. On elements with a hard dead zone, :mod:`vibgym.policies.classical.settling` takes over near the target.
 
 The numbers are tuned for one period a step. A longer step holds its push for longer, so the velocity follows its set value no
-faster than in one step, in ``(1 - exp(-drag T)) / drag``; and the law approaches more slowly by the time that is added, lest
-parts overshoot.
+faster than in one step, in ``(1 - exp(-drag T)) / drag``; and the law approaches more slowly by the added time, so that
+parts do not overshoot.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a state observation says of the parts, back in SI units, whatever the task; and what controllers remember."""
+"""Decode state observations of all tasks into SI units, and keep the state of controllers."""
 
 from __future__ import annotations
 

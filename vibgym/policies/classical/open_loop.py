@@ -31,7 +31,7 @@ class ZeroPolicy:
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """No push, whatever is seen."""
+        """Return zeros for every observation."""
         lead = check_state(observation, self.layout).shape[:-1]
         return np.zeros((*lead, self.size), dtype=np.float32), state
 

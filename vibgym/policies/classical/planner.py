@@ -41,7 +41,7 @@ SLOW = 0.050  # m/s
 CALMING = 0.5  # s of waiting that are forgotten in a second of motion
 ACCELERATION = 0.8  # share of the largest push that parts are expected to gain speed by
 BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
-SWAP_GAIN = 0.010  # m, lest two parts swap targets to and fro
+SWAP_GAIN = 0.010  # m, minimum gain of a swap, so that two parts do not swap targets repeatedly
 NEARING = 0.5
 """m that two parts keep beyond the distance of their goals for each m that is left of their ways."""
 
@@ -115,8 +115,8 @@ class PlannerPolicy(Steering):
         edge = min(self.spacing.edge, 0.5 * surface.width, 0.5 * surface.depth)
         self.targets = Targets(info, edge, self.spacing.inset, 2.0 * self.slack)
         if type(self) is PlannerPolicy and info.goal_gap is not None and info.goal_gap < SERVED:
-            said = "goals of %s are %.3g mm apart: below %g mm the planner jams, since parts that have arrived are in the way"
-            LOGGER.warning(f"{said}; policy 'two_phases' does not", info.name, 1e3 * info.goal_gap, 1e3 * SERVED)
+            text = "goals of %s are %.3g mm apart: below %g mm the planner jams, since parts that have arrived are in the way"
+            LOGGER.warning(f"{text}; policy 'two_phases' does not", info.name, 1e3 * info.goal_gap, 1e3 * SERVED)
         self.tight = info.has_goal and not info.goal_moves and len(info.parts) > 1
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
         # Parts without zones may all swap targets: apart is apart.
@@ -214,9 +214,9 @@ class PlannerPolicy(Steering):
         """(batch, parts), the smaller the sooner a part chooses, by the ways that are left, m."""
         return way if self.info.flows else -way
 
-    def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
+    def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
-        return memory._replace(steering=super().acted(memory.steering, said, done))
+        return memory._replace(steering=super().acted(memory.steering, proposed, done))
 
 
 def covered(outline: np.ndarray) -> float:

@@ -33,8 +33,8 @@ BAND, TURN_BAND = 0.25e-3, math.radians(0.3)
 """m and rad, within which parts at rest are left as they are, where a task has goal poses."""
 
 APPROACH, SPREAD_APPROACH, CROWD_APPROACH = 28.0, 21.0, 12.0
-"""1/s, most speed over the way that is left: of elements that do as they are told, of those that differ, and among other
-parts, which are passed at a distance for longer by parts that slow down early. With 28 on the prototype one part in twenty
+"""1/s, maximum speed over the remaining distance: for ideal elements, for elements that differ, and among other parts, where
+slowing down early keeps parts at a distance for longer. With 28 on the prototype one part in twenty
 overshoots by 1.1 to 1.6 % of its way, with 21 by about 0.5 %, and takes 0.02 s longer."""
 
 BEYOND = 1.03

@@ -2,8 +2,9 @@
 
 A part that the elements do not move follows what pushes it as if in honey: friction brakes it at the rate ``c``, so velocity
 and spin are those of the forces (quasi-static, as in Mason, IJRR 1986). A push at a point of its outline moves it along the
-normal there and turns it by the lever. Of all pairs of points the best one is that whose pushes, of whatever strengths, come
-nearest to way and turn that are left, less what it costs to go there. Those on their way go round the part along its outline.
+normal there and turns it by the lever. The chosen pair of points is the one whose pushes, of
+optimal strengths, come nearest to the remaining displacement and turn, less the cost of the way there. Pushers on their way go
+round the part along its outline.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ class Manner:
     press: float = 0.004  # m into the part, that those who push are to go
     clear: float = 0.006  # m to the part on the way round it
     along: float = 0.12  # s, in which one who pushes gets to its place
-    still: float = 0.5  # share of the tolerances within which nobody pushes
+    still: float = 0.5  # share of the tolerances within which no part pushes
 
     def __post_init__(self) -> None:
         for each in fields(self):

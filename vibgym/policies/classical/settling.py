@@ -1,6 +1,6 @@
 """The last millimetres on elements that cannot do little: pulses towards the place where a part comes to rest, then nothing.
 
-Friction brakes a part at the rate c = mu g / (2 a_h w) whatever the elements do, so one at p with velocity v comes to rest at
+Friction brakes a part at the rate c = mu g / (2 a_h w) for any element motion, so one at p with velocity v comes to rest at
 p + v / c, and an acceleration a held for the time T shifts that place by a T / c. The same holds for headings. Near its target
 a part therefore gets the one pulse that shifts its place of rest there, and then its elements are off until the place of rest
 is off by more than a band. Held on all the time, elements would have to work against each other to do little, and their spread
@@ -88,5 +88,5 @@ class Settling:
 
 
 def keep_on(measured: Measured, way: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """What the law wants, for elements that can do as little as they are told."""
+    """Return the law's acceleration unchanged, for elements without a hard dead zone."""
     return wanted

@@ -104,7 +104,7 @@ class Steering:
         if self.ahead == 0.0 and self.learner is None:
             return measured
         moved, turn = self.ahead * measured.velocity, self.ahead * measured.spin
-        if self.learner is not None:  # readings will tell later that elements do not do what they are told
+        if self.learner is not None:  # later measurements will show the gain errors of elements
             unseen, doubt = self.learner.learn(measured, memory.output)
             measured = replace(measured, doubt=doubt)
             moved, turn = moved + unseen[..., :2], turn + unseen[..., 2]
@@ -134,25 +134,25 @@ class Steering:
         moves = ~np.isnan(wanted[..., :1])
         velocity = measured.rate
         push, allowed, holds = self.process.push(velocity, np.where(moves, wanted, 0.0))
-        moves &= holds[..., None]  # where averages do not hold, nobody knows what a push would do
+        moves &= holds[..., None]  # where averages do not hold, the effect of a push is unknown
         push = np.where(moves, push, 0.0)
         seen_then = velocity - self.gaining[:, None] * memory.acceleration
         action, given, output = self.output.give(Order(measured, seen_then, velocity, push), memory.output)
         acceleration, _ = self.process.acceleration(velocity, given)
         spin = measured.spin + self.gained * acceleration[..., 2]
-        # Laws are told what is beyond the limits, not the allocation's last percents: they would take these for saturation.
-        told = np.where(moves, allowed, acceleration) - measured.goal_acceleration
-        memory = Memory(acceleration, self.law.applied(seen, told, law), spin, output)
+        # Pass the acceleration within limits, without the allocation's residual, which laws would take for saturation.
+        limited = np.where(moves, allowed, acceleration) - measured.goal_acceleration
+        memory = Memory(acceleration, self.law.applied(seen, limited, law), spin, output)
         return (action[0] if measured.single else action), memory
 
-    def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
-        """The memory of a step in which others have changed the action, ``"wrench"``: what parts were given is what was done.
+    def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
+        """Return the memory after a step whose ``"wrench"`` action was changed: given accelerations are those applied.
 
-        What a law remembers stays, such as the sum of errors that a PID keeps.
+        The law's own state, such as the error integral of a PID, is unchanged.
 
         Args:
             memory: that :meth:`predict` returned.
-            said: (batch, n) the action that it returned.
+            proposed: (batch, n) the action that it returned.
             done: (batch, n) the one that the environment got.
 
         Raises:
@@ -160,7 +160,7 @@ class Steering:
         """
         checks.choice("action", self.action, ("wrench",))
         shape = memory.acceleration.shape
-        changed = (said.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
+        changed = (proposed.reshape(shape) != done.reshape(shape)).any(axis=-1, keepdims=True)
         if not changed.any():
             return memory
         given = np.where(changed, self.output.counted(done, memory.output), memory.output.given)

@@ -24,7 +24,7 @@ CLOSE = 0.040
 """m between the circles of parts whose outlines are looked at."""
 
 AT_ONCE, PUSHING = 0.08, 4.0
-"""s, sooner than which nobody meets another one, right of way or not, and the price of it, in prices of meeting at once."""
+"""s, minimum time to collision of every part, with or without right of way, and the price of less, relative to contact now."""
 
 COSINES = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 SINES = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)

@@ -1,10 +1,10 @@
 """Two phases for patterns too tight to be entered one by one: the planner to the pattern drawn apart, then all close in.
 
 The pattern is drawn apart along the table and across it, each as far as there is room and no farther than it takes to let a
-part pass (:func:`drawn_apart`). One that fills the table's width is slanted besides, so that parts in a column, which cannot be
-drawn apart, lie beside gaps. From there everybody goes straight to its goal at once: the distances shrink together, and
-nobody is in the way of anybody. That begins before everybody is there: as soon as straight ways from where the parts are lead
-past one another (:func:`may_close`), which is asked every step.
+part pass (:func:`drawn_apart`). One that fills the table's width is also slanted, so that parts in a column, which cannot be
+drawn apart, lie beside gaps. From there all parts go straight to their goals at once: the distances shrink together, and no
+part obstructs another. The second phase begins before all parts are in place: as soon as the straight paths from the present
+positions are free of collisions (:func:`may_close`), checked every step.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ class Memory(NamedTuple):
     apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart, minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
     closing: np.ndarray  # (batch,) bool, in the second phase
-    stuck: np.ndarray  # (batch,) s in the second phase for which nobody has moved, with somebody off
+    stuck: np.ndarray  # (batch,) s in the second phase without motion, with parts off their goals
 
 
 @dataclass(frozen=True)
@@ -235,14 +235,14 @@ class TwoPhasesPolicy(PlannerPolicy):
 
         workers.share(ask, len(goal), self.threads)
         memory.closing[memory.stuck >= rules.give_up] = False
-        # Side by side in a pattern that fills the width parts are nearer than they might be, but nobody gets farther apart.
+        # In a pattern that fills the width, parts side by side are too near, but their distance cannot grow.
         away = np.hypot(*np.moveaxis(measured.way + memory.apart, -1, 0)) > THERE
         waits = (away | (np.abs(measured.turn) > info.heading_tolerance)) & measured.present
         memory.closing[~waits.any(axis=1)] = True
 
-    def acted(self, memory: Any, said: np.ndarray, done: np.ndarray) -> Any:
+    def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
         """See :meth:`vibgym.policies.classical.steering.Steering.acted`."""
-        return memory._replace(plan=super().acted(memory.plan, said, done))
+        return memory._replace(plan=super().acted(memory.plan, proposed, done))
 
 
 @jit

@@ -101,18 +101,18 @@ class MPCPolicy:
         first = Plan(np.zeros((1, self.horizon, self.size)), self.rest[None], np.zeros(1, dtype=np.int64))
         own, based = (None, None) if state is None else state
         plan, _ = recall(own, episode_start, first, batch)
-        told = np.zeros((batch, self.size)), None
+        reference = np.zeros((batch, self.size)), None
         if self.base is not None:
-            told = self.base.predict(np.atleast_2d(observation), based, episode_start, deterministic)
+            reference = self.base.predict(np.atleast_2d(observation), based, episode_start, deterministic)
         action, after = np.empty((batch, self.size), dtype=np.float32), plan._replace(age=plan.age + 1)
         for low in range(0, batch, self.together):
             some = np.arange(low, min(low + self.together, batch))
             seen, drift = measured_rows(measured, some), plan.drift[some]
-            usual = self._usual(seen, drift, told[0][some], rows_of(told[1], some))
+            usual = self._usual(seen, drift, reference[0][some], rows_of(reference[1], some))
             best, after.drift[some] = self._searched(seen, drift, usual, plan.change[some], plan.age[some])
             action[some] = np.clip(usual[:, 0] + best[:, 0], -1.0, 1.0)
             after.change[some, :-1], after.change[some, -1] = best[:, 1:], 0.0
-        return (action[0] if measured.single else action), (after, told[1])
+        return (action[0] if measured.single else action), (after, reference[1])
 
     def _usual(self, seen: Measured, drift: np.ndarray, action: np.ndarray, memory: Any) -> np.ndarray:
         """What the base would do over the horizon (worlds, horizon, size); zeros without one."""

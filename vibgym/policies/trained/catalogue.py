@@ -15,7 +15,7 @@ from vibgym.policies.trained.trained import ANY, RESIDUAL, described
 SHIPPED = Path(__file__).parent / "shipped"
 
 HARDWARE = ("ideal", "prototype")
-"""Elements that do as they are told, and such as have a dead zone, a limit, latency, steps or a lag."""
+"""Hardware models: ideal elements, and elements with dead zone, limit, latency, quantization or lag."""
 
 
 class Agent(NamedTuple):

@@ -26,7 +26,7 @@ class Seen(NamedTuple):
     mask: np.ndarray  # (worlds, parts) float32, 1 where there is a part
     quarters: np.ndarray = NOTHING  # (worlds, parts) quarter turns by which the rows were turned; empty: never
     where: np.ndarray = NOTHING  # (worlds, parts, 4) columns position and element; empty where actions need them not
-    said: np.ndarray = NOTHING  # (worlds, parts, numbers) what the parts were then told, on the table; empty: not kept
+    command: np.ndarray = NOTHING  # (worlds, parts, numbers) actions then, in table coordinates; empty: not stored
 
     def of(self, worlds: Any) -> Seen:
         """Of some of the worlds, or of one, which stays a batch."""
@@ -48,8 +48,8 @@ class Coding:
             measurement is, of which a network that was trained without knows nothing.
         turned: whether rows are turned by quarter turns until their way leads to the right and up, and actions turned back:
             networks are then the same in all four directions by construction (:mod:`vibgym.policies.trained.symmetry`).
-        remembers: whether rows tell, after the part's own columns, what it was told at the last step: measured velocities are
-            means over the last period, and what has been done in it says how fast a part is by now.
+        remembers: whether rows contain, after the part's own columns, its previous action. Measured velocities are means over
+            the last period; the previous action determines the velocity at its end.
 
     Attributes:
         shape: what a network has to know.
@@ -103,7 +103,7 @@ class Coding:
         Args:
             observation: a dictionary, of one world or many.
             before: what was seen at the last step; None: nothing. Only rows that remember need it.
-            start: (worlds,) bool, where an episode has begun since: nothing had been said before.
+            start: (worlds,) bool, where an episode has begun since: the previous action is 0.
 
         Raises:
             ValueError: not an observation by parts, or a memory of other worlds.
@@ -130,19 +130,19 @@ class Coding:
         return self._remembered(seen, before, start) if self.remembers else seen
 
     def _remembered(self, seen: Seen, before: Any, start: np.ndarray | None) -> Seen:
-        """The same with what the parts were told last in their rows, and room for what they will be told now."""
-        said = np.zeros((*seen.mask.shape, self.shape.action), dtype=np.float32)
+        """Return ``seen`` with the previous actions in its rows, and a buffer of zeros for the next actions."""
+        command = np.zeros((*seen.mask.shape, self.shape.action), dtype=np.float32)
         if before is not None:
-            if not isinstance(before, Seen) or before.said.shape != said.shape:
-                got = f"of shape {before.said.shape}" if isinstance(before, Seen) else type(before).__name__
-                raise checks.refuse("state", got, f"None, or what predict() returned last, of shape {said.shape}")
-            # A part that was not there has been told nothing: where parts come and go, a slot is empty before each.
-            said[...] = before.said * (before.mask[..., None] > 0.5)
+            if not isinstance(before, Seen) or before.command.shape != command.shape:
+                got = f"of shape {before.command.shape}" if isinstance(before, Seen) else type(before).__name__
+                raise checks.refuse("state", got, f"None, or what predict() returned last, of shape {command.shape}")
+            # Absent parts have no previous action: where parts come and go, a slot is empty before each arrival.
+            command[...] = before.command * (before.mask[..., None] > 0.5)
             if start is not None:
-                said[np.asarray(start, dtype=bool)] = 0.0
+                command[np.asarray(start, dtype=bool)] = 0.0
         own, others = seen.rows[..., : self._own], seen.rows[..., self._own :]
-        rows = np.concatenate([own, self.to_rows(seen, said), others], axis=-1)
-        return seen._replace(rows=rows, said=np.zeros_like(said))
+        rows = np.concatenate([own, self.to_rows(seen, command), others], axis=-1)
+        return seen._replace(rows=rows, command=np.zeros_like(command))
 
     def touching(self, seen: Seen) -> np.ndarray:
         """(worlds, parts) 1.0 where a part is in touch with another, or nearly; zeros where rows do not tell."""
@@ -164,7 +164,7 @@ class Coding:
         if self._turns is not None:
             of_parts = self._turns.turn_actions(-seen.quarters, of_parts)
         if self.remembers:
-            seen.said[...] = of_parts
+            seen.command[...] = of_parts
         if self._code is None:
             return of_parts.reshape(len(of_parts), -1)
         side, surface = self.shape.side, self.surface

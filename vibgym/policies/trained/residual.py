@@ -53,8 +53,8 @@ class Base:
     """A base policy as both the trained policy and its training want it.
 
     Args:
-        policy: speaks ``"wrench"`` and reads ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``. One that has
-            ``acted``, as :meth:`.steering.Steering.acted`, is told what was done instead of what it said.
+        policy: speaks ``"wrench"`` and reads ``"state"``, such as ``{"kind": "pose", "action": "wrench"}``. If it has
+            ``acted`` (:meth:`.steering.Steering.acted`), this is called with the proposed and the applied action.
         info: task and scene.
         scale: see :class:`ResidualPolicy`.
 
@@ -72,7 +72,7 @@ class Base:
         self.scale = np.float32(checks.number("scale", scale, above=0.0, most=MOST_SCALE))
         self.layout = with_base(info.parts_layout)
         self._at = next(row.start for row in self.layout if row.name == NAME)
-        self._acted = getattr(policy, "acted", lambda memory, said, done: memory)
+        self._acted = getattr(policy, "acted", lambda memory, proposed, done: memory)
 
     def rows(self, rows: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Rows (batch, slots, columns) with the base's action (batch, n) among them; zeros in slots without a part."""
@@ -81,15 +81,15 @@ class Base:
         wide[:, : self.parts, self._at : self._at + NUMBERS] = action.reshape(len(rows), self.parts, NUMBERS)
         return wide
 
-    def corrected(self, said: np.ndarray, residual: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
-        """The action (batch, n) with a correction of -1 to 1, and the base's memory, which knows of it."""
-        residual = np.asarray(residual, dtype=np.float32).reshape(said.shape)
-        done = np.clip(said + self.scale * residual, -1.0, 1.0).astype(np.float32)
-        return done, self._acted(memory, said, done)
+    def corrected(self, proposed: np.ndarray, residual: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+        """Return the action (batch, n) with a correction in [-1, 1] added, and the base's memory updated accordingly."""
+        residual = np.asarray(residual, dtype=np.float32).reshape(proposed.shape)
+        done = np.clip(proposed + self.scale * residual, -1.0, 1.0).astype(np.float32)
+        return done, self._acted(memory, proposed, done)
 
 
 class ResidualPolicy:
-    """Adds ``scale`` times what a network says to what a base policy wants, within [-1, 1].
+    """Policy that adds ``scale`` times a network's output to a base policy's action, clipped to [-1, 1].
 
     Args:
         info: task and scene.
@@ -116,10 +116,10 @@ class ResidualPolicy:
         if state is not None and not isinstance(state, Memory):
             raise checks.refuse("state", type(state).__name__, "None, or what predict() returned: Memory")
         kept = Memory(None, None) if state is None else state
-        said, base = self.base.policy.predict(seen["state"], kept.base, episode_start, deterministic)
-        rows = {"parts": self.base.rows(seen["parts"], said), "mask": seen["mask"]}
+        proposed, base = self.base.policy.predict(seen["state"], kept.base, episode_start, deterministic)
+        rows = {"parts": self.base.rows(seen["parts"], proposed), "mask": seen["mask"]}
         residual, learned = self.learned.predict(rows, kept.learned, episode_start, deterministic)
-        action, base = self.base.corrected(said, residual, base)
+        action, base = self.base.corrected(proposed, residual, base)
         return (action[0] if single else action), Memory(base, learned)
 
 

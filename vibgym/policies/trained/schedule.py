@@ -1,4 +1,4 @@
-"""A sensorless schedule: fields of the whole surface one after the other, of the same part from whatever start.
+"""A sensorless schedule: a sequence of fields of the whole surface for one part from any start pose.
 
 Programmable force fields can bring a part of unknown pose to a known one without a sensor (Boehringer, Donald, MacDonald,
 "Programmable force fields for distributed manipulation", 1999; Kavraki 1997 for one elliptic field): each field of a sequence

@@ -42,7 +42,7 @@ def turned_rows(columns: Sequence[Sequence[Any]], parts: Sequence[Part]) -> np.n
         parts: of the scene.
 
     Raises:
-        ValueError: parts of different symmetry, whose headings as neighbours cannot be told apart.
+        ValueError: if parts differ in symmetry: the headings of neighbours are then ambiguous.
     """
     symmetries = {part.symmetry for part in parts}
     if len(symmetries) > 1:

@@ -1,4 +1,4 @@
-// Between two steps of the world: poses run from what is seen to what was told last, in the time that a step takes.
+// Between two steps of the world: poses are interpolated from the displayed to the last received, over the time of a step.
 
 const mixed = (a, b, share) => a.map((each, k) => each + share * (b[k] - each));
 

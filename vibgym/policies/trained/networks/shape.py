@@ -19,7 +19,7 @@ WAY_SCALES = (0.25, 0.05, 0.01)
 
 
 LEAST_MASS = 1e-6
-"""Added to masses, lest an empty image has its middle nowhere: a full square has about 1."""
+"""Added to masses, so that the centroid of an empty image is defined; a full square has a mass of about 1."""
 
 
 class Shape(NamedTuple):
