@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import io
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -212,8 +213,8 @@ class Training:
             self._evaluate("imitation")
             self._save()
         if learner.steps < settings.steps:
-            with Log(self.directory / f"log-from-{learner.steps}") as self._log:
-                learner.learn(settings.steps, self._between_updates)
+            self._log = Log(self.directory / f"log-from-{learner.steps}")
+            learner.learn(settings.steps, self._between_updates)
             self._evaluate(getattr(learner, "phase", settings.algorithm))
         self._save()
 
@@ -295,32 +296,34 @@ class Training:
 
 
 class Log:
-    """Metrics of updates in ``progress.csv``; columns are those of the first row with all metrics.
+    """Metrics of updates in ``progress.csv``; every row is written at once, so that a killed run keeps its rows.
 
     Args:
         directory: made with the first row.
     """
 
     def __init__(self, directory: Path) -> None:
-        self.directory = directory
-        self._rows: list[dict[str, float]] = []
-
-    def __enter__(self) -> Log:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if not self._rows:
-            return
-        self.directory.mkdir(parents=True, exist_ok=True)
-        names = list(dict.fromkeys(name for row in self._rows for name in row))
-        with (self.directory / "progress.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, names, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(self._rows)
+        self.path = directory / "progress.csv"
+        self._names: list[str] = []
 
     def write(self, row: dict[str, float]) -> None:
-        """Add a row."""
-        self._rows.append(row)
+        """Append a row; the file is rewritten if the row has new columns."""
+        new = [name for name in row if name not in self._names]
+        if not new:
+            with self.path.open("a", newline="", encoding="utf-8") as file:
+                csv.DictWriter(file, self._names, lineterminator="\n").writerow(row)
+            return
+        rows: list[dict[str, Any]] = []
+        if self._names:
+            with self.path.open(newline="", encoding="utf-8") as file:
+                rows = list(csv.DictReader(file))
+        self._names += new
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        text = io.StringIO()
+        writer = csv.DictWriter(text, self._names, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows([*rows, row])
+        write_atomically(self.path, text.getvalue())
 
 
 def policy_path(directory: Path, policy: Path | None) -> Path:
