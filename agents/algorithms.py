@@ -24,7 +24,8 @@ class Algorithm(Protocol):
 
     - ``title`` and ``phase``: names in policy files and learning curves.
     - ``actor()``, ``set_actor(tensors)``: tensors of the policy, to keep the best one of the learning curve.
-    - ``save_policy(path, training)``: write a policy file at the end; without it the last checkpoint is the result.
+    - ``save_policy(path, training)``: write a policy file at the end, and return its path if it is another one; without it the
+      last checkpoint is the result.
     - ``check_finite()``: raise :class:`agents.failures.Diverged`.
     - ``close()``.
 

@@ -7,6 +7,7 @@ starts new episodes: it is not identical to an uninterrupted run.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
@@ -26,6 +27,7 @@ from agents.training_envs import make_worlds
 from agents.training_settings import TrainSettings
 from vibgym import checks
 from vibgym.config import Settings
+from vibgym.files import write_atomically
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.state_policy import NETWORK, columns_of
 from vibgym.policies.trained.storage import save_set
@@ -116,11 +118,16 @@ class SB3:
         check_finite({name: each.detach().numpy() for name, each in self.model.policy.state_dict().items()})
 
     def save(self, directory: Path) -> None:
-        """Write the model and, off-policy, its replay buffer."""
+        """Write the model and, off-policy, its replay buffer.
+
+        Raises:
+            Diverged: a weight is not finite.
+            WriteError: the last checkpoint stays.
+        """
         self.check_finite()
         if isinstance(self.model, OffPolicyAlgorithm):
-            self.model.save_replay_buffer(directory / REPLAY)
-        self.model.save(directory / CHECKPOINT)
+            write_atomically(directory / REPLAY, _bytes(self.model.save_replay_buffer))
+        write_atomically(directory / CHECKPOINT, _bytes(self.model.save))
 
     def load(self, directory: Path) -> bool:
         """Continue from what :meth:`save` wrote; False if there is nothing.
@@ -132,14 +139,18 @@ class SB3:
         if not path.exists():
             return False
         try:
-            self.model.set_parameters(str(path), device="cpu")
-            data, _, _ = load_from_zip_file(path, device="cpu")
+            data, parameters, variables = load_from_zip_file(path, device="cpu")
             assert data is not None
-            self.model.num_timesteps, self.model._n_updates = data["num_timesteps"], data["_n_updates"]
             if isinstance(self.model, OffPolicyAlgorithm):
                 self.model.load_replay_buffer(directory / REPLAY)
-        except (ValueError, KeyError, OSError, RuntimeError, AssertionError) as error:
-            raise checks.conflict(f"{path}: not a checkpoint of these settings ({error})") from None
+            self.model.set_parameters(parameters, device="cpu")
+            for name, value in (variables or {}).items():  # such as SAC's log_ent_coef
+                getattr(self.model, name).data = value.data
+            self.model.num_timesteps, self.model._n_updates = data["num_timesteps"], data["_n_updates"]
+        except Exception as error:  # damaged pickles raise anything
+            raise checks.conflict(
+                f"{path}: not a checkpoint of these settings ({error}); remove it or choose another output"
+            ) from None
         return True
 
     def actor(self) -> dict[str, np.ndarray]:
@@ -150,8 +161,8 @@ class SB3:
         """Replace the weights of the policy."""
         self.model.policy.load_state_dict({name: torch.from_numpy(each.copy()) for name, each in tensors.items()})
 
-    def save_policy(self, path: Path, training: dict[str, Any]) -> None:
-        """Write the policy.
+    def save_policy(self, path: Path, training: dict[str, Any]) -> Path:
+        """Write the policy; return the path of its file.
 
         SAC with ``MlpPolicy`` on the flat state becomes a policy file that needs no torch, see
         :class:`vibgym.policies.trained.state_policy.StatePolicy`. Others are written as Stable-Baselines3's ``.zip`` beside
@@ -163,8 +174,9 @@ class SB3:
         self.check_finite()
         tensors = self._state_tensors()
         if tensors is None:
-            self.model.save(path.with_suffix(".zip"))
-            return
+            path = path.with_suffix(".zip")
+            write_atomically(path, _bytes(self.model.save))
+            return path
         info = TaskInfo.of(self.env.env)
         record = {
             "network": NETWORK,
@@ -176,6 +188,7 @@ class SB3:
             "training": training,
         }
         save_set(path, KIND, tensors, record, VERSION)
+        return path
 
     def _state_tensors(self) -> dict[str, np.ndarray] | None:
         """Return SAC's actor under the names of policy files; None if it has no such form."""
@@ -197,3 +210,9 @@ class SB3:
     def close(self) -> None:
         """Close the environment."""
         self.env.close()
+
+
+def _bytes(save: Callable[[io.BytesIO], None]) -> bytes:
+    file = io.BytesIO()
+    save(file)
+    return file.getvalue()

@@ -177,8 +177,7 @@ class Training:
                     f"{self.saved_at} steps are saved in {self.directory}; the same command continues"
                 ) from None
             with locks.one_run(path.parent, "--policy", f".{path.name}.lock", patience=60.0):
-                self._write_policy(path)
-        return path
+                return self._write_policy(path)
 
     def _restore(self) -> None:
         """Load the last checkpoint, if its settings are those of this run."""
@@ -193,6 +192,8 @@ class Training:
             if other:
                 raise checks.conflict(f"{file}: a run with other {', '.join(sorted(other))}; choose another output")
             self.learner.load(self.directory)
+        elif self.learner.load(self.directory):
+            raise checks.conflict(f"{file}: missing beside a checkpoint; choose another output")
         self.saved_at = self.learner.steps
         self._write_run()
 
@@ -252,15 +253,15 @@ class Training:
         self.saved_at, self.seconds = self.learner.steps, time.perf_counter() - self._began
         self._write_run()
 
-    def _write_policy(self, path: Path) -> None:
-        """Write the policy with the actor that did best on the learning curve."""
+    def _write_policy(self, path: Path) -> Path:
+        """Write the policy with the actor that did best on the learning curve; return the path of its file."""
         learner, kept = self.learner, self.learner.steps
         if self.curve is not None and hasattr(learner, "actor"):
             tensors, record = load_set(self.directory / BEST, BEST_KIND)
             learner.set_actor(tensors)
             kept = int(record["steps"])
         if not hasattr(learner, "save_policy"):
-            return
+            return path
         training = {
             "algorithm": getattr(learner, "title", self.settings.algorithm),
             "settings": self.settings.model_dump(mode="json"),
@@ -271,7 +272,7 @@ class Training:
             "processor": processor(),
             "versions": versions(),
         }
-        learner.save_policy(path, training)
+        return learner.save_policy(path, training) or path
 
     def _failure(self, error: Exception) -> Exception:
         """Return the error to raise: divergence if a weight is not finite."""
