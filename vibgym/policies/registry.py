@@ -64,6 +64,9 @@ def file_of(path: Any, info: TaskInfo) -> Path:
     """
     if not isinstance(path, str | os.PathLike):
         raise checks.refuse("policy.path", path, "the path of a policy's JSON file")
+    if str(path).endswith(".zip"):
+        reason = "a model of Stable-Baselines3 is loaded by its own load(), and given as {'policy': model}"
+        raise checks.conflict(f"policy.path {str(path)!r}: {reason}")
     return Path(str(path).replace("{task}", info.name.lower()))
 
 
@@ -227,7 +230,7 @@ def make_policy(policy: Any, env: Any, seed: int = 0) -> Policy:
     if isinstance(policy, os.PathLike):
         policy = {"kind": "trained", "path": os.fspath(policy)}
     if isinstance(policy, str):
-        policy = {"kind": "trained", "path": policy} if policy.endswith(".json") else {"kind": policy}
+        policy = {"kind": "trained", "path": policy} if policy.endswith((".json", ".zip")) else {"kind": policy}
     if not isinstance(policy, Mapping):
         raise checks.refuse("policy", policy, "a name, a path, a mapping with 'kind', or an object with predict()")
     arguments = dict(policy)
