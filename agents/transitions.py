@@ -59,7 +59,9 @@ def read(settings: OfflineSettings, env: Any, action: str, coding: Coding) -> Tr
             check(settings.dataset, data, env, action)
             digest = hashlib.sha256((data.storage.data_path / FILE).read_bytes()).hexdigest()
             found = [_group(data, some, coding) for some in _groups(data.total_episodes)]
-        except (OSError, KeyError, AssertionError) as error:
+        except checks.Refused:
+            raise
+        except (OSError, ValueError, KeyError, AssertionError, TypeError, AttributeError) as error:
             raise checks.refuse("offline.dataset", str(place), f"a data set that is whole ({error})") from None
     observations = np.cumsum([0, *(len(each["rows"]) for each in found)])
     for each, first in zip(found, observations[:-1], strict=True):

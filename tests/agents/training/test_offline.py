@@ -1,16 +1,23 @@
 """Offline learning: cloning succeeds on unseen episodes, and IQL's values are those of the paper."""
 
+import json
 import math
 
+import gymnasium as gym
+import numpy as np
 import pytest
 import torch
 import yaml
 
 from agents.checkpoint import KIND, VERSION
 from agents.offline import Offline
-from agents.train import train
+from agents.recording.record import SCENE, record
+from agents.recording.record_settings import RecordSettings
+from agents.train import Training, train
 from agents.training_file import settings_from
 from agents.transitions import Transitions
+from tests.commands import files_in
+from vibgym import checks
 from vibgym.policies.trained.storage import load_set
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -95,3 +102,128 @@ def test_values_are_those_of_the_paper(recorded, expectile):
     share = math.e / (1.0 + math.e)
     assert action == pytest.approx(0.5 * (2.0 * share - 1.0), abs=0.02)
     assert learned(recorded, method="cloning", updates=500)[0] == pytest.approx(0.0, abs=0.02)
+
+
+# -- data sets ---------------------------------------------------------------------------------------------------------
+
+
+def transitions(settings):
+    learner = Offline(settings)
+    learner.close()
+    return learner.data, learner.policy.coding
+
+
+def test_transitions_are_those_of_an_acting_network(recorded):
+    """Step by step in a single environment, turned and with memory; every step leads to the next observation."""
+    data, coding = transitions(settings_of(recorded))
+    env = gym.make("vibgym/Align-v0", action="wrench", observation="parts")
+    place = 0
+    for episode in range(3):
+        observation, _ = env.reset(seed=300 + episode)
+        seen, ended = None, False
+        while not ended:
+            seen = coding.see(observation, seen)
+            assert data.at[place] == place + episode  # one more observation than steps per episode
+            assert np.array_equal(data.rows[data.at[place]], seen.rows[0])
+            action = coding.actions(seen, data.action[place].numpy()[None])[0]
+            observation, reward, ended, truncated, _ = env.step(action)
+            assert data.reward[place] == np.float32(reward) and data.ended[place] == ended and not truncated
+            assert np.array_equal(data.rows[data.at[place] + 1], coding.see(observation, seen).rows[0])
+            place += 1
+
+
+def test_transitions_do_not_depend_on_the_group_size(recorded, monkeypatch):
+    whole, _ = transitions(settings_of(recorded))
+    assert whole.facts["episodes"] == 200 and len(whole.at) == whole.facts["steps"] == len(whole.reward)
+    assert len(whole.rows) == len(whole.at) + 200 and whole.ended.sum() == 200
+    monkeypatch.setattr("agents.transitions.AT_ONCE", 30)
+    some, _ = transitions(settings_of(recorded))
+    for name in set(Transitions._fields) - {"facts"}:
+        assert torch.equal(getattr(whole, name), getattr(some, name)), name
+
+
+def test_a_data_set_of_several_parts_is_learned_from(tmp_path):
+    environment, name = {"randomize": {"parts": [2, 4]}}, "vibgym/sort/planner-v0"
+    policy = {"kind": "planner", "law": "pose", "action": "wrench"}
+    made = {"dataset": name, "task": "Sort", "observation": "parts", "episodes": 3, "worlds": 3, "policy": policy,
+            "directory": str(tmp_path), "environment": environment}  # fmt: skip
+    record(RecordSettings.model_validate(made), quiet=True)
+    for method in ("cloning", "iql"):
+        own = {"dataset": name, "method": method}
+        given = settings_of(
+            tmp_path, task="Sort", environment={"action": "wrench", **environment}, steps=3, offline=own
+        )
+        with Training(given, tmp_path / method, quiet=True) as training:
+            data = training.learner.data
+            assert data.rows.shape[1] == data.action.shape[1] == 6 and 2 <= data.mask[0].sum() <= 4
+            assert load_set(training.run(), "vibgym-policy", 2)[1]["training"]["data"]["episodes"] == 3
+
+
+@pytest.mark.parametrize("changes, named", [
+    ({"task": "Rotate"}, "task"), ({"environment": {"action": "field"}}, "action"),
+    ({"environment": {"action": "wrench", "surface": {"rows": 8, "columns": 8}}}, "surface"),
+    ({"environment": {"action": "element"}}, "environment.action"),
+    ({"environment": {"action": "wrench", "observation": "state"}}, "observation"),
+    ({"offline": {"dataset": "vibgym/none-v0"}}, "offline.dataset"), ({"offline": {"network": "pixels"}}, "offline.network"),
+    ({"offline": {"network": "elements"}}, "elements"), ({"start": "policy.json"}, "start"),
+    ({"imitation": {"expert": {"kind": "pose", "action": "wrench"}}}, "imitation"),
+])  # fmt: skip
+def test_other_settings_and_other_data_are_refused(recorded, changes, named):
+    with pytest.raises(ValueError, match=named) as error:
+        transitions(settings_of(recorded, **changes))
+    assert "\n" not in str(error.value)
+
+
+def test_a_data_set_must_be_named():
+    with pytest.raises(ValueError, match="dataset"):
+        settings_from({"task": "Align", "steps": 9, "algorithm": "offline"})
+
+
+def changed(text, **changes):
+    metadata = json.loads(text)
+    return json.dumps({**metadata, SCENE: json.dumps({**json.loads(metadata[SCENE]), **changes})})
+
+
+def test_data_of_another_version_or_origin_or_damaged_is_refused(copied):
+    directory, place = copied
+    metadata, file = place / "data" / "metadata.json", place / "data" / "main_data.hdf5"
+    whole, data = metadata.read_text(), file.read_bytes()
+    others = {"vibgym": changed(whole, vibgym="0.0.1"), "columns": changed(whole, columns=[["way", 2]])}
+    others["record"] = json.dumps({key: value for key, value in json.loads(whole).items() if key != SCENE})
+    for named, text in others.items():
+        metadata.write_text(text)
+        with pytest.raises(ValueError, match=named):
+            transitions(settings_of(directory))
+    for text in (
+        whole[:40],
+        "[]",
+        json.dumps({**json.loads(whole), SCENE: "{"}),
+        json.dumps({**json.loads(whole), SCENE: "[]"}),
+    ):
+        metadata.write_text(text)
+        with pytest.raises(checks.Refused, match="offline.dataset"):
+            transitions(settings_of(directory))
+    metadata.write_text(whole)
+    for content in (data[:5000], b"", b"text"):
+        file.write_bytes(content)
+        with pytest.raises(checks.Refused, match="offline.dataset"):
+            transitions(settings_of(directory))
+
+
+def test_a_run_continues_only_with_the_same_data(tmp_path, copied):
+    directory, place = copied
+    config, run = tmp_path / "run.yaml", tmp_path / "run"
+
+    def write(steps):
+        given = settings_of(directory, steps=steps, checkpoint_steps=100, offline={"net": [8], "critic_net": [8]})
+        config.write_text(yaml.safe_dump(given.model_dump(exclude_none=True)))
+
+    write(100)
+    train(config, run, quiet=True)
+    before = files_in(run)
+    file = place / "data" / "main_data.hdf5"
+    file.write_bytes(file.read_bytes() + b"x")
+    write(200)
+    with pytest.raises(checks.Refused, match=DATA):
+        train(config, run, quiet=True)
+    assert files_in(run) == before

@@ -102,3 +102,50 @@ def test_the_gradient_is_that_of_the_policy_gradient_at_ratio_one():
             assert torch.allclose(each.grad, found[name], atol=1e-5), name
     learner.close()
     assert isinstance(learner.env.action_space, gym.spaces.Box)
+
+
+@pytest.mark.parametrize("cost", [0.0, 0.25])
+def test_touching_parts_pay_in_training_only(cost, monkeypatch):
+    """In world 0 the parts touch, in world 1 the second part alone reports it, in world 2 none."""
+    settings = {"task": "Sort", "environment": {"action": "field", "parts": TWO}, "worlds": WORLDS, "steps": 1}
+    own = {"n_steps": STEPS, "net": [8], "critic_net": [8], "touch_cost": cost}
+    learner, paid = PPO(settings_from({**settings, "ppo": own})), []
+    rows = {row.name: row.start for row in learner.env.env.parts_layout}
+    there, gap = rows["neighbour_1_there"], rows["neighbour_1_gap"]
+    step, reset = learner.env.step, learner.env.reset
+
+    def close(observation):
+        parts = observation["parts"].copy()
+        parts[:, :PARTS, there], parts[:, :PARTS, gap] = 1.0, 0.5
+        parts[0, :PARTS, gap] = parts[1, 1, gap] = 0.0
+        return {**observation, "parts": parts}
+
+    def watched(actions):
+        observation, *rest = step(actions)
+        paid.append(learner.env.part_reward.copy())
+        return close(observation), *rest
+
+    monkeypatch.setattr(learner.env, "step", watched)
+    learner.env.seed(0)
+    learner._observation = close(reset())
+    learner.collect()
+    expected = np.zeros((STEPS, WORLDS, PARTS))
+    expected[:, 0] = expected[:, 1, 1] = cost
+    assert np.array(paid) - learner.rollout.reward == pytest.approx(expected, abs=1e-6)
+    assert not learner.rollout.truncated and np.any(paid)
+    learner.close()
+
+
+def test_the_critic_learns_first():
+    settings = {"task": "Align", "environment": {"action": "field"}, "worlds": WORLDS, "steps": 2 * STEPS * WORLDS}
+    own = {"n_steps": STEPS, "batch_size": 8, "net": [8], "critic_net": [8], "critic_steps": STEPS * WORLDS}
+    learner, changed = PPO(settings_from({**settings, "ppo": own})), []
+    before = {name: each.clone() for name, each in learner.policy.state_dict().items()}
+
+    def report(metrics):
+        now = learner.policy.state_dict().items()
+        changed.append({name.split(".")[0] for name, each in now if not torch.equal(each, before[name])})
+
+    learner.learn(settings["steps"], report)
+    assert changed == [set(), {"critic"}, {"critic", "actor"}]
+    learner.close()
