@@ -18,7 +18,6 @@ from typing import Any, TypeVar
 import joblib
 import numba
 from filelock import FileLock
-from joblib.externals.loky import ProcessPoolExecutor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 import vibgym
@@ -102,15 +101,6 @@ def pool(workers: int = 1, ray: str | None = None) -> Iterator[Callable[..., lis
             return _in_processes(function, items, done, workers)
 
         yield parallel
-
-
-def run_alone(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Return ``function(*arguments)`` computed in a new process in which every library has one thread."""
-    executor = ProcessPoolExecutor(1, env=dict.fromkeys(THREADS, "1"))
-    try:
-        return executor.submit(_call, _context(), function, arguments).result()
-    finally:
-        executor.shutdown(wait=True, kill_workers=True)
 
 
 def _in_this_process(function: Any, items: Sequence[tuple[Any, ...]], done: Any = lambda count: None) -> list[Any]:

@@ -48,10 +48,9 @@ def test_work_of_a_killed_process_starts_again(tmp_path, two):
     assert len(found) == 2 and os.getpid() not in found
 
 
-def test_processors_are_shared_and_a_lone_process_has_one_thread(two):
+def test_processors_are_shared(two):
     limits, count = parallel.run(thread_limits, [()] * 2, workers=2)[0]
     assert set(limits) == {"1"} and count == 1
-    assert set(parallel.run_alone(thread_limits)[0]) == {"1"}
 
 
 def test_on_ray():

@@ -234,27 +234,6 @@ def first_order(tables, points, phasor_c, phasor_s, n, gravity, speed, radius, v
 
 
 @borrowing
-def first_order_at(tables, ux, uy, scratch):
-    """Mean force on one point that is proportional to the load, to C and to S there; :func:`first_order` sums these.
-
-    Args:
-        ux, uy: the point's mean velocity over the table's speed.
-
-    Returns:
-        Force x and y per unit of ``mu`` and of gravity, of C, and of S.
-    """
-    square = ux * ux + uy * uy
-    if square <= POLYNOMIAL_END:
-        p = tables.polynomials
-        d, e, b = polynomial(p, 0, square), polynomial(p, 1, square), polynomial(p, 2, square)
-    else:
-        mean_row(tables, math.sqrt(square), scratch)
-        d, e, b = scratch.values[0], scratch.values[1], scratch.values[2]
-    re, im = e * (ux * ux - uy * uy), e * (2.0 * ux * uy)
-    return -d * ux, -d * uy, -0.5 * im, 0.5 * (re - b), -0.5 * (re + b), -0.5 * im
-
-
-@borrowing
 def turn_phasors(moments, gravity, cosine, sine, turned):
     """Moments 1, x, y in the mean velocity's frame, for the shapes 1, cos(theta), sin(theta) of the normal acceleration."""
     for i in range(3):
