@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import tomllib
 import warnings
 from collections.abc import Container, Iterator, Mapping
 from importlib import metadata
@@ -98,6 +97,8 @@ def _entry_points(group: str) -> dict[str, metadata.EntryPoint]:
 
 def _declared(group: str) -> dict[str, metadata.EntryPoint]:
     """Return the entry points in the checkout's ``pyproject.toml``: installed metadata can be older than the checkout."""
+    import tomllib  # 6 ms, for plug-ins alone
+
     try:
         project: dict[str, Any] = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
     except (OSError, KeyError, ValueError):
