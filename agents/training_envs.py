@@ -129,8 +129,7 @@ class ResidualEnv(VectorWrapper):
         if memory is not None:
             _, pattern = self.base.policy.predict(inner.observed("state"))
             memory = restore_tuples(pattern, memory)
-        action = state["action"] if "action" in state else state["said"]  # key of states before 0.3
-        self._memory, self._action = memory, np.array(action)
+        self._memory, self._action = memory, np.array(state["action"])
 
     def observed(self, kind: str) -> Any:
         """See :meth:`vibgym.envs.VibgymVectorEnv.observed`; without the base's action."""

@@ -199,8 +199,7 @@ class _Announcer(event.Listener):
         kept = "not kept" if folder is None else f"kept in {folder}"
         # A warning, so that it appears without logging configuration and at level WARNING.
         LOGGER.warning(
-            "vibgym: %scompiling kernels as kinds of scenes are the first to need them, %s each time (%s); "
-            "python -m vibgym warm compiles those of all kinds at once",
+            "vibgym: %scompiling kernels on first use, %s per kind of scene (%s); python -m vibgym warm compiles all",
             f"{reason}: " if reason else "", options.FIRST_STEP, kept,
         )  # fmt: skip
 

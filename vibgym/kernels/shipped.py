@@ -93,7 +93,7 @@ def report_damage(function: Any, arguments: Any, error: Exception) -> None:
 
 
 def reason() -> str:
-    """Why something is compiled although kernels came with the wheel, as the beginning of a sentence; "": none came."""
+    """Return why kernels are compiled although the wheel contains them, as the start of a sentence; "" without such."""
     if _damaged:
         return _damaged[0]
     shipped = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(FOLDER.glob("versions-*.json"))]
@@ -102,7 +102,7 @@ def reason() -> str:
     nearest = max(shipped, key=lambda each: sum(each.get(name) == own for name, own in VERSIONS.items()))
     differs = [name for name, own in VERSIONS.items() if nearest.get(name) != own]
     theirs, ours = (", ".join(f"{name} {each.get(name)}" for name in differs) for each in (nearest, VERSIONS))
-    return f"the kernels that came along are for {theirs}, this is {ours}"
+    return f"precompiled kernels target {theirs}, this is {ours}"
 
 
 def state_of(file: str, module: str) -> str:
