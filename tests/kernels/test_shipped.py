@@ -123,14 +123,14 @@ def test_any_processor_of_the_platform(run):
     assert run(**processor, cache="other")[0] == [found[0], "1"]
 
 
-def test_bitcode_of_another_version_is_told(run):
+def test_bitcode_of_another_version_is_reported(run):
     (file,) = run.folder.glob("shipped/versions-*")
     file.write_text(file.read_text().replace(shipped.VERSIONS["numba"], "0.1"))
     for kernel in run.folder.glob("shipped/total-*"):
         kernel.unlink()
     found, (line,) = run()
     assert (
-        found[1] == "1" and f"for numba 0.1, this is numba {shipped.VERSIONS['numba']}" in line and "compiling" in line
+        found[1] == "1" and f"target numba 0.1, this is numba {shipped.VERSIONS['numba']}" in line and "compiling" in line
     )
     for kept in run.folder.glob("cache/**/*.nbi"):
         kept.unlink()
