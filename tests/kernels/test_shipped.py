@@ -130,7 +130,9 @@ def test_bitcode_of_another_version_is_reported(run):
         kernel.unlink()
     found, (line,) = run()
     assert (
-        found[1] == "1" and f"target numba 0.1, this is numba {shipped.VERSIONS['numba']}" in line and "compiling" in line
+        found[1] == "1"
+        and f"target numba 0.1, this is numba {shipped.VERSIONS['numba']}" in line
+        and "compiling" in line
     )
     for kept in run.folder.glob("cache/**/*.nbi"):
         kept.unlink()
