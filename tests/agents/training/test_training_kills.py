@@ -65,6 +65,7 @@ def test_a_killed_run_ends_with_the_same_weights(tmp_path):
     assert started(config, tmp_path / "whole").wait() == 0
     for _ in range(KILLS):
         kill_at_random(started(config, tmp_path / "killed"), tmp_path / "killed")
+    assert len(list(tmp_path.glob("killed/log-from-*/progress.csv"))) > 1  # of killed sessions
     assert started(config, tmp_path / "killed").wait() == 0
     (*whole, curve), (*killed, other) = results(tmp_path / "whole"), results(tmp_path / "killed")
     assert curve == other

@@ -1,6 +1,7 @@
 """Algorithms of Stable-Baselines3: user-registered observations, what continues, damaged checkpoints, evaluation."""
 
 import csv
+import math
 import os
 
 import numpy as np
@@ -11,6 +12,7 @@ import yaml
 from gymnasium import spaces
 
 from agents import __main__ as command
+from agents.failures import TrainingError
 from agents.sb3 import SB3
 from agents.train import train
 from agents.training_file import load_settings
@@ -128,3 +130,20 @@ def test_damaged_checkpoints_are_refused(tmp_path, capsys, name, how):
     before = files_in(run)
     assert str(run) in refusal(capsys, command.main, "train", config, "--output", run)
     assert files_in(run) == before
+
+
+def test_a_diverged_algorithm_is_one_error_and_keeps_the_checkpoint(tmp_path, monkeypatch):
+    run = tmp_path / "run"
+    train(written(tmp_path, judging=None), run, quiet=True)
+    before = (run / "checkpoint.zip").read_bytes()
+    original = SB3.learn
+
+    def poisoned(self, until, report):
+        with torch.no_grad():
+            next(iter(self.model.policy.actor.parameters())).fill_(math.nan)
+        original(self, until, report)
+
+    monkeypatch.setattr(SB3, "learn", poisoned)
+    with pytest.raises(TrainingError, match=str(run)):
+        train(written(tmp_path, judging=None, steps=512), run, quiet=True)
+    assert (run / "checkpoint.zip").read_bytes() == before
