@@ -101,7 +101,7 @@ def test_another_memory_is_refused(coding, state):
 
 
 @pytest.mark.parametrize(("arguments", "named"), [
-    (((BLOCK, BLOCK), "wrench", None), "parts"),
+    (((BLOCK, BLOCK), "wrench", None), "one part"),
     (((BLOCK,), "element", None), "action"),
     (((BLOCK,), "wrench", [["goal", 1]]), "columns"),
     (((BLOCK,), "wrench", [["part", 0], ["goal", 1]]), "columns: frames"),
