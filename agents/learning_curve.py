@@ -13,7 +13,7 @@ import numpy as np
 
 from agents.training_settings import TrainSettings
 from vibgym import checks
-from vibgym.envs.named import batch_of, environment_id
+from vibgym.envs.vector import batch_of, environment_id
 from vibgym.files import write_atomically
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy

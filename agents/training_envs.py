@@ -17,7 +17,7 @@ from vibgym import checks
 from vibgym.adapters.sb3 import VecEnv
 from vibgym.envs import VibgymVectorEnv
 from vibgym.envs.actions import Wrench
-from vibgym.envs.named import batch_of
+from vibgym.envs.vector import batch_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.residual import SCALE, Base

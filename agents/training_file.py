@@ -21,7 +21,7 @@ from agents.training_settings import (
 )
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.envs.named import environment_id
+from vibgym.envs.vector import environment_id
 
 SECTIONS: dict[str, type[Settings]] = {
     "imitation": ImitationSettings,

@@ -125,7 +125,7 @@ class ServesSettings(Settings):
 class TrainSettings(Settings):
     """One training run, see :func:`agents.training_file.settings_from`."""
 
-    task: str  # see vibgym.envs.named.batch_of
+    task: str  # see vibgym.envs.vector.batch_of
     environment: dict[str, Any] = {"action": "patch"}
     worlds: int = Field(512, ge=1, le=100_000)
     steps: int = Field(ge=1, le=MOST_STEPS)

@@ -13,6 +13,7 @@ from types import ModuleType
 RENAMED: dict[str, str] = {
     "vibgym._numba": "vibgym.kernels",
     "vibgym.envs.layout": "vibgym.envs.features",
+    "vibgym.envs.named": "vibgym.envs.vector",
     "vibgym.physics.collision": "vibgym.physics.contacts",
     "vibgym.physics.tilting": "vibgym.plugins.tilting",
     "vibgym.play": "vibgym.plugins.play",

@@ -26,7 +26,7 @@ from agents.evaluation.settings import (
 from agents.evaluation.table import EFFECTS, LOAD, REPORT, Place, Table
 from agents.provenance import policy_files, provenance
 from vibgym import checks
-from vibgym.envs.named import environment_id
+from vibgym.envs.vector import environment_id
 from vibgym.envs.viewer import scenery_of
 from vibgym.files import output_directory, output_files
 from vibgym.imports import taking_part

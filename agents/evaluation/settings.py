@@ -12,7 +12,7 @@ from pydantic import Field
 from agents.provenance import portable
 from vibgym import checks
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.envs.named import environment_id
+from vibgym.envs.vector import environment_id
 
 DEFAULT_EPISODES = 100
 DEFAULT_FIRST_SEED = 100_000

@@ -10,7 +10,7 @@ import numpy as np
 from agents.recording.record_settings import RecordSettings
 from agents.recording.tracks import Tracks
 from vibgym import checks
-from vibgym.envs.named import batch_of
+from vibgym.envs.vector import batch_of
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import Episodes

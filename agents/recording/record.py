@@ -24,7 +24,7 @@ from agents.recording import storage
 from agents.recording.play import Recorder
 from agents.recording.record_settings import RecordSettings
 from vibgym import checks
-from vibgym.envs.named import environment_id
+from vibgym.envs.vector import environment_id
 from vibgym.files import WriteError, reason
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.trained import described

@@ -10,7 +10,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from vibgym.config import Settings, load_yaml, parse
-from vibgym.envs.named import environment_id
+from vibgym.envs.vector import environment_id
 
 NAME = re.compile(r"([\w-]+/)*[\w-]+-v\d+")
 
@@ -19,7 +19,7 @@ class RecordSettings(Settings):
     """Episodes of one policy on one environment."""
 
     dataset: str  # Minari's name, such as "vibgym/align/pose-v0"
-    task: str  # see vibgym.envs.named.batch_of
+    task: str  # see vibgym.envs.vector.batch_of
     policy: Any  # as evaluations take it
     environment: dict[str, Any] = {}
     observation: str = "state"  # what is kept; the policy reads its own

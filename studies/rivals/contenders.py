@@ -9,7 +9,7 @@ from studies.rivals.by_turns import ByTurnsPolicy
 from studies.rivals.machines import register
 from studies.rivals.policies import rival_policy
 from vibgym import Surface
-from vibgym.envs.named import batch_of, environment_id
+from vibgym.envs.vector import batch_of, environment_id
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo

@@ -17,7 +17,7 @@ import numpy as np
 from studies.rivals.machines import MACHINES, Cells, Machine, Plate
 from studies.rivals.policies import first_strokes, places
 from vibgym.allocation import Allocator
-from vibgym.envs.named import batch_of, environment_id
+from vibgym.envs.vector import batch_of, environment_id
 from vibgym.policies.task_info import TaskInfo
 
 COUNTS = (1, 2, 3, 6, 12)

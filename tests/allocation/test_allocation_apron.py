@@ -6,7 +6,7 @@ import pytest
 from vibgym import Part, Surface
 from vibgym.actuators import DataSheet
 from vibgym.allocation import Allocator
-from vibgym.envs.named import batch_of
+from vibgym.envs.vector import batch_of
 from vibgym.policies import make_policy
 from vibgym.policies.task_info import TaskInfo
 

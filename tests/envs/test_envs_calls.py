@@ -9,7 +9,7 @@ import vibgym
 from tests.envs.helpers import single
 
 PACKAGE = str(Path(vibgym.__file__).parent)
-MOST_CALLS, MOST_FILES = 20, 12
+MOST_CALLS, MOST_FILES = 20, 10
 
 
 def test_a_step_enters_few_functions():

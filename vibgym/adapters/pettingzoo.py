@@ -15,11 +15,10 @@ from pettingzoo import ParallelEnv, parallel_registry, register
 
 from vibgym import checks
 from vibgym.adapters.credit import credits_parts
-from vibgym.envs.named import environment_id
 from vibgym.envs.observations import PartsObservation
-from vibgym.envs.options import Keywords
-from vibgym.envs.reset_options import KEYS
+from vibgym.envs.options import RESET_OPTIONS, Keywords
 from vibgym.envs.single import VibgymEnv
+from vibgym.envs.vector import environment_id
 from vibgym.registration import ENVIRONMENTS
 
 
@@ -120,10 +119,12 @@ class PartsParallelEnv(ParallelEnv):
         """
         known = None
         if options is not None:
-            known = {key: value for key, value in options.items() if key in KEYS}
+            known = {key: value for key, value in options.items() if key in RESET_OPTIONS}
             foreign = sorted(map(str, options.keys() - known.keys()))
             if foreign:
-                gym.logger.warn(f"reset(): options {', '.join(foreign)} are ignored; known are {', '.join(KEYS)}")
+                gym.logger.warn(
+                    f"reset(): options {', '.join(foreign)} are ignored; known are {', '.join(RESET_OPTIONS)}"
+                )
         seen, info = self.env.reset(seed=seed, options=known or None)
         players = self._base.core.scoring.players[0]
         self.agents = [agent for agent in self.possible_agents if players[self._part(agent)]]

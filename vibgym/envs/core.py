@@ -20,16 +20,14 @@ from vibgym import checks
 from vibgym.actuators import actuators_from, nominal
 from vibgym.config import surface_from
 from vibgym.envs.actions import ACTIONS, all_finite_in_blocks, check_command, copy_finite
-from vibgym.envs.disturbances import Disturbances
-from vibgym.envs.info import BatchInformation, WorldInformation
+from vibgym.envs.info import BatchInfo, InfoData
 from vibgym.envs.observations import OBSERVATIONS, Observation, RowObservation, Writer, check_batch
-from vibgym.envs.options import Options, longest_paths, parts_from, step_limit, task_settings
-from vibgym.envs.randomization import Randomization
-from vibgym.envs.reset_options import StartOverride
+from vibgym.envs.options import Options, StartOverride, longest_paths, parts_from, step_limit, task_settings
+from vibgym.envs.randomization import Disturbances, Randomization
 from vibgym.physics.core.drive import Drive, all_phasors
 from vibgym.sensing import MEASUREMENT_FEATURES, sensing_from
 from vibgym.sensing.measurement import Measurement, new_measurement
-from vibgym.simulation import MODELS, Conditions, Simulator
+from vibgym.simulation import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
@@ -49,7 +47,7 @@ class Stage(NamedTuple):
     """A stage of a step."""
 
     run: Callable[..., None]  # without arguments, or with the number of a block of worlds
-    by_block: bool  # whether it runs block by block, on the thread that has advanced the block
+    by_block: bool = False  # whether it runs block by block, on the thread that has advanced the block
     needed: bool = True  # with these settings
 
 
@@ -68,13 +66,13 @@ class Core:
     Args:
         options: settings of the environment.
         worlds: number of worlds.
-        information: class that makes ``info``.
+        make_info: class that makes ``info``; a batch writes it world by world.
 
     Attributes:
         options: as given.
         episode: progress of every world, by the true state.  relations: errors and gaps of the parts by the true state.
         details: nested groups of ``info``, live arrays (worlds, ...).
-        information: makes ``info``.
+        info: makes ``info``.
         report: fields of ``info`` of the last step; batches only.
         observations: batch of observations of the last step.
         stages: of a step, in order.
@@ -89,12 +87,7 @@ class Core:
     STATE = ("environment", "simulator", "episode", "action", "actuators", "sensor", "began")
     """Keys of a snapshot."""
 
-    def __init__(
-        self,
-        options: Options,
-        worlds: int,
-        information: type[BatchInformation] | type[WorldInformation] = BatchInformation,
-    ) -> None:
+    def __init__(self, options: Options, worlds: int, make_info: Callable[[InfoData], Any] = BatchInfo) -> None:
         cls = TASKS.choose("task", options.task)
         self.options = options
         self.surface = surface_from(options.surface)
@@ -138,7 +131,9 @@ class Core:
         command = self._resting_command()
         self.actuators.prepare(command)
         self.sensing.prepare(command)
-        self._check_extremes()
+        if self.randomization.ranges:
+            extremes = self.randomization.extremes()
+            self.simulator.check_conditions(extremes, extremes._asdict(), "randomize[{!r}]")
         self.identity = _identity(options, self)
         self.idle = self._idle_velocity(np.ones(len(self.parts)))
         # Arrays of the state and of the scoring live as long as the core and are changed in place.
@@ -154,7 +149,8 @@ class Core:
         self.drive: Any = None
         self._own_reward: OwnReward | None = None
         self._choose_reward(weights)
-        self._information = information
+        self._make_info = make_info
+        self._by_batch = make_info is BatchInfo
         # Actions of few worlds are copied to the same memory at every step, so that drives need not be pinned anew. For many
         # worlds a copy would cost more.
         few = len(self.simulator.blocks.edges) == 1
@@ -164,6 +160,162 @@ class Core:
         self.longest = longest_paths(self.task, self.actuators, self.sensing.sensor, options.max_episode_periods)
         self.began = False
         self._checked = False  # the first batch of observations, against their space
+
+    def step(self, action: np.ndarray, given: Any = None) -> None:
+        """Advance every world by one step under an action, score it, measure and observe.
+
+        The stages are those of :meth:`_list_stages`.
+
+        Args:
+            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
+            given: the action before conversion, for errors.
+
+        Raises:
+            ValueError: a number that is not finite; nothing has changed.
+        """
+        self._action, self._given = action, given
+        for run in self._pipeline:
+            run()
+
+    def _list_stages(self) -> tuple[Stage, ...]:
+        """List the stages of a step in order; stages that these settings do not need are left out."""
+        exact, rows, own_reward = self.sensing.exact, self._rows is not None, self._own_reward is not None
+        flows = self.task.flows
+        stages = (
+            Stage(self._decode),
+            Stage(self._allocate),
+            Stage(self._predict, needed=not exact),
+            Stage(self._remember, needed=own_reward),
+            Stage(self._disturb, needed=self.disturbances is not None),
+            Stage(self._actuate_and_advance),
+            Stage(self._score, by_block=True),
+            Stage(self._reward_by_task, needed=own_reward),
+            Stage(self._reward_goals, needed=self.observation.goal_reward),
+            Stage(self._correct, needed=not exact),
+            Stage(self._renew_measurement, needed=not exact and flows),
+            Stage(self._relate, by_block=True, needed=not exact),
+            Stage(self._write_rows, by_block=True, needed=rows),
+            Stage(self._write_report, by_block=True, needed=self._by_batch),
+            Stage(self._observe, needed=not rows),
+            Stage(self._forget_departed, needed=flows),
+        )
+        return tuple(stage for stage in stages if stage.needed)
+
+    def _run_by_block(self, stages: Sequence[Callable[[int], None]]) -> None:
+        """Run block stages on all threads."""
+
+        def work(k: int) -> None:
+            for run in stages:
+                run(k)
+
+        self.simulator.blocks.run(work)
+
+    def _decode(self) -> None:
+        """Compute the command from the action."""
+        values = self._action
+        if self._kept_action is not None:
+            finite, values = copy_finite(values, self._kept_action), self._kept_action
+        else:
+            finite = all_finite_in_blocks(values, self.simulator.blocks)
+        if not finite:
+            raise self.action.not_finite(self._action if self._given is None else self._given)
+        self._command = self.action.command(values, self._measurement if self._all_driven else self._driven_alone())
+
+    def _driven_alone(self) -> Measurement:
+        """Return the measurement for actions, in which parts that are not driven count as gone."""
+        measurement = self._measurement
+        return measurement._replace(gone=measurement.gone | ~self.task.driven)
+
+    def _allocate(self) -> None:
+        """Begin a batch of observations and reports: arrays that were handed out are not written again."""
+        if self._rows is not None:
+            self._arrays, self.observations = self._rows.fresh(self.worlds)
+        if self._by_batch:
+            self.report = self.info.allocate()
+
+    def _predict(self) -> None:
+        """Predict the state under the command."""
+        self.sensing.predict(self._command)
+
+    def _remember(self) -> None:
+        """Keep the state before the step, for a reward of the task's own."""
+        self._own_reward.begin_step()  # type: ignore[union-attr]
+
+    def _disturb(self) -> None:
+        """Disturb parts at random times."""
+        self.disturbances.strike(self.episode.present)  # type: ignore[union-attr]
+
+    def _actuate_and_advance(self) -> None:
+        """Advance all worlds under the drives of the command; the sensor samples the state at its instant."""
+        advance, sensing, elapsed = self.simulator.go_on, self.sensing, 0
+        instant = None if sensing.exact else sensing.instant
+        for drive, periods in self.actuators.apply(self._command):
+            self.drive = drive
+            end = elapsed + periods
+            if instant is not None and elapsed < instant < end:
+                advance(drive, instant - elapsed)
+                sensing.look(self.simulator.state)
+                elapsed = instant
+            advance(drive, end - elapsed, self._after_advance if end == self.periods else ())
+            if end == instant:
+                sensing.look(self.simulator.state)
+            elapsed = end
+
+    def _score(self, k: int) -> None:
+        """Score the step by the true state."""
+        block = self._blocks[k]
+        for score in block.score:
+            score(block.worlds)
+
+    def _reward_by_task(self) -> None:
+        """Replace the reward by that of the task's own method."""
+        self._own_reward.score()  # type: ignore[union-attr]
+
+    def _reward_goals(self) -> None:
+        """The reward of a goal observation."""
+        state, present, reached = self.simulator.state, self.episode.present, self.observation.reached  # type: ignore[attr-defined]
+        goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
+        reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
+        self.episode.reward[:] = reward
+        self.terms[:, 0] = reward
+        self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(present, reward[:, None], 0.0)
+
+    def _correct(self) -> None:
+        """Correct the measurement by the reading that is due."""
+        self.sensing.correct()
+
+    def _renew_measurement(self) -> None:
+        """Start the estimates of parts afresh that have arrived or left."""
+        if self.scoring.changed.any():
+            self.sensing.renew(self.scoring.changed, self.simulator.state)
+
+    def _relate(self, k: int) -> None:
+        """Compute errors and gaps by the measured poses."""
+        block, measured = self._blocks[k], self._measurement
+        block.relate(block.worlds, measured.pose, measured.gone)
+
+    def _write_rows(self, k: int) -> None:
+        """Write the observations of a block."""
+        block = self._blocks[k]
+        for write, array in zip(block.write, self._arrays):
+            write(block.worlds, array)
+
+    def _write_report(self, k: int) -> None:
+        """Write the fields of ``info`` of a block."""
+        self.info.write(self._blocks[k].worlds, *self.report)
+
+    def _observe(self) -> None:
+        """Compute an observation that is implemented in Python."""
+        self.observations = self.observe()
+
+    def _forget_departed(self) -> None:
+        """Clear what actions and model remember of parts that have arrived or left."""
+        changed = self.scoring.changed
+        if changed.any():
+            for remembered in self.action.live().values():
+                if remembered.shape[:2] == changed.shape:
+                    remembered[changed] = 0
+            self.simulator.renew(changed)
 
     def _choose_reward(self, weights: Mapping[str, Any]) -> None:
         """Select the reward source: built-in kernel, task override or goal reward.
@@ -187,7 +339,7 @@ class Core:
             self.term_names, self.terms, self.part_terms = own.names, own.terms, own.part_terms
 
     BOUND = (
-        "information", "report", "observations", "stages", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline",
+        "info", "report", "observations", "stages", "_arrays", "_blocks", "_now", "_after_advance", "_pipeline",
         "_measurement",
     )  # fmt: skip
     """Attributes that hold addresses or views of the core's arrays; copies create them again."""
@@ -208,10 +360,11 @@ class Core:
         part_extra = {**scoring.part_facts(), **self.simulator.part_info()}
         if self.disturbances is not None:
             part_extra["struck"] = self.disturbances.struck
-        self.information: Any = self._information(
+        data = InfoData(
             self.task.FACTS, scoring.facts(), self.episode, state.diverged, self.term_names, self.terms, self.part_terms,
             self.details, part_extra,
         )  # fmt: skip
+        self.info = self._make_info(data)
         self.report: Any = None
         self.observations: Any = None
         self._arrays: list[np.ndarray] = []
@@ -295,166 +448,11 @@ class Core:
         pairs = zip(factors.tolist(), self.parts, strict=True)
         return np.array([np.append(self.surface.idle_velocity(each * part.friction), 0.0) for each, part in pairs])
 
-    def _check_extremes(self) -> None:
-        """Refuse ranges of ``randomize`` that include conditions outside the model's validity, in any combination."""
-        parts, lowest = len(self.parts), {name: low for name, (low, _) in self.randomization.ranges.items()}
-        highest = {name: high for name, (_, high) in self.randomization.ranges.items()}
-        # The largest mass ratios: each part at its heaviest while the others are at their lightest.
-        mass = np.where(np.eye(parts, dtype=bool), highest.get("mass", 1.0), lowest.get("mass", 1.0))
-        incline = [self.surface.gravity * np.sin(highest.get("incline", 0.0)), 0.0]
-        friction = np.full((parts, parts), highest.get("friction", 1.0))
-        patches = np.full((parts, 1, 1), highest.get("patches", 1.0))
-        rows = Conditions(friction, mass, np.tile(incline, (parts, 1)), patches)
-        if self.randomization.ranges:
-            self.simulator.check_conditions(rows, rows._asdict(), "randomize[{!r}]")
-
     def start_of(self, worlds: np.ndarray, uniform: np.ndarray, override: StartOverride | None) -> Start:
         """Return the start of a reset from uniform numbers (n, task.draws) and reset options."""
         if override is None:
             return self.task.start(uniform)
         return override.start(self.task, self.simulator, worlds, uniform)
-
-    def step(self, action: np.ndarray, given: Any = None) -> None:
-        """Advance every world by one step under an action, score it, measure and observe.
-
-        The stages are those of :meth:`_list_stages`.
-
-        Args:
-            action: float32 (worlds, size), see :meth:`vibgym.envs.actions.Action.shaped`.
-            given: the action before conversion, for errors.
-
-        Raises:
-            ValueError: a number that is not finite; nothing has changed.
-        """
-        self._action, self._given = action, given
-        for run in self._pipeline:
-            run()
-
-    def _list_stages(self) -> tuple[Stage, ...]:
-        """List the stages of a step in order; stages that these settings do not need are left out."""
-        exact, rows, own_reward = self.sensing.exact, self._rows is not None, self._own_reward is not None
-        goal_reward, flows = self.observation.goal_reward, self.task.flows
-        stages = (
-            Stage(self._decode, by_block=False),
-            Stage(self._predict, by_block=False, needed=not exact),
-            Stage(self._remember, by_block=False, needed=own_reward),
-            Stage(self._disturb, by_block=False, needed=self.disturbances is not None),
-            Stage(self._actuate_and_advance, by_block=False),
-            Stage(self._score, by_block=True),
-            Stage(self._reward_by_task, by_block=False, needed=own_reward),
-            Stage(self._reward_goals, by_block=False, needed=goal_reward),
-            Stage(self._correct, by_block=False, needed=not exact),
-            Stage(self._renew_measurement, by_block=False, needed=not exact and flows),
-            Stage(self._relate, by_block=True, needed=not exact),
-            Stage(self._write_rows, by_block=True, needed=rows),
-            Stage(self._write_report, by_block=True, needed=isinstance(self.information, BatchInformation)),
-            Stage(self._observe, by_block=False, needed=not rows),
-            Stage(self._forget_departed, by_block=False, needed=flows),
-        )
-        return tuple(stage for stage in stages if stage.needed)
-
-    def _run_by_block(self, stages: Sequence[Callable[[int], None]]) -> None:
-        """Run block stages on all threads."""
-
-        def work(k: int) -> None:
-            for run in stages:
-                run(k)
-
-        self.simulator.blocks.run(work)
-
-    def _decode(self) -> None:
-        """Compute the command from the action, and begin a new batch of results."""
-        values = self._action
-        if self._kept_action is not None:
-            finite, values = copy_finite(values, self._kept_action), self._kept_action
-        else:
-            finite = all_finite_in_blocks(values, self.simulator.blocks)
-        if not finite:
-            raise self.action.not_finite(self._action if self._given is None else self._given)
-        self._command = self.action.command(values, self._measurement if self._all_driven else self._driven_alone())
-        self._allocate()
-
-    def _predict(self) -> None:
-        """Predict the state under the command."""
-        self.sensing.predict(self._command)
-
-    def _remember(self) -> None:
-        """Keep the state before the step, for a reward of the task's own."""
-        self._own_reward.begin_step()  # type: ignore[union-attr]
-
-    def _disturb(self) -> None:
-        """Disturb parts at random times."""
-        self.disturbances.strike(self.episode.present)  # type: ignore[union-attr]
-
-    def _actuate_and_advance(self) -> None:
-        """Advance all worlds under the drives of the command; the sensor samples the state at its instant."""
-        advance, sensing, elapsed = self.simulator.go_on, self.sensing, 0
-        instant = None if sensing.exact else sensing.instant
-        for drive, periods in self.actuators.apply(self._command):
-            self.drive = drive
-            end = elapsed + periods
-            if instant is not None and elapsed < instant < end:
-                advance(drive, instant - elapsed)
-                sensing.look(self.simulator.state)
-                elapsed = instant
-            advance(drive, end - elapsed, self._after_advance if end == self.periods else ())
-            if end == instant:
-                sensing.look(self.simulator.state)
-            elapsed = end
-
-    def _score(self, k: int) -> None:
-        """Score the step by the true state."""
-        block = self._blocks[k]
-        for score in block.score:
-            score(block.worlds)
-
-    def _reward_by_task(self) -> None:
-        """Replace the reward by that of the task's own method."""
-        self._own_reward.score()  # type: ignore[union-attr]
-
-    def _correct(self) -> None:
-        """Correct the measurement by the reading that is due."""
-        self.sensing.correct()
-
-    def _renew_measurement(self) -> None:
-        """Start the estimates of parts afresh that have arrived or left."""
-        if self.scoring.changed.any():
-            self.sensing.renew(self.scoring.changed, self.simulator.state)
-
-    def _relate(self, k: int) -> None:
-        """Compute errors and gaps by the measured poses."""
-        block, measured = self._blocks[k], self._measurement
-        block.relate(block.worlds, measured.pose, measured.gone)
-
-    def _write_rows(self, k: int) -> None:
-        """Write the observations of a block."""
-        block = self._blocks[k]
-        for write, array in zip(block.write, self._arrays):
-            write(block.worlds, array)
-
-    def _write_report(self, k: int) -> None:
-        """Write the fields of ``info`` of a block."""
-        self.information.write(self._blocks[k].worlds, *self.report)
-
-    def _observe(self) -> None:
-        """Compute an observation that is implemented in Python."""
-        self.observations = self.observe()
-
-    def _forget_departed(self) -> None:
-        """Clear what actions and model remember of parts that have arrived or left."""
-        changed = self.scoring.changed
-        if changed.any():
-            for remembered in self.action.live().values():
-                if remembered.shape[:2] == changed.shape:
-                    remembered[changed] = 0
-            self.simulator.renew(changed)
-
-    def _allocate(self) -> None:
-        """Begin a batch of observations and reports: arrays that were handed out are not written again."""
-        if self._rows is not None:
-            self._arrays, self.observations = self._rows.fresh(self.worlds)
-        if isinstance(self.information, BatchInformation):
-            self.report = self.information.allocate()
 
     def relate(self, worlds: np.ndarray) -> None:
         """Update the relations by the measured poses in ``worlds`` (index array)."""
@@ -463,8 +461,8 @@ class Core:
 
     def refresh(self, worlds: np.ndarray) -> None:
         """Observe and report ``worlds`` (index array) again in the present batch: their episodes have just begun."""
-        if isinstance(self.information, BatchInformation):
-            self.information.write(worlds, *self.report)
+        if self._by_batch:
+            self.info.write(worlds, *self.report)
         for write, array in zip(self._now.write, self._arrays):
             write(worlds, array)
         if self._rows is None:
@@ -478,20 +476,6 @@ class Core:
             name, space = f"observation {self.options.observation!r}", self.observation.space
             check_batch(name, space, self.observations, self.worlds)
             self._checked = True
-
-    def _driven_alone(self) -> Measurement:
-        """Return the measurement for actions, in which parts that are not driven count as gone."""
-        measurement = self._measurement
-        return measurement._replace(gone=measurement.gone | ~self.task.driven)
-
-    def _reward_goals(self) -> None:
-        """The reward of a goal observation."""
-        state, present, reached = self.simulator.state, self.episode.present, self.observation.reached  # type: ignore[attr-defined]
-        goal_reward = self.task.compute_reward  # type: ignore[attr-defined]
-        reward = goal_reward(reached(state.pose), reached(self.episode.goal), {"fallen": self.episode.fallen})
-        self.episode.reward[:] = reward
-        self.terms[:, 0] = reward
-        self.episode.part_reward[:] = self.part_terms[..., 0] = np.where(present, reward[:, None], 0.0)
 
     def observe(self) -> Any:
         """Return a new batch of observations."""

@@ -1,8 +1,8 @@
 """Features of observations: one table of quantities, scales and codings, and layouts that locate and decode them.
 
-The kernels of :mod:`vibgym.envs.writing`, the layouts and the documentation use the same table. The form ``"state"`` is flat,
-with a block of numbers per part. The form ``"parts"`` has a row per part, relative to that part, in units that do not depend
-on the size of the surface (except ``position``), so that policies transfer between surfaces.
+The kernels of :mod:`vibgym.envs.observations`, the layouts and the documentation use the same table. The form ``"state"`` is
+flat, with a block of numbers per part. The form ``"parts"`` has a row per part, relative to that part, in units that do not
+depend on the size of the surface (except ``position``), so that policies transfer between surfaces.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Feature(NamedTuple):
 
     Attributes:
         name: of the feature.
-        quantity: of the part, see :mod:`vibgym.envs.writing`.
+        quantity: of the part, see :mod:`vibgym.envs.observations`.
         width: number of values.
         meaning: in words.
         unit: of a number 1, in words.

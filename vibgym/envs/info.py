@@ -6,7 +6,6 @@ A batch copies all fields into a few arrays per step, in a kernel, and hands out
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -103,93 +102,40 @@ def report_worlds(source, worlds, number, count, flag, part_number, part_flag):
                 part_number[1 + term, worlds[k], part] = part_terms[worlds[k], part, term]
 
 
-class Information:
-    """Base of what makes ``info`` dictionaries.
+class InfoData(NamedTuple):
+    """What ``info`` reports; the arrays are live."""
 
-    Args:
-        fields: names among :data:`ROWS`, in order.
-        extra: further fields, live arrays (worlds,).
-        episode: progress of every world.
-        diverged: (worlds,) bool, live.
-        names: of the reward terms.
-        terms, part_terms: their values (worlds, terms) and (worlds, parts, terms), live.
-        groups: nested fields, live arrays (worlds, ...); a group may hold groups.
-        part_extra: further fields of single parts, live arrays (worlds, parts).
-    """
-
-    def __init__(
-        self,
-        fields: Sequence[str],
-        extra: Mapping[str, np.ndarray],
-        episode: Episode,
-        diverged: np.ndarray,
-        names: Sequence[str],
-        terms: np.ndarray,
-        part_terms: np.ndarray,
-        groups: Mapping[str, Any],
-        part_extra: Mapping[str, np.ndarray],
-    ) -> None:
-        self.fields, self.extra, self.names = tuple(fields), dict(extra), tuple(names)
-        self.groups, self.part_extra = groups, part_extra
-        self.episode, self.diverged, self.terms, self.part_terms = episode, diverged, terms, part_terms
+    fields: Sequence[str]  # names among ROWS, in order
+    extra: Mapping[str, np.ndarray]  # further fields (worlds,)
+    episode: Episode
+    diverged: np.ndarray  # (worlds,) bool
+    names: Sequence[str]  # of the reward terms
+    terms: np.ndarray  # (worlds, terms)
+    part_terms: np.ndarray  # (worlds, parts, terms)
+    groups: Mapping[str, Any]  # nested fields (worlds, ...); a group may hold groups
+    part_extra: Mapping[str, np.ndarray]  # further fields of single parts (worlds, parts)
 
 
-class WorldInformation(Information):
-    """Makes the ``info`` of a single environment: numbers, and copies of arrays."""
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        starts = np.cumsum([0, self.episode.number.shape[1], self.episode.count.shape[1], self.episode.flag.shape[1]])
-        columns = {name: int(start) + column for start, names in zip(starts, COLUMNS) for name, column in names.items()}
-        columns["diverged"] = int(starts[-1])
-        self._pick = itemgetter(*(columns[name] for name in self.fields), columns["ended"])  # at least two: a tuple
-
-    def read(self) -> tuple[float, bool, dict[str, Any]]:
-        """Return reward, whether the episode has ended, and ``info``."""
-        episode, names = self.episode, self.names
-        number = episode.number[0].tolist()
-        values = number + episode.count[0].tolist() + episode.flag[0].tolist() + self.diverged.tolist()
-        *known, ended = self._pick(values)
-        info: dict[str, Any] = dict(zip(self.fields, known))
-        for name, live in self.extra.items():
-            info[name] = live[0].item()
-        info["reward_terms"] = dict(zip(names, self.terms[0].tolist()))
-        if self.groups:
-            info |= _first(self.groups)
-        parts: dict[str, Any] = {
-            "done": episode.done[0].copy(),
-            "fallen": episode.part_fallen[0].copy(),
-            "present": episode.present[0].copy(),
-            "reward": episode.part_reward[0].copy(),
-        }
-        if self.part_extra:
-            parts |= _first(self.part_extra)
-        parts["reward_terms"] = dict(zip(names, self.part_terms[0].T.copy()))
-        info["parts"] = parts
-        return number[REWARD], ended, info
-
-
-class BatchInformation(Information):
+class BatchInfo:
     """Makes the ``info`` of a batch, with Gymnasium's ``_key`` masks.
 
     Attributes:
         write: ``write(worlds, *report)`` copies the fields of some worlds; of disjoint worlds several at a time.
     """
 
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        episode = self.episode
+    def __init__(self, data: InfoData) -> None:
+        self._data, episode = data, data.episode
         parts = (episode.done, episode.part_fallen, episode.present, episode.part_reward)
-        source = Source(episode.number, episode.count, episode.flag, self.diverged, *parts, self.terms, self.part_terms)
+        source = Source(episode.number, episode.count, episode.flag, data.diverged, *parts, data.terms, data.part_terms)
         self.write = bound(report_worlds, Pinned(SOURCE, source))
         self._shape = episode.done.shape
-        fields = len(self.fields) + len(self.extra) + 2 * (len(self.names) + 1)
-        self._masks = fields + len(PART_FLAGS) + len(self.part_extra) + 2 + _size(self.groups)
+        fields = len(data.fields) + len(data.extra) + 2 * (len(data.names) + 1)
+        self._masks = fields + len(PART_FLAGS) + len(data.part_extra) + 2 + _size(data.groups)
         self._all_worlds = np.ones((self._masks, self._shape[0]), dtype=bool)
 
     def allocate(self) -> Report:
         """Return an uninitialised report."""
-        worlds, terms = self._shape[0], len(self.names)
+        worlds, terms = self._shape[0], len(self._data.names)
         return Report(
             np.empty((TERMS + terms, worlds)),
             np.empty((len(COUNTS), worlds), dtype=np.int64),
@@ -205,6 +151,7 @@ class BatchInformation(Information):
             report: of a step; its arrays become part of the result.
             mask: (worlds,) bool, worlds to include: zeros for the others; None: all.
         """
+        data = self._data
         if mask is None:
             masks = iter(self._all_worlds.copy())
         else:
@@ -212,24 +159,21 @@ class BatchInformation(Information):
             report = _masked(report, mask)
         rows = [list(each) for each in report[:3]]
         info: dict[str, Any] = {}
-        for name in self.fields:
+        for name in data.fields:
             group, row = ROWS[name]
             info[name] = rows[group][row]
             info[f"_{name}"] = next(masks)
-        _add(info, self.extra, mask, masks)
-        info["reward_terms"] = _with_masks(self.names, rows[0][TERMS:], masks)
+        _add(info, data.extra, mask, masks)
+        info["reward_terms"] = _with_masks(data.names, rows[0][TERMS:], masks)
         info["_reward_terms"] = next(masks)
-        _add(info, self.groups, mask, masks)
+        _add(info, data.groups, mask, masks)
         reward, *terms = report.part_number
         parts = _with_masks((*PART_FLAGS, "reward"), [*report.part_flag, reward], masks)
-        _add(parts, self.part_extra, mask, masks)
-        parts["reward_terms"] = _with_masks(self.names, terms, masks)
+        _add(parts, data.part_extra, mask, masks)
+        parts["reward_terms"] = _with_masks(data.names, terms, masks)
         parts["_reward_terms"] = next(masks)
         info["parts"], info["_parts"] = parts, next(masks)
         return info
-
-
-_ZERO = {np.dtype(kind): np.zeros((), dtype=kind) for kind in (np.float64, np.int64, np.bool_)}
 
 
 def _size(group: Mapping[str, Any]) -> int:
@@ -247,8 +191,8 @@ def _with_masks(names: Sequence[str], values: Sequence[np.ndarray], masks: Itera
 
 def _masked(report: Report, mask: np.ndarray) -> Report:
     """Return a copy with zeros outside the mask (worlds,)."""
-    of_worlds = [np.where(mask, each, _ZERO[each.dtype]) for each in report[:3]]
-    of_parts = [np.where(mask[:, None], each, _ZERO[each.dtype]) for each in report[3:]]
+    of_worlds = [np.where(mask, each, each.dtype.type(0)) for each in report[:3]]
+    of_parts = [np.where(mask[:, None], each, each.dtype.type(0)) for each in report[3:]]
     return Report._make([*of_worlds, *of_parts])
 
 
@@ -263,14 +207,3 @@ def _add(info: dict[str, Any], group: Mapping[str, Any], mask: np.ndarray | None
             if mask is not None:
                 info[name][~mask] = 0
         info[f"_{name}"] = next(masks)
-
-
-def _first(group: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the first world's entries of live arrays (worlds, ...): numbers, and copies of arrays."""
-    first: dict[str, Any] = {}
-    for name, values in group.items():
-        if isinstance(values, dict):
-            first[name] = _first(values)
-        else:
-            first[name] = values[0].item() if values.ndim == 1 else values[0].copy()
-    return first

@@ -1,24 +1,33 @@
-"""Observations: what policies get of a measurement, flat, by parts, as a goal dictionary or as an image."""
+"""Observations: what policies get of a measurement, flat, by parts, as a goal dictionary or as an image.
+
+Kernels compute a list of quantities of each part in SI units; a :class:`Program`, made from a layout, encodes them value by
+value. A new feature of a known quantity is a line of the table in :mod:`vibgym.envs.features`; a new quantity also needs a
+kernel here.
+"""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
 from vibgym import checks
-from vibgym.envs.features import Layout, RowLayout
-from vibgym.envs.writing import pinned_scene, write_goals, write_mask, write_rows
-from vibgym.kernels.reference import bound
+from vibgym.envs.features import CODINGS, NEIGHBOUR, NEIGHBOURS, TABLE, Feature, Layout, RowLayout
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import Layout as Memory
+from vibgym.kernels.reference import Pinned, bound
+from vibgym.physics.contacts.hulls import Hulls, part_contact, part_gap, place_hulls
 from vibgym.registry import Registry
 from vibgym.rendering.raster import Marks, rasterise
+from vibgym.scene.parts import Part
+from vibgym.scene.surface import Surface
 from vibgym.sensing import Measurement, Sensor
 from vibgym.tasks import PoseTask, Task
-from vibgym.tasks.episode import Episode, Relations
+from vibgym.tasks.episode import PREVIEW, Episode, Relations
 
 PIXELS = 6  # per side of an element
 KIND_VALUES = (255, 170, 85)
@@ -98,11 +107,6 @@ class RowObservation(Observation):
         return batch
 
 
-def written(task: Task, layout: Layout, measurement: Measurement, relations: Relations, episode: Episode) -> Writer:
-    """Return a function that writes a layout of a task's parts into (worlds, slots, block) float32."""
-    return bound(write_rows, pinned_scene(task, layout, relations, episode), *measurement)
-
-
 class StateObservation(RowObservation):
     """One flat float32 box in [-1, 1]: a block of numbers for each slot, part p in slot p; see the layout."""
 
@@ -115,7 +119,7 @@ class StateObservation(RowObservation):
         return [rows], rows.reshape(worlds, -1)
 
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
-        return [written(self.task, self.layout, measurement, relations, episode)]
+        return [row_writer(self.task, self.layout, measurement, relations, episode)]
 
 
 class PartsObservation(RowObservation):
@@ -144,7 +148,7 @@ class PartsObservation(RowObservation):
         return [rows, mask], {"parts": rows, "mask": mask}
 
     def writers(self, measurement: Measurement, relations: Relations, episode: Episode) -> list[Writer]:
-        rows = written(self.task, self.row_layout, measurement, relations, episode)
+        rows = row_writer(self.task, self.row_layout, measurement, relations, episode)
         return [rows, bound(write_mask, episode.present)]
 
 
@@ -255,6 +259,20 @@ class ImageObservation(Observation):
         return image
 
 
+OBSERVATIONS: Registry[type[Observation]] = Registry(
+    "observation",
+    {
+        "state": StateObservation,
+        "parts": PartsObservation,
+        "parts_and_state": PartsAndState,
+        "goal": GoalObservation,
+        "image": ImageObservation,
+    },
+    "vibgym.observations",
+)
+"""Observations by name; ``OBSERVATIONS.register(name, cls)`` or an entry point in group ``vibgym.observations`` adds one."""
+
+
 def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int) -> None:
     """Check shapes and types of a batch of observations.
 
@@ -282,15 +300,305 @@ def check_batch(name: str, space: spaces.Space, batch: Any, worlds: int) -> None
             raise checks.refuse(name, got, f"an array of shape {shape} and type {space.dtype}: (worlds, *space.shape)")
 
 
-OBSERVATIONS: Registry[type[Observation]] = Registry(
-    "observation",
-    {
-        "state": StateObservation,
-        "parts": PartsObservation,
-        "parts_and_state": PartsAndState,
-        "goal": GoalObservation,
-        "image": ImageObservation,
-    },
-    "vibgym.observations",
-)
-"""Observations by name; ``OBSERVATIONS.register(name, cls)`` or an entry point in group ``vibgym.observations`` adds one."""
+def _offsets(features: Sequence[Feature]) -> dict[str, int]:
+    """Return the offset of each quantity in the list of all, and under ``""`` the length of the list."""
+    widths = {each.quantity: each.width for each in features}
+    return dict(zip((*widths, ""), np.cumsum([0, *widths.values()]).tolist(), strict=True))
+
+
+OF_PART, OF_NEIGHBOUR = _offsets(TABLE), _offsets(NEIGHBOUR)
+
+# Offsets of quantities that change, as constants of the kernels.
+POSITION, HEADING, WAY, TURN = (OF_PART[name] for name in ("position", "heading", "way", "turn"))
+VELOCITY, SPIN, BORDERS, ZONE = (OF_PART[name] for name in ("velocity", "spin", "borders", "zone"))
+GAP, TOWARDS, AGE, SIGMA = (OF_PART[name] for name in ("gap", "neighbour", "age", "sigma"))
+NORMAL, PUSHED = OF_PART["normal"], OF_PART["pushed"]
+GOAL_VELOCITY, GOAL_SPIN = OF_PART["goal_velocity"], OF_PART["goal_spin"]
+WAY_AHEAD, TURN_AHEAD, ARRIVED = OF_PART["way_ahead"], OF_PART["turn_ahead"], OF_PART["arrived"]
+
+APART, BETWEEN, FASTER = OF_NEIGHBOUR["apart"], OF_NEIGHBOUR["gap"], OF_NEIGHBOUR["velocity"]
+THEIR_HEADING, SAME_KIND, THEIR_WAY = (OF_NEIGHBOUR[name] for name in ("heading", "same_kind", "way"))
+THEIR_WAY_FAR, THEIR_TURN = OF_NEIGHBOUR["way_far"], OF_NEIGHBOUR["turn"]
+
+LINEAR, TANH, PLACE, CELL = (CODINGS.index(name) for name in ("linear", "tanh", "place", "cell"))
+
+
+class Program(NamedTuple):
+    """Encoding of the values of a block, a row or a neighbour, arrays (values,)."""
+
+    source: np.ndarray  # int64, index in the list of quantities
+    coding: np.ndarray  # int64, of CODINGS
+    scale: np.ndarray  # SI units at a value of 1
+
+
+class Scene(NamedTuple):
+    """Data of the kernels except the measurement, pinned in memory."""
+
+    relations: Relations  # of the measured poses
+    present: np.ndarray  # (worlds, parts) bool
+    arrived: np.ndarray  # (worlds, parts) bool
+    motion: np.ndarray  # (worlds, parts, ...) of the goals, see vibgym.tasks.episode.Episode
+    kind: np.ndarray  # (parts, 2) int64, kind and symmetry
+    zone: np.ndarray  # (parts, 4) m, x_low, y_low, x_high, y_high
+    size: np.ndarray  # (2,) m, of the surface
+    hulls: Hulls
+    program: Program  # of the part itself
+    others: Program  # of a neighbour; empty if a row has none
+    touch: int  # 1: with features of contacts
+    coarse: int  # offset of "way_coarse" in a row, copied as "way" of a neighbour
+    quantities: np.ndarray  # scratch: (parts, values) quantities of each part, constant ones filled in; ...
+    neighbour: np.ndarray  # ... (numbers,) of a neighbour; ...
+    placed: np.ndarray  # ... as hulls.corner; ...
+    nearest: np.ndarray  # ... (parts, NEIGHBOURS) int64, nearest first, -1: none; ...
+    gap: np.ndarray  # ... (parts, NEIGHBOURS) m, to these
+
+
+SCENE: Memory[Scene] = Memory("SCENE", __name__)
+"""Data of :func:`write_rows`."""
+
+scene_at = SCENE.at
+
+
+@borrowing
+def _unit(value):
+    return min(max(value, -1.0), 1.0)
+
+
+@borrowing
+def encode(program, quantities, row):
+    """Write encoded quantities to a row (n,)."""
+    source, codings, scales = program.source, program.coding, program.scale
+    for k in range(source.shape[0]):
+        value, coding = quantities[source[k]], codings[k]
+        if coding == TANH:
+            value = math.tanh(value / scales[k])
+        elif coding == LINEAR:
+            value = _unit(value / scales[k])
+        elif coding == PLACE:
+            value = _unit(value / scales[k] - 1.0)
+        elif coding == CELL:
+            cells = value / (2.0 * scales[k])
+            value = 2.0 * (cells - math.floor(cells)) - 1.0
+        row[k] = value
+
+
+@borrowing
+def compute_part(scene, pose, velocity, age, sigma, w, p, out):
+    """Compute the quantities of a part.
+
+    Args:
+        pose, velocity: (parts, 3) of the world.  age: (parts,).  sigma: (parts, 3).
+        out: (numbers,) of the part.
+    """
+    relations, size, zones = scene.relations, scene.size, scene.zone[p]
+    error, motion, turned = relations.error[w, p], scene.motion[w, p], scene.kind[p, 1] * pose[p, 2]
+    out[HEADING], out[HEADING + 1] = math.cos(turned), math.sin(turned)
+    for axis in range(2):
+        at, border, zone = pose[p, axis], BORDERS + 2 * axis, ZONE + 2 * axis
+        out[POSITION + axis], out[VELOCITY + axis], out[WAY + axis] = at, velocity[p, axis], error[axis]
+        out[border], out[border + 1] = at, size[axis] - at
+        out[zone], out[zone + 1] = at - zones[axis], zones[2 + axis] - at
+    out[SPIN], out[TURN], out[GAP], out[AGE] = velocity[p, 2], error[2], relations.gap[w, p], age[p]
+    out[SIGMA] = math.sqrt(sigma[p, 0] * sigma[p, 0] + sigma[p, 1] * sigma[p, 1])
+    out[SIGMA + 1] = sigma[p, 2]
+    out[ARRIVED] = 1.0 if scene.arrived[w, p] else 0.0
+    if motion.shape[0] > 0:
+        out[GOAL_VELOCITY], out[GOAL_VELOCITY + 1], out[GOAL_SPIN] = motion[0], motion[1], motion[2]
+        for ahead in range(PREVIEW):
+            for axis in range(2):
+                out[WAY_AHEAD + 2 * ahead + axis] = error[axis] + motion[3 + 3 * ahead + axis]
+            out[TURN_AHEAD + ahead] = error[2] + motion[5 + 3 * ahead]
+    out[TOWARDS] = out[TOWARDS + 1] = 0.0
+    other = relations.neighbour[w, p]
+    if other >= 0:
+        dx, dy = pose[other, 0] - pose[p, 0], pose[other, 1] - pose[p, 1]
+        apart = math.sqrt(dx * dx + dy * dy)
+        if apart > 0.0:
+            out[TOWARDS], out[TOWARDS + 1] = dx / apart, dy / apart
+
+
+@borrowing
+def compute_contact(scene, pose, pushed, w, p, out):
+    """Compute the quantities of a part's contacts.
+
+    Args:
+        pose: (parts, 3) of the world.  pushed: (parts, 2) likewise.
+        out: (numbers,) of the part.
+    """
+    out[PUSHED], out[PUSHED + 1] = pushed[p, 0], pushed[p, 1]
+    out[NORMAL] = out[NORMAL + 1] = 0.0
+    other = scene.relations.neighbour[w, p]
+    if other >= 0:
+        for part in (p, other):
+            place_hulls(scene.hulls, part, pose[part, 0], pose[part, 1], pose[part, 2], scene.placed)
+        _, out[NORMAL], out[NORMAL + 1] = part_contact(scene.hulls, scene.placed, p, other)
+
+
+@borrowing
+def insert_neighbour(gaps, nearest, gap, other):
+    """Insert a part at a distance ``gap`` (m) into the sorted lists (NEIGHBOURS,) of the nearest, after equal ones."""
+    place = NEIGHBOURS
+    while place > 0 and gap < gaps[place - 1]:
+        place -= 1
+    for k in range(NEIGHBOURS - 1, place, -1):
+        gaps[k], nearest[k] = gaps[k - 1], nearest[k - 1]
+    if place < NEIGHBOURS:
+        gaps[place], nearest[place] = gap, other
+
+
+@borrowing
+def rank_neighbours(scene, pose, gone, world):
+    """List every part's nearest others by the distance between outlines; absent parts have none.
+
+    Pairs whose bounding circles are farther apart than the last entries of both lists are skipped.
+    """
+    hulls, placed, here = scene.hulls, scene.placed, scene.present[world]
+    for i in range(pose.shape[1]):
+        for k in range(NEIGHBOURS):
+            scene.gap[i, k], scene.nearest[i, k] = math.inf, -1
+        if not here[i] or gone[world, i]:
+            continue
+        place_hulls(hulls, i, pose[world, i, 0], pose[world, i, 1], pose[world, i, 2], placed)
+        for j in range(i):
+            if not here[j] or gone[world, j]:
+                continue
+            dx, dy = pose[world, i, 0] - pose[world, j, 0], pose[world, i, 1] - pose[world, j, 1]
+            least = math.sqrt(dx * dx + dy * dy) - hulls.radius[i] - hulls.radius[j]
+            if least >= scene.gap[i, NEIGHBOURS - 1] and least >= scene.gap[j, NEIGHBOURS - 1]:
+                continue
+            between = part_gap(hulls, placed, i, j)
+            insert_neighbour(scene.gap[i], scene.nearest[i], between, j)
+            insert_neighbour(scene.gap[j], scene.nearest[j], between, i)
+
+
+@borrowing
+def write_neighbours(scene, pose, velocity, p, rows):
+    """Write the neighbours of row ``p``, after the rows of the neighbours themselves.
+
+    Args:
+        pose, velocity: (parts, 3) of the world.  rows: (slots, size) of the world.
+    """
+    neighbour, quantities, kind, nearest, gap = (
+        scene.neighbour,
+        scene.quantities,
+        scene.kind,
+        scene.nearest[p],
+        scene.gap[p],
+    )
+    start, width = scene.program.source.shape[0], scene.others.source.shape[0]
+    for k in range(NEIGHBOURS):
+        other = nearest[k]
+        if other < 0:
+            break
+        neighbour[BETWEEN] = gap[k]
+        neighbour[THEIR_TURN] = quantities[other, TURN]
+        neighbour[SAME_KIND] = 1.0 if kind[p, 0] == kind[other, 0] else 0.0
+        for axis in range(2):
+            neighbour[APART + axis] = pose[other, axis] - pose[p, axis]
+            neighbour[FASTER + axis] = velocity[other, axis] - velocity[p, axis]
+            neighbour[THEIR_HEADING + axis] = quantities[other, HEADING + axis]
+            neighbour[THEIR_WAY_FAR + axis] = quantities[other, WAY + axis]
+            neighbour[THEIR_WAY + axis] = rows[other, scene.coarse + axis]
+        encode(scene.others, neighbour, rows[p, start + k * width : start + (k + 1) * width])
+
+
+@borrowing
+def write_rows(pinned, pose, mean_velocity, gone, age, sigma, pushed, worlds, out):
+    """Write the blocks or rows of some worlds.
+
+    Args:
+        pinned: address of a pinned :class:`Scene`.
+        pose, mean_velocity, gone, age, sigma, pushed: measured, see :class:`vibgym.sensing.Measurement`.
+        worlds: (n,) index.
+        out: (worlds, slots, size) float32, overwritten; zeros for absent parts.
+    """
+    scene = scene_at(pinned)
+    present = scene.present
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for slot in range(out.shape[1]):
+            there = slot < pose.shape[1] and present[w, slot]
+            for number in range(scene.program.source.shape[0] if there else 0, out.shape[2]):
+                out[w, slot, number] = 0.0
+        for p in range(pose.shape[1]):
+            if present[w, p]:
+                compute_part(scene, pose[w], mean_velocity[w], age[w], sigma[w], w, p, scene.quantities[p])
+                if scene.touch == 1:
+                    compute_contact(scene, pose[w], pushed[w], w, p, scene.quantities[p])
+                encode(scene.program, scene.quantities[p], out[w, p])
+        if scene.others.source.shape[0] > 0:
+            rank_neighbours(scene, pose, gone, w)
+            for p in range(pose.shape[1]):
+                write_neighbours(scene, pose[w], mean_velocity[w], p, out[w])
+
+
+@borrowing
+def write_mask(present, worlds, mask):
+    """Write the mask (worlds, slots) of present parts (worlds, parts) of some worlds."""
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for slot in range(mask.shape[1]):
+            mask[w, slot] = 1 if slot < present.shape[1] and present[w, slot] else 0
+
+
+@borrowing
+def write_goals(low, high, pose, worlds, goals):
+    """Write poses (worlds, parts, 3) of the first parts of some worlds, clipped, as goals (worlds, values)."""
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for number in range(goals.shape[1]):
+            goals[w, number] = min(max(np.float32(pose[w, 0, number]), low[number]), high[number])
+
+
+def row_writer(task: Task, layout: Layout, measurement: Measurement, relations: Relations, episode: Episode) -> Writer:
+    """Return a function that writes a layout into (worlds, slots, block) float32; the arrays of the arguments are live."""
+    surface, parts = task.surface, task.parts
+    own = tuple(each for each in layout.table if each in TABLE)
+    others = _program(tuple(each for each in NEIGHBOUR if f"neighbour_1_{each.name}" in layout), OF_NEIGHBOUR, surface)
+    # A neighbour's way is copied from its own row, encoded.
+    others.coding[others.source >= THEIR_WAY] = CODINGS.index("flag")
+    coarse = next((row.start for row in layout.rows if row.name == "way_coarse"), -1)
+    zones = np.zeros((len(parts), 4)) if task.zones is None else task.zones[task.kind]
+    scene = Scene(
+        relations=relations,
+        present=episode.present,
+        arrived=episode.arrived,
+        motion=episode.motion,
+        kind=np.ascontiguousarray(np.column_stack([task.kind, [part.symmetry for part in parts]])),
+        zone=np.ascontiguousarray(zones),
+        size=np.array([surface.width, surface.depth]),
+        hulls=task.hulls,
+        program=_program(own, OF_PART, surface),
+        others=others,
+        touch=int("contact_normal" in layout),
+        coarse=coarse,
+        quantities=_constant_quantities(parts, task.kind),
+        neighbour=np.ones(OF_NEIGHBOUR[""]),
+        placed=np.zeros(task.hulls.corner.shape),
+        nearest=np.full((len(parts), NEIGHBOURS), -1, dtype=np.int64),
+        gap=np.zeros((len(parts), NEIGHBOURS)),
+    )
+    return bound(write_rows, Pinned(SCENE, scene), *measurement)
+
+
+def _program(features: Sequence[Feature], places: dict[str, int], surface: Surface) -> Program:
+    """Return the encoding of features from quantities at these offsets."""
+    numbers = [
+        (places[each.quantity] + k, CODINGS.index(each.coding), scale)
+        for each in features
+        for k, scale in enumerate(each.scales(surface))
+    ]
+    source, coding, scale = zip(*numbers, strict=True) if numbers else ((), (), ())
+    return Program(
+        np.array(source, dtype=np.int64), np.array(coding, dtype=np.int64), np.array(scale, dtype=np.float64)
+    )
+
+
+def _constant_quantities(parts: Sequence[Part], kind: np.ndarray) -> np.ndarray:
+    """Return quantities (parts, values) with constant ones filled in."""
+    quantities = np.zeros((len(parts), OF_PART[""]))
+    for row, part, number in zip(quantities, parts, kind, strict=True):
+        row[OF_PART["present"]] = row[OF_PART["kind"] + number] = 1.0
+        row[OF_PART["friction"]], row[OF_PART["radius"]] = part.friction, part.radius
+        row[OF_PART["gyration"]], row[OF_PART["extent"]] = math.sqrt(part.gyration), math.sqrt(part.area)
+    return quantities

@@ -1,95 +1,36 @@
-"""``randomize=``: conditions drawn for every episode from the world's generator; ``info["drawn"]`` reports them."""
+"""``randomize=``: conditions drawn for every episode from the world's generator, and impulse disturbances during an episode.
+
+``info["drawn"]`` reports the conditions, ``info["parts"]["struck"]`` the disturbances.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vibgym import checks
 from vibgym.config import to_si
-from vibgym.envs.disturbances import Setting, setting_from
+from vibgym.physics.core.noise import KEY_DRAWS, keys_from
+from vibgym.physics.planar.kick import begin_waiting, strike_parts
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
+from vibgym.simulation import Conditions, Simulator
 from vibgym.simulation.model import LEAST_FACTOR, MOST_FACTOR
 
 STEEPEST = 0.2
 """rad, largest incline; the normal load, which is not changed, would be 2 % smaller."""
 
+MOST_RATE, MOST_TILT = 100.0, math.radians(45.0)
+"""1/s and rad, of disturbances."""
 
-@dataclass(frozen=True)
-class Effect:
-    """A condition that can be drawn for every episode.
-
-    Attributes:
-        range: ``range(name, setting)`` returns lowest and highest value, or raises ValueError.
-        draws: ``draws(surface, parts)`` returns the number of uniform numbers.
-        values: ``values(range, uniform, surface)`` returns values from uniform numbers (n, draws).
-    """
-
-    range: Callable[[str, Any], tuple[float, float]]
-    draws: Callable[[Surface, int], int]
-    values: Callable[[tuple[float, float], np.ndarray, Surface], np.ndarray]
-
-
-def factor_range(name: str, value: Any) -> tuple[float, float]:
-    """Return a range of factors."""
-    return checks.interval(name, value, LEAST_FACTOR, MOST_FACTOR)
-
-
-def angle_range(name: str, value: Any) -> tuple[float, float]:
-    """Return a range of angles from the horizontal, rad; a single number is the upper end of [0, number]."""
-    if checks.listed(value):
-        return checks.interval(name, value, 0.0, STEEPEST)
-    return 0.0, checks.number(name, value, least=0.0, most=STEEPEST)
-
-
-def within(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
-    """Return uniformly distributed values."""
-    return bounds[0] + (bounds[1] - bounds[0]) * uniform
-
-
-def inclines(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
-    """Return accelerations (n, 2), m/s^2, of tables inclined by a uniform angle in a uniform direction."""
-    size = surface.gravity * np.sin(within(bounds, uniform[:, 0], surface))
-    turn = 2.0 * math.pi * uniform[:, 1]
-    return size[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-
-
-def patches(bounds: tuple[float, float], uniform: np.ndarray, surface: Surface) -> np.ndarray:
-    """Return uniformly distributed values (n, rows, columns), one per element."""
-    return within(bounds, uniform, surface).reshape(-1, surface.rows, surface.columns)
-
-
-def per_part(surface: Surface, parts: int) -> int:
-    """Return the number of parts."""
-    return parts
-
-
-def per_element(surface: Surface, parts: int) -> int:
-    """Return the number of elements."""
-    return surface.rows * surface.columns
-
-
-def two(surface: Surface, parts: int) -> int:
-    """Return 2, for a vector."""
-    return 2
-
-
-EFFECTS: dict[str, Effect] = {
-    "friction": Effect(factor_range, per_part, within),
-    "mass": Effect(factor_range, per_part, within),
-    "incline": Effect(angle_range, two, inclines),
-    "patches": Effect(factor_range, per_element, patches),
-}
-"""By the name in ``randomize=``, which :meth:`vibgym.Simulator.set_conditions` has for them, too."""
-
+EFFECTS = ("friction", "mass", "incline", "patches")
+"""Conditions by their name in ``randomize=`` and in :meth:`vibgym.Simulator.set_conditions`, in the order of drawing."""
 
 DISTURBANCE = "disturbance"
-"""Key of impulse disturbances during an episode, see :mod:`vibgym.envs.disturbances`."""
+"""Key of impulse disturbances."""
 
 
 class Randomization:
@@ -122,25 +63,128 @@ class Randomization:
         for name in setting:
             if name not in known:
                 raise checks.unknown("key of randomize", name, known)
+        self._surface, self._parts = surface, len(parts)
         self.task = {name: setting[name] for name in of_task if name in setting}
         self.actuators = {name: setting[name] for name in of_actuators if name in setting}
-        self.ranges = {
-            name: effect.range(f"randomize[{name!r}]", setting[name])
-            for name, effect in EFFECTS.items()
-            if name in setting
-        }
-        self._surface = surface
-        self.disturbance: Setting | None = None
-        if DISTURBANCE in setting:
-            self.disturbance = setting_from(setting[DISTURBANCE], parts)
-        self._draws = {name: EFFECTS[name].draws(surface, len(parts)) for name in self.ranges}
+        self.ranges = {name: _range(name, setting[name]) for name in EFFECTS if name in setting}
+        self.disturbance = disturbance_from(setting[DISTURBANCE], parts) if DISTURBANCE in setting else None
+        draws = dict.fromkeys(EFFECTS, self._parts) | {"incline": 2, "patches": surface.rows * surface.columns}
+        self._draws = {name: draws[name] for name in self.ranges}
         self.draws = sum(self._draws.values())
 
     def values(self, uniform: np.ndarray) -> dict[str, np.ndarray]:
         """Return values of n worlds, by name, from ``uniform`` (n, draws) in [0, 1)."""
-        found, at = {}, 0
-        for name, bounds in self.ranges.items():
+        found, at, surface = {}, 0, self._surface
+        for name, (low, high) in self.ranges.items():
             own = uniform[:, at : at + self._draws[name]]
-            found[name] = EFFECTS[name].values(bounds, own, self._surface)
             at += self._draws[name]
+            if name == "incline":  # by a uniform angle in a uniform direction
+                size, turn = surface.gravity * np.sin(low + (high - low) * own[:, 0]), 2.0 * math.pi * own[:, 1]
+                found[name] = size[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            else:
+                found[name] = low + (high - low) * own
+        if "patches" in found:
+            found["patches"] = found["patches"].reshape(-1, surface.rows, surface.columns)
         return found
+
+    def extremes(self) -> Conditions:
+        """Return the extremes of these ranges, a row per part: it is at its heaviest while the others are at their lightest."""
+        parts, lowest = self._parts, {name: low for name, (low, _) in self.ranges.items()}
+        highest = {name: high for name, (_, high) in self.ranges.items()}
+        incline = [self._surface.gravity * np.sin(highest.get("incline", 0.0)), 0.0]
+        return Conditions(
+            friction=np.full((parts, parts), highest.get("friction", 1.0)),
+            mass=np.where(np.eye(parts, dtype=bool), highest.get("mass", 1.0), lowest.get("mass", 1.0)),
+            incline=np.tile(incline, (parts, 1)),
+            patches=np.full((parts, 1, 1), highest.get("patches", 1.0)),
+        )
+
+
+def _range(name: str, value: Any) -> tuple[float, float]:
+    """Return the range of an effect: factors, or angles from the horizontal, where one number is the end of [0, number]."""
+    where = f"randomize[{name!r}]"
+    if name != "incline":
+        return checks.interval(where, value, LEAST_FACTOR, MOST_FACTOR)
+    if checks.listed(value):
+        return checks.interval(where, value, 0.0, STEEPEST)
+    return 0.0, checks.number(where, value, least=0.0, most=STEEPEST)
+
+
+class Disturbance(NamedTuple):
+    """Setting of impulse disturbances."""
+
+    rate: float  # 1/s, for each part
+    low: float  # rad, range of the tilt
+    high: float
+
+
+def disturbance_from(value: Any, parts: Sequence[Part]) -> Disturbance:
+    """Return the setting ``{"rate": 1/s, "tilt_deg": [low, high]}``; one number is both ends of the range.
+
+    Raises:
+        ValueError: an invalid setting, or a tilt that topples a part.
+    """
+    where = "randomize['disturbance']"
+    allowed = "a mapping with exactly the keys rate (1/s) and tilt (rad, or tilt_deg): a number, or [low, high]"
+    if not isinstance(value, Mapping):
+        raise checks.refuse(where, value, allowed)
+    given = to_si(value, where)
+    if set(given) != {"rate", "tilt"}:
+        raise checks.refuse(where, sorted(map(str, value)), allowed)
+    rate = checks.number(f"{where}['rate']", given["rate"], least=0.0, most=MOST_RATE)
+    tilt = given["tilt"] if checks.listed(given["tilt"]) else [given["tilt"], given["tilt"]]
+    low, high = checks.interval(f"{where}['tilt']", tilt, 0.0, MOST_TILT)
+    for part in parts:
+        steepest = math.atan(1.0 / part.slenderness) if part.slenderness > 0.0 else math.inf
+        if high >= steepest:
+            most = f"less than {math.degrees(steepest):.3g} deg, which topples {part.name!r}"
+            raise checks.refuse(f"{where}['tilt']", f"{math.degrees(high):.3g} deg", most)
+    return Disturbance(rate, low, high)
+
+
+class Disturbances:
+    """Impulse disturbances of parts at random times.
+
+    Models with tilt release a disturbed part from a tilt. Others give it an impulse that has the statistics of what follows
+    (:mod:`vibgym.physics.planar.kick`).
+
+    Args:
+        setting: rate and tilt.
+        simulator: of the parts.
+        span: s, of a step.
+
+    Attributes:
+        struck: (worlds, parts) rad, tilt by which a part was struck in the last step, or 0; live.
+    """
+
+    draws = KEY_DRAWS
+
+    def __init__(self, setting: Disturbance, simulator: Simulator, span: float) -> None:
+        self._setting, self._simulator, self._span = setting, simulator, span
+        shape = simulator.worlds, len(simulator.parts)
+        self._key = np.zeros((shape[0], KEY_DRAWS), dtype=np.int64)
+        self._count = np.zeros(shape, dtype=np.int64)
+        self._wait = np.zeros(shape)
+        self.struck = np.zeros(shape)
+        self._lean, self._kick = np.zeros((*shape, 2)), np.zeros((*shape, 3))
+
+    def live(self) -> dict[str, np.ndarray]:
+        """Return live arrays for snapshots."""
+        live = {"key": self._key, "count": self._count, "wait": self._wait, "struck": self.struck}
+        return {f"disturbance_{name}": values for name, values in live.items()}
+
+    def reset(self, worlds: np.ndarray, uniform: np.ndarray) -> None:
+        """Begin episodes in ``worlds`` (index array), with numbers (n, draws) in [0, 1) of their generators."""
+        self._key[worlds], self.struck[worlds] = keys_from(uniform), 0.0
+        begin_waiting(worlds, self._key, self._setting.rate, self._wait, self._count)
+
+    def strike(self, present: np.ndarray) -> None:
+        """Disturb the parts whose time comes in a step; ``present``: (worlds, parts) bool."""
+        state, setting = self._simulator.state, self._setting
+        away = state.fallen | state.diverged[:, None] | ~present
+        if strike_parts(
+            self._key, setting.rate, setting.low, setting.high, self._span, away, self._wait, self._count, self._lean,
+            self._kick,
+        ):  # fmt: skip
+            self._simulator.disturb(self._lean, self._kick)
+        np.hypot(self._lean[..., 0], self._lean[..., 1], out=self.struck)

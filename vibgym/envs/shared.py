@@ -14,7 +14,7 @@ from vibgym.actuators import DataSheet
 from vibgym.config import json_values
 from vibgym.envs.core import Core
 from vibgym.envs.features import Numbers, RowLayout
-from vibgym.envs.reset_options import StartOverride, parse_reset_options
+from vibgym.envs.options import StartOverride, parse_reset_options
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import Any, Unpack
 
 import gymnasium as gym
@@ -12,10 +13,11 @@ from gymnasium.utils import seeding
 
 from vibgym import checks
 from vibgym.envs.core import Core
-from vibgym.envs.info import WorldInformation
+from vibgym.envs.info import COLUMNS, InfoData
 from vibgym.envs.options import Keywords, Options
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.snapshots import check_keys, generator_from, generator_state
+from vibgym.tasks.episode import REWARD
 
 RENDER_MODES = ("rgb_array", "human")
 _FIRST = np.zeros(1, dtype=np.int64)
@@ -118,7 +120,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         known = Options.from_mapping("keyword arguments", {"task": task, **options}, ("render_mode",))
         if render_mode is not None:
             checks.choice("render_mode", render_mode, RENDER_MODES)
-        self.core = Core(known, 1, WorldInformation)
+        self.core = Core(known, 1, WorldInfo)
         self.render_mode = render_mode
         self.action_space = self.core.action.space
         self.observation_space = self.core.observation.space
@@ -157,7 +159,7 @@ class VibgymEnv(SharedInterface, gym.Env):
             self._viewer.begin(0)
             self._draw()
         self.core.refresh_all()
-        return self._own(self.core.observations), self.core.information.read()[2]
+        return self._own(self.core.observations), self.core.info.read()[2]
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Advance by one step."""
@@ -172,7 +174,7 @@ class VibgymEnv(SharedInterface, gym.Env):
         truncated = core.step_limit is not None and self._steps >= core.step_limit
         batch = core.observations
         observation = batch[0] if isinstance(batch, np.ndarray) else self._own(batch)
-        reward, ended, info = core.information.read()
+        reward, ended, info = core.info.read()
         return observation, reward, ended, truncated, info
 
     @property
@@ -233,3 +235,50 @@ class VibgymEnv(SharedInterface, gym.Env):
         if isinstance(seen, dict):
             return {key: value[0] for key, value in seen.items()}
         return seen[0]
+
+
+class WorldInfo:
+    """Makes the ``info`` of a single environment: Python numbers, and copies of arrays."""
+
+    def __init__(self, data: InfoData) -> None:
+        self._data, episode = data, data.episode
+        starts = np.cumsum([0, episode.number.shape[1], episode.count.shape[1], episode.flag.shape[1]])
+        columns = {name: int(start) + column for start, names in zip(starts, COLUMNS) for name, column in names.items()}
+        columns["diverged"] = int(starts[-1])
+        self._pick = itemgetter(*(columns[name] for name in data.fields), columns["ended"])  # at least two: a tuple
+
+    def read(self) -> tuple[float, bool, dict[str, Any]]:
+        """Return reward, whether the episode has ended, and ``info``."""
+        data = self._data
+        episode, names = data.episode, data.names
+        number = episode.number[0].tolist()
+        values = number + episode.count[0].tolist() + episode.flag[0].tolist() + data.diverged.tolist()
+        *known, ended = self._pick(values)
+        info: dict[str, Any] = dict(zip(data.fields, known))
+        for name, live in data.extra.items():
+            info[name] = live[0].item()
+        info["reward_terms"] = dict(zip(names, data.terms[0].tolist()))
+        if data.groups:
+            info |= _first_world(data.groups)
+        parts: dict[str, Any] = {
+            "done": episode.done[0].copy(),
+            "fallen": episode.part_fallen[0].copy(),
+            "present": episode.present[0].copy(),
+            "reward": episode.part_reward[0].copy(),
+        }
+        if data.part_extra:
+            parts |= _first_world(data.part_extra)
+        parts["reward_terms"] = dict(zip(names, data.part_terms[0].T.copy()))
+        info["parts"] = parts
+        return number[REWARD], ended, info
+
+
+def _first_world(group: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the first world's entries of live arrays (worlds, ...): numbers, and copies of arrays."""
+    first: dict[str, Any] = {}
+    for name, values in group.items():
+        if isinstance(values, dict):
+            first[name] = _first_world(values)
+        else:
+            first[name] = values[0].item() if values.ndim == 1 else values[0].copy()
+    return first

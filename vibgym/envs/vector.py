@@ -8,16 +8,17 @@ from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from vibgym import checks
 from vibgym.envs.core import Core
-from vibgym.envs.options import MOST_EPISODE, Keywords, Options
-from vibgym.envs.reset_options import StartOverride
+from vibgym.envs.options import MOST_EPISODE, Keywords, Options, StartOverride
 from vibgym.envs.shared import SharedInterface, frames_per_second
 from vibgym.snapshots import check_keys, copied, generator_from, generator_state, put_back, restored
+from vibgym.tasks import TASKS
 
 
 class VibgymVectorEnv(SharedInterface, VectorEnv):
@@ -112,7 +113,7 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
         self.closed = False
         self._begin(mask, override)
         self.core.refresh_all()
-        return self.core.observations, self.core.information.read(self.core.report, None if mask.all() else mask)
+        return self.core.observations, self.core.info.read(self.core.report, None if mask.all() else mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Advance all worlds by one step; finished ones are reset according to ``autoreset_mode``."""
@@ -143,13 +144,13 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             final = {
                 "final_obs": self._objects(core.observations, finished),
                 "_final_obs": finished.copy(),
-                "final_info": core.information.read(core.report, finished),
+                "final_info": core.info.read(core.report, finished),
                 "_final_info": finished.copy(),
             }
             self._begin_anew(finished)
             finished = np.zeros(self.num_envs, dtype=bool)
         self._finished[:] = finished
-        return core.observations, reward, terminated, truncated, {**final, **core.information.read(core.report)}
+        return core.observations, reward, terminated, truncated, {**final, **core.info.read(core.report)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Return one image per world for ``"rgb_array"``."""
@@ -288,3 +289,43 @@ class VibgymVectorEnv(SharedInterface, VectorEnv):
             else:
                 result[world] = observations[world].copy()
         return result
+
+
+def environment_id(task: Any, field: str = "task") -> str:
+    """Return the Gymnasium id of an environment: ``vibgym/Sort-v0`` for ``Sort``; ids are returned unchanged.
+
+    Args:
+        task: an id, a short name, or a name in :data:`vibgym.tasks.TASKS` without a registered environment (unchanged).
+        field: name of the setting, for errors.
+
+    Raises:
+        ValueError: not registered, or not an environment of vibgym.
+    """
+    name = task if task in gym.registry else f"vibgym/{task}-v0"
+    if not isinstance(task, str) or name not in gym.registry:
+        if task in TASKS:
+            return task
+        own = [repr(spec.name) for spec in gym.registry.values() if spec.namespace == "vibgym"]
+        raise checks.refuse(field, task, f"{', '.join(own)}, or the id of another registered environment")
+    entry = gym.registry[name].vector_entry_point
+    made = load_env_creator(entry) if isinstance(entry, str) else entry
+    if made is None or (isinstance(made, type) and not issubclass(made, VibgymVectorEnv)):
+        raise checks.refuse(field, task, "environments with 'vibgym.envs:VibgymVectorEnv' as vector_entry_point")
+    return name
+
+
+def batch_of(task: str, **arguments: Any) -> Any:
+    """Create a vector environment.
+
+    Args:
+        task: see :func:`environment_id`.
+        **arguments: of the environment.
+
+    Raises:
+        ValueError: an unknown environment or argument, or an invalid value.
+    """
+    name = environment_id(task)
+    try:
+        return gym.make_vec(name, **arguments) if name in gym.registry else VibgymVectorEnv(name, **arguments)
+    except TypeError as error:
+        raise checks.refuse("arguments", sorted(arguments), f"those of the environment ({error})") from None

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from vibgym import checks
 from vibgym.envs import VibgymVectorEnv
-from vibgym.envs.named import batch_of, environment_id
+from vibgym.envs.vector import batch_of, environment_id
 from vibgym.policies.foreign import ModelPolicy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy
@@ -312,7 +312,7 @@ def worlds_of(task: str, count: int, **arguments: Any) -> VectorEnv:
     """A batch of worlds in which :class:`Episodes` can play.
 
     Args:
-        task: see :func:`vibgym.envs.named.environment_id`.
+        task: see :func:`vibgym.envs.vector.environment_id`.
         count: number of worlds.
         **arguments: of the environment.
 

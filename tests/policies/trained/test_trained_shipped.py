@@ -14,7 +14,7 @@ from agents.tabulate import shipped_name
 from agents.training_file import agents_in, load_settings
 from agents.training_settings import TrainSettings
 from tests.policies.helpers import DISC, FRESH, episodes, info_of
-from vibgym.envs.named import environment_id
+from vibgym.envs.vector import environment_id
 from vibgym.policies.measures import Measures
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import make_policy

@@ -21,7 +21,7 @@ from studies.rivals.reach import rows
 from tests.commands import refusal
 from vibgym import Part, Simulator, Surface
 from vibgym.envs import ACTIONS
-from vibgym.envs.named import batch_of, environment_id
+from vibgym.envs.vector import batch_of, environment_id
 from vibgym.fields import uniform
 from vibgym.policies.task_info import TaskInfo
 

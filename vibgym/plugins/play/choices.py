@@ -12,7 +12,7 @@ from typing import Any
 import gymnasium as gym
 
 from vibgym import checks
-from vibgym.envs.named import environment_id
+from vibgym.envs.vector import environment_id
 from vibgym.policies import TaskInfo, make_policy
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS
