@@ -1,4 +1,4 @@
-"""First steps: a world, a batch of them, a law, the shipped agent, a picture: ``python examples/first_steps.py`` (15 s)."""
+"""First steps: a world, a batch, a controller, the shipped agent, a picture: ``python examples/first_steps.py`` (15 s)."""
 
 import sys
 
@@ -8,7 +8,7 @@ import pygame
 
 import vibgym
 
-# A part is to come to a pose. One step is a period of the table, 40 ms; an action of "field" is six numbers for the part.
+# Align: move a part to a goal pose. One step is one period of the table, 40 ms; "field" has six values per part.
 env = gym.make("vibgym/Align-v0", action="field", render_mode="rgb_array")
 observation, info = env.reset(seed=0)
 for _ in range(10):
@@ -17,13 +17,13 @@ print(
     f"after ten random steps {1e3 * info['position_error']:.0f} mm and {np.degrees(info['heading_error']):.0f} deg to go"
 )
 
-# A thousand worlds are one compiled batch. They begin anew by themselves.
+# A thousand worlds are one compiled batch. Finished episodes are reset automatically.
 envs = gym.make_vec("vibgym/Align-v0", num_envs=1000, action="field")
 envs.reset(seed=0)
 _, rewards, *_ = envs.step(envs.action_space.sample())
 print(f"a thousand worlds, mean reward of a step {rewards.mean():.3f}")
 
-# A law that knows how parts slide takes it there.
+# A classical controller, "pose".
 env = gym.make("vibgym/Align-v0", action="phasor", render_mode="rgb_array")
 policy = vibgym.make_policy("pose", env)
 observation, info = env.reset(seed=0)
@@ -32,11 +32,11 @@ while not over:
     action, state = policy.predict(observation, state)
     observation, reward, terminated, truncated, info = env.step(action)
     over = terminated or truncated
-print(f"the law: success {info['is_success']}, {1e3 * info['position_error']:.2f} mm off")
+print(f"pose: success {info['is_success']}, {1e3 * info['position_error']:.2f} mm off")
 picture = pygame.surfarray.make_surface(env.render().swapaxes(0, 1))  # (height, width, 3) to columns first
 pygame.image.save(picture, sys.argv[1] if len(sys.argv) > 1 else "first_steps.png")
 
-# And who is better? "learned" is the agent that is shipped for the task.
+# Compare policies on the same seeds; "learned" is the agent that is shipped for the task.
 for name in ("local_field", "pose", "learned"):
     found = vibgym.policies.rollout(name, "vibgym/Align-v0", seeds=range(100))
     print(f"{name:12} {100 * found.success.mean():.0f} %, median {np.nanmedian(found.time_to_goal):.2f} s")

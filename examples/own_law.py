@@ -1,4 +1,4 @@
-"""A control law of your own, in the plane and above it: ``python examples/own_law.py [EPISODES]``; more in docs/control.md."""
+"""A custom control law on the planar and the tilting model: ``python examples/own_law.py [EPISODES]``; see docs/control.md."""
 
 import sys
 
@@ -8,13 +8,13 @@ from vibgym.policies import LAWS, Law, rollout
 
 
 class Spring(Law):
-    """A spring to the goal, and a damper."""
+    """Spring to the goal and damper."""
 
     def __init__(self, info, *, stiffness=60.0, damping=12.0):
         self.stiffness, self.damping = stiffness, damping  # 1/s^2, 1/s
 
     def wanted(self, measured, way, turn, memory):
-        """Accelerations (batch, parts, 3) that parts shall get, m/s^2 and rad/s^2, and the law's memory."""
+        """Return wanted accelerations (batch, parts, 3), m/s^2 and rad/s^2, and the memory of the law."""
         push = self.stiffness * way - self.damping * measured.velocity
         torque = self.stiffness * turn - self.damping * measured.spin
         return np.concatenate([push, torque[..., None]], axis=-1), memory

@@ -1,4 +1,4 @@
-"""A sensor of your own: it is off by a constant, one for each episode. ``python examples/own_sensor.py [EPISODES]``."""
+"""A custom sensor with a constant error per episode: ``python examples/own_sensor.py [EPISODES]``."""
 
 import sys
 
@@ -9,7 +9,7 @@ from vibgym.sensing import SENSORS, Sensor
 
 
 class Biased(Sensor):
-    """Knows positions but for a constant error."""
+    """Pose sensor with a constant error of the position, drawn for each episode."""
 
     draws = 2  # uniform numbers that an episode needs
 
@@ -19,11 +19,11 @@ class Biased(Sensor):
         self.offset = np.zeros((self.worlds, 2))
 
     def begin(self, worlds, uniform):
-        """An episode begins in some worlds."""
+        """Start episodes in some worlds."""
         self.offset[worlds] = self.bias * (2.0 * uniform - 1.0)
 
     def measure(self, state, reading):
-        """Write what is seen of the true state; delay, dropout and noise come after, for every sensor."""
+        """Write the measurement of the true state; the base class applies delay, dropout and noise afterwards."""
         reading.pose[...] = state.pose
         reading.pose[..., :2] += self.offset[:, None]
         reading.mean_velocity[...] = state.mean_velocity
@@ -31,11 +31,11 @@ class Biased(Sensor):
 
     @property
     def sigma(self):
-        """For estimators: how far a reading may be off."""
+        """Return the standard deviation of a reading (parts, 3), m and rad, for estimators."""
         return np.tile([0.6 * self.bias, 0.6 * self.bias, 0.0], (len(self.parts), 1))
 
     def own_state(self):
-        """What a snapshot must hold."""
+        """Return the arrays of a snapshot."""
         return {"offset": self.offset}
 
 

@@ -1,4 +1,4 @@
-"""A task of your own: park the part at the left end. ``python examples/own_task.py [EPISODES]``; more in docs/extending.md."""
+"""A custom task, parking a part at the left end: ``python examples/own_task.py [EPISODES]``; see docs/extending.md."""
 
 import sys
 
@@ -10,7 +10,7 @@ from vibgym.tasks import TASKS, PoseTask
 
 
 class Park(PoseTask):
-    """Bring the part to the left end, at half the table's width, whatever its heading."""
+    """Bring the part to the left end, at half the table's width, at any heading."""
 
     position_tolerance = 0.005  # m
     FACTS = ("is_success", "position_error", "fallen", "diverged")
@@ -21,7 +21,7 @@ class Park(PoseTask):
         self.column = column  # m from the left border
 
     def draw(self, uniform):
-        """Starts and goals of n worlds, (n, 3) each, from ``uniform`` (n, draws)."""
+        """Return starts and goals of n worlds, (n, 3) each, from ``uniform`` (n, draws)."""
         start = np.column_stack([self.somewhere(uniform[:, :2]), 2.0 * np.pi * uniform[:, 2] - np.pi])
         goal = np.tile([self.column, 0.5 * self.surface.depth, 0.0], (len(uniform), 1))
         return start, goal

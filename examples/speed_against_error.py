@@ -1,6 +1,6 @@
-"""What accuracy costs in a scene of your own: ``python examples/speed_against_error.py [WORLDS]`` (some 20 s).
+"""Cost and error of each model in a custom scene: ``python examples/speed_against_error.py [WORLDS]`` (20 s).
 
-An L of 60 mm on random fields for a second. The error is against the planar model with ten times the steps.
+An L-shape of 60 mm on random fields for one second. The reference is the planar model with ten times the steps.
 """
 
 import sys
@@ -22,7 +22,7 @@ pose = random.uniform([0.3, 0.08, -np.pi], [0.5, 0.13, np.pi], (worlds, 1, 3))
 
 
 def played(model, **knobs):
-    """Poses after 25 periods, and microseconds a period and world."""
+    """Return poses after 25 periods, and microseconds per period and world."""
     simulator = Simulator(surface, part, worlds=worlds, model=model, **knobs)
     for _ in range(2):  # the first time compiles
         simulator.reset(pose)

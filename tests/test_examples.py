@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 EXAMPLES = {
     "first_steps": ("PICTURE", "learned      100 %"),
+    "own_algorithm": ("8000", "trained"),
     "own_law": ("4", "{'kind': 'pose'}                     in the plane                       100.0 %"),
     "own_reward_sac": ("320", "trained"),
     "own_sensor": ("10", "off by up to 0.0 mm: success 100 %, ends 0.00 mm"),
@@ -18,7 +19,7 @@ EXAMPLES = {
 }
 """By name: the argument, and a part of the output."""
 
-LINES = 60
+LINES = 70
 
 
 def test_every_example_is_tested_and_short():
