@@ -19,6 +19,13 @@ RENAMED: dict[str, str] = {
     "vibgym.play": "vibgym.plugins.play",
     "vibgym.rendering.page": "vibgym.plugins.play.drawing",
     "vibgym.sensing.camera": "vibgym.plugins.camera",
+    "vibgym.tasks.align": "vibgym.tasks.pose",
+    "vibgym.tasks.arranged": "vibgym.tasks.sort",
+    "vibgym.tasks.exchange": "vibgym.tasks.swap",
+    "vibgym.tasks.reward": "vibgym.tasks.scoring",
+    "vibgym.tasks.rotate": "vibgym.tasks.pose",
+    "vibgym.tasks.singulate": "vibgym.tasks.sort",
+    "vibgym.tasks.transport": "vibgym.tasks.pose",
 }
 """Old module name -> new module name."""
 

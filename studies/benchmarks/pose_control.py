@@ -24,9 +24,9 @@ from vibgym.policies.measures import least_times
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks import TASKS
-from vibgym.tasks.align import Align
 from vibgym.tasks.base import HOLD_PERIODS
 from vibgym.tasks.episode import LIMITS
+from vibgym.tasks.pose import Align
 
 SECONDS, LAST = 15.0, 10.0
 PARTS = ("aluminium_block", "steel_block")

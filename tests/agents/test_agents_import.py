@@ -14,7 +14,7 @@ PACKAGE = """
 import gymnasium as gym
 
 from vibgym.tasks import TASKS
-from vibgym.tasks.transport import Transport
+from vibgym.tasks.pose import Transport
 
 
 class Park(Transport):

@@ -7,9 +7,8 @@ import pytest
 
 from tests.tasks.helpers import Judge
 from vibgym import Part, Surface
-from vibgym.tasks import Follow
+from vibgym.tasks import Follow, route
 from vibgym.tasks.episode import MOTION, PREVIEW
-from vibgym.tasks.paths import route
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

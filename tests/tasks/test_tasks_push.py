@@ -10,7 +10,7 @@ from vibgym.config import part_from
 from vibgym.registration import PUSHER, TEE
 from vibgym.scene.hulls import gaps_between, hulls_of
 from vibgym.scene.parts import Part
-from vibgym.tasks.coverage import goal_coverage
+from vibgym.tasks.push import goal_coverage
 
 TEE_PART = part_from(TEE, "tee")
 EVERYWHERE = {"near_mm": 150.0, "near_deg": 60.0}

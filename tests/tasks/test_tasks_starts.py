@@ -12,8 +12,7 @@ from scipy.spatial import KDTree
 from vibgym import Part, Surface
 from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.tasks import ArrangedTask, Singulate, Sort
-from vibgym.tasks.lattice import lattice
-from vibgym.tasks.starts import TRIES
+from vibgym.tasks.starts import TRIES, lattice
 
 ARRANGED = {"Sort": Sort, "Singulate": Singulate}
 

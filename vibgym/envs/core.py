@@ -31,7 +31,7 @@ from vibgym.simulation import MODELS, Simulator
 from vibgym.snapshots import check_keys, copied, put_back, restored
 from vibgym.tasks import TASKS, Start, Task
 from vibgym.tasks.episode import new_relations
-from vibgym.tasks.reward import OwnReward
+from vibgym.tasks.scoring import OwnReward
 from vibgym.tasks.scoring import Stage as Kernel
 
 NONE = np.zeros(0, dtype=np.int64)

@@ -1,22 +1,17 @@
 """What is asked of the parts: start and goal, reward terms, success. One file a task."""
 
 from vibgym.registry import Registry
-from vibgym.tasks.align import Align
-from vibgym.tasks.arranged import ArrangedTask
 from vibgym.tasks.base import Start, Task
 from vibgym.tasks.feed import Feed
 from vibgym.tasks.follow import Follow
 from vibgym.tasks.pack import Pack
 from vibgym.tasks.patterns import Pattern
-from vibgym.tasks.pose import PoseTask
+from vibgym.tasks.pose import Align, PoseTask, Rotate, Transport
 from vibgym.tasks.push import Push
-from vibgym.tasks.reward import Step
-from vibgym.tasks.rotate import Rotate
-from vibgym.tasks.singulate import Singulate
-from vibgym.tasks.sort import Sort
+from vibgym.tasks.scoring import Step
+from vibgym.tasks.sort import ArrangedTask, Singulate, Sort
 from vibgym.tasks.starts import Starts
 from vibgym.tasks.swap import Swap
-from vibgym.tasks.transport import Transport
 
 TASKS: Registry[type[Task]] = Registry(
     "task",

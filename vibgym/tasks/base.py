@@ -1,4 +1,4 @@
-"""What a task is: starts, goals, reward terms and success, all on the true state. One file a task."""
+"""Task: starts, goals, reward terms and success criteria, all on the true state."""
 
 from __future__ import annotations
 
@@ -10,62 +10,62 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vibgym import checks
+from vibgym.config import UNITS
 from vibgym.physics.core.records import State
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
 from vibgym.tasks.episode import LIMITS, QUANTITIES, Episode, Relations, Rules, Start
-from vibgym.tasks.kinds import kinds_by_name
-from vibgym.tasks.reward import Step, terms_of
-from vibgym.tasks.scoring import Scoring
+from vibgym.tasks.scoring import Scoring, Step, terms_of
 
 HOLD_PERIODS = 10
 """Default number of consecutive oscillation periods with all parts done that count as success: 0.4 s at 25 Hz."""
 
 MOST_HOLD = 10**9
 
+MOST_KINDS = 3
+"""Largest number of kinds of parts that observations have room for."""
+
 PER_PERIOD = ("time", "within")
-"""Reward quantities that every period earns or costs, so that longer steps do not change the task."""
+"""Reward quantities counted once per period, so that longer steps do not change the task."""
 
-
-def looks_same_after(part: Part) -> float:
-    """Turn after which a part looks the same, rad. A disc's heading shows nowhere: a tiny one makes every heading the same."""
-    return 2.0 * math.pi / part.symmetry if part.symmetry else 1e-9
+ANYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
+"""Zone of a part without a goal."""
 
 
 class Task(ABC):
-    """Draws starts from uniform numbers, and says what is asked of the parts; :mod:`vibgym.tasks.episode` scores it.
+    """Draws starts from uniform numbers and defines goals, tolerances and reward; :mod:`vibgym.tasks.episode` scores it.
 
-    A task of your own is a subclass with a ``start`` and the numbers below; ``vibgym.tasks.TASKS.register`` gives it a name.
+    A custom task is a subclass with a ``start`` and the class attributes below; ``vibgym.tasks.TASKS.register`` names it.
 
     Args:
         surface: the table.
         parts: the parts of every world.
-        hold: oscillation periods in a row with all parts done that make success.
+        hold: consecutive oscillation periods with all parts done that count as success.
+        slots: blocks of the state observation, at least the number of parts, which is the default.
 
     Attributes:
-        kinds: names of the parts' kinds.  kind: (parts,) of each part.
-        zones: (kinds, 4) m, where each kind shall end: x_low, y_low, x_high, y_high; None for tasks without zones.
+        kinds: names of the parts' kinds.  kind: (parts,) index of each part's.
+        zones: (kinds, 4) m, goal zone of each kind: x_low, y_low, x_high, y_high; None for tasks without zones.
         driven: (parts,) bool, parts that actions control; no element is allocated to the others.
-        asked: (parts,) bool, parts of which something is asked; others have no errors, and are done unless they have fallen.
+        asked: (parts,) bool, parts with a goal; others have no errors and are done unless they have fallen.
         apart: m, distance to the nearest other part above which a part is done; -inf where it does not count.
-        goal_gap: m, least distance between goals of all episodes; None where the task states none.
-        lasts: s that an episode takes at least before it can succeed, the hold aside.
-        slots: blocks of the state observation.
-        features: of a part in it: :attr:`FEATURES`, and what the sensor tells besides.
+        goal_gap: m, least distance between goals of all episodes; None where the task does not define one.
+        lasts: s, least duration of an episode before it can succeed, excluding the hold.
+        features: features of a part in the state observation: :attr:`FEATURES`, and those of the sensor.
         made_of: quantity of each reward term that has one.  weights: of all terms.
 
     Raises:
-        ValueError: too many kinds or parts, a hold that is no number of periods, or reward terms of which there is no quantity.
+        ValueError: too many kinds or parts, a hold or slots out of range, or reward terms without a quantity.
     """
 
     DEFAULT_PARTS: ClassVar[tuple[str, ...]] = ("aluminium_block",)
     MOST_PARTS: ClassVar[int | None] = None
 
     TERMS: ClassVar[Mapping[str, tuple[str, float] | float]]
-    """Reward terms in order: of what each one is made (:data:`vibgym.tasks.episode.QUANTITIES`), and its weight. Each is
-    bounded by its weight in magnitude; those of :data:`PER_PERIOD` count every period of a step. A term that a
-    :meth:`reward` of the task's own makes has a weight alone."""
+    """Reward terms in order: quantity (:data:`vibgym.tasks.episode.QUANTITIES`) and weight of each. A term is bounded by its
+    weight in magnitude; those of :data:`PER_PERIOD` count every period of a step. A term that only an overridden
+    :meth:`reward` computes has a weight alone."""
 
     FACTS: ClassVar[tuple[str, ...]] = (
         "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged",
@@ -73,25 +73,28 @@ class Task(ABC):
     """Fields of ``info``, among the names in :data:`vibgym.envs.info.ROWS`."""
 
     FEATURES: ClassVar[tuple[str, ...]]
-    """Of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""
+    """Features of a part in the state observation, among :data:`vibgym.envs.features.FEATURES`."""
 
     RANDOMIZED: ClassVar[tuple[str, ...]] = ()
-    """Keys of ``randomize=`` that the task draws for itself; it is handed a mapping with those that are given."""
+    """Keys of ``randomize=`` that the task draws itself; its argument ``randomize`` is a mapping with those that are set."""
 
     HAS_WALLS: ClassVar[bool] = True
     """Whether borders may have walls."""
 
     has_goal: ClassVar[bool] = False
-    """Whether every part has a goal pose of its own, drawn for each episode."""
+    """Whether every part has its own goal pose, drawn for each episode."""
 
     goal_moves: ClassVar[bool] = False
-    """Whether goals move while an episode goes on."""
+    """Whether goals move during an episode."""
 
     flows: ClassVar[bool] = False
-    """Whether parts arrive and leave while an episode goes on."""
+    """Whether parts arrive and leave during an episode."""
 
     exchanges: bool = False
-    """Whether parts of a kind may exchange goals while an episode goes on."""
+    """Whether parts of a kind may exchange goals during an episode."""
+
+    modulo_symmetry: ClassVar[bool] = False
+    """Whether goal headings count modulo the part's symmetry (180 degrees for a rectangle) instead of a full turn."""
 
     position_tolerance: ClassVar[float] = 0.0  # m, from the goal or the zone
     heading_tolerance: ClassVar[float] = math.inf  # rad; infinite where headings do not count
@@ -100,7 +103,9 @@ class Task(ABC):
     draws: int
     """Uniform numbers per episode."""
 
-    def __init__(self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS) -> None:
+    def __init__(
+        self, surface: Surface, parts: Sequence[Part], *, hold: int = HOLD_PERIODS, slots: int | None = None
+    ) -> None:
         if self.MOST_PARTS is not None and len(parts) > self.MOST_PARTS:
             raise checks.refuse("parts", f"{len(parts)} parts", f"at most {self.MOST_PARTS} for {self.name}")
         self.hold = checks.count("task_settings['hold']", hold, most=MOST_HOLD)
@@ -109,15 +114,17 @@ class Task(ABC):
         self.zones: np.ndarray | None = None
         self.apart, self.lasts = -math.inf, 0.0
         self.slots, self.features = len(self.parts), tuple(self.FEATURES)
+        if slots is not None:
+            self.slots = checks.count("slots", slots, least=len(self.parts), most=10_000)
         self.goal_gap: float | None = None
-        self.driven = np.array([part.coupling > 0.0 for part in self.parts])  # else no element moves it
+        self.driven = np.array([part.coupling > 0.0 for part in self.parts])
         self.asked = np.ones(len(self.parts), dtype=bool)
         self.hulls = hulls_of(self.parts)
         self.made_of, self.weights = terms_of(self.name, self.TERMS, self.has_own_reward)
 
     @property
     def name(self) -> str:
-        """Of the task."""
+        """Name of the task."""
         return type(self).__name__
 
     @property
@@ -126,69 +133,70 @@ class Task(ABC):
         return math.isfinite(self.heading_tolerance)
 
     def tolerances(self) -> np.ndarray:
-        """(parts, 2) m and rad, of each part; the same for all, unless a task has it otherwise."""
+        """Return position and heading tolerance of each part, (parts, 2) m and rad."""
         return np.tile([self.position_tolerance, self.heading_tolerance], (len(self.parts), 1))
 
     def heading_period(self, part: Part) -> float:
-        """Turn that leaves a part's goal the same, rad; 0 where headings are not wrapped."""
-        return 2.0 * math.pi
+        """Return the turn after which a part's goal is the same, rad; 0 where headings are not wrapped."""
+        if not self.modulo_symmetry:
+            return 2.0 * math.pi
+        return 2.0 * math.pi / part.symmetry if part.symmetry else 1e-9  # disc: tiny, so that every heading is the same
 
     @abstractmethod
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
-        """Starts from ``uniform`` (n, draws) in [0, 1).
+        """Return starts computed from ``uniform`` (n, draws) in [0, 1).
 
         Args:
-            present: (n, parts) bool, which parts there are; None: as the task has it.
+            present: (n, parts) bool, the parts of each episode; None: chosen by the task.
         """
 
     def starts_along(self, name: str, paths: Any, longest: float) -> Callable[[np.ndarray, np.ndarray | None], Start]:
-        """What to call instead of :meth:`start` for goals that move along other paths than the task's.
+        """Return a replacement of :meth:`start` for goals that move along other paths than the task's.
 
         Args:
-            name: what errors call these.
-            longest: s that they may last.
+            name: of the argument, for errors.
+            longest: largest duration of the paths, s.
 
         Raises:
-            ValueError: bad paths, or a task whose goals do not move along paths.
+            ValueError: invalid paths, or a task whose goals do not move along paths.
         """
         raise checks.conflict(f"{name} cannot be set for task {self.name!r}: its goals do not follow paths")
 
     def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
-        """Goals (n, parts, 3) of a drawn start whose parts were put down at ``pose`` (n, parts, 3) instead."""
+        """Return the goals (n, parts, 3) of a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead."""
         return start.goal
 
     def put_down(self, start: Start, pose: np.ndarray) -> Start:
-        """A drawn start whose parts are put down at ``pose`` (n, parts, 3) instead.
+        """Return a drawn start whose parts are placed at ``pose`` (n, parts, 3) instead.
 
         Raises:
-            ValueError: the task does not begin there.
+            ValueError: the task cannot start there.
         """
         return start._replace(pose=pose, goal=self.goal_from(start, pose))
 
     def scoring(self, state: State, periods: int) -> Scoring:
-        """What scores the episodes of the worlds of ``state``, with ``periods`` oscillation periods a step."""
+        """Return the scoring of the worlds of ``state``, with ``periods`` oscillation periods per step."""
         return Scoring(self, state, periods)
 
     def rules(self, periods: int) -> Rules:
-        """The task's numbers for the kernels, with ``periods`` oscillation periods a step."""
-        parts, surface = len(self.parts), self.surface
-        zone = np.tile([-math.inf, -math.inf, math.inf, math.inf], (parts, 1))
+        """Return the task's parameters for the kernels, with ``periods`` oscillation periods per step."""
+        zone = np.tile(ANYWHERE, (len(self.parts), 1))
         if self.zones is not None:
             zone = self.zones[self.kind]
         elif self.has_goal:
-            zone = np.zeros((parts, 4))
+            zone = np.zeros((len(self.parts), 4))
         limits = {
             "slow": self.speed_limit,
             "apart": self.apart,
-            "far": math.hypot(surface.width, surface.depth),
+            "far": math.hypot(self.surface.width, self.surface.depth),
             "hold": self.hold,
             "periods": periods,
         }
         counted = [(of, self.weights[name]) for name, of in self.made_of.items()]
-        if self.has_own_reward:  # which is made of all quantities as they are
+        if self.has_own_reward:  # takes all quantities without weights
             counted = [(of, 1.0) for of in QUANTITIES]
         return Rules(
-            zone=np.where(self.asked[:, None], zone, [-math.inf, -math.inf, math.inf, math.inf]),
+            zone=np.where(self.asked[:, None], zone, ANYWHERE),
             tolerance=np.ascontiguousarray(np.where(self.asked[:, None], self.tolerances(), math.inf)),
             asked=self.asked,
             heading_period=np.array([self.heading_period(part) for part in self.parts]),
@@ -198,26 +206,26 @@ class Task(ABC):
         )
 
     def reward(self, step: Step) -> Mapping[str, np.ndarray]:
-        """Terms of the reward of a step, each (worlds, parts), before they are weighed.
+        """Return the reward terms of a step, each (worlds, parts), before they are weighted.
 
-        What ``env.step`` returns is their sum, each times its weight in :attr:`weights`: the mean over the present parts, but
-        for ``fallen``, of which the worst part counts; see :class:`vibgym.tasks.reward.OwnReward`. Override it for a
-        custom reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override kernels compute these.
+        ``env.step`` returns the sum of the terms times their :attr:`weights`: the mean over the present parts, except for
+        ``fallen``, where the worst part counts; see :class:`vibgym.tasks.scoring.OwnReward`. Override it for a custom
+        reward, with ``super().reward(step)`` for the terms of :attr:`TERMS`; without an override kernels compute these.
         A reward must depend on the step alone and store nothing: worlds, copies and snapshots then continue bit for bit.
         """
         return {name: step.quantities[quantity] for name, quantity in self.made_of.items()}
 
     @property
     def has_own_reward(self) -> bool:
-        """Whether :meth:`reward` is overridden, so that it is asked at every step."""
+        """Whether :meth:`reward` is overridden."""
         return getattr(self.reward, "__func__", None) is not Task.reward
 
     def weigh(self, weights: Any) -> None:
-        """Let some terms of the reward count with other weights than in :attr:`TERMS`.
+        """Set the weights of some reward terms.
 
         Args:
-            weights: a mapping from terms to finite numbers. Of a reward of the task's own it may name terms that are not in
-                the table.
+            weights: a mapping from terms to finite numbers. With an overridden :meth:`reward` it may include terms that are
+                not in :attr:`TERMS`.
 
         Raises:
             ValueError: another value, or an unknown term; nothing has changed.
@@ -232,7 +240,41 @@ class Task(ABC):
         self.weights |= {term: checks.number(f"{name}[{term!r}]", weight) for term, weight in weights.items()}
 
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
-        """One line for a picture of a world."""
+        """Return one line of text for a picture of a world."""
         done, present = episode.parts_done[world], episode.present[world].sum()
         clearance = round(1e3 * float(episode.clearance[world]), 1) + 0.0  # + 0.0: not "-0.0"
         return f"{self.name}   {done} of {present} parts done   smallest distance {clearance} mm"
+
+
+def kinds_by_name(parts: Sequence[Part]) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return the names of the kinds in order of appearance, and each part's kind (parts,).
+
+    Parts with the same name are of one kind, irrespective of their shape.
+
+    Raises:
+        ValueError: there are more than :data:`MOST_KINDS` kinds.
+    """
+    names = tuple(dict.fromkeys(part.name for part in parts))
+    if len(names) > MOST_KINDS:
+        raise checks.refuse("parts", f"{len(names)} kinds: {', '.join(names)}", f"at most {MOST_KINDS} kinds (names)")
+    return names, np.array([names.index(part.name) for part in parts])
+
+
+def setting_in_si(
+    owner: str, key: str, value: Any, other: Any, *, unit: str = "_mm", default: float = 0.0, **limits: float
+) -> float:
+    """Return a setting in SI units that may be given under its key, or in another unit under the key with a suffix.
+
+    Args:
+        owner: the argument that holds the setting, for errors.
+        value, other: given under ``key``, and under ``key`` with the suffix ``unit``; None: not given.
+        limits: of :func:`vibgym.checks.number`.
+
+    Raises:
+        ValueError: both are given, or the one that is given is out of range.
+    """
+    if value is not None and other is not None:
+        raise checks.conflict(f"{owner}: {key!r} and {key + unit!r} exclude each other")
+    if other is not None:
+        return UNITS[unit] * checks.number(f"{owner}[{key + unit!r}]", other, **limits)
+    return default if value is None else checks.number(f"{owner}[{key!r}]", value, **limits)

@@ -92,7 +92,7 @@ class Start(NamedTuple):
     pose: np.ndarray  # (n, parts, 3) m, m, rad; of absent parts beside the surface
     present: np.ndarray  # (n, parts) bool
     goal: np.ndarray  # (n, parts, 3) goal poses; zeros for tasks without
-    paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.paths.route; else empty
+    paths: np.ndarray = NO_PATHS  # (n, parts, rows, 6) along which goals move, see vibgym.tasks.route; else empty
     key: np.ndarray = (
         NO_KEY  # (n, 2) int64 of the random numbers of parts that arrive, see vibgym.tasks.flow; else empty
     )
@@ -196,7 +196,7 @@ MEAN_DISTANCE, MEAN_TURN, SHARE_INSIDE, SHARE_CLEAR, POSITION_ERROR, HEADING_ERR
 # error (rad), tanh likewise, 1 at the goal, share of the clearance.
 PART_AWAY, PART_NEAR, PART_TURN, PART_ALIGNED, PART_INSIDE, PART_CLEAR = range(6)
 PARTS_DONE, IN_TOUCH, HELD = range(3)  # of Episode.count; HELD: periods in a row with all parts done
-DOWN, SUCCEEDED, ENDED, BARRED = range(4)  # of Episode.flag; BARRED: no success yet, or never, see vibgym.tasks.pursuit
+DOWN, SUCCEEDED, ENDED, BARRED = range(4)  # of Episode.flag; BARRED: no success yet, or never, see vibgym.tasks.follow
 
 
 def new_relations(worlds: int, parts: int) -> Relations:

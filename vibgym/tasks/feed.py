@@ -9,16 +9,24 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.kernels.reference import Pinned, bound
 from vibgym.physics.core.noise import KEY_DRAWS, keys_from
-from vibgym.physics.core.records import State
+from vibgym.physics.core.records import STATE, State
 from vibgym.scene.parts import Part
 from vibgym.scene.sliding import LEAST_SPEED, sliding_of
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import Start, Task, looks_same_after
-from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.flow import FlowScoring
-from vibgym.tasks.inlet import new_inlet
-from vibgym.tasks.zones import zones_from
+from vibgym.tasks.base import Task
+from vibgym.tasks.episode import (
+    EVENTS,
+    STAYS,
+    Episode,
+    Relations,
+    Start,
+)
+from vibgym.tasks.flow import FLOW, MEAN_LOAD, MEAN_TRANSIT, STEPS, Flow, Inlet, begin_flow, score_flow
+from vibgym.tasks.scoring import Scoring, Stage
+from vibgym.tasks.sort import zones_from
+from vibgym.tasks.starts import CLEAR, TRIES, Room, lattice, pose_of_absent
 
 GATE = 0.050
 """m along x that gates take at the right border."""
@@ -76,6 +84,7 @@ class Feed(Task):
     )  # fmt: skip
     flows = True
     heading_tolerance = math.radians(5.0)
+    modulo_symmetry = True
     draws = KEY_DRAWS
 
     def __init__(
@@ -96,13 +105,10 @@ class Feed(Task):
         top = max(sliding_of(surface, self.parts).top_speed, LEAST_SPEED)
         self.headway = math.floor((shortest + self.spacing) / (top * surface.period))
 
-    def heading_period(self, part: Part) -> float:
-        return looks_same_after(part)
-
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         """None are on the table yet: ``present`` says which may come."""
         shape = len(uniform), len(self.parts)
-        pose = np.tile([-self.surface.width, -self.surface.depth, 0.0], (*shape, 1))
+        pose = np.tile(pose_of_absent(self.surface), (*shape, 1))
         there = np.ones(shape, dtype=bool) if present is None else present
         return Start(pose, there, np.zeros_like(pose), key=keys_from(uniform))
 
@@ -126,3 +132,105 @@ def default_gates(surface: Surface, names: Sequence[str]) -> dict[str, Any]:
     edges = np.linspace(0.0, surface.depth, len(names) + 1).tolist()
     low = surface.width - GATE
     return {name: [low, edges[k], surface.width, edges[k + 1]] for k, name in enumerate(names)}
+
+
+class FlowScoring(Scoring):
+    """Scores episodes in which parts arrive and leave: no success, no end but the limit or a simulation that has diverged.
+
+    Args:
+        task: with its parts, gates (``task.zones``) and an ``inlet``.
+        state: true state of the worlds.
+        periods: oscillation periods of a step.
+        inlet: where parts come in.
+        spacing: m, that parts keep from the nearest other when they leave.
+        headway: periods between parts that leave through the same gate.
+        warm_up: periods that rates leave out.
+    """
+
+    def __init__(
+        self, task: Task, state: State, periods: int, inlet: Inlet, spacing: float, headway: int, warm_up: int
+    ) -> None:
+        super().__init__(task, state, periods)
+        worlds, parts = state.pose.shape[:2]
+        surface = task.surface
+        gates = np.array(task.zones)
+        self._periods, self._true = periods, Pinned(STATE, state)
+        self._flow = Flow(
+            clock=np.zeros(worlds, dtype=np.int64),
+            key=np.zeros((worlds, 2), dtype=np.int64),
+            tried=np.zeros(worlds, dtype=np.int64),
+            pool=np.zeros((worlds, parts), dtype=bool),
+            there=np.zeros((worlds, parts), dtype=bool),
+            changed=np.zeros((worlds, parts), dtype=bool),
+            age=np.zeros((worlds, parts), dtype=np.int64),
+            last=np.zeros((worlds, len(gates)), dtype=np.int64),
+            tally=np.zeros((worlds, STEPS + 1), dtype=np.int64),
+            rate=np.zeros((worlds, MEAN_LOAD + 1)),
+            idle=np.zeros((worlds, parts, 3)),
+            gate=np.ascontiguousarray(gates),
+            kind=np.ascontiguousarray(task.kind),
+            away=pose_of_absent(surface),
+            spacing=spacing,
+            headway=headway,
+            warm_up=warm_up,
+            period=surface.period,
+            inlet=inlet,
+            judged=self._judged.record,
+        )
+        self.players, self.rewarded, self.changed = self._flow.pool, self._flow.there, self._flow.changed
+        self._pinned = self._with_scratch()
+
+    def own_state(self) -> dict[str, np.ndarray]:
+        names = ("clock", "key", "tried", "pool", "there", "changed", "age", "last", "tally", "rate", "idle")
+        return {f"flow_{name}": getattr(self._flow, name) for name in names}
+
+    def facts(self) -> dict[str, np.ndarray]:
+        tally, rate = self._flow.tally, self._flow.rate
+        counts = {name: tally[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
+        rates = {f"{name}_per_minute": rate[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
+        return {**counts, **rates, "transit": rate[:, MEAN_TRANSIT], "on_table": rate[:, MEAN_LOAD]}
+
+    def part_facts(self) -> dict[str, np.ndarray]:
+        return {"arrived": self.episode.arrived, "event": self.episode.event}
+
+    def begin(self, worlds: np.ndarray, start: Start) -> None:
+        self._flow.key[worlds] = start.key
+        begin_flow(self._true.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
+
+    def stages(self) -> list[Stage]:
+        return [bound(score_flow, self._true, self._with_scratch(), self._periods)]
+
+    def _with_scratch(self) -> Pinned[Flow]:
+        """What one thread needs."""
+        shared = self._flow.inlet
+        scratch = {name: getattr(shared, name).copy() for name in ("numbers", "order", "chance", "pose")}
+        inlet = shared._replace(**scratch)
+        return Pinned(FLOW, self._flow._replace(inlet=inlet, judged=self.judged(self.relations).record))
+
+
+def new_inlet(surface: Surface, parts: Sequence[Part], low: float, high: float, together: int, length: float) -> Inlet:
+    """An inlet at the left border.
+
+    Args:
+        low, high: m, least and largest x of the centres of parts that come one at a time.
+        together: parts of a heap; 1: they come one at a time.
+        length: m, along the table, that a heap may take.
+
+    Raises:
+        ValueError: a heap of more parts than there are, or than lie there for sure.
+    """
+    together = checks.count("task_settings['heap']", together, most=len(parts))
+    radius = max(part.radius for part in parts)
+    cells = lattice(np.zeros(2), np.array([length, surface.depth]), radius, 0.0)
+    if together > 1 and len(cells) < together:
+        allowed = f"at most {len(cells)} parts of radius {radius:.4g} m on {length:g} x {surface.depth:g} m at the left border"
+        raise checks.refuse("task_settings['heap']", together, allowed)
+    if 2.0 * radius > surface.depth:
+        raise checks.refuse(
+            "parts", f"a part of radius {radius:.4g} m", f"at most {surface.depth / 2:g} m on this surface"
+        )
+    count = len(parts)
+    return Inlet(
+        low, high, together, Room(length, surface.depth, cells, CLEAR), np.zeros((count, TRIES, 2)),
+        np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros((count, 3)),
+    )  # fmt: skip

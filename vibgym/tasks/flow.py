@@ -7,14 +7,16 @@ there at the end of its step, so no slot is ever handed on within a step. The re
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from vibgym.kernels.jit import borrowing
-from vibgym.kernels.reference import Layout, Pinned, bound
+from vibgym.kernels.reference import Layout
 from vibgym.physics.contacts.hulls import place_hulls
-from vibgym.physics.core.records import STATE, State, state_at
+from vibgym.physics.core.noise import uniforms
+from vibgym.physics.core.records import state_at
 from vibgym.tasks.episode import (
     BARRED,
     DOWN,
@@ -36,15 +38,120 @@ from vibgym.tasks.episode import (
     TURNED,
     WRONG,
     Judged,
-    Start,
     relate_world,
     reward_part,
 )
-from vibgym.tasks.inlet import Inlet, deliver
-from vibgym.tasks.scoring import Scoring, Stage
+from vibgym.tasks.starts import TRIES, Room, heap, is_clear
 
 if TYPE_CHECKING:
-    from vibgym.tasks.base import Task
+    pass
+
+
+WHICH, WHERE, HEAPED = 17, 18, 19
+"""Third word of a counter: what a random number is drawn for."""
+
+
+class Inlet(NamedTuple):
+    """Where parts come in, and in what company; with what it works on."""
+
+    low: float  # m, least and largest x of the centres of parts that come one at a time
+    high: float
+    heap: int  # parts that come at once, in touch; 1: they come one at a time
+    room: Room  # that a heap lies in, from the left border on
+    numbers: np.ndarray  # scratch: (parts, TRIES, 2)
+    order: np.ndarray  # scratch: (parts,) int64
+    chance: np.ndarray  # scratch: (parts,)
+    pose: np.ndarray  # scratch: (parts, 3)
+
+
+@borrowing
+def shuffle_waiting(inlet, key, tried, waiting):
+    """Let ``order`` begin with the parts that wait, at random; returns their number."""
+    order, chance, count = inlet.order, inlet.chance, 0
+    for part in range(waiting.shape[0]):
+        if waiting[part]:
+            value, _, _, _ = uniforms(key, tried, part, WHICH, 0)
+            at = count
+            while at > 0 and chance[at - 1] > value:
+                order[at], chance[at] = order[at - 1], chance[at - 1]
+                at -= 1
+            order[at], chance[at] = part, value
+            count += 1
+    return count
+
+
+@borrowing
+def find_place(inlet, hulls, placed, key, tried, present, pose):
+    """Look for room for the part ``order[0]``; its pose is left in ``inlet.pose``.
+
+    Args:
+        hulls, placed: of all parts; those that are present have been placed.
+        present: (parts,) bool.  pose: (parts, 3), theirs.
+
+    Returns:
+        Whether there is any.
+    """
+    order, own, part, room = inlet.order, inlet.pose, inlet.order[0], inlet.room
+    count = 0
+    for other in range(present.shape[0]):
+        for axis in range(3):
+            own[other, axis] = pose[other, axis]
+    for t in range(TRIES):
+        u, v, turn, _ = uniforms(key, tried, t, WHERE, 0)
+        own[part, 0] = inlet.low + (inlet.high - inlet.low) * u
+        own[part, 1] = hulls.radius[part] + (room.depth - 2.0 * hulls.radius[part]) * v
+        own[part, 2] = math.pi * (2.0 * turn - 1.0)
+        place_hulls(hulls, part, own[part, 0], own[part, 1], own[part, 2], placed)
+        count = 0
+        for other in range(present.shape[0]):
+            if present[other]:
+                order[count] = other
+                count += 1
+        order[count] = part
+        if is_clear(hulls, placed, own, order, count, room.clear):
+            order[0] = part
+            return True
+    return False
+
+
+@borrowing
+def pile_up(inlet, hulls, placed, key, tried, present, pose):
+    """Pile the parts ``order[:inlet.heap]`` up, if their room is free; their poses are left in ``inlet.pose``.
+
+    Args: as for :func:`find_place`.
+
+    Returns:
+        Whether it is.
+    """
+    room, numbers = inlet.room, inlet.numbers
+    for other in range(present.shape[0]):
+        if present[other] and pose[other, 0] - hulls.radius[other] < room.width:
+            return False
+    for k in range(inlet.heap):
+        for t in range(TRIES):
+            part = inlet.order[k]
+            numbers[part, t, 0], numbers[part, t, 1], _, _ = uniforms(key, tried, part * TRIES + t, HEAPED, 0)
+    heap(hulls, room, inlet.order, inlet.heap, numbers, placed, inlet.pose)
+    return True
+
+
+@borrowing
+def deliver(inlet, hulls, placed, key, tried, waiting, present, pose):
+    """Let parts arrive that wait for it.
+
+    Args:
+        key: (2,) of the episode.  tried: how often it has been tried.
+        waiting, present: (parts,) bool.  pose: (parts, 3) of those that are present.
+
+    Returns:
+        How many arrive: the first ones of ``inlet.order``, at ``inlet.pose``.
+    """
+    if shuffle_waiting(inlet, key, tried, waiting) < inlet.heap:
+        return 0
+    if inlet.heap > 1:
+        return inlet.heap if pile_up(inlet, hulls, placed, key, tried, present, pose) else 0
+    return 1 if find_place(inlet, hulls, placed, key, tried, present, pose) else 0
+
 
 LEFT, TRANSIT, ON_TABLE, STEPS = len(EVENTS), len(EVENTS) + 1, len(EVENTS) + 2, len(EVENTS) + 3
 """Columns of :attr:`Flow.tally` behind those of the events."""
@@ -325,77 +432,3 @@ def score_flow(state, flow, periods, worlds):
             look_round(all_of, true, world)
         note_rates(all_of, world)
         all_of.judged.episode.flag[world, ENDED] = true.diverged[world]
-
-
-class FlowScoring(Scoring):
-    """Scores episodes in which parts arrive and leave: no success, no end but the limit or a simulation that has diverged.
-
-    Args:
-        task: with its parts, gates (``task.zones``) and an ``inlet``.
-        state: true state of the worlds.
-        periods: oscillation periods of a step.
-        inlet: where parts come in.
-        spacing: m, that parts keep from the nearest other when they leave.
-        headway: periods between parts that leave through the same gate.
-        warm_up: periods that rates leave out.
-    """
-
-    def __init__(
-        self, task: Task, state: State, periods: int, inlet: Inlet, spacing: float, headway: int, warm_up: int
-    ) -> None:
-        super().__init__(task, state, periods)
-        worlds, parts = state.pose.shape[:2]
-        surface = task.surface
-        gates = np.array(task.zones)
-        self._periods, self._true = periods, Pinned(STATE, state)
-        self._flow = Flow(
-            clock=np.zeros(worlds, dtype=np.int64),
-            key=np.zeros((worlds, 2), dtype=np.int64),
-            tried=np.zeros(worlds, dtype=np.int64),
-            pool=np.zeros((worlds, parts), dtype=bool),
-            there=np.zeros((worlds, parts), dtype=bool),
-            changed=np.zeros((worlds, parts), dtype=bool),
-            age=np.zeros((worlds, parts), dtype=np.int64),
-            last=np.zeros((worlds, len(gates)), dtype=np.int64),
-            tally=np.zeros((worlds, STEPS + 1), dtype=np.int64),
-            rate=np.zeros((worlds, MEAN_LOAD + 1)),
-            idle=np.zeros((worlds, parts, 3)),
-            gate=np.ascontiguousarray(gates),
-            kind=np.ascontiguousarray(task.kind),
-            away=np.array([-surface.width, -surface.depth, 0.0]),
-            spacing=spacing,
-            headway=headway,
-            warm_up=warm_up,
-            period=surface.period,
-            inlet=inlet,
-            judged=self._judged.record,
-        )
-        self.players, self.rewarded, self.changed = self._flow.pool, self._flow.there, self._flow.changed
-        self._pinned = self._with_scratch()
-
-    def own_state(self) -> dict[str, np.ndarray]:
-        names = ("clock", "key", "tried", "pool", "there", "changed", "age", "last", "tally", "rate", "idle")
-        return {f"flow_{name}": getattr(self._flow, name) for name in names}
-
-    def facts(self) -> dict[str, np.ndarray]:
-        tally, rate = self._flow.tally, self._flow.rate
-        counts = {name: tally[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
-        rates = {f"{name}_per_minute": rate[:, k] for k, name in enumerate(EVENTS) if k != STAYS}
-        return {**counts, **rates, "transit": rate[:, MEAN_TRANSIT], "on_table": rate[:, MEAN_LOAD]}
-
-    def part_facts(self) -> dict[str, np.ndarray]:
-        return {"arrived": self.episode.arrived, "event": self.episode.event}
-
-    def begin(self, worlds: np.ndarray, start: Start) -> None:
-        self._flow.key[worlds] = start.key
-        begin_flow(self._true.address, self._pinned.address, worlds, np.ascontiguousarray(start.present))
-
-    def stages(self) -> list[Stage]:
-        return [bound(score_flow, self._true, self._with_scratch(), self._periods)]
-
-    def _with_scratch(self) -> Pinned[Flow]:
-        """What one thread needs."""
-        shared = self._flow.inlet
-        scratch = {name: getattr(shared, name).copy() for name in ("numbers", "order", "chance", "pose")}
-        inlet = shared._replace(**scratch)
-        return Pinned(FLOW, self._flow._replace(inlet=inlet, judged=self.judged(self.relations).record))

@@ -14,13 +14,13 @@ from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.arranged import ArrangedTask
-from vibgym.tasks.base import HOLD_PERIODS, Start, looks_same_after
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task
 from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.exchange import FreeScoring
 from vibgym.tasks.patterns import Pattern
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
 from vibgym.tasks.scoring import Stage
+from vibgym.tasks.sort import ArrangedTask
+from vibgym.tasks.swap import FreeScoring
 
 
 class Pack(ArrangedTask):
@@ -40,15 +40,12 @@ class Pack(ArrangedTask):
 
     DEFAULT_PARTS = ("aluminium_block",) * 12
     TERMS = PATIENT_TERMS
-    FACTS = (
-        "is_success", "position_error", "heading_error", "clearance", "touching", "parts_done", "fallen", "diverged"
-    )  # fmt: skip
-    FEATURES = (
-        "present", "kind", *PoseTask.FEATURES, "gap", "neighbour"
-    )  # fmt: skip
+    FACTS = Task.FACTS
+    FEATURES = ("present", "kind", *PoseTask.FEATURES, "gap", "neighbour")
     has_goal = True
     position_tolerance = 0.001
     heading_tolerance = math.radians(3.0)
+    modulo_symmetry = True
 
     def __init__(
         self,
@@ -77,9 +74,6 @@ class Pack(ArrangedTask):
             heading=heading, heading_deg=heading_deg, place=place, place_mm=place_mm,
         )  # fmt: skip
         self.draws, self.goal_gap = self.starts.draws + self.pattern.draws, self.pattern.gap
-
-    def heading_period(self, part: Part) -> float:
-        return looks_same_after(part)
 
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         pose, there = self.starts.draw(uniform[:, : self.starts.draws], present)

@@ -19,15 +19,12 @@ from vibgym.physics.core.assignment import assign
 from vibgym.scene.hulls import gaps_between
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.kinds import kinds_by_name
+from vibgym.tasks.base import kinds_by_name, setting_in_si
 
 GAP = 0.002
 """m between the parts of a lattice, unless it says another."""
 
 ROUNDING = 1e-9  # m, by which a pattern may stick out, or overlap: its places are sums and products
-
-SETTINGS = ("pattern", "rows", "columns", "gap", "gap_mm", "heading", "heading_deg", "place", "place_mm")
-"""Names of the settings of a pattern; see :class:`Pattern`."""
 
 
 class Pattern:
@@ -76,8 +73,8 @@ class Pattern:
         self._kinds, self._kind = kinds_by_name(parts)
         # How many parts of the same kind stand before each part: it has the goal of that number among its kind's.
         self._rank = np.array([(self._kind[:k] == kind).sum() for k, kind in enumerate(self._kind)])
-        distance = self._length("gap", gap, gap_mm, 1e-3, GAP)
-        turn = self._length("heading", heading, heading_deg, math.pi / 180.0, 0.0, least=-math.inf)
+        distance = setting_in_si(name, "gap", gap, gap_mm, default=GAP, least=0.0)
+        turn = setting_in_si(name, "heading", heading, heading_deg, unit="_deg")
         if pattern is not None:
             others = {"rows": rows, "columns": columns, "gap": gap, "gap_mm": gap_mm, "heading": heading,
                       "heading_deg": heading_deg, "place": place, "place_mm": place_mm}  # fmt: skip
@@ -131,15 +128,6 @@ class Pattern:
         result = np.array(goal)
         give_out(self._kind, present, np.ascontiguousarray(pose), result)
         return result
-
-    def _length(self, key: str, value: Any, other: Any, unit: float, usual: float, least: float = 0.0) -> float:
-        """A number in SI units, or in the unit that the other key's name carries."""
-        suffix = "_mm" if unit == 1e-3 else "_deg"
-        if value is not None and other is not None:
-            raise checks.conflict(f"{self._name}: {key!r} and {key + suffix!r} exclude each other")
-        if other is not None:
-            return unit * checks.number(f"{self._name}[{key + suffix!r}]", other, least=least)
-        return usual if value is None else checks.number(f"{self._name}[{key!r}]", value, least=least)
 
     def _lattice(self, rows: Any, columns: Any, gap: float, heading: float) -> tuple[np.ndarray, np.ndarray]:
         """Poses about the lattice's middle, and their kinds."""

@@ -1,7 +1,8 @@
-"""Tasks with a goal pose: the common core of Transport, Align and Rotate."""
+"""Transport, Align and Rotate: bring one part to a goal pose."""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -124,3 +125,55 @@ def _fallen(info: Any) -> np.ndarray:
     if info is None or len(info) == 0:
         return np.asarray(False)
     return np.array([bool(each.get("fallen", False)) for each in info])
+
+
+class Transport(PoseTask):
+    """The centre within 5 mm of a goal position anywhere on the surface; the heading is free."""
+
+    position_tolerance = 0.005
+    draws = 5
+    FACTS = ("is_success", "position_error", "fallen", "diverged")
+
+    def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        heading = 2.0 * math.pi * uniform[:, 2] - math.pi
+        start = np.column_stack([self.somewhere(uniform[:, 0:2]), heading])
+        goal = np.column_stack([self.somewhere(uniform[:, 3:5]), heading])
+        return start, goal
+
+
+class Align(PoseTask):
+    """The centre within 2 mm and the heading within 3 degrees of a goal pose anywhere on the surface.
+
+    Headings that look the same are the same: they count modulo the part's symmetry (180 degrees for a rectangle).
+    """
+
+    position_tolerance = 0.002
+    heading_tolerance = math.radians(3.0)
+    modulo_symmetry = True
+    draws = 6
+
+    def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        headings = 2.0 * math.pi * uniform[:, 4:6] - math.pi
+        start = np.column_stack([self.somewhere(uniform[:, 0:2]), headings[:, 0]])
+        goal = np.column_stack([self.somewhere(uniform[:, 2:4]), headings[:, 1]])
+        return start, goal
+
+
+class Rotate(PoseTask):
+    """Turn by a signed angle up to a full turn, ending within 5 mm of the start and 2 degrees of the unwrapped angle."""
+
+    position_tolerance = 0.005
+    heading_tolerance = math.radians(2.0)
+    draws = 4
+
+    def heading_period(self, part: Part) -> float:
+        return 0.0  # a full turn is not the same as none
+
+    def goal_from(self, start: Start, pose: np.ndarray) -> np.ndarray:
+        return start.goal + (pose - start.pose)  # in place, wherever that is
+
+    def draw(self, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        heading = 2.0 * math.pi * uniform[:, 2] - math.pi
+        start = np.column_stack([self.somewhere(uniform[:, 0:2]), heading])
+        turn = 4.0 * math.pi * uniform[:, 3] - 2.0 * math.pi
+        return start, start + np.column_stack([np.zeros((len(turn), 2)), turn])

@@ -8,15 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from vibgym import checks
-from vibgym.kernels.reference import bound
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.reference import bound, reference
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
-from vibgym.tasks.coverage import goal_coverage
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task, setting_in_si
 from vibgym.tasks.episode import Episode, Relations
 from vibgym.tasks.pose import PoseTask
 from vibgym.tasks.scoring import Scoring, Stage
+from vibgym.tasks.starts import pose_of_absent
 
 NEAR, NEAR_DEG = 0.150, 60.0
 """m and degrees, how far goals lie from the starts at most, unless they may lie anywhere."""
@@ -52,21 +53,12 @@ class Push(Task):
     """
 
     TERMS = {**PoseTask.TERMS, "time": ("time", 0.005)}  # a whole episode of it costs less than a fall
-    FACTS = (
-        "is_success",
-        "position_error",
-        "heading_error",
-        "clearance",
-        "touching",
-        "parts_done",
-        "fallen",
-        "diverged",
-    )
     FEATURES = ("present", "kind", *PoseTask.FEATURES, "gap", "neighbour")
     DEFAULT_PARTS = ()
     has_goal = True
     position_tolerance = 0.005
     heading_tolerance = math.radians(5.0)
+    modulo_symmetry = True
 
     def __init__(
         self,
@@ -83,12 +75,8 @@ class Push(Task):
         if self.asked.sum() != 1 or not self.driven.any():
             got = f"{int(self.asked.sum())} parts with coupling 0, and {int(self.driven.sum())} others"
             raise checks.refuse("parts", got, "one part with coupling 0, which is pushed, and at least one that pushes")
-        if near is not None and near_mm is not None:
-            raise checks.conflict("task_settings: 'near' and 'near_mm' exclude each other")
-        name, given = ("near_mm", near_mm) if near is None else ("near", near)
         far = math.hypot(surface.width, surface.depth)
-        unit = 1e-3 if near is None else 1.0
-        self.near = far if given is None else unit * checks.number(f"task_settings[{name!r}]", given, above=0.0)
+        self.near = setting_in_si("task_settings", "near", near, near_mm, default=far, above=0.0)
         most = (
             180.0 if near_deg is None else checks.number("task_settings['near_deg']", near_deg, above=0.0, most=180.0)
         )
@@ -107,9 +95,6 @@ class Push(Task):
             raise checks.refuse("parts", got, "at most four, for each of which there is room in a corner")
         self.draws = 6 + 3 * TRIES * len(self.pushers)
 
-    def heading_period(self, part: Part) -> float:
-        return looks_same_after(part)
-
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         shape = len(uniform), len(self.parts)
         there = np.ones(shape, dtype=bool) if present is None else present
@@ -121,8 +106,8 @@ class Push(Task):
         tries = uniform[:, 6:].reshape(len(uniform), len(self.pushers), TRIES, 3)
         for k, part in enumerate(self.pushers.tolist()):
             self._put_pusher(k, part, tries[:, k], pose)
-        beside = np.array([-self.surface.width, -self.surface.depth, 0.0])
-        return Start(np.where(there[..., None], pose, beside), there, np.where(there[..., None], goal, 0.0))
+        pose = np.where(there[..., None], pose, pose_of_absent(self.surface))
+        return Start(pose, there, np.where(there[..., None], goal, 0.0))
 
     def _goals(self, pose: np.ndarray, uniform: np.ndarray) -> np.ndarray:
         """Goals (n, 3) of the part that is pushed, of those that may be evenly spread, from ``uniform`` (n, 3)."""
@@ -187,3 +172,92 @@ class CoverageScoring(Scoring):
 
     def _cover(self) -> Stage:
         return bound(goal_coverage, self._hulls, self._pushed, self._pose, self.episode.goal, self.coverage)
+
+
+@borrowing
+def place_piece(hulls, piece, pose, corners):
+    """Write the corners of a convex piece at a pose (3,) into ``corners``; returns how many."""
+    cosine, sine, first = math.cos(pose[2]), math.sin(pose[2]), hulls.first[piece]
+    for k in range(hulls.first[piece + 1] - first):
+        x, y = hulls.corner[first + k, 0], hulls.corner[first + k, 1]
+        corners[k, 0], corners[k, 1] = pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y
+    return hulls.first[piece + 1] - first
+
+
+@borrowing
+def clip(corners, count, ax, ay, bx, by, result):
+    """Cut off of a convex polygon what lies to the right of the line from a to b (Sutherland & Hodgman, 1974); returns how many
+    corners are left."""
+    left = 0
+    for k in range(count):
+        px, py = corners[k, 0], corners[k, 1]
+        qx, qy = corners[(k + 1) % count, 0], corners[(k + 1) % count, 1]
+        p = (bx - ax) * (py - ay) - (by - ay) * (px - ax)
+        q = (bx - ax) * (qy - ay) - (by - ay) * (qx - ax)
+        if p >= 0.0:
+            result[left, 0], result[left, 1] = px, py
+            left += 1
+        if (p > 0.0 and q < 0.0) or (p < 0.0 and q > 0.0):
+            share = p / (p - q)
+            result[left, 0], result[left, 1] = px + share * (qx - px), py + share * (qy - py)
+            left += 1
+    return left
+
+
+@borrowing
+def area(corners, count):
+    """m^2 of a polygon, counter-clockwise."""
+    total = 0.0
+    for k in range(count):
+        j = (k + 1) % count
+        total += corners[k, 0] * corners[j, 1] - corners[k, 1] * corners[j, 0]
+    return 0.5 * total
+
+
+@borrowing
+def shared_area(hulls, a, pose, b, goal, one, other, spare):
+    """m^2 that piece ``a`` at a pose and piece ``b`` at another share; the last three are scratch."""
+    count, edges = place_piece(hulls, a, pose, one), place_piece(hulls, b, goal, other)
+    for k in range(edges):
+        j = (k + 1) % edges
+        count = clip(one, count, other[k, 0], other[k, 1], other[j, 0], other[j, 1], spare)
+        for corner in range(count):
+            one[corner, 0], one[corner, 1] = spare[corner, 0], spare[corner, 1]
+    return area(one, count) if count > 2 else 0.0
+
+
+@borrowing
+def shared_by_discs(radius, distance):
+    """m^2 that two discs of the same radius share."""
+    if distance >= 2.0 * radius:
+        return 0.0
+    half = 0.5 * distance
+    return 2.0 * radius * radius * math.acos(half / radius) - distance * math.sqrt(radius * radius - half * half)
+
+
+@jit
+def goal_coverage(hulls, part, pose, goal, coverage, worlds):
+    """Share of a part's goal that it covers, (worlds,), of ``worlds`` (n,), overwritten.
+
+    Args:
+        part: which.
+        pose, goal: (worlds, parts, 3) m, m, rad.
+    """
+    hulls = reference(hulls)
+    first, last, whole = hulls.owner[part], hulls.owner[part + 1], 0.0
+    most = 2 * (hulls.first[last] - hulls.first[first])  # cutting adds a corner for every edge at most
+    one, other, spare = np.empty((most, 2)), np.empty((most, 2)), np.empty((most, 2))
+    for piece in range(first, last):
+        count = place_piece(hulls, piece, np.zeros(3), one)
+        whole += area(one, count)
+    round_off = hulls.rounding[first]
+    for k in range(worlds.shape[0]):
+        w, shared = worlds[k], 0.0
+        for a in range(first, last):
+            for b in range(first, last):
+                shared += shared_area(hulls, a, pose[w, part], b, goal[w, part], one, other, spare)
+        if whole > 0.0:
+            coverage[w] = shared / whole
+        else:  # a disc: one corner, rounded
+            distance = math.hypot(goal[w, part, 0] - pose[w, part, 0], goal[w, part, 1] - pose[w, part, 1])
+            coverage[w] = shared_by_discs(round_off, distance) / (math.pi * round_off * round_off)

@@ -1,15 +1,73 @@
-"""Sort: bring every kind of part into its own zone."""
+"""Sort and Singulate: several parts, each done by where it lies, and all of them done at once."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from vibgym import checks
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.arranged import ArrangedTask
-from vibgym.tasks.base import HOLD_PERIODS
-from vibgym.tasks.zones import check_room, zones_from
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task
+from vibgym.tasks.starts import Starts, lattice
+
+
+class ArrangedTask(Task):
+    """Parts without goals of their own, each done under conditions that all of them have to meet at once for 10 periods.
+
+    Args:
+        surface: the table.
+        parts: the parts; those with the same name are of one kind, and there are at most three kinds.
+        start: ``"scattered"`` (random poses at least 2 mm apart), ``"crowded"`` (one heap, in touch) or ``"pattern"``; or a
+            mapping with ``kind`` and settings, see :data:`vibgym.tasks.starts.STARTS`.
+        randomize: ``{"parts": [low, high]}``: so many of the parts, chosen at random, are there in an episode.
+        slots: blocks of the state observation, at least the number of parts, which is the default.
+        apart: m, distance to the nearest other part above which a part is done; None: it does not count.
+        hold: see :class:`vibgym.tasks.Task`.
+
+    Raises:
+        ValueError: a bad setting, or too little room on the surface.
+    """
+
+    DEFAULT_PARTS = ("steel_block", "aluminium_block") * 3
+    TERMS = {
+        "distance": ("distance", 1.0),
+        "inside": ("inside", 1.0),
+        "clearance": ("clearance", 1.0),
+        "time": ("time", 0.003),  # costs less over an episode than a fall, so that falling does not pay
+        "success": ("success", 5.0),
+        "fallen": ("fallen", 5.0),
+    }
+    FACTS = ("is_success", "position_error", "clearance", "touching", "parts_done", "fallen", "diverged")
+    FEATURES = (
+        "present", "kind", "element", "heading", "position", "way", "way_coarse", "velocity", "spin", "gap", "neighbour"
+    )  # fmt: skip
+
+    RANDOMIZED = ("parts",)
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        *,
+        start: str | Mapping[str, Any] = "scattered",
+        randomize: Any = None,
+        slots: int | None = None,
+        apart: float | None = None,
+        hold: int = HOLD_PERIODS,
+    ) -> None:
+        super().__init__(surface, parts, hold=hold, slots=slots)
+        if apart is not None:
+            self.apart = apart
+        self.starts = Starts(surface, self.parts, start, randomize, self.apart)
+        self.draws = self.starts.draws
+
+    def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
+        pose, there = self.starts.draw(uniform, present)
+        return Start(pose, there, np.zeros_like(pose))
 
 
 class Sort(ArrangedTask):
@@ -38,3 +96,112 @@ class Sort(ArrangedTask):
         super().__init__(surface, parts, start=start, randomize=randomize, slots=slots, hold=hold)
         self.zones = zones_from(zones, surface, self.kinds)
         check_room(self.zones, self.parts, self.kinds, self.kind, self.starts.most)
+
+
+class Singulate(ArrangedTask):
+    """All distances between present parts above the largest dimension of an element, sqrt(2) x element_size; none has fallen.
+
+    Then no two parts touch the same element, and each can be moved on its own (thesis, section 4.1). Parts start in one
+    heap, in touch.
+
+    Args:
+        randomize, slots, hold: see :class:`ArrangedTask`.
+    """
+
+    def __init__(
+        self,
+        surface: Surface,
+        parts: Sequence[Part],
+        *,
+        randomize: Any = None,
+        slots: int | None = None,
+        hold: int = HOLD_PERIODS,
+    ) -> None:
+        apart = math.sqrt(2.0) * surface.element_size
+        super().__init__(surface, parts, start="crowded", randomize=randomize, slots=slots, apart=apart, hold=hold)
+
+
+ZONE_COLUMNS = 6
+"""Elements along x of a default zone, which spans the surface's height."""
+
+ROUNDING = 1e-9  # m, that a zone may stick out: borders are products of a size and a number of elements
+
+
+def default_zones(surface: Surface, names: Sequence[str]) -> dict[str, tuple[float, float, float, float]]:
+    """End zones of six columns: the first kind's at the left, the second's at the right, the third's in the middle.
+
+    Raises:
+        ValueError: the surface has too few columns.
+    """
+    needed = ZONE_COLUMNS * len(names)
+    if surface.columns < needed:
+        got = f"the default for {len(names)} kinds on {surface.columns} columns"
+        raise checks.refuse("zones", got, f"at least {needed} columns, or zones of your own")
+    last = surface.columns - ZONE_COLUMNS
+    firsts = (0, last, last // 2)
+    size = surface.element_size
+    return {
+        name: (size * first, 0.0, size * (first + ZONE_COLUMNS), surface.depth)
+        for name, first in zip(names, firsts, strict=False)
+    }
+
+
+def zones_from(value: Any, surface: Surface, names: Sequence[str]) -> np.ndarray:
+    """Zones of all kinds, (kinds, 4): x_low, y_low, x_high, y_high, m.
+
+    Args:
+        value: a mapping from kind to those four numbers; None for the default.
+
+    Raises:
+        ValueError: a kind is unknown or has no zone, or a zone is empty, not on the surface or overlaps another one.
+    """
+    value = default_zones(surface, names) if value is None else value
+    if not isinstance(value, Mapping):
+        raise checks.refuse("zones", value, "a mapping from kind to [x_low, y_low, x_high, y_high] in m")
+    for name in value:
+        if name not in names:
+            raise checks.unknown("kind in zones", name, names)
+    for name in names:
+        if name not in value:
+            raise checks.missing(f"zones[{name!r}]", "every kind of part requires a zone")
+    zones = np.array([_rectangle(f"zones[{name!r}]", value[name], surface) for name in names])
+    for k, name in enumerate(names):
+        for j in range(k):
+            low, high = np.maximum(zones[k, :2], zones[j, :2]), np.minimum(zones[k, 2:], zones[j, 2:])
+            if (high - low > ROUNDING).all():
+                raise checks.conflict(f"zones[{name!r}] overlaps zones[{names[j]!r}]")
+    return zones
+
+
+def _rectangle(name: str, value: Any, surface: Surface) -> np.ndarray:
+    allowed = f"[x_low, y_low, x_high, y_high] in m on the surface, {surface.width:g} x {surface.depth:g} m"
+    four = getattr(value, "shape", None) == (4,) or (isinstance(value, Sequence) and len(value) == 4)
+    if isinstance(value, str) or not four:
+        raise checks.refuse(name, value, allowed)
+    zone = np.array(checks.array(name, value, (4,)))
+    if not (zone[:2] < zone[2:]).all():
+        raise checks.refuse(name, list(value), "a rectangle with x_low < x_high and y_low < y_high")
+    if (zone[:2] < -ROUNDING).any() or zone[2] > surface.width + ROUNDING or zone[3] > surface.depth + ROUNDING:
+        raise checks.refuse(name, list(value), allowed)
+    return zone
+
+
+def check_room(zones: np.ndarray, parts: Sequence[Part], names: Sequence[str], kind: np.ndarray, most: int) -> None:
+    """Whether each zone holds its parts, by a lattice of circles around them.
+
+    Args:
+        most: number of parts that may be present at once.
+
+    Raises:
+        ValueError: a zone is too small.
+    """
+    for k, name in enumerate(names):
+        own = [part for part, its in zip(parts, kind, strict=True) if its == k]
+        radius, number = max(part.radius for part in own), min(len(own), most)
+        fit = len(lattice(zones[k, :2], zones[k, 2:], radius, 0.0))
+        if fit < number:
+            raise checks.refuse(
+                f"zones[{name!r}]",
+                f"{number} parts of radius {radius:.4g} m in {zones[k].round(6).tolist()}",
+                f"at most {fit} parts in this zone",
+            )

@@ -18,8 +18,28 @@ from vibgym.physics.contacts.hulls import hull_gap, part_gap, place_hulls, wall_
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.lattice import lattice
 from vibgym.tasks.patterns import Pattern
+
+
+def pose_of_absent(surface: Surface) -> np.ndarray:
+    """Return the pose (3,) of parts that are not in an episode: beside the surface."""
+    return np.array([-surface.width, -surface.depth, 0.0])
+
+
+def lattice(low: np.ndarray, high: np.ndarray, radius: float, gap: float) -> np.ndarray:
+    """Centres (n, 2) of circles of ``radius`` at least ``gap`` apart in a rectangle, m: as many as a square lattice holds.
+
+    They are spread evenly, column by column, each from the bottom to the top.
+    """
+    axes = []
+    for least, most in zip(low, high, strict=True):
+        length = most - least - 2.0 * radius
+        count = math.floor(length / (2.0 * radius + gap) + 1e-9) + 1 if length > -1e-12 else 0
+        middle = 0.5 * (least + most)
+        axes.append(middle + max(length, 0.0) * (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(count)))
+    x, y = np.meshgrid(*axes, indexing="ij")
+    return np.column_stack([x.ravel(), y.ravel()])
+
 
 TRIES = 20
 """Random poses, or directions of approach, for each part."""
@@ -305,7 +325,7 @@ class Starts:
                 f"{self.most} parts ({names}) of radius up to {radius:.4g} m, {1e3 * gap:.3g} mm apart",
                 f"at most {len(cells)} on this surface, {surface.width:g} x {surface.depth:g} m",
             )
-        self._hulls = hulls_of(parts)
+        self._hulls, self._absent = hulls_of(parts), pose_of_absent(surface)
         self._room = Room(surface.width, surface.depth, cells, clear)
 
     def draw(self, uniform: np.ndarray, present: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -323,23 +343,26 @@ class Starts:
         draw_starts(self._hulls, self._room, self.heaped, self.fewest, self.most, given, uniform, pose, there)
         return pose, there
 
+    def draw_present(self, uniform: np.ndarray) -> np.ndarray:
+        """Return the parts of each episode (n, parts), drawn from the first ``1 + parts`` columns of ``uniform``."""
+        count = self.fewest + (uniform[:, 0] * (self.most - self.fewest + 1)).astype(np.int64)
+        rank = uniform[:, 1 : 1 + len(self.parts)].argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
+        return rank < np.minimum(count, self.most)[:, None]
+
     def _in_pattern(
         self, pattern: Pattern, uniform: np.ndarray, there: np.ndarray, given: bool
     ) -> tuple[np.ndarray, np.ndarray]:
         """As :meth:`draw`, of parts in a pattern; ``there`` says who, where that is given."""
         worlds, parts = there.shape
         if not given:
-            count = self.fewest + (uniform[:, 0] * (self.most - self.fewest + 1)).astype(np.int64)
-            rank = uniform[:, 1 : 1 + parts].argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
-            there = rank < np.minimum(count, self.most)[:, None]
+            there = self.draw_present(uniform)
         goals = pattern.draw(uniform[:, 1 + 2 * parts :])
         if pattern.shuffles:
             mixed = uniform[:, 1 + parts : 1 + 2 * parts].argsort(axis=1, kind="stable")
             pose = goals[np.arange(worlds)[:, None], mixed]
         else:
             pose = pattern.own(goals, there)
-        beside = np.array([-self._room.width, -self._room.depth, 0.0])
-        return np.where(there[..., None], pose, beside), there
+        return np.where(there[..., None], pose, self._absent), there
 
 
 def _number_present(randomize: Any, parts: int) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Swap: two kinds of parts exchange the ends of the table."""
+"""Swap: two kinds of parts exchange the ends of the table, and parts of a kind may exchange goals."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.kernels.jit import borrowing
+from vibgym.kernels.reference import bound
 from vibgym.physics.core.records import State
 from vibgym.scene.parts import Part
 from vibgym.scene.surface import Surface
-from vibgym.tasks.base import HOLD_PERIODS, Start, Task, looks_same_after
+from vibgym.tasks.base import HOLD_PERIODS, Start, Task, setting_in_si
 from vibgym.tasks.episode import Episode, Relations
-from vibgym.tasks.exchange import FreeScoring
 from vibgym.tasks.patterns import give_out
 from vibgym.tasks.pose import PATIENT_TERMS, PoseTask
-from vibgym.tasks.scoring import Scoring
-from vibgym.tasks.starts import Starts
+from vibgym.tasks.scoring import Scoring, Stage
+from vibgym.tasks.starts import Starts, pose_of_absent
 
 APART = 0.005
 """m, least distance between goals, and between starts."""
@@ -57,6 +58,7 @@ class Swap(Task):
     has_goal = True
     position_tolerance = 0.005
     heading_tolerance = math.radians(5.0)
+    modulo_symmetry = True
 
     def __init__(
         self,
@@ -71,23 +73,15 @@ class Swap(Task):
         slots: int | None = None,
         hold: int = HOLD_PERIODS,
     ) -> None:
-        super().__init__(surface, parts, hold=hold)
+        super().__init__(surface, parts, hold=hold, slots=slots)
         if len(self.kinds) != 2:
             raise checks.refuse(
                 "parts", f"{len(self.kinds)} kinds: {', '.join(self.kinds)}", "parts of two kinds (names)"
             )
         self.free = self.exchanges = checks.flag("task_settings['free']", free)
-        if apart is not None and apart_mm is not None:
-            raise checks.conflict("task_settings: 'apart' and 'apart_mm' exclude each other")
-        name, given = ("apart_mm", apart_mm) if apart is None else ("apart", apart)
-        least = APART if given is None else checks.number(f"task_settings[{name!r}]", given, least=0.0)
-        least *= 1.0 if apart_mm is None else 1e-3
+        least = setting_in_si("task_settings", "apart", apart, apart_mm, default=APART, least=0.0)
         columns = checks.count("task_settings['columns']", columns, most=surface.columns // 2)
-        self.slots = (
-            len(self.parts) if slots is None else checks.count("slots", slots, least=len(self.parts), most=10_000)
-        )
-        everyone = Starts(surface, self.parts, "scattered", randomize)
-        self._low, self._most = everyone.fewest, everyone.most
+        self._everyone = Starts(surface, self.parts, "scattered", randomize)
         end = replace(surface, columns=columns)
         self._own = [self.kind == k for k in range(2)]
         own = ([part for part, its in zip(self.parts, mine, strict=True) if its] for mine in self._own)
@@ -95,15 +89,10 @@ class Swap(Task):
         self._far = surface.width - end.width
         self.draws = 1 + len(self.parts) + 2 * sum(each.draws for each in self._ends)
 
-    def heading_period(self, part: Part) -> float:
-        return looks_same_after(part)
-
     def start(self, uniform: np.ndarray, present: np.ndarray | None = None) -> Start:
         parts = len(self.parts)
         if present is None:
-            count = np.minimum(self._low + (uniform[:, 0] * (self._most - self._low + 1)).astype(np.int64), self._most)
-            rank = uniform[:, 1 : 1 + parts].argsort(axis=1, kind="stable").argsort(axis=1, kind="stable")
-            present = rank < count[:, None]
+            present = self._everyone.draw_present(uniform)
         pose, goal = (np.zeros((len(uniform), parts, 3)) for _ in range(2))
         at = 1 + parts
         for k, (own, end) in enumerate(zip(self._own, self._ends, strict=True)):
@@ -112,8 +101,7 @@ class Swap(Task):
                 drawn[..., 0] += side * self._far
                 places[:, own] = drawn
                 at += end.draws
-        beside = np.array([-self.surface.width, -self.surface.depth, 0.0])
-        pose = np.where(present[..., None], pose, beside)
+        pose = np.where(present[..., None], pose, pose_of_absent(self.surface))
         goal = np.where(present[..., None], goal, 0.0)
         start = Start(pose, present, goal)
         return start._replace(goal=self.goal_from(start, pose))
@@ -131,3 +119,54 @@ class Swap(Task):
     def caption(self, relations: Relations, episode: Episode, world: int) -> str:
         error = 1e3 * float(episode.position_error[world])
         return f"{super().caption(relations, episode, world)}   error {error:.1f} mm"
+
+
+EXCHANGE = 0.010
+"""m, minimum reduction of two parts' distances to their goals for an exchange; prevents repeated exchanges to and fro."""
+
+
+@borrowing
+def exchange_goals(kind, present, pose, goal, gain, worlds):
+    """Let parts of a kind exchange goals, in place, where their ways, each cubed with ``gain`` (m) more, then add up to less.
+
+    Args:
+        kind: (parts,).  present: (worlds, parts) bool.
+        pose, goal: (worlds, parts, 2 or 3) m, m, rad.
+        worlds: (n,) index.
+    """
+    for k in range(worlds.shape[0]):
+        w = worlds[k]
+        for i in range(kind.shape[0]):
+            for j in range(i):
+                if kind[i] != kind[j] or not (present[w, i] and present[w, j]):
+                    continue
+                now = cubed_way(pose[w], i, goal[w], i, 0.0) + cubed_way(pose[w], j, goal[w], j, 0.0)
+                then = cubed_way(pose[w], i, goal[w], j, gain) + cubed_way(pose[w], j, goal[w], i, gain)
+                if then < now:
+                    for axis in range(goal.shape[2]):
+                        goal[w, i, axis], goal[w, j, axis] = goal[w, j, axis], goal[w, i, axis]
+
+
+@borrowing
+def cubed_way(pose, i, goal, j, gain):
+    """Cube of the way from pose i to goal j and ``gain`` more, m^3."""
+    x, y = goal[j, 0] - pose[i, 0], goal[j, 1] - pose[i, 1]
+    way = math.sqrt(x * x + y * y) + gain
+    return way * way * way
+
+
+class FreeScoring(Scoring):
+    """Scores episodes in which parts of a kind exchange goals where that makes their ways shorter.
+
+    Args:
+        task, state, periods: see :class:`vibgym.tasks.scoring.Scoring`.
+        free: whether parts exchange goals.
+    """
+
+    def __init__(self, task: Task, state: State, periods: int, free: bool = True) -> None:
+        super().__init__(task, state, periods)
+        self._free, self._kind, self._pose = free, np.ascontiguousarray(task.kind), state.pose
+
+    def stages(self) -> list[Stage]:
+        exchange = bound(exchange_goals, self._kind, self.episode.present, self._pose, self.episode.goal, EXCHANGE)
+        return [*([exchange] if self._free else []), *super().stages()]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from vibgym import Part, Surface
-from vibgym.tasks.paths import DrawnPaths, Reach, route
-from vibgym.tasks.paths.reach import EFFORT
+from vibgym.tasks import route
+from vibgym.tasks.paths import EFFORT, DrawnPaths, Reach
 
 SURFACE, TALL = Surface(), Surface(rows=24, columns=10)
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

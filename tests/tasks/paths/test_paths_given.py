@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibgym import Part, Surface
-from vibgym.tasks.paths import GivenPaths, Reach, route
-from vibgym.tasks.paths.reach import EFFORT
-from vibgym.tasks.paths.shapes import rounded
+from vibgym.tasks import route
+from vibgym.tasks.paths import EFFORT, GivenPaths, Reach
+from vibgym.tasks.route import rounded
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

@@ -8,8 +8,7 @@ from scipy.special import ellipe, ellipk
 
 from tests.allocation.averaged_model import mean_acceleration
 from vibgym import Part, Surface
-from vibgym.tasks.paths import Reach
-from vibgym.tasks.paths.reach import EFFORT, means
+from vibgym.tasks.paths import EFFORT, Reach, means
 
 SURFACE = Surface()
 BLOCK = Part.rectangle(0.050, 0.035, friction=0.58)

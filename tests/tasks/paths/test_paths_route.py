@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibgym.tasks.paths import route
-from vibgym.tasks.paths.route import MOTION
+from vibgym.tasks import route
+from vibgym.tasks.route import MOTION
 
 WINDOW = 0.06
 

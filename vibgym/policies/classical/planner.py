@@ -32,7 +32,7 @@ from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.outlines import convex_hull
 from vibgym.simulation import threads as workers
-from vibgym.tasks.exchange import exchange_goals
+from vibgym.tasks.swap import exchange_goals
 
 LOGGER = logging.getLogger("vibgym")
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from vibgym.policies.task_info import TaskInfo
-from vibgym.tasks.lattice import lattice
+from vibgym.tasks.starts import lattice
 
 SHIFTS = 9
 """How many shifts along the table are tried of the lattice that takes a heap apart."""
