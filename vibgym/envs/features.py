@@ -17,8 +17,8 @@ from vibgym.scene.parts import Part
 from vibgym.scene.sliding import LEAST_SPEED
 from vibgym.scene.surface import Surface
 from vibgym.tasks import Task
-from vibgym.tasks.episode import PREVIEW
 from vibgym.tasks.base import MOST_KINDS
+from vibgym.tasks.episode import PREVIEW
 
 FAR, COARSE, FINE, FINEST = 0.250, 0.050, 0.005, 0.0005  # m
 TURN, COARSE_TURN, FINE_TURN, FINEST_TURN = 2.0 * math.pi, 0.5, 0.05, 0.005  # rad
