@@ -162,7 +162,6 @@ benchmark: $(DEV) $(PEERS)
 	$(PY) -m studies.benchmarks.accuracy
 	$(PY) -m studies.benchmarks.kernel
 	$(PY) -m studies.benchmarks.peers
-	$(PY) -m studies.benchmarks.speed
 	$(PY) -m studies.benchmarks.contacts
 	$(PY) -m studies.benchmarks.crowds
 	$(PY) -m studies.benchmarks.pile
