@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any, NoReturn
+from contextlib import ExitStack, contextmanager
+from typing import Any
 
 import pytest
+
+from studies.benchmarks import browser
 
 __all__ = ["chromium", "faults", "faults_at_all_sizes", "watch"]
 
@@ -16,34 +17,17 @@ LOOKS = ((1280, "light"), (390, "dark"))
 """Widths of a desktop and a phone screen, pixels, each with a colour scheme."""
 
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update")
-NEEDED = "a browser is needed: apt-get install chromium, or .venv/bin/playwright install chromium"
-
-
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """Yield a headless browser; without one, skip the test, or fail if ``CI`` is set."""
-    try:
-        from playwright.sync_api import Error, sync_playwright
-    except ImportError as error:
-        _skip(error)
-    path = next(filter(None, map(shutil.which, NAMES)), None)
-    with sync_playwright() as playwright:
+    """Yield a browser; without one, skip the test, or fail if ``CI`` is set."""
+    with ExitStack() as stack:
         try:
-            browser = playwright.chromium.launch(executable_path=path, args=list(FLAGS))
-        except Error as error:
-            _skip(RuntimeError(f"{NEEDED} ({str(error).splitlines()[0]})"))
-        try:
-            yield browser
-        finally:
-            browser.close()
-
-
-def _skip(error: Exception) -> NoReturn:
-    if os.environ.get("CI"):
-        raise error
-    pytest.skip(str(error))
+            found = stack.enter_context(browser.chromium())
+        except (ImportError, RuntimeError) as error:
+            if os.environ.get("CI"):
+                raise
+            pytest.skip(str(error))
+        yield found
 
 
 def watch(page: Any) -> list[str]:
