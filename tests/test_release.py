@@ -54,7 +54,7 @@ def test_missing_interpreters_are_listed_as_not_tried(tmp_path, monkeypatch):
 
 
 def test_every_example_is_tried_or_needs_another_extra():
-    assert {path.stem for path in (ROOT / "examples").glob("*.py")} == tried.EXAMPLES.keys()
+    assert {path.stem for path in (ROOT / "examples").glob("*.py")} == tried.EXAMPLES.keys() | tried.FROM_CHECKOUT
     able, others = tried.examples_of("play")
     assert others == ["own_reward_sac"] and tried.examples_of("play,learn") == ([*able, *others], [])
 

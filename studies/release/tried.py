@@ -23,6 +23,9 @@ EXAMPLES = {
 }
 """By name: the argument, which makes it small, and the extra that it needs."""
 
+FROM_CHECKOUT = {"own_algorithm"}
+"""Examples that need ``agents``, which distributions do not install; ``make test`` runs them."""
+
 FOUND = "import sys, vibgym; print(vibgym.__version__, vibgym.__file__.startswith(sys.prefix))"
 
 

@@ -80,7 +80,7 @@ def test_sources_are_what_a_file_imports(run):
         sources.cache_clear()
         return [sources(str(path), ".".join(path.relative_to(package.parent).with_suffix("").parts)) for path in files]
 
-    files = [package / "tasks" / "zones.py", package / "physics" / "planar" / "friction.py"]
+    files = [package / "tasks" / "patterns.py", package / "physics" / "planar" / "friction.py"]
     first = all_stamps()
     assert first == all_stamps() and first[0] != first[1]
 
@@ -95,7 +95,7 @@ def test_sources_are_what_a_file_imports(run):
     assert edit("physics", "planar", "outline.py")[1]
     assert edit("physics", "planar", "friction.py")[1]
     assert edit("rendering", "canvas.py") == [False, False]
-    assert not edit("tasks", "zones.py")[1]
+    assert not edit("tasks", "patterns.py")[1]
 
 
 def test_kernels_of_another_package_depend_on_both(tmp_path):
