@@ -17,6 +17,8 @@ RENAMED: dict[str, str] = {
     "vibgym.physics.collision": "vibgym.physics.contacts",
     "vibgym.physics.tilting": "vibgym.plugins.tilting",
     "vibgym.play": "vibgym.plugins.play",
+    "vibgym.policies.classical.laws": "vibgym.policies.classical.steering",
+    "vibgym.policies.search": "vibgym.policies",
     "vibgym.rendering.page": "vibgym.plugins.play.drawing",
     "vibgym.sensing.camera": "vibgym.plugins.camera",
     "vibgym.tasks.align": "vibgym.tasks.pose",

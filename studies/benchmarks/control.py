@@ -24,7 +24,7 @@ import vibgym  # noqa: F401 - registers the environments
 from studies.benchmarks import common
 from vibgym import Simulator, Surface
 from vibgym.allocation import Allocator
-from vibgym.policies.classical.laws import LAWS
+from vibgym.policies.classical.steering import LAWS
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.parts import Part

@@ -18,9 +18,8 @@ from studies.rivals.machines import MACHINES, Cells, Machine, PlainPlate, Plate
 from vibgym import Surface
 from vibgym.allocation import Allocator
 from vibgym.allocation.cut import new_pieces
-from vibgym.policies.classical.local_field import LocalFieldPolicy
-from vibgym.policies.classical.outputs import Order
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.steering import LocalFieldPolicy, Order
 from vibgym.policies.protocol import Policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
@@ -43,7 +42,7 @@ def places(surface: Surface) -> np.ndarray:
 
 
 class RivalOutput(ABC):
-    """What steering says to a rival: an output (:class:`vibgym.policies.classical.outputs.Output`) for its action.
+    """What steering says to a rival: an output (:class:`vibgym.policies.classical.steering.Output`) for its action.
 
     Args:
         info: task and scene.
@@ -65,7 +64,7 @@ class RivalOutput(ABC):
         return ()
 
     def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
-        """See :meth:`vibgym.policies.classical.outputs.Output.give`."""
+        """See :meth:`vibgym.policies.classical.steering.Output.give`."""
         present, wanted = np.ascontiguousarray(order.measured.present), np.ascontiguousarray(order.push)
         # In the middle of the step, as the segmented surface's output has it.
         pose = np.ascontiguousarray(order.measured.pose + self.half * order.velocity)

@@ -183,7 +183,7 @@ def test_a_world_gets_the_same_bits_alone_and_in_any_batch():
 
 
 def test_one_pulse_shifts_the_place_of_rest_as_wanted():
-    """The law behind ``policies.classical.settling`` and the allocation together: a T / c, with the planar model, at rest."""
+    """The law behind ``policies.classical.law`` and the allocation together: a T / c, with the planar model, at rest."""
     worlds, generator = 40, np.random.default_rng(3)
     part, surface = ALUMINIUM, SURFACE
     pose = np.column_stack(

@@ -10,8 +10,8 @@ import pytest
 
 from tests.contracts.entries import IDS, SEVERAL, is_one_line
 from tests.policies.trained.helpers import actor_tensors, policy_file
-from vibgym.policies.classical.laws import LAWS
 from vibgym.policies.classical.measured import Measured
+from vibgym.policies.classical.steering import LAWS
 from vibgym.policies.registry import CONTROLLERS, make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.policies.trained.coding import Coding

@@ -12,9 +12,8 @@ import pytest
 import vibgym
 from tests.policies.helpers import episodes, info_of
 from vibgym.policies.classical.law import Law, lead_of
-from vibgym.policies.classical.laws import LAWS
-from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.steering import LAWS, LocalFieldPolicy
 from vibgym.policies.registry import CONTROLLERS, make_policy
 
 NAMES = ("zero", "random", "open_loop", "local_field", "planner")

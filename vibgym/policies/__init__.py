@@ -1,7 +1,7 @@
 """Who acts: the protocol of policies, classical controllers and trained agents, and how their episodes are played."""
 
 from vibgym.policies.classical.law import Law
-from vibgym.policies.classical.laws import LAWS
+from vibgym.policies.classical.steering import LAWS
 from vibgym.policies.protocol import Policy
 from vibgym.policies.registry import CONTROLLERS, make_policy
 from vibgym.policies.rollout import rollout

@@ -11,16 +11,14 @@ from typing import Any
 from vibgym import checks, extras
 from vibgym.envs.actions import ACTIONS
 from vibgym.policies.classical.lanes import CrossingPolicy, FeedingPolicy
-from vibgym.policies.classical.laws import LAWS
-from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.open_loop import OpenLoopPolicy, RandomPolicy, ZeroPolicy
-from vibgym.policies.classical.outputs import OUTPUTS
 from vibgym.policies.classical.planner import PlannerPolicy
 from vibgym.policies.classical.pushing import PushingPolicy
+from vibgym.policies.classical.steering import LAWS, OUTPUTS, LocalFieldPolicy
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.foreign import InElements, ModelPolicy
+from vibgym.policies.mpc import MPCPolicy
 from vibgym.policies.protocol import Policy
-from vibgym.policies.search.mpc import MPCPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.registry import Registry
 
@@ -128,7 +126,7 @@ def by_task(info: TaskInfo, **policies: Any) -> Policy:
 
 
 def mpc(info: TaskInfo, *, base: Any = None, action: str | None = None, seed: int = 0, **settings: Any) -> Policy:
-    """Plans by sampling in a simulation (:class:`vibgym.policies.search.mpc.MPCPolicy`).
+    """Plans by sampling in a simulation (:class:`vibgym.policies.mpc.MPCPolicy`).
 
     Args:
         info: task and scene.
@@ -195,7 +193,7 @@ CONTROLLERS = Controllers(
 ``"planner"`` those that ask for places: goals, zones, or a distance to keep; the first takes every part straight there, the
 second past the others. ``"mpc"`` serves all tasks whose goals stay, ``"by_task"`` those that it names. The names of laws are in
 the first one's place with one part, in the second one's with several:
-``vibgym.policies.classical.laws.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
+``vibgym.policies.classical.steering.LAWS.register(name, cls)`` adds one of your own. ``"learned"`` is the shipped agent.
 """
 LAWS.taken = CONTROLLERS
 

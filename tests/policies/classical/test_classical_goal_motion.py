@@ -8,9 +8,8 @@ import pytest
 
 from tests.envs.helpers import single
 from tests.policies.helpers import info_of
-from vibgym.policies.classical.goal_motion import Preview, from_goals
-from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.settling import Settling
+from vibgym.policies.classical.law import Settling
+from vibgym.policies.classical.measured import Measured, Preview, from_goals
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.task_info import TaskInfo
 from vibgym.tasks.episode import PREVIEW

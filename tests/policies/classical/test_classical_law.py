@@ -8,9 +8,8 @@ import pytest
 
 from tests.envs.helpers import batch, single
 from tests.policies.helpers import POSE_TASKS, SURFACE, episodes, info_of
-from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.steering import Steering
+from vibgym.policies.classical.steering import LocalFieldPolicy, Steering
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.sliding import TOP_SLIP

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from tests.policies.helpers import POSE_TASKS, episodes, info_of
-from vibgym.policies.classical.laws import LAWS
-from vibgym.policies.classical.local_field import LocalFieldPolicy
 from vibgym.policies.classical.measured import Measured
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.steering import LAWS, LocalFieldPolicy
 from vibgym.policies.registry import make_policy
 
 HARDWARE = {"actuators": "prototype", "sensor": {"kind": "pose", "estimator": "model"}}

@@ -8,7 +8,7 @@ import pytest
 
 from tests.envs.helpers import batch
 from tests.policies.helpers import ARRANGED_TASKS, POSE_TASKS, info_of
-from vibgym.policies.classical.measured import Measured, recall, started, wrap
+from vibgym.policies.classical.measured import Measured, recall, wrap
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
 
@@ -69,11 +69,16 @@ def test_wrap():
     assert wrap(np.array([3.0, 3.0, -7.0]), np.array([2, 1, 1])) == pytest.approx([3 - math.pi, 3.0, 2 * math.pi - 7])
 
 
-def test_started():
-    assert started(None, None, 2).tolist() == [True, True]
-    assert started(None, np.array([False, False]), 2).tolist() == [True, True]
-    assert started(1, None, 2).tolist() == [False, False]
-    assert started(1, np.array([True, False]), 2).tolist() == [True, False]
+def test_an_episode_begins_without_memory_or_where_it_is_marked():
+    class Kept(NamedTuple):
+        value: np.ndarray
+
+    def begun(state, episode_start):
+        return recall(state, episode_start, Kept(np.zeros((2, 1))), 2)[1].tolist()
+
+    state = Kept(np.ones((2, 1)))
+    assert begun(None, None) == begun(None, np.array([False, False])) == [True, True]
+    assert begun(state, None) == [False, False] and begun(state, np.array([True, False])) == [True, False]
 
 
 class Two(NamedTuple):

@@ -25,8 +25,7 @@ from vibgym.policies.classical.motion_choice import (
     set_velocity,
     with_price_beside,
 )
-from vibgym.policies.classical.planner import PlannerPolicy
-from vibgym.policies.classical.targets import Targets, assign, places
+from vibgym.policies.classical.planner import PlannerPolicy, Targets, assign, places
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.registry import make_policy
 from vibgym.scene.hulls import gaps_between, hulls_of

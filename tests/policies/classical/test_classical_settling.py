@@ -8,8 +8,8 @@ import pytest
 
 from tests.envs.helpers import batch
 from tests.policies.helpers import SURFACE, episodes, info_of
+from vibgym.policies.classical.law import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.settling import BAND, LOOSE_BAND, NEAR, REACH_TURN, Settling, keep_on
 from vibgym.policies.classical.steering import Steering
 from vibgym.policies.registry import make_policy
 from vibgym.policies.task_info import TaskInfo
@@ -113,15 +113,15 @@ def test_parts_that_still_turn_fast_are_no_matter_of_pulses():
 
 
 def test_only_hard_dead_zones_call_for_it():
-    assert Steering(info_of("Align")).law.settle is keep_on
+    assert Steering(info_of("Align")).law.settling is None
     for change in ({"dead_zone": 0.0}, {"dead_zone_form": "soft"}):
         policy = Steering(info_of("Align", actuators={"kind": "prototype", **change}))
-        assert policy.law.settle is keep_on and policy.slack == 0.0
-    assert isinstance(steering().law.settle, Settling)
+        assert policy.law.settling is None and policy.slack == 0.0
+    assert isinstance(steering().law.settling, Settling)
 
 
 def test_tasks_without_poses_have_a_band_of_their_own():
-    settle = steering("Sort").law.settle
+    settle = steering("Sort").law.settling
     assert settle.band == LOOSE_BAND and 0.0 < settle.slack < 0.005
 
 

@@ -10,8 +10,17 @@ from vibgym import Part, Simulator
 from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
 from vibgym.physics.core.drive import cartesian_drive
-from vibgym.policies.classical.pose_law import PoseLaw, allowed_turn
-from vibgym.policies.classical.stopping import INSIDE, Landing, StoppingCurve, fastest_spin, time_left, turning_push
+from vibgym.policies.classical.pose_law import (
+    INSIDE,
+    Landing,
+    PoseLaw,
+    StoppingCurve,
+    allowed_turn,
+    fastest_spin,
+    speed_at,
+    time_left,
+    turning_push,
+)
 from vibgym.policies.measures import Measures
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
@@ -51,11 +60,17 @@ def test_near_rest_braking_is_even(part):
 @pytest.mark.parametrize("turning, top", [(False, 0.3), (True, 14.0)])
 def test_more_way_lets_be_faster_and_more_push_as_well(turning, top):
     weak, strong = (curve_for(ALUMINIUM, push, top, turning) for push in (0.6, 0.8))
-    way = np.linspace(0.0, 1.5 * weak.way[-1, 0], 300)[:, None]
-    assert (np.diff(weak.at(way)[:, 0]) >= 0.0).all() and weak.at(way)[0, 0] == 0.0 and weak.at(way)[-1, 0] == top
-    assert (strong.at(way)[1:-150] > weak.at(way)[1:-150]).all()
+
+    def speeds(curve, way):
+        return np.array([speed_at(curve.way, curve.speed, 0, 1e9, each) for each in np.atleast_1d(way)])
+
+    end = weak.way[-1, 0]
+    way = np.linspace(0.0, 1.5 * end, 300)
+    slow, fast = speeds(weak, way), speeds(strong, way)
+    assert (np.diff(slow) >= 0.0).all() and slow[0] == 0.0 and slow[-1] == top
+    assert (fast[1:-150] > slow[1:-150]).all()
     # Friction helps the more the faster a part is: speeds grow faster than the root of the way.
-    assert weak.at(weak.way[-1:])[0, 0] > 2.05 * weak.at(0.25 * weak.way[-1:])[0, 0]
+    assert speeds(weak, end)[0] > 2.05 * speeds(weak, 0.25 * end)[0]
 
 
 def test_every_part_has_its_own_curve():

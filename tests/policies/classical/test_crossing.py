@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.envs.helpers import batch
-from vibgym.policies.classical.lanes import CrossingPolicy
-from vibgym.policies.classical.traffic import Crowd, Rules, choose_velocities, time_to_meet
+from vibgym.policies.classical.lanes import CrossingPolicy, Crowd, Rules, choose_velocities, time_to_meet
 from vibgym.policies.measures import Measures
 from vibgym.policies.rollout import rollout
 from vibgym.policies.task_info import TaskInfo
@@ -13,7 +12,7 @@ from vibgym.scene.hulls import hulls_of
 from vibgym.scene.parts import shipped_part
 
 TOP = 0.3
-RULES = Rules(0.832, 0.208, TOP, 0.004, 0.003, 8.0, 0.35, 4.0, 0.3, 0.1)
+RULES = Rules(0.832, 0.208, TOP, 8.0)
 BLOCKS = [shipped_part("steel_block")] * 2
 
 

@@ -4,46 +4,54 @@ Through gates: parts have velocities instead of targets. Parts farther along hav
 distance that grows on the way to the gate. Across the table parts change to the lane of their kind where there is room.
 
 Both ways: parts that meet others keep to the right, turn straight, and choose velocities in order of right of way
-(:mod:`.traffic`). A part on the wrong side changes to its own as soon as there is room; oncoming parts wait or move to the
-border. Where no parts meet and one has waited off its goal, :mod:`.two_phases` brings the parts to their goals.
+(:func:`choose_velocities`). A part on the wrong side changes to its own as soon as there is room; oncoming parts wait or move
+to the border. Where no parts meet and one has waited off its goal, :mod:`.two_phases` brings the parts to their goals.
+
+A velocity is as good as it is near the wanted one, and as long as the time to collision with the border or with another part
+that keeps the velocity that it has chosen, or had (velocity obstacles, see van den Berg, Lin & Manocha, ICRA 2008; by sampling,
+with an order instead of reciprocity). Two parts cannot meet before the rectangles about them do, nor before the gap along the
+direction that separates their outlines is used up: the later of both counts.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym import checks
+from vibgym.kernels.jit import borrowing, jit
+from vibgym.physics.contacts.hulls import hull_gap, place_hulls
 from vibgym.policies.classical import planner
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall, wrap
 from vibgym.policies.classical.steering import Steering
-from vibgym.policies.classical.traffic import Crowd, Rules, choose_velocities
 from vibgym.policies.classical.two_phases import TwoPhasesPolicy
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
 
-@dataclass(frozen=True)
-class Traffic:
-    """How parts keep their distance.
+def half_extents(info: TaskInfo) -> np.ndarray:
+    """Return half of the extents (parts, 2) m of the parts at heading 0."""
+    return np.array([np.abs(part.outline).max(axis=0) for part in info.parts])
 
-    Raises:
-        ValueError: a bad value.
-    """
 
-    near: float = 0.003  # m, distance that parts keep at the inlet
-    spare: float = 0.004  # m, that parts keep at the gate beyond what it asks for
-    along: float = 0.12  # s, in which a lack of distance along the table is made up for
-    across: float = 0.20  # s, in which parts go to the middle of their lanes
-    beside: float = 0.006  # m, distance to those beside
-    slip: float = 0.3  # most velocity across the table over the top speed
+def extents(half: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Return half of the extents (batch, parts, 2) m along and across the table of parts with ``heading`` (batch, parts)."""
+    cosine, sine = np.abs(np.cos(heading)), np.abs(np.sin(heading))
+    return np.stack([half[:, 0] * cosine + half[:, 1] * sine, half[:, 0] * sine + half[:, 1] * cosine], axis=-1)
 
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            object.__setattr__(self, each.name, checks.number(each.name, getattr(self, each.name), above=0.0))
+
+# -- through gates -----------------------------------------------------------------------------------------------------
+
+NEAR, SPARE, BESIDE = 0.003, 0.004, 0.006
+"""m: distance of parts at the inlet; distance at the gate beyond the required one; distance to parts beside."""
+
+ALONG, ACROSS = 0.12, 0.20
+"""s in which a lack of distance along the table is corrected, and in which parts reach the middle of their lanes."""
+
+SLIP = 0.3
+"""Maximum velocity across the table over the top speed."""
 
 
 class FeedingPolicy(Steering):
@@ -51,63 +59,54 @@ class FeedingPolicy(Steering):
 
     Args:
         info: task, scene and step time.
-        **settings: of :class:`Traffic`; ``law``, ``action`` and ``learn`` of :class:`Steering`; and that law's own.
+        **settings: of :class:`Steering`, whose ``law`` is ``"pose"`` here, and its law's own.
 
     Raises:
         ValueError: a task whose parts stay, or a bad argument.
     """
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        own = {each.name: settings.pop(each.name) for each in fields(Traffic) if each.name in settings}
-        settings.setdefault("law", "pose")
-        super().__init__(info, **settings)
+        super().__init__(info, **{"law": "pose", **settings})
         if not info.flows or info.zones is None:
             raise info.unsupported("lanes", "a task whose parts leave through gates, such as Feed")
-        self.traffic, zones = Traffic(**own), info.zones[list(info.kind)]
+        zones = info.zones[list(info.kind)]
         self.top = info.plant.top_speed
         self.lead = lead_of(self.law, info, 0.5 * self.top)
         self.lane = 0.5 * (zones[:, 1] + zones[:, 3])
         self.gate = zones[:, 0]
         self.inlet = float(2.0 * max(part.radius for part in info.parts))
-        self.outline = [part.outline for part in info.parts]
+        self.half = half_extents(info)
         self.spacing = float(np.sqrt(2.0) * info.surface.element_size)
 
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions from the measured poses and mean velocities; the state is :class:`.steering.Memory`."""
+        """Return actions from measured poses and mean velocities; the state is :class:`.steering.Memory`."""
         measured = Measured.of(observation, self.info)
         memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre), measured.arrived)
         measured = self.expected(measured, memory)
         return self.steer(measured, self.lead * self.velocity(measured), memory)
 
-    def reach(self, heading: np.ndarray) -> np.ndarray:
-        """(batch, parts, 2) m, how far parts reach from their centres along and across the table."""
-        cosine, sine = np.abs(np.cos(heading)), np.abs(np.sin(heading))
-        half = np.array([np.abs(outline).max(axis=0) for outline in self.outline])
-        return np.stack([half[:, 0] * cosine + half[:, 1] * sine, half[:, 0] * sine + half[:, 1] * cosine], axis=-1)
-
     def velocity(self, measured: Measured) -> np.ndarray:
-        """Set velocities (batch, parts, 2), m/s."""
-        traffic, centre, top = self.traffic, measured.centre, self.top
-        reach = self.reach(measured.heading)
+        """Return set velocities (batch, parts, 2), m/s."""
+        centre, top = measured.centre, self.top
+        reach = extents(self.half, measured.heading)
         between = centre[:, None] - centre[:, :, None]  # of part i (first axis) to part j
         gap = np.abs(between) - reach[:, :, None] - reach[:, None]
         there = measured.present[:, :, None] & measured.present[:, None] & ~np.eye(centre.shape[1], dtype=bool)
         # The part that is farther along has priority.
-        ahead = there & (
-            (between[..., 0] > 0.0) | ((between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1))
-        )
+        first = (between[..., 0] == 0.0) & np.triu(np.ones(gap.shape[1:3], bool), 1)
+        ahead = there & ((between[..., 0] > 0.0) | first)
         way = np.clip((centre[..., 0] - self.inlet) / (0.5 * (self.gate - self.inlet)), 0.0, 1.0)
-        wanted = traffic.near + way * (self.spacing + traffic.spare - traffic.near)
+        wanted = NEAR + way * (self.spacing + SPARE - NEAR)
         along, across = gap[..., 0], gap[..., 1]
-        in_way = ahead & (across < traffic.beside)
-        follow = measured.velocity[:, None, :, 0] + (along - wanted[:, :, None]) / traffic.along
+        in_way = ahead & (across < BESIDE)
+        follow = measured.velocity[:, None, :, 0] + (along - wanted[:, :, None]) / ALONG
         vx = np.minimum(top, np.where(in_way, follow, np.inf).min(axis=2))
-        vy = np.clip((self.lane - centre[..., 1]) / traffic.across, -traffic.slip * top, traffic.slip * top)
+        vy = np.clip((self.lane - centre[..., 1]) / ACROSS, -SLIP * top, SLIP * top)
         # No part approaches one beside it: the one behind gives way.
-        beside = ahead & (along < traffic.near)
-        room = np.maximum(across - traffic.beside, 0.0) / traffic.along
+        beside = ahead & (along < NEAR)
+        room = np.maximum(across - BESIDE, 0.0) / ALONG
         up, down = beside & (between[..., 1] > 0.0), beside & (between[..., 1] <= 0.0)
         vy = np.minimum(vy, np.where(up, room, np.inf).min(axis=2))
         vy = np.maximum(vy, -np.where(down, room, np.inf).min(axis=2))
@@ -115,30 +114,22 @@ class FeedingPolicy(Steering):
         return np.stack([vx, vy], axis=-1)
 
 
-@dataclass(frozen=True)
-class Passing:
-    """How parts pass one another.
+# -- both ways ---------------------------------------------------------------------------------------------------------
 
-    Raises:
-        ValueError: a bad value.
-    """
+SIDE = 0.8
+"""Maximum velocity towards the own side of the table over the top speed."""
 
-    near: float = 0.003  # m, distance that parts keep
-    ahead: float = 0.35  # s that parts look ahead
-    meeting: float = 4.0  # price of meeting at once, over that of rest for one that would like to go at the top speed
-    yields: float = 0.3  # share of that which a part reckons for those over which it has right of way
-    steady: float = 0.1  # price of a velocity that is the top speed away from the present one
-    over: float = 0.004  # m, that parts may stick out of the surface
-    side: float = 0.8  # most velocity towards the own side of the table over the top speed
-    hold: float = 0.13  # m between centres, along the table, that those keep who meet one on the wrong side
-    hold_across: float = 0.052  # m between centres, across the table, within which they do
-    patience: float = 0.15  # s that a part waits off its goal, without oncoming parts, until a planner takes over
-    crosses: float = 0.15  # m along the table to the goal, from which on others may come towards a part
-    turn_at: float = 0.060  # m from the goal, where parts turn to its heading
+HOLD, HOLD_ACROSS = 0.13, 0.052
+"""m between centres along and across the table, at which parts wait for an oncoming part on the wrong side."""
 
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            object.__setattr__(self, each.name, checks.number(each.name, getattr(self, each.name), above=0.0))
+PATIENCE = 0.15
+"""s that a part waits off its goal, without oncoming parts, until the planner takes over."""
+
+CROSSES = 0.15
+"""m along the table to the goal, above which other parts may be oncoming."""
+
+TURN_AT = 0.060
+"""m from the goal, where parts turn to its heading."""
 
 
 class CrossingPolicy(TwoPhasesPolicy):
@@ -146,45 +137,40 @@ class CrossingPolicy(TwoPhasesPolicy):
 
     Args:
         info: task, scene and step time.
-        **settings: of :class:`Passing`, and of :class:`.two_phases.TwoPhasesPolicy`.
+        **settings: of :class:`.two_phases.TwoPhasesPolicy`.
 
     Raises:
         ValueError: a task whose parts have no goal poses, or a bad argument.
     """
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        own = {each.name: settings.pop(each.name) for each in fields(Passing) if each.name in settings}
         if not info.has_goal or info.goal_moves:
             required = "a task whose parts have fixed goal poses, such as Swap, or leave through gates, such as Feed"
             raise info.unsupported("lanes", required)
         super().__init__(info, **settings)
-        self.passing = passing = Passing(**own)
         self.top = info.plant.top_speed
-        self.half = np.array([np.abs(part.outline).max(axis=0) for part in info.parts])
-        self.rules = Rules(
-            info.surface.width, info.surface.depth, self.top, passing.over, passing.near, 1.0 / self.lead, passing.ahead,
-            passing.meeting, passing.yields, passing.steady,
-        )  # fmt: skip
+        self.half = half_extents(info)
+        self.rules = Rules(info.surface.width, info.surface.depth, self.top, 1.0 / self.lead)
 
     def choose(self, measured: Measured, memory: planner.Memory) -> tuple[np.ndarray, np.ndarray]:
-        """Set velocities, as planners have them; in worlds where parts meet those of traffic."""
+        """See :meth:`.planner.PlannerPolicy.choose`; velocities that pass others in worlds where parts meet."""
         velocity, waited = super().choose(measured, memory)
         wanted, first, meets = self.wanted(measured)
-        crossing, patience = meets.any(axis=1), self.passing.patience
-        patient = np.where(measured.present, waited, 0.0).max(axis=1) < patience
+        crossing = meets.any(axis=1)
+        patient = np.where(measured.present, waited, 0.0).max(axis=1) < PATIENCE
         # Once lost without any parts meeting, patience is not regained.
-        waited = np.where((crossing | patient)[:, None], waited, np.maximum(waited, patience))
+        waited = np.where((crossing | patient)[:, None], waited, np.maximum(waited, PATIENCE))
         some = np.flatnonzero(crossing | patient)
         if len(some):
             velocity[some] = self.pass_by(measured, wanted, first, some)
         return velocity, waited
 
     def pass_by(self, measured: Measured, wanted: np.ndarray, first: np.ndarray, worlds: np.ndarray) -> np.ndarray:
-        """Velocities (n, parts, 2) of the parts of some worlds that fit to one another, m/s; see :meth:`wanted`."""
+        """Return velocities (n, parts, 2), m/s, with which the parts of some worlds pass one another; see :meth:`wanted`."""
         crowd = Crowd(
             present=measured.present[worlds],
             centre=np.ascontiguousarray(measured.centre[worlds]),
-            reach=self.reach(measured.heading[worlds]),
+            reach=extents(self.half, measured.heading[worlds]),
             wanted=np.ascontiguousarray(wanted[worlds]),
             order=np.argsort(first[worlds], axis=1, kind="stable"),
             pose=measured.pose[worlds],
@@ -197,43 +183,38 @@ class CrossingPolicy(TwoPhasesPolicy):
         workers.share(choose, len(worlds), self.threads)
         return chosen
 
-    def reach(self, heading: np.ndarray) -> np.ndarray:
-        """(batch, parts, 2) m, how far parts reach from their centres along and across the table."""
-        cosine, sine, half = np.abs(np.cos(heading)), np.abs(np.sin(heading)), self.half
-        return np.stack([half[:, 0] * cosine + half[:, 1] * sine, half[:, 0] * sine + half[:, 1] * cosine], axis=-1)
-
     def _turn(self, measured: Measured) -> np.ndarray:
-        far = np.hypot(*np.moveaxis(measured.way, -1, 0)) > self.passing.turn_at
+        far = np.hypot(*np.moveaxis(measured.way, -1, 0)) > TURN_AT
         return np.where(far, -wrap(measured.heading, self.symmetry), super()._turn(measured))
 
     def wanted(self, measured: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What parts would like.
+        """Compute the velocities that parts would choose without others.
 
         Returns:
-            Velocities (batch, parts, 2), m/s; (batch, parts) numbers, least of those who go first; (batch, parts) bool, whether
-            some come towards a part.
+            Velocities (batch, parts, 2), m/s; sort keys (batch, parts), the smallest goes first; (batch, parts) bool, whether
+            a part has oncoming parts.
         """
-        x, y, way, passing = measured.centre[..., 0], measured.centre[..., 1], measured.way, self.passing
+        x, y, way = measured.centre[..., 0], measured.centre[..., 1], measured.way
         away = np.hypot(way[..., 0], way[..., 1])
         speed = np.minimum(away / self.lead, self.top)
         straight = (speed / np.maximum(away, 1e-12))[..., None] * way
-        # Which way a part goes, as long as it is far from its goal along the table.
-        side = np.where((np.abs(way[..., 0]) > passing.crosses) & measured.present, np.sign(way[..., 0]), 0.0)
+        # Direction of motion along the table, 0 near the goal.
+        side = np.where((np.abs(way[..., 0]) > CROSSES) & measured.present, np.sign(way[..., 0]), 0.0)
         between = x[:, None] - x[:, :, None]
         oncoming = (between * side[:, :, None] > 0.0) & (side[:, None] * side[:, :, None] < 0.0)
         meets: np.ndarray = np.asarray(oncoming.any(axis=2))
-        width, quarter, most = self.half[:, 1], 0.25 * self.info.surface.depth, passing.side * self.top
+        width, quarter, most = self.half[:, 1], 0.25 * self.info.surface.depth, SIDE * self.top
         room = np.maximum(quarter - width, 0.0)  # off the middle of a half
         middle = 2.0 * quarter - side * quarter
         across = np.clip(y, middle - room, middle + room) - y
         vy = np.clip(across / self.lead, -most, most)
-        # Who is on the wrong side gets out of the way, and who comes towards it waits for that, or makes room at the border.
+        # Parts on the wrong side leave it; oncoming parts wait for that, or make room at the border.
         wrong = (np.abs(across) > width) & (side != 0.0)
         before, apart = oncoming & (wrong[:, None] | wrong[:, :, None]), np.abs(between)
-        beside = np.abs(y[:, None] - y[:, :, None]) < passing.hold_across
-        free = np.maximum(apart - passing.hold, 0.0) / (2.0 * self.lead)
+        beside = np.abs(y[:, None] - y[:, :, None]) < HOLD_ACROSS
+        free = np.maximum(apart - HOLD, 0.0) / (2.0 * self.lead)
         free = np.where(before & beside, free, np.inf).min(axis=2)
-        aside = (before & (apart < 2.0 * passing.hold)).any(axis=2)
+        aside = (before & (apart < 2.0 * HOLD)).any(axis=2)
         vy = np.where(aside, np.clip((middle - side * room - y) / self.lead, -most, most), vy)
         vy = np.where(wrong, np.sign(across) * most, vy)
         vx = side * np.minimum(np.sqrt(np.maximum(self.top**2 - vy**2, 0.0)), free)
@@ -241,3 +222,188 @@ class CrossingPolicy(TwoPhasesPolicy):
         progress = np.where(side > 0.0, self.info.surface.width - x, x)
         first = np.where(meets, np.where(wrong, length, 0.0) + progress, 3.0 * length - away)
         return np.where(meets[..., None], np.stack([vx, vy], axis=-1), straight), first, meets
+
+
+# -- velocities that avoid collisions ----------------------------------------------------------------------------------
+
+DIRECTIONS = 20
+SPEEDS = (1.0, 0.6, 0.25)
+"""Over the top speed: candidate velocities in addition to the wanted one, half of it, and rest."""
+
+CLOSE = 0.040
+"""m between the circumscribed circles of parts, below which gaps between outlines are computed."""
+
+AT_ONCE, PUSHING = 0.08, 4.0
+"""s, minimum time to collision of every part, with or without right of way, and the price of less, relative to contact now."""
+
+COSINES = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+SINES = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+
+
+class Rules(NamedTuple):
+    """Constants of a scene and of the search, for the kernels."""
+
+    width: float  # m, of the surface
+    depth: float  # m
+    top: float  # m/s
+    brake: float  # 1/s, maximum speed towards the border over the distance from it
+    edge: float = 0.004  # m, by which rectangles may extend over the border
+    near: float = 0.003  # m, distance that parts keep
+    ahead: float = 0.35  # s, horizon
+    meeting: float = (
+        4.0  # price of an immediate collision, over that of rest for a part with the top speed as wanted speed
+    )
+    yielding: float = 0.3  # share of this price for a part that has right of way over the other
+    faithful: float = 0.1  # price of a velocity that differs from the present one by the top speed
+
+
+class Crowd(NamedTuple):
+    """The parts of all worlds at this instant, input of :func:`choose_velocities`."""
+
+    present: np.ndarray  # (worlds, parts) bool
+    centre: np.ndarray  # (worlds, parts, 2) m
+    reach: np.ndarray  # (worlds, parts, 2) m, half of their extent along x and y
+    wanted: np.ndarray  # (worlds, parts, 2) m/s, wanted velocities
+    order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
+    pose: np.ndarray  # (worlds, parts, 3) m, m, rad
+
+
+class Gaps(NamedTuple):
+    """Gaps between the parts of one world: (parts, parts), of parts whose circumscribed circles are near."""
+
+    size: np.ndarray  # m, between outlines; infinite of others
+    x: np.ndarray  # of the unit vector from the first part to the second along which it is
+    y: np.ndarray
+
+
+@borrowing
+def time_to_meet(dx, dy, ex, ey, vx, vy):
+    """Return the time to collision of two rectangles, s: infinite without collision, 0 where they overlap.
+
+    Args:
+        dx, dy: centre of the other one minus own, m.
+        ex, ey: sum of both half extents and the distance to keep, m.
+        vx, vy: own velocity minus the other one's, m/s.
+    """
+    enter, leave = 0.0, math.inf
+    for axis in range(2):
+        d, e, v = (dx, ex, vx) if axis == 0 else (dy, ey, vy)
+        if v == 0.0:
+            if abs(d) >= e:
+                return math.inf
+            continue
+        first, last = (d - e) / v, (d + e) / v
+        enter, leave = max(enter, min(first, last)), min(leave, max(first, last))
+    return enter if enter < leave else math.inf
+
+
+@borrowing
+def measure_gaps(hulls, placed, crowd, rank, w, gaps):
+    """Compute the gaps between the present parts of a world whose circles are nearer than :data:`CLOSE`."""
+    parts = rank.shape[0]
+    for p in range(parts):
+        if rank[p] >= 0:
+            place_hulls(hulls, p, crowd.pose[w, p, 0], crowd.pose[w, p, 1], crowd.pose[w, p, 2], placed)
+    for p in range(parts):
+        for q in range(p):
+            gaps.size[p, q] = gaps.size[q, p] = math.inf
+            if rank[p] < 0 or rank[q] < 0:
+                continue
+            dx, dy = crowd.centre[w, q, 0] - crowd.centre[w, p, 0], crowd.centre[w, q, 1] - crowd.centre[w, p, 1]
+            far = hulls.radius[p] + hulls.radius[q] + CLOSE
+            if dx * dx + dy * dy >= far * far:
+                continue
+            for a in range(hulls.owner[p], hulls.owner[p + 1]):
+                for b in range(hulls.owner[q], hulls.owner[q + 1]):
+                    gap, nx, ny = hull_gap(hulls, placed, a, b)
+                    if gap < gaps.size[p, q]:
+                        gaps.size[p, q] = gaps.size[q, p] = gap
+                        gaps.x[p, q], gaps.y[p, q], gaps.x[q, p], gaps.y[q, p] = nx, ny, -nx, -ny
+
+
+@borrowing
+def meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy):
+    """Return a lower bound of the time to collision of two parts, s: of their rectangles and of their outlines."""
+    time, gap = time_to_meet(dx, dy, ex, ey, ux, uy), gaps.size[p, q]
+    if gap < math.inf:
+        closing = ux * gaps.x[p, q] + uy * gaps.y[p, q]
+        time = max(time, max(gap - rules.near, 0.0) / closing if closing > 0.0 else math.inf)
+    return time
+
+
+@borrowing
+def price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, vx, vy, limit):
+    """Return the price of a velocity (m/s) of part ``p``; infinite if it leads over the border.
+
+    The price may be incomplete where it exceeds ``limit``.
+    """
+    wx, wy = crowd.wanted[w, p, 0] - vx, crowd.wanted[w, p, 1] - vy
+    lx, ly = last_x - vx, last_y - vy
+    price = (math.sqrt(wx * wx + wy * wy) + rules.faithful * math.sqrt(lx * lx + ly * ly)) / rules.top
+    x, y = crowd.centre[w, p, 0], crowd.centre[w, p, 1]
+    for axis in range(2):
+        at, v, size = (x, vx, rules.width) if axis == 0 else (y, vy, rules.depth)
+        reach = crowd.reach[w, p, axis] - rules.edge
+        room = size - reach - at if v > 0.0 else at - reach
+        if abs(v) > rules.brake * max(room, 0.0):
+            return math.inf
+    for q in range(rank.shape[0]):
+        if price > limit:
+            return price
+        if q == p or rank[q] < 0:
+            continue
+        dx, dy = crowd.centre[w, q, 0] - x, crowd.centre[w, q, 1] - y
+        ex = crowd.reach[w, p, 0] + crowd.reach[w, q, 0] + rules.near
+        ey = crowd.reach[w, p, 1] + crowd.reach[w, q, 1] + rules.near
+        far = 2.0 * rules.top * rules.ahead
+        if abs(dx) > ex + far or abs(dy) > ey + far:
+            continue
+        ux, uy = vx - chosen[w, q, 0], vy - chosen[w, q, 1]
+        time = meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy)
+        if time < AT_ONCE:
+            price += PUSHING * rules.meeting * (1.0 - time / AT_ONCE)
+        share = 1.0 if rank[q] < rank[p] else rules.yielding
+        if rank[q] < rank[p]:  # the part with right of way may have had to stop
+            ux, uy = vx - crowd.wanted[w, q, 0], vy - crowd.wanted[w, q, 1]
+            time = min(time, meeting_time(rules, gaps, p, q, dx, dy, ex, ey, ux, uy))
+        if time < rules.ahead:
+            left = 1.0 - time / rules.ahead
+            price += share * rules.meeting * left * left
+    return price
+
+
+@jit
+def choose_velocities(start, stop, rules, hulls, crowd, chosen):
+    """Choose the velocities of the parts of each world, in order of right of way.
+
+    Args:
+        start, stop: first world, and the one after the last.
+        chosen: (worlds, parts, 2) m/s, velocities of the last step; overwritten.
+    """
+    parts = crowd.present.shape[1]
+    rank, placed = np.empty(parts, np.int64), np.empty_like(hulls.corner)
+    gaps = Gaps(np.empty((parts, parts)), np.empty((parts, parts)), np.empty((parts, parts)))
+    for w in range(start, stop):
+        for k in range(parts):
+            p = crowd.order[w, k]
+            rank[p] = k if crowd.present[w, p] else -1
+        measure_gaps(hulls, placed, crowd, rank, w, gaps)
+        for k in range(parts):
+            p = crowd.order[w, k]
+            last_x, last_y = chosen[w, p, 0], chosen[w, p, 1]
+            chosen[w, p, 0] = chosen[w, p, 1] = 0.0
+            if rank[p] < 0:
+                continue
+            wx, wy = crowd.wanted[w, p, 0], crowd.wanted[w, p, 1]
+            best_x, best_y = wx, wy
+            least = price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, wx, wy, math.inf)
+            for k in range(2 + DIRECTIONS * len(SPEEDS)):
+                if k < 2:
+                    vx, vy = 0.5 * k * wx, 0.5 * k * wy
+                else:
+                    speed = rules.top * SPEEDS[(k - 2) // DIRECTIONS]
+                    vx, vy = speed * COSINES[(k - 2) % DIRECTIONS], speed * SINES[(k - 2) % DIRECTIONS]
+                price = price_of(rules, crowd, gaps, chosen, rank, w, p, last_x, last_y, vx, vy, least)
+                if price < least:
+                    least, best_x, best_y = price, vx, vy
+            chosen[w, p, 0], chosen[w, p, 1] = best_x, best_y

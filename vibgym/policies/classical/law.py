@@ -1,16 +1,16 @@
-"""What a control law is: from where parts are, and where they shall be, to the accelerations that they want.
+"""Control laws: from positions and targets of parts to wanted mean accelerations.
 
-    observation -> measured -> targets -> law -> wanted accelerations -> inverse of the frictional process, within what the
-    elements can do -> pushes -> allocation -> phasors of the elements
+    observation -> measured -> targets -> law -> wanted accelerations -> inverse of the frictional process, within the limits
+    of the elements -> pushes -> allocation -> phasors of the elements
 
-A law sees parts as free bodies, the reduced plant of the thesis (figs. 5.14 to 5.18): what friction and elements make of a push
-is not its business. All the rest of the chain is :mod:`.steering`, the same for all laws. Where goals move a law
-sees the parts from their goals, which stand still there, and what it wants comes on top of the goals' own acceleration
-(:mod:`vibgym.policies.classical.goal_motion`).
+A law controls parts as free bodies, the reduced plant of the thesis (figs. 5.14 to 5.18): :mod:`.steering`, which is the same
+for all laws, compensates friction and allocates pushes to elements. Where goals move, a law gets positions relative to the
+goals, and the goals' acceleration is added to its output (:func:`.measured.from_goals`).
 """
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from typing import Any
 
@@ -21,21 +21,21 @@ from vibgym.policies.classical.measured import Measured
 from vibgym.policies.task_info import TaskInfo
 
 LONGEST_LEAD = 10.0
-"""s, most that :func:`lead_of` looks for."""
+"""s, upper limit of the search of :func:`lead_of`."""
 
 
 class Law(ABC):
-    """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part and several.
+    """A control law, made as ``SomeLaw(info, **settings)``; batched, for one part or several.
 
-    One without memory is :meth:`wanted` alone.
+    A law without memory defines :meth:`wanted` only.
     """
 
     lead: float | None = None
-    """s: a place ``lead * v`` ahead of a part asks for the velocity ``v``. For planners, which set velocities; None: they find
-    it out (:func:`lead_of`)."""
+    """s: a target ``lead * v`` ahead of a part makes it move at the velocity ``v``. Planners, which set velocities, use it;
+    None: :func:`lead_of` finds it."""
 
     slack: float = 0.0
-    """m, by how much corners of parts that have arrived may be off."""
+    """m, largest position error of corners of parts that have arrived."""
 
     def initial(self, batch: int) -> Any:
         """Memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
@@ -43,30 +43,30 @@ class Law(ABC):
 
     @abstractmethod
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
-        """Mean accelerations that the parts want (batch, parts, 3), m/s^2 and rad/s^2, and the new memory.
+        """Return wanted mean accelerations (batch, parts, 3), m/s^2 and rad/s^2, and the new memory.
 
-        A part whose row is not a number wants nothing: elements under it rest.
+        NaN rows: the elements under these parts rest.
 
         Args:
-            measured: where the parts are when this step's command begins to act.
-            way: (batch, parts, 2) m, what is left to the target.
-            turn: (batch, parts) rad, likewise.
-            memory: of :meth:`initial`, or what the last call made of it.
+            measured: parts at the instant when this step's command begins to act.
+            way: (batch, parts, 2) m, displacement to the target.
+            turn: (batch, parts) rad, heading error.
+            memory: of :meth:`initial`, or what the last call returned.
         """
 
     def applied(self, measured: Measured, acceleration: np.ndarray, memory: Any) -> Any:
-        """The memory, after it is known what accelerations (batch, parts, 3) the elements can give the parts.
+        """Return the memory, given the accelerations (batch, parts, 3) that the elements can give the parts.
 
-        Like those that are wanted, they count from the goals' own where these move.
+        Like wanted accelerations they are relative to the goals' own where goals move.
         """
         return memory
 
 
 def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
-    """The ``lead`` of a law, s; where it says none, that of what it wants of parts at ``speed`` (m/s), by bisection.
+    """Return the ``lead`` of a law, s; if it is None, find it by bisection of :meth:`Law.wanted` at ``speed`` (m/s).
 
     Raises:
-        ValueError: it says none, and there is no place ahead at which it neither drives nor brakes such parts.
+        ValueError: ``lead`` is None, and at no distance the law neither drives nor brakes such parts.
     """
     if law.lead is not None:
         return law.lead
@@ -89,3 +89,133 @@ def lead_of(law: Law, info: TaskInfo, speed: float) -> float:
         middle = 0.5 * (near + far)
         near, far = (near, middle) if (wanted(middle) > 0.0).all() else (middle, far)
     return far
+
+
+NEAR, NEAR_TURN = 0.003, math.radians(5.0)
+"""m and rad, errors of the place of rest below which a part gets single pulses."""
+
+REACH, REACH_TURN = 0.015, math.radians(10.0)
+"""m and rad, errors of the pose below which it does: friction grows with speed, so the place of rest is known for slow parts
+only, and fast parts arrive sooner if they are pushed and braked."""
+
+BAND = 0.25
+"""Share of the tolerances within which places of rest are not corrected."""
+
+LOOSE_BAND, LOOSE_TURN = 0.001, math.radians(2.5)
+"""m and rad, the same where a task has zones or distances instead of goal poses."""
+
+LEAST_DRAG = 1e-9
+"""1/s, used for parts without friction."""
+
+DOUBT = 1.5
+"""Standard deviations of the place of rest by which bands are widened."""
+
+
+class Settling:
+    """Single pulses near the target, for elements with a hard dead zone.
+
+    Friction brakes a part at the rate c = mu g / (2 a_h w) for any element motion, so a part at p with velocity v comes to rest
+    at p + v / c, and an acceleration a held for the time T shifts that place by a T / c. The same holds for headings. Near its
+    target a part gets the one pulse that shifts its place of rest there. Then its elements are off until the place of rest is
+    outside a band: moving all the time, elements would work against each other, and their spread would keep the part in motion.
+
+    Args:
+        info: task and step time.
+        drag: (parts,) 1/s, c above.
+        band, turn_band: m and rad, within which places of rest are not corrected.
+
+    Attributes:
+        slack: m, largest position error of corners of parts at rest.
+    """
+
+    def __init__(self, info: TaskInfo, drag: np.ndarray, band: float, turn_band: float) -> None:
+        self.drag, self.step, self.period = drag, info.step_time, info.surface.period
+        ahead = 0.5 * (info.step_time - info.surface.period)
+        self.coast = 1.0 / np.maximum(drag, LEAST_DRAG) - ahead  # s
+        self.band, self.turn_band = band, turn_band
+        self.slack = self.band + self.turn_band * max(part.radius for part in info.parts)
+        self.near, self.near_turn = max(NEAR, 2.0 * self.band), max(NEAR_TURN, 2.0 * self.turn_band)
+
+    def __call__(self, measured: Measured, way: np.ndarray, turn: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        """Return wanted accelerations (batch, parts, 3), see :meth:`Law.wanted`.
+
+        Args:
+            way: (batch, parts, 2) m, displacement to the target.
+            turn: (batch, parts) rad, heading error.
+            wanted: (batch, parts, 3) of the law, for parts that are not near their targets.
+        """
+        velocity = measured.rate
+        off = np.concatenate([way, turn[..., None]], axis=-1) - self.coast[:, None] * velocity
+        distance, skew = np.sqrt((off[..., :2] ** 2).sum(axis=-1)), np.abs(off[..., 2])
+        # Parts whose goals move do not come to rest.
+        near = ~(measured.goal_velocity.any(axis=-1) | measured.goal_acceleration.any(axis=-1))
+        near = near & ((way**2).sum(axis=-1) < REACH**2) & (np.abs(turn) < REACH_TURN)
+        near &= (distance < self.near) & (skew < self.near_turn)
+        # The effect of recent pulses is uncertain: without this, pulses would correct errors of the estimate.
+        doubt = measured.doubt
+        wider = DOUBT * np.sqrt((doubt[..., :2] ** 2).sum(axis=-1))
+        rests = near & (distance < self.band + wider) & (skew < self.turn_band + DOUBT * doubt[..., 2])
+        # The push drag * off / step, minus the mean effect of friction.
+        pulse = self.drag[:, None] * (off / self.step - velocity) / (1.0 + 0.5 * self.drag[:, None] * self.period)
+        return np.where(rests[..., None], np.nan, np.where(near[..., None], pulse, wanted))
+
+
+APPROACH, CROWD_APPROACH = 9.0, 7.0
+"""1/s, with goal poses, and without, where other parts are passed at a distance for longer if a part slows down early."""
+
+SLOWER = 2.5
+"""By how many times the time that longer steps add the approach takes longer; tuned with four periods per step."""
+
+
+class LocalLaw(Law):
+    """Set velocity from which the part can still stop, and the acceleration that follows it.
+
+    Near rest a push of strength 1 accelerates a part by about ``mu a_v w^2 / 2``, and friction brakes it at the rate
+    ``mu g / (2 a_h w)`` (first-order averages, thesis eqs. 5.60 and 5.61). The set velocity is ``sqrt(2 a d)`` at the distance
+    ``d`` and proportional to ``d`` near the target; headings likewise. Defaults are tuned for one period per step. A longer
+    step holds its push for longer, so the velocity follows its set value no faster than ``(1 - exp(-drag T)) / drag``, and the
+    approach is slower by the added time, so that parts do not overshoot.
+
+    Args:
+        info: task, scene and step time.
+        response: s, time in which the velocity follows its set value; longer with long steps.
+        braking: share of the available acceleration used for stopping.
+        approach: 1/s, rate at which the error shrinks near the target; less with long steps. None: depends on the task.
+
+    Raises:
+        ValueError: a setting out of range.
+    """
+
+    def __init__(
+        self, info: TaskInfo, *, response: float = 0.04, braking: float = 0.5, approach: float | None = None
+    ) -> None:
+        self.plant = plant = info.plant
+        self.braking = checks.number("braking", braking, above=0.0, most=1.0)
+        ahead = 0.5 * (info.step_time - info.surface.period)
+        usual = APPROACH if info.has_goal else CROWD_APPROACH
+        self.approach = checks.number("approach", usual if approach is None else approach, above=0.0)
+        self.approach /= 1.0 + SLOWER * self.approach * ahead
+        self.lead = 1.0 / self.approach
+        held = -np.expm1(-plant.drag * info.step_time) / np.maximum(plant.drag, LEAST_DRAG)  # s, see above
+        self.response = np.maximum(checks.number("response", response, above=0.0), held)
+        self.settling = None
+        if info.hard_dead_zone:
+            band, turn_band = LOOSE_BAND, LOOSE_TURN
+            if info.has_goal:
+                band, turn_band = BAND * info.position_tolerance, BAND * info.heading_tolerance
+            self.settling = Settling(info, plant.drag, band, turn_band)
+            self.slack = self.settling.slack
+
+    def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
+        """See :meth:`Law.wanted`."""
+        distance = np.sqrt((way**2).sum(axis=-1))
+        speed = np.minimum(self.stopping_rate(distance, self.plant.push), self.plant.top_speed)
+        velocity = (speed / np.maximum(distance, 1e-12))[..., None] * way
+        rate = np.sign(turn) * self.stopping_rate(np.abs(turn), self.plant.turn_push)
+        change = np.concatenate([velocity - measured.velocity, (rate - measured.spin)[..., None]], axis=-1)
+        wanted = change / self.response[:, None]
+        return wanted if self.settling is None else self.settling(measured, way, turn, wanted), memory
+
+    def stopping_rate(self, distance: np.ndarray, push: np.ndarray) -> np.ndarray:
+        """Return the speed (..., parts) from which a part stops within ``distance`` if ``push`` brakes it."""
+        return np.minimum(np.sqrt(2.0 * self.braking * push * distance), self.approach * distance)

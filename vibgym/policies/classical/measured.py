@@ -1,9 +1,19 @@
-"""Decode state observations of all tasks into SI units, and keep the state of controllers."""
+"""Decode state observations of all tasks into SI units, follow moving goals, and keep the memory of controllers.
+
+Observations contain the velocity of a moving goal and its pose up to four periods ahead. Its acceleration is taken to be
+constant in each period, so that from the first velocity on
+
+    v_{k+1} = 2 (p_{k+1} - p_k) / T - v_k
+
+and after them to be that of the last period. A law gets parts in the frame of their goals, which does not rotate: there a goal
+is at rest at the origin, velocities are differences, and the goal's own acceleration is added to the law's output. So all laws
+follow paths.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -18,26 +28,26 @@ Memory = TypeVar("Memory", bound=tuple)
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """A batch of observations: arrays of (batch, parts) or (batch, parts, 2). Those of absent parts are meaningless."""
+    """A batch of decoded observations: arrays (batch, parts) or (batch, parts, 2). Values of absent parts are undefined."""
 
     present: np.ndarray  # bool
     centre: np.ndarray  # m
     heading: np.ndarray  # rad, modulo the part's symmetry; 0 for a disc
-    way: np.ndarray  # goal, or nearest point of the zone, minus centre, m; 0 without
-    turn: np.ndarray  # goal minus heading, rad; 0 where headings do not count
+    way: np.ndarray  # m, displacement to the goal, or to the nearest point of the zone; 0 without
+    turn: np.ndarray  # rad, goal heading minus heading; 0 where headings do not count
     velocity: np.ndarray  # mean over the last period, m/s
     spin: np.ndarray  # the same, rad/s
-    gap: np.ndarray  # distance to the nearest other part, m, capped at about eight elements; infinite for one part
+    gap: np.ndarray  # distance to the nearest other part, m, at most about eight elements; infinite for one part
     single: bool  # whether one observation without batch axis was given
-    # Of goals that move: (batch, parts, 3) velocity, m/s, m/s, rad/s; (batch, parts, PREVIEW, 3) pose 1, 2, ... periods
-    # ahead minus the present one, m, m, rad; (batch, parts, 3) mean acceleration over a step, which no observation tells,
-    # see vibgym.policies.classical.goal_motion. Zeros that broadcast to these shapes where goals stay.
+    # Of moving goals: (batch, parts, 3) velocity, m/s, m/s, rad/s; (batch, parts, PREVIEW, 3) pose 1, 2, ... periods ahead
+    # minus the present one, m, m, rad; (batch, parts, 3) mean acceleration over a step, computed by Preview. Zeros that
+    # broadcast to these shapes where goals are fixed.
     goal_velocity: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
     goal_ahead: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, PREVIEW, 3)))
     goal_acceleration: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
-    # (batch, parts) bool: parts that have arrived in this step, where parts come and go.
+    # (batch, parts) bool: parts that have arrived in this step, where parts arrive and leave.
     arrived: np.ndarray = field(default_factory=lambda: np.zeros((1, 1), dtype=bool))
-    # (batch, parts, 3) m, m, rad: standard deviation of the place where a part comes to rest, of what is not yet read.
+    # (batch, parts, 3) m, m, rad: standard deviation of the place of rest, from pulses that are not measured yet.
     doubt: np.ndarray = field(default_factory=lambda: np.zeros((1, 1, 3)))
 
     @property
@@ -52,10 +62,10 @@ class Measured:
 
     @classmethod
     def of(cls, observation: Any, info: TaskInfo) -> Measured:
-        """Decode one state observation or a batch of them.
+        """Decode one state observation (size,) or a batch (batch, size).
 
         Raises:
-            ValueError: the array is not (size,) or (batch, size).
+            ValueError: another shape.
         """
         layout, values = info.layout, check_state(observation, info.layout)
         rows = np.atleast_2d(values)
@@ -80,7 +90,7 @@ class Measured:
 
 
 def moving_goals(rows: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
-    """Velocity and preview of the goals in observations (batch, size); nothing where goals stay."""
+    """Return velocity and preview of the goals in observations (batch, size); nothing where goals are fixed."""
     if "way_ahead" not in layout:
         return {}
     shape = (len(rows), len(layout.parts), PREVIEW)
@@ -94,7 +104,7 @@ def moving_goals(rows: np.ndarray, layout: Layout) -> dict[str, np.ndarray]:
 
 
 def check_state(observation: Any, layout: Layout) -> np.ndarray:
-    """One state observation (size,) or a batch (batch, size) as float64.
+    """Return one state observation (size,) or a batch (batch, size) as float64.
 
     Raises:
         ValueError: another shape.
@@ -109,40 +119,32 @@ def check_state(observation: Any, layout: Layout) -> np.ndarray:
 
 
 def wrap(angle: np.ndarray, symmetry: np.ndarray) -> np.ndarray:
-    """Angles to the nearest equivalent one of parts with this symmetry, within +-pi / symmetry, rad."""
+    """Wrap angles (rad) of parts with this symmetry to +-pi / symmetry."""
     period = 2.0 * math.pi / np.maximum(symmetry, 1)
     return angle - period * np.round(angle / period)
-
-
-def started(state: Any, episode_start: Any, batch: int) -> np.ndarray:
-    """(batch,) bool: whose episode has just begun."""
-    if state is None:
-        return np.ones(batch, dtype=bool)
-    if episode_start is None:
-        return np.zeros(batch, dtype=bool)
-    return np.broadcast_to(np.asarray(episode_start, dtype=bool), (batch,))
 
 
 def recall(
     state: Any, episode_start: Any, initial: Memory, batch: int, arrived: np.ndarray | None = None
 ) -> tuple[Memory, np.ndarray]:
-    """A controller's memory at the beginning of a step, a copy of its own, and (batch,) whose episode has just begun.
+    """Return a copy of a controller's memory at the beginning of a step, and (batch,) bool, where an episode has begun.
 
     Args:
         state: what the controller returned last; None at the very start.
         episode_start: (batch,) bool, see :meth:`vibgym.policies.protocol.Policy.predict`.
-        initial: memory at an episode's start, of each world, or of one that stands for all: a NamedTuple of arrays (batch, ...)
-            or (1, ...) and of such NamedTuples.
+        initial: memory at an episode's start, per world or of one world for all: a NamedTuple of arrays (batch, ...) or
+            (1, ...) and of such NamedTuples.
         batch: number of worlds.
-        arrived: (batch, parts) bool, parts that have arrived in this step: nothing is known of them. Where there are any, a
+        arrived: (batch, parts) bool, parts that have arrived in this step, whose memory is reset. Where there are any, a
             memory's arrays are all (batch, parts, ...). None: parts stay.
 
     Raises:
         ValueError: a memory of another controller or batch.
     """
-    new = started(state, episode_start, batch)
     if state is None:
+        new = np.ones(batch, dtype=bool)
         return _kept(None, initial, new), new
+    new = np.broadcast_to(np.asarray(False if episode_start is None else episode_start, dtype=bool), (batch,))
     if not _alike(state, initial, batch):
         got = type(state).__name__
         if isinstance(state, tuple) and state and isinstance(state[0], np.ndarray):
@@ -153,14 +155,14 @@ def recall(
 
 
 def _alike(state: Any, initial: Any, batch: int) -> bool:
-    """Whether two memories are of the same controller, and the first of so many worlds."""
+    """Return whether a memory has the structure of ``initial``, with arrays (batch, ...)."""
     if isinstance(initial, np.ndarray):
         return isinstance(state, np.ndarray) and state.shape == (batch, *initial.shape[1:])
     return type(state) is type(initial) and all(_alike(a, b, batch) for a, b in zip(state, initial, strict=True))
 
 
 def _kept(state: Any, initial: Any, new: np.ndarray) -> Any:
-    """A copy of a memory, fresh where ``new`` (batch,) or (batch, parts); of one that is None, all fresh."""
+    """Return a copy of a memory, reset where ``new`` (batch,) or (batch, parts); entirely if it is None."""
     if isinstance(initial, np.ndarray):
         fresh = np.broadcast_to(initial, (len(new), *initial.shape[1:]))
         kept = fresh.copy() if state is None else state.copy()
@@ -170,3 +172,56 @@ def _kept(state: Any, initial: Any, new: np.ndarray) -> Any:
     rows = [None] * len(initial) if state is None else state
     kept = [_kept(a, b, new) for a, b in zip(rows, initial, strict=True)]
     return type(initial)(*kept) if kept else initial
+
+
+class Preview:
+    """Replaces moving goals by those at the instant at which a step's command begins to act.
+
+    Args:
+        info: task, scene and step time.
+    """
+
+    def __init__(self, info: TaskInfo) -> None:
+        self.period, self.lead, self.periods = info.surface.period, info.lead, info.periods_per_step
+        turns = [info.has_heading and part.symmetry > 0 for part in info.parts]
+        self._counts = np.array([[1.0, 1.0, float(each)] for each in turns])
+
+    def __call__(self, measured: Measured) -> Measured:
+        """Return displacements to these goals, their velocity, and their mean acceleration over the step."""
+        period, ahead = self.period, measured.goal_ahead * self._counts[:, None]
+        places = np.concatenate([np.zeros_like(ahead[..., :1, :]), ahead], axis=-2)
+        velocity = np.empty_like(places)
+        velocity[..., 0, :] = measured.goal_velocity * self._counts
+        for k in range(PREVIEW):
+            mean = (places[..., k + 1, :] - places[..., k, :]) / period
+            velocity[..., k + 1, :] = 2.0 * mean - velocity[..., k, :]
+        begin, speed = self._at(places, velocity, self.lead)
+        end, _ = self._at(places, velocity, self.lead + self.periods)
+        time = self.periods * period
+        return replace(
+            measured,
+            way=measured.way + begin[..., :2],
+            turn=measured.turn + begin[..., 2],
+            goal_velocity=speed,
+            goal_acceleration=2.0 * (end - begin - time * speed) / time**2,
+        )
+
+    def _at(self, places: np.ndarray, velocity: np.ndarray, periods: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return poses and velocities so many periods from now."""
+        if periods <= PREVIEW:
+            return places[..., periods, :], velocity[..., periods, :]
+        last, beyond = velocity[..., PREVIEW, :], (periods - PREVIEW) * self.period
+        rate = (last - velocity[..., PREVIEW - 1, :]) / self.period
+        return places[..., PREVIEW, :] + beyond * last + 0.5 * beyond**2 * rate, last + beyond * rate
+
+
+def from_goals(measured: Measured) -> Measured:
+    """Return the parts in the frames of their moving goals, see the module."""
+    velocity = measured.goal_velocity
+    return replace(
+        measured,
+        centre=-measured.way,
+        heading=-measured.turn,
+        velocity=measured.velocity - velocity[..., :2],
+        spin=measured.spin - velocity[..., 2],
+    )

@@ -1,9 +1,9 @@
-"""Motions that a part may make next, what each leads to, and which is best beside the others: the planner's kernel.
+"""Kernels of the planner: candidate motions of a part, their prediction, and the choice of the best beside the others.
 
-A part's candidates are a few simple motions (:func:`set_velocity`): straight to the target at several speeds, to it through one
-of the aisles that run the length of the table, out of the way in one of several directions, or to stay where it is for a while.
-Each is followed for two seconds by a simple model of the part, beside the motions that the others have chosen, and priced in
-seconds: the time to the target that is left, and the time spent too near others (:func:`nearness`) or too near the border.
+Candidates are a few simple motions (:func:`set_velocity`): straight to the target at several speeds, to it through one of the
+aisles that run the length of the table, aside in one of several directions, or a wait. Each is predicted for two seconds by a
+simple model of the part, beside the motions that the others have chosen, and priced in seconds: the remaining time to the
+target, and the time spent too near others (:func:`nearness`) or too near the border.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibgym.kernels.jit import borrowing, jit
+from vibgym.kernels.jit import borrowing, inlined, jit
 
 INSTANTS, INTERVAL = 25, 0.08
 """Number of a prediction's instants, and the time between them, s."""
@@ -24,22 +24,23 @@ MOTIONS = FIRST_ASIDE + 2 * DIRECTIONS
 """From 0 on: three speeds straight to the target; three waits; every aisle at two speeds; every direction at two speeds."""
 
 STAY = FIRST_WAIT + 2
-ASIDE_X = np.cos(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
-ASIDE_Y = np.sin(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
 WAITS = 0.3  # s, the first wait; the second is twice that, the third lasts
 ASIDE_TIME = 0.4  # s
 AISLE_END = 0.08  # m before the target, along the table, where a part leaves its aisle for it
 AISLE_SLOPE = 2.0  # steepest way into an aisle
-SLACK = 0.002  # m that a part may be too near the border for nothing
-OUTSIDE = 0.005  # m too near the border that cost as much as being as near to another part as can be
-FADING = 0.6  # share by which what is near in place counts less at the end of a prediction
-ROUNDING = 1e-9  # s, by which a bound may be wrong
-DEEPEST = 4.0  # in safe distances, the lack of distance beyond which the price grows no more
+SLACK = 0.002  # m that a part may be too near the border at no price
+OUTSIDE = 0.005  # m too near the border, with the same price as contact with another part
+FADING = 0.6  # share by which prices are lower at the end of a prediction
+ROUNDING = 1e-9  # s, rounding error of a bound
+DEEPEST = 4.0  # in safe distances, the lack of distance beyond which the price is constant
 
 
 def _each_motion() -> tuple[np.ndarray, ...]:
-    """Numbers of each motion, (MOTIONS,): share of the top speed on the way to the target; aisle, -1: none; s before which a
-    part does something else first, and that, as a velocity over the top speed: its size, and cosine and sine."""
+    """Return the parameters of all motions, (MOTIONS,) each.
+
+    They are the share of the top speed towards the target; the aisle, -1: none; and a first phase: its end (s), and its
+    velocity over the top speed as magnitude, cosine and sine.
+    """
     speed, aisle, until = np.ones(MOTIONS), -np.ones(MOTIONS), np.zeros(MOTIONS)
     aside, along, across = np.zeros(MOTIONS), np.zeros(MOTIONS), np.zeros(MOTIONS)
     speed[:FIRST_WAIT] = 1.0 - 0.35 * np.arange(FIRST_WAIT)
@@ -49,7 +50,8 @@ def _each_motion() -> tuple[np.ndarray, ...]:
     speed[FIRST_AISLE + AISLES : FIRST_ASIDE] = 0.5
     until[FIRST_ASIDE:] = ASIDE_TIME
     aside[FIRST_ASIDE:] = np.repeat([1.0, 0.4], DIRECTIONS)
-    along[FIRST_ASIDE:], across[FIRST_ASIDE:] = np.tile(ASIDE_X, 2), np.tile(ASIDE_Y, 2)
+    direction = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
+    along[FIRST_ASIDE:], across[FIRST_ASIDE:] = np.tile(np.cos(direction), 2), np.tile(np.sin(direction), 2)
     return speed, aisle, until, aside, along, across
 
 
@@ -57,18 +59,18 @@ SPEED, AISLE, UNTIL, ASIDE, ALONG, ACROSS = _each_motion()
 
 
 class Preferences(NamedTuple):
-    """What the planner knows of the table and wants, the same for all parts."""
+    """Scene and prices, the same for all parts."""
 
     width: float  # m, of the surface
     depth: float  # m
     edge: float  # m, distance that centres keep from the border
     top_speed: float  # m/s
-    acceleration: float  # m/s^2 that the model of a part can do
-    braking: float  # m/s^2 that the stopping law counts on
+    acceleration: float  # m/s^2, of the model of a part
+    braking: float  # m/s^2, for stopping
     approach: float  # 1/s
     soft: float  # price of a second in touch for breaking the spacing rule, s
     hard: float  # the same for breaking the safe distance
-    yielding: float  # share of these prices that a part reckons for those over which it has right of way
+    yielding: float  # share of these prices for a part that has right of way over the other
 
 
 class Scene(NamedTuple):
@@ -81,60 +83,48 @@ class Scene(NamedTuple):
     target: np.ndarray  # (worlds, parts, 2) m
     patience: np.ndarray  # (worlds, parts) see nearness()
     order: np.ndarray  # (worlds, parts) int64: the first has right of way over all others
-    spacing: np.ndarray  # (worlds, parts, parts) m, distance that the thesis asks for, or goals have room for
+    spacing: np.ndarray  # (worlds, parts, parts) m, the thesis's distance, or that of the goals
     safe: np.ndarray  # (worlds, parts, parts) m, distance that is kept where there is no room for more
-    inner: np.ndarray  # (parts,) m, radius of the circle about the centre that the part covers
+    inner: np.ndarray  # (parts,) m, radius of the inscribed circle about the centre
 
 
-@borrowing
+@inlined
 def set_velocity(wants, motion, time, x, y, target_x, target_y):
-    """Set velocity (m/s) of a motion ``time`` seconds after it was chosen, at a place."""
-    speed = 1.0
-    if motion < FIRST_WAIT:
-        speed = 1.0 - 0.35 * motion
-    elif motion < FIRST_AISLE:
-        if motion == STAY or time < WAITS * (1 + motion - FIRST_WAIT):
-            return 0.0, 0.0
-    elif motion < FIRST_ASIDE:
-        speed = 1.0 if motion < FIRST_AISLE + AISLES else 0.5
-        ahead = target_x - x
-        if abs(ahead) > AISLE_END:
-            aisle = (motion - FIRST_AISLE) % AISLES
-            aisle_y = wants.edge + (wants.depth - 2.0 * wants.edge) * aisle / (AISLES - 1.0)
-            slope = min(max((aisle_y - y) / 0.03, -AISLE_SLOPE), AISLE_SLOPE)
-            along = speed * wants.top_speed / math.sqrt(1.0 + slope * slope)
-            return math.copysign(along, ahead), slope * along
-    elif time < ASIDE_TIME:
-        way = (motion - FIRST_ASIDE) % DIRECTIONS
-        speed = wants.top_speed * (1.0 if motion < FIRST_ASIDE + DIRECTIONS else 0.4)
-        return speed * ASIDE_X[way], speed * ASIDE_Y[way]
+    """Return the set velocity (m/s) of a motion ``time`` seconds after it was chosen, at a place; without branches."""
     dx, dy = target_x - x, target_y - y
     distance = math.sqrt(dx * dx + dy * dy)
     rate = min(math.sqrt(2.0 * wants.braking * distance), wants.approach * distance)
-    rate = speed * min(rate, wants.top_speed) / max(distance, 1e-9)
-    return rate * dx, rate * dy
+    rate = SPEED[motion] * min(rate, wants.top_speed) / max(distance, 1e-9)
+    wx, wy = rate * dx, rate * dy
+    aisle_y = wants.edge + (wants.depth - 2.0 * wants.edge) * AISLE[motion] / (AISLES - 1.0)
+    slope = min(max((aisle_y - y) / 0.03, -AISLE_SLOPE), AISLE_SLOPE)
+    along = SPEED[motion] * wants.top_speed / math.sqrt(1.0 + slope * slope)
+    in_aisle = AISLE[motion] >= 0.0 and abs(dx) > AISLE_END
+    wx, wy = math.copysign(along, dx) if in_aisle else wx, slope * along if in_aisle else wy
+    aside = time < UNTIL[motion]
+    speed = ASIDE[motion] * wants.top_speed
+    wx, wy = speed * ALONG[motion] if aside else wx, speed * ACROSS[motion] if aside else wy
+    return wx, wy
 
 
 @borrowing
 def beyond(wants, x, y):
-    """By how much a centre is too near the border, m."""
+    """Return by how much a centre is too near the border, m."""
     return max(wants.edge - x, x - wants.width + wants.edge, wants.edge - y, y - wants.depth + wants.edge)
 
 
 @borrowing
 def allowed_beyond(wants, target):
-    """By how much it may be, since its target is, m."""
+    """Return by how much a centre may be too near the border because its target is, m."""
     out = beyond(wants, target[0], target[1])
     return out if out > SLACK else 0.0
 
 
 @borrowing
 def follow(wants, centre, velocity, target, state, paths):
-    """Predict all motions of one part: ``paths`` (MOTIONS, 2, INSTANTS) is overwritten with its places after 1, 2, ...
-    intervals.
+    """Predict all motions of one part: places after 1, 2, ... intervals into ``paths`` (MOTIONS, 2, INSTANTS).
 
-    Set velocities are those of :func:`set_velocity`, without branches, so that motions go side by side, as far as vectors
-    reach: one alone is a chain of roots and quotients, each of which waits for the one before.
+    The inner loop runs over motions, so that it is vectorized; a single motion is a chain of dependent roots and quotients.
 
     Args:
         centre, velocity, target: (2,) m, m/s, m.
@@ -146,19 +136,7 @@ def follow(wants, centre, velocity, target, state, paths):
         time = k * INTERVAL
         for m in range(MOTIONS):
             x, y, vx, vy = state[0, m], state[1, m], state[2, m], state[3, m]
-            dx, dy = target[0] - x, target[1] - y
-            distance = math.sqrt(dx * dx + dy * dy)
-            rate = min(math.sqrt(2.0 * wants.braking * distance), wants.approach * distance)
-            rate = SPEED[m] * min(rate, wants.top_speed) / max(distance, 1e-9)
-            wx, wy = rate * dx, rate * dy
-            aisle_y = wants.edge + (wants.depth - 2.0 * wants.edge) * AISLE[m] / (AISLES - 1.0)
-            slope = min(max((aisle_y - y) / 0.03, -AISLE_SLOPE), AISLE_SLOPE)
-            along = SPEED[m] * wants.top_speed / math.sqrt(1.0 + slope * slope)
-            in_aisle = AISLE[m] >= 0.0 and abs(dx) > AISLE_END
-            wx, wy = math.copysign(along, dx) if in_aisle else wx, slope * along if in_aisle else wy
-            aside = time < UNTIL[m]
-            speed = ASIDE[m] * wants.top_speed
-            wx, wy = speed * ALONG[m] if aside else wx, speed * ACROSS[m] if aside else wy
+            wx, wy = set_velocity(wants, m, time, x, y, target[0], target[1])
             ax, ay = wx - vx, wy - vy
             change = math.sqrt(ax * ax + ay * ay)
             share = min(wants.acceleration * INTERVAL / max(change, 1e-12), 1.0)
@@ -171,14 +149,14 @@ def follow(wants, centre, velocity, target, state, paths):
 
 @borrowing
 def take(trial, path):
-    """Write a path (2, INSTANTS) over another one."""
+    """Copy the path ``trial`` (2, INSTANTS) into ``path``."""
     for k in range(INSTANTS):
         path[0, k], path[1, k] = trial[0, k], trial[1, k]
 
 
 @borrowing
 def reach(hulls, part, cosine, sine, nx, ny):
-    """How far a part with this heading reaches from its centre along a unit vector, m."""
+    """Return the extent of a part with this heading from its centre along a unit vector, m."""
     bx, by = cosine * nx + sine * ny, cosine * ny - sine * nx
     most = -math.inf
     for a in range(hulls.owner[part], hulls.owner[part + 1]):
@@ -189,7 +167,7 @@ def reach(hulls, part, cosine, sine, nx, ny):
 
 @borrowing
 def distance_at_least(hulls, p, q, facing, dx, dy):
-    """Lower bound of the distance between two parts, m: the gap along the line of their centres.
+    """Return a lower bound of the distance between two parts, m: the gap along the line of their centres.
 
     Args:
         facing: (parts, 2) cos and sin of the headings.
@@ -205,11 +183,11 @@ def distance_at_least(hulls, p, q, facing, dx, dy):
 
 @borrowing
 def nearness(wants, spacing, safe, gap, patience):
-    """Price of a second at a distance between two parts: below the spacing rule, and much more below the safe distance.
+    """Return the price of a second at a distance between two parts.
 
     Args:
         spacing, safe, gap: m.
-        patience: share of the spacing rule's price that still counts.
+        patience: factor of the spacing rule's price.
     """
     price = 0.0
     if gap < spacing:
@@ -222,7 +200,7 @@ def nearness(wants, spacing, safe, gap, patience):
 
 @borrowing
 def price_of_place(wants, path, target):
-    """Price of a path (2, INSTANTS) by itself, s: the time to the target that is left on the way, and the border."""
+    """Return the price of a path (2, INSTANTS) by itself, s: the remaining time to the target, and the border."""
     price, allowed = 0.0, allowed_beyond(wants, target)
     for k in range(INSTANTS):
         x, y = path[0, k], path[1, k]
@@ -237,8 +215,7 @@ def price_of_place(wants, path, target):
 
 @borrowing
 def ever_near(path, other, far):
-    """Whether two paths (2, INSTANTS) are ever less than ``far`` (m) apart at the same instant. All instants are looked at,
-    since that takes a few vector instructions."""
+    """Return whether two paths (2, INSTANTS) are less than ``far`` (m) apart at any instant; vectorized."""
     near = 0
     for k in range(INSTANTS):
         dx, dy = other[0, k] - path[0, k], other[1, k] - path[1, k]
@@ -248,8 +225,7 @@ def ever_near(path, other, far):
 
 @borrowing
 def with_price_beside(wants, hulls, scene, world, p, q, rank, paths, trial, price, limit):
-    """``price`` (s) with what the path ``trial`` of part ``p`` costs beside that of ``q``; what is above ``limit`` is not added
-    up to the end."""
+    """Return ``price`` (s) plus that of the path ``trial`` of part ``p`` beside that of ``q``; incomplete above ``limit``."""
     patience = scene.patience[world, p]
     share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
     spacing, safe = scene.spacing[world, p, q], scene.safe[world, p, q]
@@ -268,8 +244,10 @@ def with_price_beside(wants, hulls, scene, world, p, q, rank, paths, trial, pric
 
 @borrowing
 def least_price_beside(wants, scene, world, p, q, rank, other, trial):
-    """Lower bound of what the path ``trial`` of part ``p`` costs beside ``other``, that of ``q``, s: as if both were no larger
-    than the circles that they cover. It is a loop without branches."""
+    """Return a lower bound of the price of the path ``trial`` of part ``p`` beside ``other``, that of ``q``, s.
+
+    It is the price of their inscribed circles, computed without branches.
+    """
     patience, total = scene.patience[world, p], 0.0
     share = INTERVAL if rank[q] < rank[p] else INTERVAL * wants.yielding * patience
     spacing, safe, both = scene.spacing[world, p, q], scene.safe[world, p, q], scene.inner[p] + scene.inner[q]
@@ -283,12 +261,12 @@ def least_price_beside(wants, scene, world, p, q, rank, other, trial):
 
 @borrowing
 def price_of(wants, hulls, scene, world, p, rank, paths, trial, limit, suspect):
-    """Price of a path ``trial`` (2, INSTANTS) of part ``p``, s. One dearer than ``limit`` is not priced to the end.
+    """Compute the price of a path ``trial`` (2, INSTANTS) of part ``p``, s; incomplete above ``limit``.
 
     Args:
-        rank: (parts,) lower: has right of way, and those over which a part has it count less for it; -1: absent.
+        rank: (parts,) the lower one has right of way; -1: absent.
         paths: (parts, 2, INSTANTS) m, of the others.
-        suspect: part beside which the last motion was too dear, -1: none. As a rule so is this one, and no other is looked at.
+        suspect: part beside which the last motion exceeded its limit, -1: none; usually this one does as well.
 
     Returns:
         The price, and the next suspect.
@@ -310,10 +288,12 @@ def price_of(wants, hulls, scene, world, p, rank, paths, trial, limit, suspect):
 
 @borrowing
 def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, trials):
-    """The cheapest motion of part ``p``, which lead along ``trials`` (MOTIONS, 2, INSTANTS); another than the last one must
-    be better by ``faithful`` (s)."""
+    """Return the motion of part ``p`` with the lowest price, of predictions ``trials`` (MOTIONS, 2, INSTANTS).
+
+    A motion that is not the last one must be better by ``faithful`` (s).
+    """
     best, least, suspect = STAY, math.inf, -1
-    # Waits and steps aside have no such advantage: taken anew every time, they put off what they lead to for ever.
+    # Not for waits and steps aside: restarted every step, they would go on forever.
     if last < FIRST_WAIT or (FIRST_AISLE <= last and last < FIRST_ASIDE):
         best = last
         price, suspect = price_of(wants, hulls, scene, world, p, rank, paths, trials[last], math.inf, suspect)
@@ -327,21 +307,18 @@ def best_motion(wants, hulls, scene, world, p, last, faithful, rank, paths, tria
 
 @jit
 def choose_motions(start, stop, wants, hulls, scene, faithful, motion, chosen):
-    """Let the parts of each world choose in turn, each beside the motions of those before and the last ones of those after.
+    """Choose the motions of the parts of each world in order, beside the present or else the last motions of the others.
 
     Args:
         start, stop: first world, and the one after the last.
         wants: the :class:`Preferences`.
-        faithful: s, what another motion must be better than the last one.
+        faithful: s, see :func:`best_motion`.
         motion: (worlds, parts) int64, the last ones; overwritten.
         chosen: (worlds, parts, 2) m/s, overwritten with the set velocities; 0 for absent parts.
     """
     parts = scene.present.shape[1]
-    trials, paths, state = (
-        np.empty((parts, MOTIONS, 2, INSTANTS)),
-        np.empty((parts, 2, INSTANTS)),
-        np.empty((4, MOTIONS)),
-    )
+    trials, paths = np.empty((parts, MOTIONS, 2, INSTANTS)), np.empty((parts, 2, INSTANTS))
+    state = np.empty((4, MOTIONS))
     rank = np.empty(parts, np.int64)
     for w in range(start, stop):
         centre, velocity, target = scene.centre[w], scene.velocity[w], scene.target[w]

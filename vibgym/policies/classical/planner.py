@@ -1,38 +1,145 @@
-"""Local fields with a plan: targets are given out, and parts keep their distance on the way and make way for each other.
+"""Planner for several parts: it assigns targets, and parts keep their distance and make way for each other.
 
 The thesis's rule is that parts stay farther apart than the largest dimension of an element, so that none shares an element
-(section 4.1). Every step each part chooses among simple motions beside those of the others
-(:mod:`.motion_choice`). Who has the longest way left chooses first and has right of way: it reckons less for
-coming near the others than they for coming near it, so they move aside, those that have arrived first of all. Where parts have
-hardly moved for a while far from their targets they lose patience: the spacing rule counts less, and right of way more, until
-one of them goes ahead.
+(section 4.1). Every step each part chooses among simple motions beside those of the others (:mod:`.motion_choice`). The part
+with the longest displacement left chooses first and has right of way: its price for coming near others is lower than theirs
+for coming near it, so they move aside, parts that have arrived first. Parts that have hardly moved for a while far from their
+targets lose patience: the spacing rule counts less, and right of way more, until one of them goes ahead.
 
-Where goals are nearer together than the rule, it asks no more of two parts than their goals have room for, as they near them.
-Parts that leave the table go to the far end of their own kind's gate, each at the height at which it comes, and who is nearest
+Where goals are nearer together than the rule, it requires no more of two parts than the distance of their goals as they
+approach them. Parts that leave the table go to the far end of their kind's gate, each at its own height, and the part nearest
 to the gate has right of way.
 """
 
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from vibgym import checks
 from vibgym.physics.contacts.hulls import all_gaps
 from vibgym.policies.classical import steering
 from vibgym.policies.classical.law import lead_of
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.classical.motion_choice import STAY, Preferences, Scene, choose_motions
 from vibgym.policies.classical.steering import Steering
-from vibgym.policies.classical.targets import Targets
 from vibgym.policies.task_info import TaskInfo
 from vibgym.scene.hulls import hulls_of
 from vibgym.scene.outlines import convex_hull
 from vibgym.simulation import threads as workers
+from vibgym.tasks.starts import lattice
 from vibgym.tasks.swap import exchange_goals
+
+SHIFTS = 9
+"""Number of shifts along the table that are tried of the lattice that separates a heap."""
+
+SPARE = 1.003
+"""Pitch of the lattice over the smallest that keeps the spacing rule."""
+
+BEFORE = 0.04
+"""m from the gate, where parts wait that are not yet at its height."""
+
+
+def places(low: np.ndarray, high: np.ndarray, size: np.ndarray, spacing: float, least: int) -> np.ndarray:
+    """Return centres (n, 2) m, n >= ``least``, for parts of ``size`` (2,) m at heading 0: ``spacing`` apart if there is room.
+
+    Where there is not, rows or columns are added until they suffice, each where it costs the least distance.
+    """
+    middle = 0.5 * (low + high)
+    low, high = np.minimum(low, middle), np.maximum(high, middle)  # without room, one in the middle
+    pitch = SPARE * (size + spacing)
+    while True:
+        centres = pitch * lattice(low / pitch, high / pitch, 0.0, 1.0)
+        if len(centres) >= least:
+            return centres
+        # The pitch that gains a column, or a row.
+        tight = (high - low) / [len(np.unique(column)) for column in centres.T]
+        k = int(np.argmax(tight / size))
+        pitch[k] = tight[k]
+
+
+def assign(centre: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Assign one of the free places (n, 2) m to each centre (n, 2) m, with the least sum of cubed distances."""
+    from scipy.optimize import linear_sum_assignment  # of the extra "policies"
+
+    way = np.sqrt(((centre[:, None] - free) ** 2).sum(axis=-1))
+    return free[linear_sum_assignment(way**3)[1]]
+
+
+class Targets:
+    """Assigns targets to all parts of a world.
+
+    Args:
+        info: surface, parts, kinds and zones.
+        edge: m, distance of targets from the surface's border.
+        inset: m, distance from the other borders of a zone.
+        slack: m, added to the distance of targets, since parts do not come to rest exactly there.
+
+    Attributes:
+        spacing: m, distance that parts keep: the largest dimension of an element, so that none shares one, or the task's.
+        room: m, distance of targets, where there is room.
+    """
+
+    def __init__(self, info: TaskInfo, edge: float, inset: float, slack: float = 0.0) -> None:
+        if not info.has_goal:
+            import scipy.optimize  # noqa: F401  -- if missing, raise here rather than in the first episode
+        surface, parts = info.surface, info.parts
+        self.zones, self.kind = info.zones, np.array(info.kind)
+        self.spacing = max(math.sqrt(2.0) * surface.element_size, info.apart or 0.0)
+        self.room = self.spacing + slack
+        radius = np.array([part.radius for part in parts])
+        edge = min(edge, radius.max())  # small surfaces and zones hold parts by their circles, as these rectangles do
+        self.low, self.high = np.full(2, edge), np.array([surface.width, surface.depth]) - edge
+        # Twice the reach from the centre, on the larger side, so that parts of any shape in neighbouring places are clear.
+        self.size = np.array([2.0 * np.abs(part.outline).max(axis=0) for part in parts])
+        self.places = []
+        for kind, zone in enumerate(() if info.zones is None else info.zones):
+            own = self.kind == kind
+            border = min(inset, radius[own].max())
+            low, high = np.maximum(zone[:2] + border, self.low), np.minimum(zone[2:] - border, self.high)
+            self.places.append(places(low, high, self.size[own].max(axis=0), self.room, int(own.sum())))
+
+    def give(self, centre: np.ndarray, present: np.ndarray) -> np.ndarray:
+        """Return targets (parts, 2) m of one world's parts at ``centre`` (parts, 2) m; absent parts stay."""
+        target = centre.copy()
+        if self.zones is None:
+            target[present] = self._apart(centre[present])
+        for kind, free in enumerate(self.places):
+            own = present & (self.kind == kind)
+            target[own] = assign(centre[own], free)
+        return target
+
+    def leaving(self, centre: np.ndarray) -> np.ndarray:
+        """Return targets (batch, parts, 2) m at the far end of each part's gate, each at the part's own height.
+
+        Parts that are not yet at the height of their gate go there first, before the gates (:data:`BEFORE`).
+        """
+        assert self.zones is not None
+        zone = self.zones[self.kind]
+        inset = np.minimum(self.size[:, 1], 0.5 * (zone[:, 3] - zone[:, 1]))
+        height = np.clip(centre[..., 1], zone[:, 1] + 0.5 * inset, zone[:, 3] - 0.5 * inset)
+        there = (centre[..., 1] > zone[:, 1]) & (centre[..., 1] < zone[:, 3])
+        return np.stack([np.where(there, zone[:, 2], zone[:, 0] - BEFORE), height], axis=-1)
+
+    def _apart(self, centre: np.ndarray) -> np.ndarray:
+        """Return places of the lattice, shifted along the table so that the longest displacement is shortest."""
+        free = places(self.low, self.high, self.size.max(axis=0), self.room, len(centre))
+        pitch = self.size[:, 0].max() + self.room
+        best, least = free, math.inf
+        for shift in np.linspace(-0.5, 0.5, SHIFTS) * pitch:
+            moved = free + [shift, 0.0]
+            moved = moved[(moved[:, 0] >= self.low[0] - 1e-9) & (moved[:, 0] <= self.high[0] + 1e-9)]
+            if len(moved) >= len(centre):
+                target = assign(centre, moved)
+                longest = np.sqrt(((target - centre) ** 2).sum(axis=-1)).max(initial=0.0)
+                if longest < least:
+                    best, least = target, longest
+        return best if least < math.inf else assign(centre, free)
+
 
 LOGGER = logging.getLogger("vibgym")
 
@@ -43,75 +150,63 @@ ACCELERATION = 0.8  # share of the largest push that parts are expected to gain 
 BRAKING = 0.6  # share of the largest acceleration at which parts are expected to slow down
 SWAP_GAIN = 0.010  # m, minimum gain of a swap, so that two parts do not swap targets repeatedly
 NEARING = 0.5
-"""m that two parts keep beyond the distance of their goals for each m that is left of their ways."""
+"""m that two parts keep beyond the distance of their goals for each m of their displacements."""
 
 SERVED = 0.036
-"""m between goals below which some or all episodes fail: a warning says so."""
+"""m between goals below which some or all episodes fail, which is logged as a warning."""
 
 LEAST_SPACING, LEAST_SAFE = 1e-3, 5e-4
-"""m, to which the spacing rule and the safe distance shrink at goals, at least."""
+"""m, lower limits of the spacing rule and the safe distance at goals."""
 
 
 class Memory(NamedTuple):
-    """What the planner hands on from step to step."""
+    """Memory of the planner."""
 
     target: np.ndarray  # (batch, parts, 2) m
     motion: np.ndarray  # (batch, parts) int64, of vibgym.policies.classical.motion_choice
     waited: np.ndarray  # (batch, parts) s
-    room: (
-        np.ndarray
-    )  # (batch, parts, parts) m, distance of two parts at their targets; infinite where it is not looked at
+    room: np.ndarray  # (batch, parts, parts) m, distance of two parts at their targets; infinite where it is not used
     steering: steering.Memory
 
 
 @dataclass(frozen=True)
-class Spacing:
-    """How parts keep their distance.
+class Spacing(steering.Settings):
+    """How parts keep their distance."""
 
-    Raises:
-        ValueError: a bad value.
-    """
+    LIMITS: ClassVar[Mapping[str, Mapping[str, float]]] = {
+        **{name: {"least": 0.0} for name in ("soft", "hard", "faithful", "inset")},
+        "yielding": {"least": 0.0, "most": 1.0},
+    }
 
     # s, price of a second in touch for breaking the spacing rule; it grows with the square of the distance lacking
     soft: float = 3.0
     hard: float = 20.0  # s, price of a second in touch for coming nearer than ``safe``
     safe: float = 0.010  # m, distance that is kept where there is no room for more
-    yielding: float = 0.3  # share of these prices that a part reckons for those over which it has right of way
+    yielding: float = 0.3  # share of these prices for a part that has right of way over the other
     calm: float = 0.5  # s of waiting after which patience is halved
-    faithful: float = 0.02  # s, what another motion must be better than the last one
+    faithful: float = 0.02  # s, by which another motion must be better than the last one
     edge: float = 0.026  # m, distance of centres from the surface's border
     inset: float = 0.020  # m, distance of targets from the other borders of their zones
 
-    def __post_init__(self) -> None:
-        limits = {
-            "safe": {"above": 0.0},
-            "calm": {"above": 0.0},
-            "edge": {"above": 0.0},
-            "yielding": {"least": 0.0, "most": 1.0},
-        }
-        for name in (each.name for each in fields(self)):
-            value = checks.number(name, getattr(self, name), **limits.get(name, {"least": 0.0}))
-            object.__setattr__(self, name, value)  # the class is frozen
-
 
 class PlannerPolicy(Steering):
-    """Local fields whose targets are given out and whose parts keep their distance on the way.
+    """Assigns targets to parts, and keeps them apart on the way.
 
-    Parts with goal poses of their own have their targets; the others' are places in their zones, or far enough apart.
+    Targets are the goals, or else places in the zones of the parts, or places far enough apart.
 
     Args:
         info: task, scene and step time.
-        **settings: of :class:`Spacing`; ``law``, ``action`` and ``learn`` of :class:`Steering`; and that law's own.
+        **settings: of :class:`Spacing` and :class:`Steering`, and its law's own.
 
     Raises:
-        ValueError: a task that asks for no place, or a bad argument.
+        ValueError: a task without goals, zones or distances, or a bad argument.
     """
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        own = {each.name: settings.pop(each.name) for each in fields(Spacing) if each.name in settings}
+        self.spacing = Spacing.taken(settings)
         super().__init__(info, **settings)
         info.check_places("planner")
-        surface, plant, self.spacing = info.surface, info.plant, Spacing(**own)
+        surface, plant = info.surface, info.plant
         edge = min(self.spacing.edge, 0.5 * surface.width, 0.5 * surface.depth)
         self.targets = Targets(info, edge, self.spacing.inset, 2.0 * self.slack)
         if type(self) is PlannerPolicy and info.goal_gap is not None and info.goal_gap < SERVED:
@@ -119,7 +214,7 @@ class PlannerPolicy(Steering):
             LOGGER.warning(f"{text}; policy 'two_phases' does not", info.name, 1e3 * info.goal_gap, 1e3 * SERVED)
         self.tight = info.has_goal and not info.goal_moves and len(info.parts) > 1
         self.hulls, self.threads = hulls_of(info.parts), workers.available_threads()
-        # Parts without zones may all swap targets: apart is apart.
+        # Without zones all parts may swap targets.
         self.kind = self.targets.kind if info.zones is not None else np.zeros(len(info.parts), dtype=np.int64)
         self.inner = np.array([covered(part.outline) for part in info.parts])
         self.lead = lead_of(self.law, info, 0.5 * plant.top_speed)
@@ -137,7 +232,7 @@ class PlannerPolicy(Steering):
         )
 
     def initial(self, batch: int) -> Memory:
-        """Memory at the very start, before anything has been seen."""
+        """Return the memory at the start of an episode."""
         shape = (batch, len(self.info.parts))
         room = np.full((*shape, shape[1]), np.inf)
         return Memory(np.zeros((*shape, 2)), np.full(shape, STAY), np.zeros(shape), room, self.begin(batch))
@@ -145,7 +240,7 @@ class PlannerPolicy(Steering):
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions from the measured poses and mean velocities; the state is a :class:`Memory`."""
+        """Return actions from measured poses and mean velocities; the state is a :class:`Memory`."""
         measured = Measured.of(observation, self.info)
         memory, new = recall(state, episode_start, self.initial(1), len(measured.centre), measured.arrived)
         measured = self.expected(measured, memory.steering)
@@ -155,7 +250,7 @@ class PlannerPolicy(Steering):
         return action, memory._replace(waited=waited, steering=steered)
 
     def aim(self, measured: Measured, memory: Memory, new: np.ndarray) -> Memory:
-        """The memory with the targets of this step, in episodes of which those of ``new`` (batch,) have just begun."""
+        """Return the memory with the targets of this step; ``new`` (batch,) bool: worlds whose episode has just begun."""
         centre, present, target = measured.centre, measured.present, memory.target
         if self.info.has_goal:
             target = centre + measured.way
@@ -170,15 +265,19 @@ class PlannerPolicy(Steering):
         return memory._replace(target=target)
 
     def distances(self, target: np.ndarray, heading: np.ndarray, present: np.ndarray) -> np.ndarray:
-        """Distances (n, parts, parts) m of parts at ``target`` (n, parts, 2) m with ``heading`` (n, parts) rad; infinite of
-        absent ones."""
+        """Return distances (n, parts, parts) m between parts at ``target`` (n, parts, 2) m with ``heading`` (n, parts) rad.
+
+        Infinite for absent parts.
+        """
         room = np.empty((*heading.shape, heading.shape[1]))
         all_gaps(self.hulls, np.concatenate([target, heading[..., None]], axis=-1), room)
         return np.where(present[:, :, None] & present[:, None], room, np.inf)
 
     def choose(self, measured: Measured, memory: Memory) -> tuple[np.ndarray, np.ndarray]:
-        """Set velocities (batch, parts, 2), m/s, and for how long parts have waited (batch, parts), s; ``memory.motion`` is
-        overwritten."""
+        """Return set velocities (batch, parts, 2), m/s, and how long parts have waited (batch, parts), s.
+
+        ``memory.motion`` is overwritten.
+        """
         period, way = self.info.step_time, np.sqrt(((memory.target - measured.centre) ** 2).sum(axis=-1))
         stuck = (way > ARRIVED) & (np.sqrt((measured.velocity**2).sum(axis=-1)) < SLOW)
         waited = np.where(stuck, memory.waited + period, np.maximum(memory.waited - CALMING * period, 0.0))
@@ -192,8 +291,13 @@ class PlannerPolicy(Steering):
         return velocity, waited
 
     def scene(self, measured: Measured, target: np.ndarray, room: np.ndarray, waited: np.ndarray) -> Scene:
-        """The parts at this instant, which go to ``target`` (batch, parts, 2) m, where they have ``room`` (batch, parts, parts)
-        m, and have ``waited`` (batch, parts) s."""
+        """Return the input of the kernels.
+
+        Args:
+            target: (batch, parts, 2) m.
+            room: (batch, parts, parts) m, distances at the targets.
+            waited: (batch, parts) s.
+        """
         centre, rules = np.ascontiguousarray(measured.centre), self.spacing
         way = np.sqrt(((target - centre) ** 2).sum(axis=-1))
         room = room + NEARING * (way[:, :, None] + way[:, None])
@@ -211,7 +315,7 @@ class PlannerPolicy(Steering):
         )
 
     def right_of_way(self, way: np.ndarray) -> np.ndarray:
-        """(batch, parts), the smaller the sooner a part chooses, by the ways that are left, m."""
+        """Return sort keys (batch, parts) from distances to the targets, m: the smallest key has right of way."""
         return way if self.info.flows else -way
 
     def acted(self, memory: Any, proposed: np.ndarray, done: np.ndarray) -> Any:
@@ -220,10 +324,9 @@ class PlannerPolicy(Steering):
 
 
 def covered(outline: np.ndarray) -> float:
-    """Radius (m) of the circle about the origin within the convex hull of points (n, 2); 0 where there is none."""
+    """Return the radius (m) of the circle about the origin within the convex hull of points (n, 2); 0 if it is outside."""
     corners = convex_hull(outline)
     edge = np.roll(corners, -1, axis=0) - corners
-    inward = (
-        corners[:, 0] * edge[:, 1] - corners[:, 1] * edge[:, 0]
-    )  # counter-clockwise: twice the area with the origin
+    # Counter-clockwise: twice the area with the origin.
+    inward = corners[:, 0] * edge[:, 1] - corners[:, 1] * edge[:, 0]
     return max(float((inward / np.hypot(edge[:, 0], edge[:, 1])).min()), 0.0)

@@ -1,8 +1,11 @@
-"""The pose law: as fast as the elements let a part go, and to rest within a tenth of a millimetre.
+"""The pose law: motion along the curve from which a part can just stop, to 0.1 mm from its target.
 
-Far from its target a part follows the curve from which it can just stop (:mod:`.stopping`): the acceleration
-asked for is the one that puts it on the curve at the end of the step. It turns on the way, no faster than it has to. Near its
-target, on elements with a hard dead zone, :mod:`vibgym.policies.classical.settling` fires single pulses.
+Far from its target a part follows its stopping curve (:class:`StoppingCurve`): the wanted acceleration is the one that puts it
+on the curve at the end of the step. It turns on the way, no faster than necessary. Near its target, on elements with a hard
+dead zone, it gets single pulses (:class:`.law.Settling`).
+
+Friction helps to brake, the more the faster a part is, and elements brake harder at speed: at 0.3 m/s a part on the prototype
+can be slowed down by 4.4 m/s^2, near rest by 2.9. A law that assumes the latter all the way loses a twentieth of a second.
 """
 
 from __future__ import annotations
@@ -13,46 +16,46 @@ from typing import Any
 import numpy as np
 
 from vibgym import checks
+from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
-from vibgym.policies.classical.law import Law
+from vibgym.kernels.jit import borrowing
+from vibgym.policies.classical.law import LOOSE_BAND, LOOSE_TURN, Law, Settling
 from vibgym.policies.classical.measured import Measured
-from vibgym.policies.classical.settling import LOOSE_BAND, LOOSE_TURN, Settling, keep_on
-from vibgym.policies.classical.stopping import Landing, StoppingCurve, fastest_spin, time_left, turning_push
 from vibgym.policies.task_info import TaskInfo
 
 OVER = 0.5
-"""Share of the heading's tolerance by which a part may pass its goal when it arrives: in Rotate and Align that saves a step."""
+"""Share of the heading tolerance by which a part may overshoot when it arrives; saves a step in Rotate and Align."""
 
 GAIN = 0.5
-"""Mean acceleration on the way to the top speed, over that near rest, which friction takes more and more of."""
+"""Mean acceleration up to the top speed over that near rest; friction takes a growing share of it."""
 
 SOON = 0.1
 """s before its arrival, about, from which on a part turns as fast as it can."""
 
 BAND, TURN_BAND = 0.25e-3, math.radians(0.3)
-"""m and rad, within which parts at rest are left as they are, where a task has goal poses."""
+"""m and rad, errors at rest that are not corrected, where a task has goal poses."""
 
 APPROACH, SPREAD_APPROACH, CROWD_APPROACH = 28.0, 21.0, 12.0
-"""1/s, maximum speed over the remaining distance: for ideal elements, for elements that differ, and among other parts, where
-slowing down early keeps parts at a distance for longer. With 28 on the prototype one part in twenty
-overshoots by 1.1 to 1.6 % of its way, with 21 by about 0.5 %, and takes 0.02 s longer."""
+"""1/s, maximum speed over the distance: for ideal elements, for elements that differ, and among other parts, where slowing
+down early keeps parts at a distance for longer. With 28 on the prototype one part in twenty overshoots by 1.1 to 1.6 % of its
+displacement, with 21 by about 0.5 %, and takes 0.02 s longer."""
 
 BEYOND = 1.03
-"""Speed that is asked for over the top speed, so that parts reach that."""
+"""Set speed over the top speed, so that parts reach the top speed."""
 
 
 class PoseLaw(Law):
-    """Ways and turns along the curves from which parts can just stop; see the module.
+    """Positions and headings along stopping curves; see the module.
 
     Args:
         info: task, scene and step time.
-        braking, turn_braking: share of the largest push that braking counts on.
-        approach, turn_approach: 1/s, most speed over way and turn left; None: what suits task and hardware.
-        band, turn_band: m and rad, within which parts at rest are left as they are, on elements with a hard dead zone.
-        over: share of the heading's tolerance by which a part may pass its goal when it arrives.
+        braking, turn_braking: share of the largest push used for braking.
+        approach, turn_approach: 1/s, maximum speed over the error; None: depends on task and hardware.
+        band, turn_band: m and rad, errors at rest that are not corrected, on elements with a hard dead zone.
+        over: share of the heading tolerance by which a part may overshoot when it arrives.
 
     Raises:
-        ValueError: a bad argument.
+        ValueError: a setting out of range.
     """
 
     def __init__(
@@ -84,31 +87,191 @@ class PoseLaw(Law):
         turn_curve = StoppingCurve(process, turn_braking * turning, fastest_spin(process, turning), True)
         self.turn_landing = Landing(turn_curve, turn_approach, step, over * allowed_turn(info))
         self.gain, self.step = GAIN * plant.push, step
-        self.lead = 1.0 / approach + step  # the speed asked for is that at the end of the step
-        self.settle = keep_on
+        self.lead = 1.0 / approach + step  # the set speed is that at the end of the step
+        self.settling = None
         if info.hard_dead_zone:
             band = checks.number("band", band, above=0.0) if info.has_goal else LOOSE_BAND
             turn_band = checks.number("turn_band", turn_band, above=0.0) if info.has_goal else LOOSE_TURN
-            self.settle = Settling(info, plant.drag, band, turn_band)
-            self.slack = self.settle.slack
+            self.settling = Settling(info, plant.drag, band, turn_band)
+            self.slack = self.settling.slack
 
     def wanted(self, measured: Measured, way: np.ndarray, turn: np.ndarray, memory: Any) -> tuple[np.ndarray, Any]:
-        """See :meth:`vibgym.policies.classical.law.Law.wanted`."""
+        """See :meth:`.law.Law.wanted`."""
         distance = np.sqrt((way**2).sum(axis=-1))
         toward = way / np.maximum(distance, 1e-12)[..., None]
         closing = (measured.velocity * toward).sum(axis=-1)
         velocity = self.landing.speed(distance, closing)[..., None] * toward
         left = np.abs(turn)
         rate = self.turn_landing.speed(left, measured.spin * np.sign(turn))
-        # No faster than it has to: what turns a part does not move it.
+        # No faster than necessary: pushes that turn a part do not move it.
         time = time_left(distance, closing, self.gain, self.curve)
         rate = np.where(time > SOON, np.minimum(rate, left / np.maximum(time, SOON)), rate)
         spin = (np.sign(turn) * rate)[..., None]
-        change = np.concatenate([velocity, spin], axis=-1) - measured.rate
-        return self.settle(measured, way, turn, change / self.step), memory
+        wanted = (np.concatenate([velocity, spin], axis=-1) - measured.rate) / self.step
+        return wanted if self.settling is None else self.settling(measured, way, turn, wanted), memory
 
 
 def allowed_turn(info: TaskInfo) -> float:
-    """By how much (rad) headings may be off; 0 where nothing says it, and where goals move on."""
+    """Return the heading tolerance (rad); 0 where headings do not count, and where goals move."""
     counts = info.has_goal and info.has_heading and "way_ahead" not in info.layout
     return info.heading_tolerance if counts and math.isfinite(info.heading_tolerance) else 0.0
+
+
+NODES = 512
+"""Nodes of a stopping curve."""
+
+
+class StoppingCurve:
+    """Speeds from which parts stop within a distance under a constant braking push and friction.
+
+    Args:
+        process: friction and elements.
+        push: (parts,) braking push over full amplitude.
+        top: (parts,) speed at which the curve ends, m/s or rad/s.
+        turning: whether the curve is for headings, in rad and rad/s.
+
+    Attributes:
+        speed: (NODES, parts) from 0 to the top, evenly spaced.
+        way: (NODES, parts) m or rad, stopping distance from that speed.
+    """
+
+    def __init__(self, process: FrictionalInverse, push: np.ndarray, top: np.ndarray, turning: bool) -> None:
+        parts, axis = len(top), 2 if turning else 0
+        speed = np.linspace(0.0, 1.0, NODES)[:, None] * top
+        velocity, pushes = np.zeros((NODES, parts, 3)), np.zeros((NODES, parts, 3))
+        velocity[..., axis], pushes[..., axis] = speed, -push
+        braking = -process.acceleration(velocity, pushes)[0][..., axis]
+        step = np.diff(speed, axis=0)
+        ways = 0.5 * (speed[1:] + speed[:-1]) * step / (0.5 * (braking[1:] + braking[:-1]))
+        self.speed, self.way = speed, np.concatenate([np.zeros((1, parts)), np.cumsum(ways, axis=0)])
+
+
+ROUNDS = 4
+"""Iterations for the speed at the end of the step, on which the distance left by then depends."""
+
+INSIDE = 0.7
+"""Share of the allowed overshoot within which a part has to arrive, and within which it has to stay afterwards."""
+
+
+@borrowing
+def speed_at(ways, speeds, p, approach, way):
+    """Return the speed of part ``p`` on its curve at the distance ``way`` (>= 0), at most ``approach * way``."""
+    low, high = 0, ways.shape[0] - 1
+    if way >= ways[high, p]:
+        return min(speeds[high, p], approach * way)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if ways[middle, p] <= way:
+            low = middle
+        else:
+            high = middle
+    share = (way - ways[low, p]) / (ways[high, p] - ways[low, p])
+    return min(speeds[low, p] + share * (speeds[high, p] - speeds[low, p]), approach * way)
+
+
+@borrowing
+def speed_along(ways, speeds, p, approach, step, left, now):
+    """Return the speed at the end of the step that is on the curve then: ``v' = curve(left - T (v + v') / 2)``."""
+    speed = speed_at(ways, speeds, p, approach, max(left - step * now, 0.0))
+    for _ in range(ROUNDS):
+        ahead = max(left - 0.5 * step * (now + speed), 0.0)
+        speed = 0.5 * (speed + speed_at(ways, speeds, p, approach, ahead))
+    return speed
+
+
+@borrowing
+def land(ways, speeds, approach, step, over, left, now, result):
+    """Compute speeds (batch, parts) for the end of the step into ``result``; see :class:`Landing`."""
+    for w in range(left.shape[0]):
+        for p in range(left.shape[1]):
+            way, rate = left[w, p], now[w, p]
+            # Speeds at the end of the step of parts that cover these distances in it with constant acceleration.
+            arriving = 2.0 * (way - INSIDE * over) / step - rate
+            back = 2.0 * (way + INSIDE * over) / step - rate
+            latest = speed_along(ways, speeds, p, approach, step, way + over, rate)
+            speed = min(max(speed_along(ways, speeds, p, approach, step, way, rate), arriving), latest)
+            result[w, p] = min(speed, max(back, -2.0 * over / step))
+
+
+class Landing:
+    """Set speeds for the ends of steps, with which parts reach their targets soon and stop there.
+
+    A target counts as reached within a tolerance on either side, and only the ends of steps count. So a part may arrive so fast
+    that it overshoots, if it stops before it leaves the tolerance. Until it can arrive by the end of the step it follows the
+    curve to the far edge of the tolerance. Then it is slow enough to arrive, and from there on it goes to the target itself;
+    one that would be beyond the far edge at the end of the step turns back.
+
+    Args:
+        curve: stopping curve.
+        approach: 1/s, maximum speed over distance. Near a target curves are steeper than steps of finite length can follow:
+            at ``2 / step`` a part is at rest one step later, if it can brake so hard.
+        step: s.
+        over: m or rad, allowed overshoot.
+    """
+
+    def __init__(self, curve: StoppingCurve, approach: float, step: float, over: float = 0.0) -> None:
+        self.curve, self.approach, self.step, self.over = curve, approach, step, over
+
+    def speed(self, left: np.ndarray, now: np.ndarray) -> np.ndarray:
+        """Return speeds towards the target at the end of the step (batch, parts), m/s or rad/s; negative: away from it.
+
+        Args:
+            left: (batch, parts) m or rad >= 0, distance to the target.
+            now: (batch, parts) speed towards it at the start of the step.
+        """
+        result = np.empty(left.shape)
+        left, now = np.ascontiguousarray(left), np.ascontiguousarray(now)
+        land(self.curve.way, self.curve.speed, self.approach, self.step, self.over, left, now, result)
+        return result
+
+
+def time_left(way: np.ndarray, now: np.ndarray, gain: np.ndarray, curve: StoppingCurve) -> np.ndarray:
+    """Estimate the time (batch, parts), s, in which parts can stop at a place ``way`` ahead.
+
+    They accelerate constantly, at most to the top speed of the curve, and brake at its mean rate.
+
+    Args:
+        way: (batch, parts) m.
+        now: (batch, parts) m/s towards the place.
+        gain: (parts,) m/s^2.
+        curve: for positions.
+    """
+    top, full = curve.speed[-1], curve.way[-1]
+    now = np.clip(now, 0.0, top)
+    loss = top**2 / (2.0 * full)
+    peak = np.minimum(np.sqrt((2.0 * way + now**2 / gain) / (1.0 / gain + 1.0 / loss)), top)
+    cruise = way - (peak**2 - now**2) / (2.0 * gain) - peak**2 / (2.0 * loss)
+    return np.maximum((peak - now) / gain, 0.0) + peak / loss + np.maximum(cruise, 0.0) / top
+
+
+PLACES, HEADINGS = 4, 24
+"""Poses over which the turning push is averaged: along each side of an element, and in a full turn."""
+
+FASTEST = 1e4
+"""rad/s, above any spin at which a part can still be accelerated against friction."""
+
+
+def turning_push(info: TaskInfo) -> np.ndarray:
+    """Return the largest pushes (parts,) that turn the parts, over full amplitude: means over headings and places.
+
+    They depend on how a part lies on the elements, by 4 % for a block of 50 by 35 mm, and a part stops within tens of degrees.
+    """
+    surface, parts = info.surface, len(info.parts)
+    side, heading = np.arange(PLACES) / PLACES, 2.0 * math.pi / HEADINGS * np.arange(HEADINGS)
+    column, row, angle = (each.ravel() for each in np.meshgrid(side, side, heading))
+    middle = surface.columns // 2, surface.rows // 2
+    place = surface.element_size * np.column_stack([middle[0] + column, middle[1] + row])
+    pose = np.repeat(np.column_stack([place, angle])[:, None], parts, axis=1)
+    return Allocator(surface, info.parts, info.hardware).reach(pose).mean(axis=0)
+
+
+def fastest_spin(process: FrictionalInverse, push: np.ndarray) -> np.ndarray:
+    """Return the spins (parts,), rad/s, at which friction balances turning pushes (parts,), by bisection."""
+    pushes, velocity = np.zeros((1, len(push), 3)), np.zeros((1, len(push), 3))
+    pushes[..., 2] = push
+    slow, fast = np.zeros(len(push)), np.full(len(push), FASTEST)
+    for _ in range(60):
+        velocity[..., 2] = 0.5 * (slow + fast)
+        gains = process.acceleration(velocity, pushes)[0][0, :, 2] > 0.0
+        slow, fast = np.where(gains, velocity[0, :, 2], slow), np.where(gains, fast, velocity[0, :, 2])
+    return slow

@@ -1,35 +1,181 @@
-"""From what parts want to what the elements do: the part of every controller that comes after its law."""
+"""From targets of parts to actions: the base class of all classical controllers, and the simplest of them.
+
+:class:`Steering` runs a control law and finds the pushes for its accelerations; an output (:data:`OUTPUTS`) turns pushes into
+the environment's action. :class:`LocalFieldPolicy` steers every part straight to its target.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from vibgym import checks
+from vibgym.allocation import Allocator
 from vibgym.allocation.frictional import FrictionalInverse
+from vibgym.envs.actions import Wrench
 from vibgym.envs.features import SPIN
-from vibgym.policies.classical.goal_motion import Preview, as_they_stand, from_goals
-from vibgym.policies.classical.laws import LAWS
-from vibgym.policies.classical.measured import Measured, wrap
-from vibgym.policies.classical.outputs import OUTPUTS, Order
+from vibgym.policies.classical.gains import GainLearner, turn_pushes
+from vibgym.policies.classical.law import Law, LocalLaw
+from vibgym.policies.classical.lqr import LqrLaw
+from vibgym.policies.classical.measured import Measured, Preview, from_goals, recall, wrap
+from vibgym.policies.classical.pid import PidLaw
+from vibgym.policies.classical.pose_law import PoseLaw
 from vibgym.policies.task_info import TaskInfo
+from vibgym.registry import Registry
+
+LAWS: Registry[type[Law]] = Registry("law", {"local": LocalLaw, "pose": PoseLaw, "lqr": LqrLaw, "pid": PidLaw})
+"""Control laws by name. ``LAWS.register(name, cls)`` adds a custom one, made as ``cls(info, **settings)``; see :mod:`.law`. Its
+name is then also a controller's: straight to the goal with one part, under the planner with several."""
+
+
+class Output(Protocol):
+    """Turns pushes into an action; one of :data:`OUTPUTS`, made as ``cls(info, process, learn, apron)``."""
+
+    action: str
+    """Value of the environment's ``action=``."""
+
+    learner: GainLearner | None
+    """Estimator of the elements' gains, if the output uses them."""
+
+    def begin(self, batch: int) -> Any:
+        """Return the memory at the start of an episode: a NamedTuple of arrays (batch, ...), or ``()``."""
+        ...
+
+    def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
+        """Return the action (batch, n) float32, the pushes (batch, parts, 3) that parts get near rest, and the new memory."""
+        ...
+
+
+class Order(NamedTuple):
+    """Pushes that parts shall get, and where the parts are."""
+
+    measured: Measured  # when this step's command begins to act
+    seen: np.ndarray  # (batch, parts, 3) measured mean velocity over the last period, m/s and rad/s
+    velocity: np.ndarray  # (batch, parts, 3) when the command begins to act, likewise
+    push: np.ndarray  # (batch, parts, 3) as FrictionalInverse defines it; 0: elements rest
+
+
+class PhasorOutput:
+    """Phasors of all elements, allocated here: with the estimated gains of the elements.
+
+    Args:
+        info: task, scene and step time.
+        process: the frictional process, with the limit of the hardware.
+        learn: whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts
+            have goal poses.
+        apron: m, of :class:`vibgym.allocation.Allocator`.
+    """
+
+    action = "phasor"
+
+    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
+        self.learner = GainLearner(info) if learn and info.hard_dead_zone and info.has_goal else None
+        self.allocator = Allocator(info.surface, info.parts, info.hardware, apron=apron)
+        self.half = 0.5 * info.surface.period  # s
+
+    def begin(self, batch: int) -> Any:
+        """See :class:`Output`."""
+        return () if self.learner is None else self.learner.begin(batch)
+
+    def give(self, order: Order, memory: Any) -> tuple[np.ndarray, np.ndarray, Any]:
+        """See :class:`Output`."""
+        present, push = order.measured.present, order.push
+        # In the middle of the step, during which a part at 0.15 m/s moves by a quarter of an element.
+        pose = order.measured.pose + self.half * order.velocity
+        if self.learner is None:
+            pushes = self.allocator.pushes(pose, present, push)
+            # The elements under a part together can give less than each part's limit.
+            given = self.allocator.effect(pose, present, pushes)
+        else:
+            gain, phase, spread = self.learner.known(memory)
+            pushes = self.allocator.pushes(pose, present, push, gain, spread)
+            turn_pushes(-phase, pushes.reshape(*phase.shape, 2))
+            given = self.learner.predict(pushes, memory, push)
+        return self.allocator.commands(pushes), given, memory
+
+
+class Accelerations(NamedTuple):
+    """Memory of :class:`WrenchOutput`: (batch, parts, 3) each."""
+
+    given: np.ndarray  # m/s^2 and rad/s^2, which the environment's action assumed in the last step
+    velocity: np.ndarray  # m/s and rad/s, at which it did
+
+
+class WrenchOutput:
+    """Wanted accelerations of the parts, for which the environment finds pushes and phasors.
+
+    The environment inverts the frictional process at a velocity that it computes from the same measurement. This class applies
+    the forward process at that velocity, so that the environment finds the intended push; at rest this is the acceleration
+    that friction alone gives. Values beyond 1 are clipped: a part that brakes from its top speed, where friction helps, can do
+    half as much again. Gains of elements are not estimated, since the environment allocates.
+
+    Args:
+        info, process: see :class:`PhasorOutput`.
+        learn: no effect.
+        apron: must be 0.
+
+    Raises:
+        ValueError: an apron.
+    """
+
+    action = "wrench"
+    learner = None
+
+    def __init__(self, info: TaskInfo, process: FrictionalInverse, learn: bool, apron: float) -> None:
+        if apron != 0.0:
+            raise checks.refuse("apron", apron, "0 with action='wrench': the environment allocates")
+        self.process = process
+        self.scale = Wrench(info.surface, info.parts).scale
+        self.allocator = Allocator(info.surface, info.parts, info.hardware)
+        self.half, self.parts = 0.5 * info.surface.period, len(info.parts)
+        self.ahead = 0.5 * (info.step_time - info.surface.period)  # s
+
+    def begin(self, batch: int) -> Accelerations:
+        """See :class:`Output`."""
+        return Accelerations(*np.zeros((2, batch, self.parts, 3)))
+
+    def give(self, order: Order, memory: Accelerations) -> tuple[np.ndarray, np.ndarray, Accelerations]:
+        """See :class:`Output`."""
+        present = order.measured.present
+        velocity = order.seen + self.half * memory.given
+        wanted, _ = self.process.acceleration(velocity, order.push)
+        action = np.where(present[..., None], np.clip(wanted / self.scale, -1.0, 1.0), 0.0).astype(np.float32)
+        push, counted, holds = self.process.push(velocity, action * self.scale)
+        served = present & holds
+        push = np.where(served[..., None] & order.push.any(axis=-1, keepdims=True), push, 0.0)
+        # Like the environment, which allocates at the measured pose.
+        pose = order.measured.pose - self.ahead * order.velocity
+        given = self.allocator.effect(pose, served, self.allocator.pushes(pose, served, push))
+        memory = Accelerations(np.where(served[..., None], counted, 0.0), velocity)
+        return action.reshape(len(present), -1), given, memory
+
+    def counted(self, action: np.ndarray, memory: Accelerations) -> np.ndarray:
+        """Return the accelerations (batch, parts, 3) that the environment assumes if the last step's action was another one."""
+        action = np.clip(action, -1.0, 1.0).reshape(memory.given.shape)
+        _, counted, holds = self.process.push(memory.velocity, action * self.scale)
+        return np.where(holds[..., None], counted, 0.0)
+
+
+OUTPUTS: Mapping[str, Any] = {"phasor": PhasorOutput, "wrench": WrenchOutput}
+"""Outputs by the environment's ``action=``."""
 
 TURN_ROOM = 0.010
 """m, distance to the nearest other part below which a part turns more slowly."""
 
 SPIN_LIMIT = (1.0 - 1e-6) * SPIN
-"""rad/s: observations end there. Of parts that are faster, what was expected of them is all that is known of their spin."""
+"""rad/s, range of observations. The spin of faster parts is known from prediction only."""
 
 
 class Memory(NamedTuple):
-    """What steering hands on from step to step."""
+    """Memory of :class:`Steering`."""
 
-    acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts were given in the last step
+    acceleration: np.ndarray  # (batch, parts, 3) m/s^2 and rad/s^2, that the parts got in the last step
     law: Any  # the law's own
-    spin: np.ndarray  # (batch, parts) rad/s, that the parts are expected to have at the end of that step
-    output: Any  # of what says it to the elements: vibgym.policies.classical.gains.Gains, say, or () where nothing is learnt
+    spin: np.ndarray  # (batch, parts) rad/s, predicted for the end of that step
+    output: Any  # the output's own
 
 
 class Steering:
@@ -37,17 +183,17 @@ class Steering:
 
     Args:
         info: task, scene and step time.
-        law: among :data:`vibgym.policies.classical.laws.LAWS`.
-        learn: whether to learn what elements make of their phasors (:mod:`.gains`), where they have a hard dead
-            zone and parts have goals to be held at, and ``action`` is ``"phasor"``.
-        action: the environment's ``action=`` that is spoken, of :data:`vibgym.policies.classical.outputs.OUTPUTS`.
+        law: among :data:`LAWS`.
+        learn: whether to estimate gains and phases of elements (:mod:`.gains`), where they have a hard dead zone and parts
+            have goal poses, and ``action`` is ``"phasor"``.
+        action: the environment's ``action=``, among :data:`OUTPUTS`.
         apron: m around parts within which elements move as those under them, for rigid parts
-            (:mod:`vibgym.allocation.cut`); only with ``action="phasor"``.
+            (:mod:`vibgym.allocation.cut`); with ``action="phasor"`` only.
         **settings: the law's own.
 
     Attributes:
-        ahead: s, half of what a step lasts longer than a period.
-        slack: m, by how much corners of parts that have arrived may be off.
+        ahead: s, half the difference of step and period.
+        slack: m, largest position error of corners of parts that have arrived.
 
     Raises:
         ValueError: a bad argument, or parts that can stick to the surface, where averages over a period do not hold.
@@ -80,23 +226,24 @@ class Steering:
         self.output = OUTPUTS[action](info, self.process, learn, apron)
         self.learner = self.output.learner
         self.symmetry = np.array([part.symmetry for part in info.parts])
-        self.preview, self.seen = (Preview(info), from_goals) if info.goal_moves else (as_they_stand, as_they_stand)
+        self.preview = Preview(info) if info.goal_moves else None
 
     def begin(self, batch: int) -> Memory:
-        """Memory at the start of an episode."""
+        """Return the memory at the start of an episode."""
         shape = batch, len(self.info.parts)
         return Memory(np.zeros((*shape, 3)), self.law.initial(batch), np.zeros(shape), self.output.begin(batch))
 
     def expected(self, measured: Measured, memory: Memory) -> Measured:
-        """Where the parts are in the middle of what a step lasts longer than a period, and how fast at its start.
+        """Predict positions for the middle of the step's excess over a period, and velocities for the start of the step.
 
-        A mean velocity over a period is half a period old: a part that brakes is slower by now. What it was given is known.
+        A mean velocity over a period is half a period old: a part that brakes is slower by now. Its acceleration is known.
 
         Args:
-            measured: what an observation says.
-            memory: of :meth:`begin`, or what :meth:`steer` made of it.
+            measured: a decoded observation.
+            memory: of :meth:`begin` or :meth:`steer`.
         """
-        measured = self.preview(measured)
+        if self.preview is not None:
+            measured = self.preview(measured)
         gained = self.gaining[:, None] * memory.acceleration
         spin = measured.spin + gained[..., 2]
         spin = np.where(np.abs(measured.spin) < SPIN_LIMIT, spin, memory.spin)
@@ -120,15 +267,15 @@ class Steering:
     def steer(
         self, measured: Measured, way: np.ndarray, memory: Memory, free: np.ndarray | None = None
     ) -> tuple[np.ndarray, Memory]:
-        """The action that takes the parts the ways (batch, parts, 2) that are left, and turns them to where they shall be.
+        """Return the action that moves the parts by ``way`` (batch, parts, 2) m and turns them to their goal headings.
 
         Args:
-            free: (batch, parts) bool, parts that turn as fast as they can however near others are; None: no part.
+            free: (batch, parts) bool, parts that turn at full speed however near others are; None: no part.
         """
         room = np.clip(measured.gap / TURN_ROOM, 0.0, 1.0)
         if free is not None:
             room = np.where(free, 1.0, room)
-        seen = self.seen(measured)
+        seen = measured if self.preview is None else from_goals(measured)
         wanted, law = self.law.wanted(seen, way, room * self._turn(measured), memory.law)
         wanted = wanted + measured.goal_acceleration
         moves = ~np.isnan(wanted[..., :1])
@@ -153,10 +300,10 @@ class Steering:
         Args:
             memory: that :meth:`predict` returned.
             proposed: (batch, n) the action that it returned.
-            done: (batch, n) the one that the environment got.
+            done: (batch, n) the action that the environment got.
 
         Raises:
-            ValueError: the policy speaks another action.
+            ValueError: the policy has another action.
         """
         checks.choice("action", self.action, ("wrench",))
         shape = memory.acceleration.shape
@@ -169,10 +316,86 @@ class Steering:
         return memory._replace(acceleration=acceleration, spin=spin, output=memory.output._replace(given=given))
 
     def _turn(self, measured: Measured) -> np.ndarray:
-        """Turn that is left, (batch, parts) rad. Where headings do not count, several parts are turned straight (heading 0,
-        modulo their symmetry), so that they take little of the table's width."""
+        """Return heading errors (batch, parts) rad.
+
+        Where headings do not count, several parts turn straight (heading 0, modulo their symmetry), to take up little of the
+        table's width.
+        """
         if self.info.has_heading:
             return measured.turn
         if len(self.info.parts) == 1:
             return np.zeros_like(measured.heading)
         return -wrap(measured.heading, self.symmetry)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Base of the numerical settings of a controller.
+
+    Raises:
+        ValueError: a value out of range.
+    """
+
+    LIMITS: ClassVar[Mapping[str, Mapping[str, float]]] = {}
+    """Range of each setting, arguments of :func:`vibgym.checks.number`; without an entry it must be positive."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            limits = self.LIMITS.get(each.name, {"above": 0.0})
+            value = checks.number(each.name, getattr(self, each.name), **limits)
+            object.__setattr__(self, each.name, value)  # the class is frozen
+
+    @classmethod
+    def taken(cls, settings: dict[str, Any]) -> Self:
+        """Make the settings from those of their names in ``settings``, which are removed from it."""
+        return cls(**{each.name: settings.pop(each.name) for each in fields(cls) if each.name in settings})
+
+
+class LocalFieldPolicy(Steering):
+    """Policy that steers every part straight to its target, without regard to obstacles.
+
+    The target is the goal position; or the nearest point of the part's zone, a margin inside; or, where parts only have to keep
+    a distance, it lies straight away from the other parts that are too near.
+
+    Args:
+        info: task and scene.
+        margin: m, distance of targets from borders of zones and table.
+        **settings: of :class:`Steering`, and its law's own.
+
+    Raises:
+        ValueError: a task without goals, zones or distances, or a bad argument.
+    """
+
+    def __init__(self, info: TaskInfo, *, margin: float = 0.03, **settings: Any) -> None:
+        super().__init__(info, **settings)
+        self.margin = checks.number("margin", margin, least=0.0)
+        info.check_places("local_field")
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions from measured poses and mean velocities; the state is a :class:`Memory`."""
+        measured = Measured.of(observation, self.info)
+        memory, _ = recall(state, episode_start, self.begin(1), len(measured.centre), measured.arrived)
+        measured = self.expected(measured, memory)
+        return self.steer(measured, self.targets(measured) - measured.centre, memory)
+
+    def targets(self, measured: Measured) -> np.ndarray:
+        """Return the targets of the parts, (batch, parts, 2) m."""
+        info, centre = self.info, measured.centre
+        if info.has_goal:
+            return centre + measured.way
+        if info.zones is not None:
+            zone = info.zones[list(info.kind)]
+            inset = np.minimum(self.margin, 0.5 * (zone[:, 2:] - zone[:, :2]))
+            return np.clip(centre, zone[:, :2] + inset, zone[:, 2:] - inset)
+        assert info.apart is not None
+        between = centre[:, :, None] - centre[:, None]
+        distance = np.sqrt((between**2).sum(axis=-1))
+        radius = np.array([part.radius for part in info.parts])
+        enough = radius[:, None] + radius + (info.apart + 2.0 * self.slack)
+        lack = np.maximum(enough - distance, 0.0) * measured.present[:, None] * ~np.eye(len(radius), dtype=bool)
+        away = (lack / np.maximum(distance, 1e-9))[..., None] * between
+        size = np.array([info.surface.width, info.surface.depth])
+        edge = min(self.margin, 0.5 * size.min())
+        return np.clip(centre + away.sum(axis=2), edge, size - edge)

@@ -11,46 +11,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from vibgym import Part, Surface, checks
+from vibgym import Part, Surface
 from vibgym.kernels.jit import borrowing, jit
 from vibgym.physics.contacts.hulls import part_gap, place_hulls
 from vibgym.policies.classical import planner
 from vibgym.policies.classical.measured import Measured, recall
 from vibgym.policies.classical.motion_choice import INSTANTS, INTERVAL, set_velocity
 from vibgym.policies.classical.planner import PlannerPolicy
+from vibgym.policies.classical.steering import Settings
 from vibgym.policies.task_info import TaskInfo
 from vibgym.simulation import threads as workers
 
 SCALES = 25
-"""Stretches along each axis that are tried."""
+"""Candidate stretches along each axis."""
 
 EDGE = 0.001
-"""m that parts keep from the border in the pattern drawn apart."""
+"""m, distance of parts from the border in the pattern drawn apart."""
 
 SLANTS = 13
-"""Slants that are tried of patterns that fill the table's width, and stretches across it besides."""
+"""Candidate slants of patterns that fill the table's width, and stretches across it."""
 
 NARROW = 0.010
-"""m between parts below which a pattern that is drawn apart is slanted, too."""
+"""m between parts, below which a pattern is slanted as well."""
 
 
 def drawn_apart(
     surface: Surface, parts: Sequence[Part], goal: np.ndarray, heading: np.ndarray, apart: float
 ) -> np.ndarray:
-    """Places (parts, 2) m of a pattern that is stretched along and across the table, and moved to where it fits.
+    """Return places (parts, 2) m of the pattern stretched along and across the table, and moved to where it fits.
 
-    Of all stretches that leave the parts ``apart`` it is the one with the shortest way back; where none does, the one that
-    leaves them farthest apart. Where that is less than :data:`NARROW`, patterns that are slanted are tried as well. Distances
-    are those of the rectangles along the table that hold the parts.
+    Of all stretches with distances ``apart`` it is the one with the shortest way back; without any, the one with the largest
+    distance. Where that is less than :data:`NARROW`, slanted patterns are tried as well. Distances are those of the parts'
+    bounding rectangles.
 
     Args:
         surface: the table.
-        parts: those that are there.
+        parts: the present ones.
         goal: (parts, 2) m.
         heading: (parts,) rad, at the goals.
         apart: m.
@@ -81,7 +82,7 @@ def drawn_apart(
 
 
 def _enough(between: np.ndarray, apart: float) -> float:
-    """Stretch that brings the nearest neighbours along an axis so far ``apart`` (m), centre from centre."""
+    """Return the stretch that brings the centres of the nearest neighbours along an axis ``apart`` (m)."""
     away = np.abs(between)
     near = away[away > 1e-4].min(initial=math.inf)
     return apart / near if near < math.inf else 1.0
@@ -90,13 +91,13 @@ def _enough(between: np.ndarray, apart: float) -> float:
 def _best(
     stretch: np.ndarray, between: np.ndarray, both: np.ndarray, span: np.ndarray, room: np.ndarray, apart: float
 ) -> tuple[np.ndarray, float]:
-    """Of stretches (3, n), along, across and how far rows are shifted over how far they are up, the best, and its distance."""
+    """Return the best of stretches (3, n), along, across and slant (shift along over position across), and its distance."""
     along = np.abs(np.outer(stretch[0], between[:, 0]) + np.outer(stretch[2], between[:, 1])) - both[:, 0]
     across = np.outer(stretch[1], np.abs(between[:, 1])) - both[:, 1]
     distance = np.maximum(along, across).min(axis=1)
     away = np.hypot((stretch[0] - 1.0) * span[0] + stretch[2] * span[1], (stretch[1] - 1.0) * span[1])
     fits = stretch[0] * span[0] + stretch[2] * span[1] <= room[0] + 1e-9
-    fits[0] = True  # as it is
+    fits[0] = True  # unchanged
     distance = np.where(fits, distance, -math.inf)
     good = distance >= min(apart, float(distance.max())) - 1e-9
     k = int(np.where(good, away, math.inf).argmin())
@@ -104,56 +105,48 @@ def _best(
 
 
 def _half(part: Part, heading: float) -> np.ndarray:
-    """(2,) m, how far a part reaches along and across the table."""
+    """Return half of the extents (2,) m of a part along and across the table."""
     cosine, sine = np.cos(heading), np.sin(heading)
     return np.abs(part.outline @ np.array([[cosine, sine], [-sine, cosine]])).max(axis=0)
 
 
 SUBSTEPS = 5
-"""Of an interval between two instants of a prediction."""
+"""Integration steps between two instants of a prediction."""
 
 TURN = math.radians(30.0)
-"""Parts that close in and have no more left turn at once: at its goal a part takes up least when it is straight."""
+"""Parts that close in turn at once if the heading error is less: at its goal heading a part takes up least room."""
 
 THERE = 0.002
-"""m from its place in the pattern drawn apart within which a part is there."""
+"""m from its place in the pattern drawn apart, within which a part has arrived."""
 
 EXCHANGED = 0.005
-"""m, that a goal has moved by where parts have exchanged theirs."""
+"""m, displacement of a goal in a step, above which parts have exchanged theirs."""
 
 SPIN = 4.0
-"""rad/s, by which parts are expected to turn at least."""
+"""rad/s, lower limit of the predicted spin."""
 
 
 class Memory(NamedTuple):
-    """What is handed on from step to step."""
+    """Memory of :class:`TwoPhasesPolicy`."""
 
     plan: planner.Memory
     goal: np.ndarray  # (batch, parts, 2) m
-    apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart, minus goals
+    apart: np.ndarray  # (batch, parts, 2) m, places of the pattern drawn apart minus goals
     goals: np.ndarray  # (batch, parts, parts) m, distances at the goals
     closing: np.ndarray  # (batch,) bool, in the second phase
     stuck: np.ndarray  # (batch,) s in the second phase without motion, with parts off their goals
 
 
 @dataclass(frozen=True)
-class Closing:
-    """How far the pattern is drawn apart, and when all close in.
-
-    Raises:
-        ValueError: a bad value.
-    """
+class Closing(Settings):
+    """How far the pattern is drawn apart, and when all parts close in."""
 
     apart: float = 0.036  # m between parts in the pattern drawn apart, where there is room
-    margin: float = 0.004  # m between parts on their straight ways, far from their goals
-    growth: float = 0.03  # m of it for each m that is left of their ways, on top of ``share``
+    margin: float = 0.004  # m between parts on their straight paths, far from their goals
+    growth: float = 0.03  # m of it per m of remaining displacement, on top of ``share``
     share: float = 0.5  # of the distance of two goals
-    give_up: float = 1.0  # s of standstill with a part off its goal after which it does, too
-    doubt: float = 0.006  # m that straight ways lead parts into each other, from which on the first phase begins anew
-
-    def __post_init__(self) -> None:
-        for each in fields(self):
-            object.__setattr__(self, each.name, checks.number(each.name, getattr(self, each.name), above=0.0))
+    give_up: float = 1.0  # s of standstill with a part off its goal, after which the first phase starts again
+    doubt: float = 0.006  # m of overlap on straight paths, above which it does as well
 
 
 class TwoPhasesPolicy(PlannerPolicy):
@@ -164,18 +157,17 @@ class TwoPhasesPolicy(PlannerPolicy):
         **settings: of :class:`Closing`; and of :class:`.planner.PlannerPolicy`, whose ``law`` is ``"pose"`` here.
 
     Raises:
-        ValueError: a task without goal poses that stay, or a bad argument.
+        ValueError: a task without fixed goal poses, or a bad argument.
     """
 
     def __init__(self, info: TaskInfo, **settings: Any) -> None:
-        own = {each.name: settings.pop(each.name) for each in fields(Closing) if each.name in settings}
+        self.settings = Closing.taken(settings)
         super().__init__(info, **{"law": "pose", "edge": 0.018, "soft": 0.5, "safe": 0.004, **settings})
         if not info.has_goal or info.goal_moves:
             raise info.unsupported("two_phases", "a task whose parts have fixed goal poses, such as Pack")
-        self.settings = Closing(**own)
 
     def initial(self, batch: int) -> Any:
-        """Memory at the very start, before anything has been seen."""
+        """Return the memory at the start of an episode."""
         parts = len(self.info.parts)
         apart, goals = np.zeros((batch, parts, 2)), np.full((batch, parts, parts), np.inf)
         nowhere, closing = np.zeros((batch, parts, 2)), np.zeros(batch, dtype=bool)
@@ -184,7 +176,7 @@ class TwoPhasesPolicy(PlannerPolicy):
     def predict(
         self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
     ) -> tuple[np.ndarray, Any]:
-        """Actions from the measured poses and mean velocities; the state is a :class:`Memory`."""
+        """Return actions from measured poses and mean velocities; the state is a :class:`Memory`."""
         measured = Measured.of(observation, self.info)
         memory, new = recall(state, episode_start, self.initial(1), len(measured.centre))
         plan = memory.plan
@@ -197,7 +189,7 @@ class TwoPhasesPolicy(PlannerPolicy):
         self.switch(measured, goal, memory)
         closing = memory.closing[:, None, None]
         plan = plan._replace(target=np.where(closing, goal, goal + memory.apart))
-        # Those that go straight need no plan.
+        # Parts that go straight need no plan.
         planned = replace(measured, present=measured.present & ~memory.closing[:, None])
         velocity, waited = self.choose(planned, plan)
         way = np.where(closing, measured.way, self.lead * velocity)
@@ -206,7 +198,7 @@ class TwoPhasesPolicy(PlannerPolicy):
         return action, memory._replace(plan=plan._replace(waited=waited, steering=steered))
 
     def begin_world(self, world: int, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
-        """Draw the pattern of a world apart, whose episode has just begun."""
+        """Draw the pattern of a world apart, at the start of its first phase."""
         there = np.flatnonzero(measured.present[world])
         heading = measured.heading[world] + measured.turn[world]
         parts = [self.info.parts[k] for k in there]
@@ -219,7 +211,7 @@ class TwoPhasesPolicy(PlannerPolicy):
         memory.closing[world], memory.stuck[world] = False, 0.0
 
     def switch(self, measured: Measured, goal: np.ndarray, memory: Memory) -> None:
-        """Begin the second phase where straight ways lead to the goals, and the first where they do no longer; in place."""
+        """Start the second phase where straight paths to the goals are free, and the first where they are not; in place."""
         info, rules = self.info, self.settings
         off = (np.hypot(*np.moveaxis(measured.way, -1, 0)) > info.position_tolerance) | (
             np.abs(measured.turn) > info.heading_tolerance
@@ -235,7 +227,7 @@ class TwoPhasesPolicy(PlannerPolicy):
 
         workers.share(ask, len(goal), self.threads)
         memory.closing[memory.stuck >= rules.give_up] = False
-        # In a pattern that fills the width, parts side by side are too near, but their distance cannot grow.
+        # In a pattern that fills the width, parts side by side are too near, but their distance cannot grow: close in.
         away = np.hypot(*np.moveaxis(measured.way + memory.apart, -1, 0)) > THERE
         waits = (away | (np.abs(measured.turn) > info.heading_tolerance)) & measured.present
         memory.closing[~waits.any(axis=1)] = True
@@ -247,7 +239,7 @@ class TwoPhasesPolicy(PlannerPolicy):
 
 @jit
 def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, free):
-    """Whether all parts of a world may go straight to their goals at once.
+    """Determine whether all parts of each world may go straight to their goals at once.
 
     Args:
         start, stop: first world, and the one after the last.
@@ -255,9 +247,9 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
         scene: whose targets are the goals.
         heading, turn: (worlds, parts) rad, now and still to go.
         goals: (worlds, parts, parts) m, distances at the goals.
-        margins: distance that two parts keep: at most so many m; share of the ways that are left, and of the goals' distance;
-            where they go straight already, minus the last.
-        free: (worlds,) bool, whether they go straight already; overwritten.
+        margins: distance that two parts keep: its maximum, m; share of the remaining displacements, and of the goals' distance;
+            allowed overlap of parts that go straight already, m.
+        free: (worlds,) bool, whether the parts go straight already; overwritten.
     """
     parts = heading.shape[1]
     paths, placed = np.empty((parts, INSTANTS, 2)), np.empty_like(hulls.corner)
@@ -279,7 +271,7 @@ def may_close(start, stop, wants, hulls, scene, heading, turn, goals, margins, f
 
 @borrowing
 def go_straight(wants, centre, velocity, target, path):
-    """Places (INSTANTS, 2) m of a part that goes straight to its target, overwritten; in steps that the law's gain allows."""
+    """Predict places ``path`` (INSTANTS, 2) m of a part that goes straight to its target, in steps small enough for the law."""
     x, y, vx, vy = centre[0], centre[1], velocity[0], velocity[1]
     step = INTERVAL / SUBSTEPS
     for k in range(INSTANTS):
@@ -294,14 +286,14 @@ def go_straight(wants, centre, velocity, target, path):
 
 @borrowing
 def distance(one, other):
-    """m between two places."""
+    """Return the distance of two places, m."""
     dx, dy = one[0] - other[0], one[1] - other[1]
     return math.sqrt(dx * dx + dy * dy)
 
 
 @borrowing
 def clear(hulls, placed, present, paths, t, target, goals, margins, most):
-    """Whether all parts of a world keep their distance at an instant; they are placed."""
+    """Return whether all parts of a world, whose hulls are placed, keep their distance at an instant."""
     for p in range(paths.shape[0]):
         if not present[p]:
             continue

@@ -6,9 +6,9 @@ import pytest
 from tests.envs.helpers import batch
 from tests.policies.helpers import FRESH, info_of
 from vibgym.policies.classical.measured import Measured
+from vibgym.policies.mpc import Model
 from vibgym.policies.registry import make_policy
 from vibgym.policies.rollout import rollout
-from vibgym.policies.search.model import Model
 from vibgym.policies.task_info import TaskInfo
 
 SMALL = {"kind": "mpc", "samples": 6, "horizon": 4, "iterations": 1}
@@ -30,7 +30,7 @@ def test_the_model_goes_on_as_the_world_does(task, action):
         off[..., 2] = np.sin(2.0 * off[..., 2])  # blocks look the same after half a turn
         np.testing.assert_allclose(off, 0.0, atol=1e-6)  # float32 observations
         np.testing.assert_allclose(earned, told["parts"]["reward"], atol=1e-4)
-        np.testing.assert_allclose(model.observation, seen, atol=1e-3)
+        np.testing.assert_allclose(model.core.observations, seen, atol=1e-3)
 
 
 def test_parts_that_come_and_go_are_taken_as_they_are():

@@ -1,0 +1,282 @@
+"""Model-predictive control by sampling: plans are simulated, and weighted by the reward of each part.
+
+It is model-predictive path integral control (Williams et al., "Information theoretic MPC for model-based reinforcement
+learning", ICRA 2017): a plan is a sequence of actions, samples are the plan plus noise, and the new plan is their mean,
+weighted by the exponential of their rewards. In addition rewards and weights are computed part by part, so that sixteen parts
+need no more samples than one. The best sample so far is executed.
+
+With a base policy, samples are changes of what the base would do.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vibgym import checks
+from vibgym.envs.actions import actions_by_part
+from vibgym.envs.core import Core
+from vibgym.envs.options import Options
+from vibgym.policies.classical.measured import Measured, recall
+from vibgym.policies.protocol import Policy
+from vibgym.policies.task_info import TaskInfo
+from vibgym.tasks import Start
+
+WIDTHS = (1.0, 0.3, 0.1)
+"""Factors of ``noise``, one after the other: wide samples for parts far from the goal, narrow ones at the goal."""
+
+KNOTS = 12
+"""Steps between the random values of a plan, which is interpolated linearly."""
+
+COLDNESS = 10.0
+"""Exponent of the weights from the mean to the best sample."""
+
+MODEL_WORLDS = 256
+"""Maximum number of simulated worlds."""
+
+
+class Plan(NamedTuple):
+    """Memory of :class:`MPCPolicy`."""
+
+    change: np.ndarray  # (batch, horizon, size) of the base's actions, or of zeros
+    drift: np.ndarray  # (batch, 2, parts, 3), see Model.drift
+    age: np.ndarray  # (batch,) int64, steps of the episode
+
+
+class MPCPolicy:
+    """Simulates plans from the measured state and executes the one with the highest reward.
+
+    It uses public properties of task and scene, observations, and the task's rewards. Plans of one world depend on ``seed`` and
+    its observations only.
+
+    Args:
+        info: task and scene.
+        samples: plans per iteration.
+        horizon: steps of a plan.
+        iterations: number of sampling rounds, each around the result of the one before.
+        noise: standard deviation of the samples, of actions in [-1, 1].
+        action: any with a share for every part. None: ``"field"``, under which parts brake by themselves at zero; with a base
+            ``"wrench"``, which most of them have.
+        base: a policy with observation ``"state"`` and this action, whose actions plans begin with.
+        seed: of the samples.
+
+    Raises:
+        ValueError: a bad argument, a task with moving goals, or a base with another action.
+    """
+
+    observation = "state"
+
+    def __init__(
+        self,
+        info: TaskInfo,
+        *,
+        samples: int = 32,
+        horizon: int = 12,
+        iterations: int = 2,
+        noise: float = 0.5,
+        action: str | None = None,
+        base: Policy | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.samples = checks.count("samples", samples, least=4, most=100_000)
+        self.horizon = checks.count("horizon", horizon, most=10_000)
+        self.iterations = checks.count("iterations", iterations, most=1000)
+        self.noise = checks.number("noise", noise, above=0.0, most=10.0)
+        action = action or ("field" if base is None else "wrench")
+        self.action = checks.choice("action", action, actions_by_part())
+        self.seed = checks.count("seed", seed, least=0)
+        self.info, self.base = info, base
+        self.together = max(1, MODEL_WORLDS // self.samples)  # worlds planned at a time
+        self._models: dict[int, Model] = {}
+        self.rest, self.size, self.parts = self._model(1).rest, self._model(1).core.action.size, len(info.parts)
+        if base is not None:
+            checks.choice("base.action", base.action, (self.action,))
+
+    def _model(self, worlds: int) -> Model:
+        """Return the simulation of so many worlds."""
+        if worlds not in self._models:
+            self._models[worlds] = Model(self.info, worlds, self.action)
+        return self._models[worlds]
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: np.ndarray | None = None, deterministic: bool = True
+    ) -> tuple[np.ndarray, Any]:
+        """Return actions from measured poses and mean velocities; the state is a :class:`Plan` and the base's memory."""
+        measured = Measured.of(observation, self.info)
+        batch = len(measured.centre)
+        first = Plan(np.zeros((1, self.horizon, self.size)), self.rest[None], np.zeros(1, dtype=np.int64))
+        own, based = (None, None) if state is None else state
+        plan, _ = recall(own, episode_start, first, batch)
+        reference = np.zeros((batch, self.size)), None
+        if self.base is not None:
+            reference = self.base.predict(np.atleast_2d(observation), based, episode_start, deterministic)
+        action, after = np.empty((batch, self.size), dtype=np.float32), plan._replace(age=plan.age + 1)
+        for low in range(0, batch, self.together):
+            some = np.arange(low, min(low + self.together, batch))
+            seen, drift = measured_rows(measured, some), plan.drift[some]
+            usual = self._usual(seen, drift, reference[0][some], rows_of(reference[1], some))
+            best, after.drift[some] = self._searched(seen, drift, usual, plan.change[some], plan.age[some])
+            action[some] = np.clip(usual[:, 0] + best[:, 0], -1.0, 1.0)
+            after.change[some, :-1], after.change[some, -1] = best[:, 1:], 0.0
+        return (action[0] if measured.single else action), (after, reference[1])
+
+    def _usual(self, seen: Measured, drift: np.ndarray, action: np.ndarray, memory: Any) -> np.ndarray:
+        """Return the base's actions over the horizon (worlds, horizon, size); zeros without a base."""
+        worlds = len(action)
+        result = np.zeros((worlds, self.horizon, self.size))
+        if self.base is None:
+            return result
+        model, going_on = self._model(worlds), np.zeros(worlds, dtype=bool)
+        model.begin(seen, drift)
+        for step in range(self.horizon):
+            result[:, step] = action
+            if step + 1 < self.horizon:
+                model.step(action)
+                action, memory = self.base.predict(model.core.observations, memory, going_on)
+        return result
+
+    def _searched(
+        self, seen: Measured, drift: np.ndarray, usual: np.ndarray, change: np.ndarray, age: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the best changes (worlds, horizon, size) of the base's actions, and the drift after their first step."""
+        worlds, everyone = len(usual), np.arange(len(usual))
+        repeated = np.repeat(everyone, self.samples)
+        seen, begun = measured_rows(seen, repeated), drift[repeated]
+        best, most = change, np.full(worlds, -np.inf)
+        for iteration in range(self.iterations):
+            tried = change[:, None] + self._noise(age, iteration)
+            tried[:, 0], tried[:, 1], tried[:, 2] = 0.0, change, best
+            tried = np.clip(usual[:, None] + tried, -1.0, 1.0) - usual[:, None]
+            actions = (usual[:, None] + tried).reshape(-1, self.horizon, self.size)
+            earned, then = (
+                each.reshape(worlds, self.samples, *each.shape[1:]) for each in self._tried(seen, begun, actions)
+            )
+            whole = earned.sum(axis=2)
+            first = whole.argmax(axis=1)
+            better = whole[everyone, first] > most
+            most = np.where(better, whole[everyone, first], most)
+            best = np.where(better[:, None, None], tried[everyone, first], best)
+            drift = np.where(better[:, None, None, None], then[everyone, first], drift)
+            weight = _weights(earned)
+            each = tried.reshape(*tried.shape[:3], self.parts, -1)
+            change = np.einsum("wsp,wstpn->wtpn", weight, each).reshape(change.shape)
+        return best, drift
+
+    def _tried(self, seen: Measured, drift: np.ndarray, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the rewards (worlds, parts) of plans (worlds, horizon, size), and the drift after the first step."""
+        model = self._model(len(actions))
+        model.begin(seen, drift)
+        earned = model.step(actions[:, 0])
+        after = model.drift()
+        for step in range(1, self.horizon):
+            earned += model.step(actions[:, step])
+        return earned, after
+
+    def _noise(self, age: np.ndarray, iteration: int) -> np.ndarray:
+        """Return noise (worlds, samples, horizon, size): normal values at knots, linear between, in several widths."""
+        knots = -(-self.horizon // KNOTS) + 1
+        at = np.arange(self.horizon) / KNOTS
+        low, part = at.astype(int), (at % 1.0)[:, None]
+        width = self.noise * np.resize(WIDTHS, self.samples)[:, None, None]
+        result = np.empty((len(age), self.samples, self.horizon, self.size))
+        for world, steps in enumerate(age.tolist()):
+            generator = np.random.default_rng([self.seed, steps, iteration])
+            drawn = generator.standard_normal((self.samples, knots, self.size))
+            result[world] = width * ((1.0 - part) * drawn[:, low] + part * drawn[:, low + 1])
+        return result
+
+
+def _weights(earned: np.ndarray) -> np.ndarray:
+    """Return weights of the samples (worlds, samples, parts) from their rewards, part by part."""
+    best, mean = earned.max(axis=1, keepdims=True), earned.mean(axis=1, keepdims=True)
+    weight = np.exp(COLDNESS * (earned - best) / np.maximum(best - mean, 1e-9))
+    return weight / weight.sum(axis=1, keepdims=True)
+
+
+class Model:
+    """Simulated worlds with the task and the scene of an environment, on ideal hardware.
+
+    With latency, measurements are predictions for the instant when commands act, so no latency is simulated.
+
+    Args:
+        info: task and scene.
+        worlds: number of worlds.
+        action: of the plans.
+
+    Raises:
+        ValueError: a task with moving goals.
+    """
+
+    def __init__(self, info: TaskInfo, worlds: int, action: str) -> None:
+        if info.goal_moves:
+            raise info.unsupported("mpc", "a task with fixed goals")
+        self.core = Core(Options(**info.scene, action=action), worlds)
+        rest = np.stack([np.append(info.surface.idle_velocity(part.friction), 0.0) for part in info.parts])
+        self.rest = np.stack([rest, np.zeros_like(rest)])
+        """(2, parts, 3) :meth:`drift` of parts at rest."""
+        self._info, self._all = info, np.arange(worlds)
+        self._key = np.zeros((worlds, 2), dtype=np.int64)  # of arrivals: the same for all plans
+        asked, driven = np.array(info.asked, dtype=bool), np.array(info.driven, dtype=bool)
+        # A driven part gets its own reward; those of the other parts go to all driven parts.
+        self._credit = np.where(driven[:, None], np.diag(driven | ~asked), 0.0) + np.outer(driven, asked & ~driven)
+
+    def begin(self, seen: Measured, drift: np.ndarray) -> None:
+        """Start from a measured state per world.
+
+        Args:
+            seen: of as many worlds.
+            drift: (worlds, 2, parts, 3), :meth:`drift` after the step before.
+        """
+        present = seen.present
+        goal = np.zeros_like(seen.pose)
+        if self._info.has_goal:
+            goal = seen.pose + np.concatenate([seen.way, seen.turn[..., None]], axis=-1)
+        pose = np.where(present[..., None], seen.pose, -1.0)  # off the surface
+        coming = present | self._info.flows  # absent parts may arrive
+        start = Start(pose, coming, np.where(present[..., None], goal, 0.0), key=self._key)
+        velocity = np.where(present[..., None], seen.rate + drift[:, 0], 0.0)
+        self.core.put(self._all, start, velocity, np.where(present[..., None], seen.rate, 0.0))
+        if self._info.flows:
+            self.core.scoring.own_state()["flow_idle"][...] = self.rest[0]
+        remembered = self.core.action.live()
+        if "given" in remembered:
+            remembered["given"][...] = drift[:, 1]
+        self._over = np.zeros(len(present), dtype=bool)
+
+    def drift(self) -> np.ndarray:
+        """Return the unmeasured state (worlds, 2, parts, 3).
+
+        It is the velocity minus its mean over the last period (m/s, rad/s), and the acceleration that an action assumes to have
+        given the parts (m/s^2, rad/s^2).
+        """
+        state, given = self.core.simulator.state, self.core.action.live().get("given")
+        faster = state.velocity - state.mean_velocity
+        return np.stack([faster, np.zeros_like(faster) if given is None else given], axis=1)
+
+    def step(self, action: np.ndarray) -> np.ndarray:
+        """Return the rewards (worlds, parts) of a step with actions (worlds, size); 0 after an episode's end."""
+        self.core.step(np.ascontiguousarray(action, dtype=np.float32))
+        episode = self.core.episode
+        earned = np.where(self._over[:, None], 0.0, episode.part_reward) @ self._credit.T
+        self._over |= episode.ended
+        return earned
+
+
+def rows_of(memory: Any, chosen: np.ndarray) -> Any:
+    """Return the rows of some worlds (index array) of a policy's memory: arrays (batch, ...), and tuples of them."""
+    if isinstance(memory, np.ndarray):
+        return memory[chosen]
+    if isinstance(memory, tuple):
+        rows = [rows_of(each, chosen) for each in memory]
+        return type(memory)(*rows) if hasattr(memory, "_fields") else tuple(rows)
+    return memory
+
+
+def measured_rows(seen: Measured, chosen: np.ndarray) -> Measured:
+    """Return the rows of some worlds (index array) of measurements."""
+    rows: dict[str, Any] = dict(vars(seen))
+    for name, value in rows.items():
+        if isinstance(value, np.ndarray) and len(value) == len(seen.centre):
+            rows[name] = value[chosen]
+    return Measured(**rows)
